@@ -1,0 +1,1 @@
+"""Kinematics, dynamics and contact forces of robotic hands on Pinocchio."""

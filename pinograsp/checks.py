@@ -1,0 +1,58 @@
+"""Checks of what callers hand in: every message says what was expected, what came, and the remedy."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+import numpy as np
+
+from pinograsp.errors import InvalidInput
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A private, C-contiguous, read-only copy: records must not change under their owner."""
+    copy = np.array(array, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
+def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
+    """``value`` as a finite float array of ``shape`` (``None`` = any size), or :class:`InvalidInput`."""
+    wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{name}: expected numbers of shape {wanted}, got {value!r}") from None
+    if array.ndim != len(shape) or any(s is not None and s != a for s, a in zip(shape, array.shape)):
+        raise InvalidInput(f"{name}: expected shape {wanted}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise InvalidInput(f"{name}: expected finite numbers, got {array.tolist()}")
+    return read_only(array)
+
+
+def number(name: str, value, *, above: float | None = None, at_least: float | None = None, unit: str = "") -> float:
+    """``value`` as a finite float within the bounds, or :class:`InvalidInput`."""
+    bound = f" > {above:g}" if above is not None else f" >= {at_least:g}" if at_least is not None else ""
+    wanted = f"a finite number{bound}" + (f" [{unit}]" if unit else "")
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{name}: expected {wanted}, got {value!r}") from None
+    if (
+        not np.isfinite(result)
+        or (above is not None and not result > above)
+        or (at_least is not None and result < at_least)
+    ):
+        raise InvalidInput(f"{name}: expected {wanted}, got {result:g}")
+    return result
+
+
+def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
+    """``value`` if it is one of ``allowed``; otherwise :class:`InvalidInput` with the nearest spelling."""
+    allowed = list(allowed)
+    if value in allowed:
+        return value
+    near = difflib.get_close_matches(str(value), allowed, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise InvalidInput(f"{name}: expected one of {', '.join(allowed) or '(none)'}, got '{value}'{hint}")

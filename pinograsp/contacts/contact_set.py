@@ -1,0 +1,187 @@
+"""Contact points with their frames, and the grasp map they make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import array_of, number, one_of, read_only
+from pinograsp.errors import InvalidInput
+from pinograsp.spatial import skew, tangent_frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contact:
+    """One point contact with friction.
+
+    Attributes:
+        finger: name of the finger. link: the link that touches ("" where no hand is involved).
+        point_o: contact point (3,) in the world [m].
+        rotation_oc: contact frame R_oc (3, 3); columns x, y tangent, z the inward normal (into the object).
+        length: distance of the contact point from the link's joint [m] (l_c of Eq. 3); None where the contact phase
+            determines it.
+        distance: signed distance of the point from the object's surface [m], negative inside.
+    """
+
+    finger: str
+    link: str
+    point_o: np.ndarray
+    rotation_oc: np.ndarray
+    length: float | None
+    distance: float
+
+    @property
+    def normal_o(self) -> np.ndarray:
+        """Inward unit normal (3,) in the world."""
+        return self.rotation_oc[:, 2]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ContactSet:
+    """k contacts on one object whose centre of mass is at ``com_o`` (3,) [m]. Iterates over :class:`Contact`."""
+
+    contacts: tuple[Contact, ...]
+    com_o: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.contacts)
+
+    def __iter__(self) -> Iterator[Contact]:
+        return iter(self.contacts)
+
+    def __getitem__(self, i: int) -> Contact:
+        return self.contacts[i]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A label per contact: the finger's name, with the link where a finger has several contacts."""
+        fingers = [c.finger for c in self.contacts]
+        return tuple(f"{c.finger}/{c.link}" if fingers.count(c.finger) > 1 else c.finger for c in self.contacts)
+
+    @property
+    def points_o(self) -> np.ndarray:
+        """Contact points (k, 3) in the world [m]."""
+        return read_only([c.point_o for c in self.contacts])
+
+    @property
+    def rotations_oc(self) -> np.ndarray:
+        """Contact frames R_oc (k, 3, 3)."""
+        return read_only([c.rotation_oc for c in self.contacts])
+
+    @property
+    def G(self) -> np.ndarray:
+        """Grasp map (6, 3k): stacked contact forces f_c -> wrench on the object, linear first [N, N m].
+
+        The force on the object at contact i is h_i = R_oc,i f_c,i (Eqs. 6, 7); moments are about the centre of mass,
+        world axes.
+        """
+        rotations = self.rotations_oc
+        moments = skew(self.points_o - self.com_o) @ rotations
+        return read_only(np.concatenate([rotations, moments], axis=1).transpose(1, 0, 2).reshape(6, -1))
+
+
+def contacts_at(
+    hand,
+    object,
+    points,
+    *,
+    links: Mapping[str, list[str]] | None = None,
+    lengths: Mapping[str, list[float | None]] | None = None,
+    gravity_o=(0.0, 0.0, -9.81),
+    tolerance: float = 1e-3,
+) -> ContactSet:
+    """Contacts of ``hand`` on ``object`` at given points.
+
+    A point keeps its place; its frame comes from the nearest point of the surface (on a cylinder's side: the radial
+    direction). Points farther than ``tolerance`` from the surface are refused.
+
+    Args:
+        hand: a :class:`~pinograsp.hands.HandModel`, or None to work with forces alone.
+        object: a shape of :mod:`pinograsp.objects`.
+        points: ``{finger: (3,) or (c, 3)}`` in the world [m], base to tip where a finger has several; with
+            ``hand=None`` an array (k, 3) will do.
+        links: ``{finger: [link, ...]}`` that touch, one per point. Default: one point on the last link; three points
+            on the last three links.
+        lengths: ``{finger: [l_c, ...]}``, distance of each contact point from the link's joint [m]. Default: the
+            fingertip on a last link, and None (left to the contact phase) elsewhere.
+        gravity_o: gravity (3,) [m/s^2]; orients the tangent axes (:func:`~pinograsp.spatial.tangent_frame`).
+        tolerance: largest distance from the surface [m].
+
+    Raises:
+        InvalidInput: unknown finger or link, wrong shapes, or a point that is not on the surface.
+    """
+    if not isinstance(points, Mapping):
+        if hand is not None:
+            raise InvalidInput("points: expected {finger: point}, since a hand is given; got an array")
+        points = {f"contact {i + 1}": point for i, point in enumerate(array_of("points", points, (None, 3)))}
+    if not points:
+        raise InvalidInput("points: expected at least one contact point, got none")
+    contacts = []
+    for finger, where in points.items():
+        where = np.asarray(where, dtype=float)
+        where = array_of(f"contact points of '{finger}'", where[None] if where.ndim == 1 else where, (None, 3))
+        surface, normals, distances = object.project(where)
+        for i, distance in enumerate(distances):
+            if abs(distance) > tolerance:
+                raise InvalidInput(
+                    f"contact point of '{finger}' at {(1e3 * where[i]).round(3).tolist()} mm: "
+                    f"{1e3 * abs(distance):.3f} mm {'inside' if distance < 0 else 'outside'} the object's surface, more "
+                    f"than the tolerance of {1e3 * tolerance:g} mm; nearest surface point: "
+                    f"{(1e3 * surface[i]).round(3).tolist()} mm (are the units right?)"
+                )
+        if hand is None:
+            touching, reach = [""] * len(where), [None] * len(where)
+        else:
+            touching = _links_of(hand.finger(finger), len(where), (links or {}).get(finger))
+            reach = _lengths_of(hand, hand.finger(finger), touching, (lengths or {}).get(finger))
+        for point, normal, distance, link, length in zip(where, normals, distances, touching, reach):
+            contacts.append(
+                Contact(
+                    finger=finger,
+                    link=link,
+                    point_o=read_only(point),
+                    rotation_oc=read_only(tangent_frame(normal, gravity_o)),
+                    length=length,
+                    distance=float(distance),
+                )
+            )
+    for option, given in (("links", links), ("lengths", lengths)):
+        for finger in given or {}:
+            one_of(f"finger named in {option}", finger, points)
+    return ContactSet(contacts=tuple(contacts), com_o=read_only(object.com_o))
+
+
+def _links_of(finger, count: int, links: list[str] | None) -> list[str]:
+    if links is None:
+        if count not in (1, 3) or count > finger.n:
+            raise InvalidInput(
+                f"finger '{finger.name}' has {count} contact points: say which links touch, "
+                f"links={{'{finger.name}': [...]}} from {', '.join(finger.links)}"
+            )
+        return list(finger.links[-count:])
+    if len(links) != count:
+        raise InvalidInput(f"finger '{finger.name}': expected {count} links, one per contact point, got {len(links)}")
+    order = [finger.links.index(one_of(f"link of finger '{finger.name}'", link, finger.links)) for link in links]
+    if any(b <= a for a, b in zip(order, order[1:])):
+        raise InvalidInput(f"finger '{finger.name}': list the touching links from base to tip, each once; got {links}")
+    return list(links)
+
+
+def _lengths_of(hand, finger, links: list[str], lengths) -> list[float | None]:
+    if lengths is not None:
+        if len(lengths) != len(links):
+            raise InvalidInput(f"finger '{finger.name}': expected {len(links)} contact lengths, got {len(lengths)}")
+        return [
+            None if length is None else number(f"contact length of '{finger.name}'", length, above=0, unit="m")
+            for length in lengths
+        ]
+    tip = hand.model.frames[hand.frame_id(finger.tip)].placement.translation
+    reach = float(np.linalg.norm(tip))
+    if links[-1] == finger.links[-1] and reach == 0:
+        raise InvalidInput(
+            f"finger '{finger.name}' has no fingertip frame beyond its last joint: give the contact length, "
+            f"lengths={{'{finger.name}': [...]}}"
+        )
+    return [reach if link == finger.links[-1] else None for link in links]

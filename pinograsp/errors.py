@@ -1,0 +1,91 @@
+"""Exceptions and status values of the package.
+
+Two families of failure reach the caller: the *input* was wrong (:class:`InvalidInput`, also a ``ValueError``)
+or the input was fine and *no grasp* exists (:class:`NoGrasp`). Inside a stage a failure is a :class:`Status`
+on the returned record; only the top level raises.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Status(str, Enum):
+    """How a stage ended. ``Status.OK`` is the only success."""
+
+    OK = "ok"
+    UNBALANCED = "unbalanced"
+    INFEASIBLE = "infeasible"
+    INACCURATE = "inaccurate"
+    INTERRUPTED = "interrupted"
+    JOINT_LIMIT = "joint_limit"
+    NOT_TRACKED = "not_tracked"
+
+    def __str__(self) -> str:
+        return self.value
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in one sentence (empty for ``OK``)."""
+        return _REMEDIES[self]
+
+
+_REMEDIES = {
+    Status.OK: "",
+    Status.UNBALANCED: "These normal forces cannot balance the load: change them, raise mu or move the contacts.",
+    Status.INFEASIBLE: "Raise mu, lighten the object, allow deeper penetration or an earlier impact, or refine the grid.",
+    Status.INACCURATE: "The solver's answer failed the certificate: use solver='daqp' or tighter tolerances.",
+    Status.INTERRUPTED: "The search was stopped: run it again to the end for the optimum.",
+    Status.JOINT_LIMIT: "Widen the named joint limit or choose another contact posture.",
+    Status.NOT_TRACKED: "Use a smaller time step, another contact posture, or fewer contacts on that finger.",
+}
+
+
+class PinograspError(Exception):
+    """Root of every exception this package raises on purpose."""
+
+
+class InvalidInput(PinograspError, ValueError):
+    """An argument was unusable: says what was expected, what came, and what to do."""
+
+
+class HandNotLoaded(InvalidInput):
+    """A hand description could not be used. ``problems`` lists everything found, not only the first."""
+
+    def __init__(self, source: str, problems: list[str] | str):
+        self.source = str(source)
+        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        super().__init__(f"hand '{self.source}' could not be loaded: " + "; ".join(self.problems))
+
+
+class CaseRejected(InvalidInput):
+    """A case file is missing, is not valid YAML, or holds a value that cannot be used."""
+
+
+class ResultsNotWritten(InvalidInput):
+    """The output folder cannot be used (it exists, or holds files that are not ours)."""
+
+
+class ExtraMissing(PinograspError, ImportError):
+    """An optional dependency is not installed; the message names the extra that brings it."""
+
+
+class NoGrasp(PinograspError):
+    """The input is valid and no grasp exists for it."""
+
+
+class ContactNotReached(NoGrasp):
+    """A finger cannot bring its contact point to the place asked for. ``finger`` and ``details`` say which and why."""
+
+    def __init__(self, finger: str, details: str):
+        self.finger = finger
+        self.details = details
+        super().__init__(f"finger '{finger}' cannot reach its contact: {details}")
+
+
+class GraspInfeasible(NoGrasp):
+    """No admissible forces hold the object. ``solution`` is the record of the search, with its rejection histogram."""
+
+    def __init__(self, message: str, solution=None):
+        self.solution = solution
+        super().__init__(message)

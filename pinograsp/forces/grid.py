@@ -1,0 +1,259 @@
+"""The paper's grid search (Appendix A.2, steps 1-14): the grid, its tables, and plain brute force as the oracle.
+
+Rule for ties, the same in every search here: least measure; among equal measures the first point in grid order
+(t_I, then A of contact 1, 2, ..., then k1, k2 of contact 1, 2, ...). Measures are compared as integers (2^-50 of the
+largest entry), so that equal sums are equal whatever their order of addition.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from tqdm import tqdm
+
+from pinograsp.checks import array_of, number, read_only
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.solution import ForceSolution
+
+BY_TIME = "impact time range (Eq. 14)"
+BY_ACCELERATION = "deceleration range (Eq. 13c)"
+BY_SPEED = "impact speed (Eq. 13b)"
+BY_DEPTH = "penetration depth (Eq. 13a)"
+BY_BALANCE = "balance, whatever the multipliers (Eqs. 15, 16)"
+BY_LATTICE = "balance on the multiplier grid (Eqs. 15, 27)"
+BY_MEASURE = "measure above the optimum (Eq. 12)"
+
+# Bounds are inclusive; a value built by adding steps may exceed its bound by rounding.
+_ROUNDING = 1 + 1e-12
+_BLOCK = 2**18  # points evaluated at once by brute force: 12 MB of wrenches
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GridSpec:
+    """The grid: every contact takes every A, k1 and k2; one t_I for the whole hand.
+
+    Attributes:
+        impact_times: t_I (nt,) [s]. accelerations: A (na,) [m/s^2], increasing.
+        multipliers: k1 and k2 (nk,) in [-1, 1], increasing.
+        net_force_limit: largest net force accepted as balance on the grid [N] (moments over the moment length).
+    """
+
+    impact_times: np.ndarray = field(default_factory=lambda: grid_values(0.80, 0.95, 0.05))
+    accelerations: np.ndarray = field(default_factory=lambda: grid_values(0.01, 1.0, 0.005))
+    multipliers: np.ndarray = field(default_factory=lambda: grid_values(-1.0, 1.0, 0.1))
+    net_force_limit: float = 0.1
+
+    def __post_init__(self):
+        for name in ("impact_times", "accelerations", "multipliers"):
+            values = array_of(f"grid {name}", getattr(self, name), (None,))
+            if values.size == 0:
+                raise InvalidInput(f"grid {name}: expected at least one value, got an empty grid")
+            if np.any(np.diff(values) <= 0):
+                raise InvalidInput(f"grid {name}: expected increasing values, got {values.tolist()}")
+            object.__setattr__(self, name, values)
+        if np.any(np.abs(self.multipliers) > _ROUNDING):
+            raise InvalidInput(f"grid multipliers: expected values in [-1, 1], got {self.multipliers.tolist()}")
+        if self.accelerations[0] <= 0:
+            raise InvalidInput(f"grid accelerations: expected values > 0 [m/s^2], got {self.accelerations[0]:g}")
+        object.__setattr__(
+            self, "net_force_limit", number("net force limit", self.net_force_limit, at_least=0, unit="N")
+        )
+
+    def cells(self, k: int) -> int:
+        """Points in (t_I, A) for k contacts."""
+        return self.impact_times.size * self.accelerations.size**k
+
+    def points(self, k: int) -> int:
+        """Points of the full grid for k contacts."""
+        return self.cells(k) * self.multipliers.size ** (2 * k)
+
+
+def grid_values(start: float, stop: float, step: float) -> np.ndarray:
+    """start, start + step, ... up to ``stop`` (included where it falls on the grid); ends clean of rounding."""
+    number("grid step", step, above=0)
+    count = int(np.floor((stop - start) / step * _ROUNDING + 1e-9)) + 1
+    values = start + step * np.arange(max(count, 0))
+    return read_only(np.round(values, 12))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TimeTable:
+    """The admissible decelerations at one impact time: A, F_n [N] and the measure as an integer, all increasing."""
+
+    impact_time: float
+    index: int
+    acceleration: np.ndarray
+    normal_force: np.ndarray
+    cost: np.ndarray
+
+
+def tabulate(problem: ForceProblem, grid: GridSpec) -> tuple[list[TimeTable], dict[str, int]]:
+    """Steps 1-8: what Eqs. (13) and (14) leave of the grid, and how many cells each of them rejected."""
+    A, k = grid.accelerations, problem.k
+    rejections = dict.fromkeys(
+        (BY_TIME, BY_ACCELERATION, BY_SPEED, BY_DEPTH, BY_BALANCE, BY_LATTICE, BY_MEASURE), 0
+    )
+    kept = []
+    for index, impact_time in enumerate(grid.impact_times):
+        low, high = problem.impact_time_range
+        if not (low / _ROUNDING <= impact_time <= high * _ROUNDING) or impact_time >= problem.final_time:
+            rejections[BY_TIME] += A.size**k
+            continue
+        tau = problem.final_time - impact_time
+        tests = {
+            BY_ACCELERATION: (A >= problem.acceleration_range[0] / _ROUNDING)
+            & (A <= problem.acceleration_range[1] * _ROUNDING),
+            BY_SPEED: A * tau <= problem.max_speed * _ROUNDING,
+            BY_DEPTH: A * tau**2 / 2 <= problem.max_depth * _ROUNDING,
+        }
+        passing = np.ones(A.size, dtype=bool)
+        for reason, test in tests.items():
+            before = int(passing.sum())
+            passing &= test
+            rejections[reason] += before**k - int(passing.sum()) ** k
+        if passing.any():
+            kept.append((index, impact_time, A[passing]))
+    if not kept:
+        return [], rejections
+    normal = [problem.normal_force(A, t) for _, t, A in kept]
+    measure = [problem.energy(F, t) for F, (_, t, _) in zip(normal, kept)]
+    largest = max(float(m[-1]) for m in measure)
+    tables = [
+        TimeTable(
+            impact_time=float(t),
+            index=index,
+            acceleration=A,
+            normal_force=F,
+            cost=np.rint(m / largest * 2.0**50).astype(np.int64),
+        )
+        for (index, t, A), F, m in zip(kept, normal, measure)
+    ]
+    return tables, rejections
+
+
+def options(problem: ForceProblem, grid: GridSpec) -> np.ndarray:
+    """Unit contact wrenches (k, nk^2, rows) of every (k1, k2) in grid order, per newton of normal force (Eq. 28)."""
+    k1, k2 = (v.ravel() for v in np.meshgrid(grid.multipliers, grid.multipliers, indexing="ij"))
+    columns = problem.scaled_columns.transpose(1, 2, 0)
+    tangential = np.stack([k1, k2], axis=1) @ columns[:, :2]
+    return problem.pyramid[:, None, None] * tangential + columns[:, 2][:, None, :]
+
+
+def bar(total: int, what: str, progress: bool | None) -> tqdm:
+    """Progress on stderr: shown for long searches on a terminal (None), always (True) or never (False)."""
+    return tqdm(
+        total=total,
+        desc=what,
+        unit="cell",
+        unit_scale=True,
+        disable=None if progress is None else not progress,
+        delay=1.0 if progress is None else 0.0,
+        leave=False,
+    )
+
+
+def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None = None) -> ForceSolution:
+    """Every point of the grid, one after the other: the oracle of the pruned search and the benchmark's baseline.
+
+    Vectorised over blocks, so memory stays bounded; time grows with ``grid.points``. Ctrl-C returns the best so far.
+    """
+    started = time.perf_counter()
+    tables, rejections = tabulate(problem, grid)
+    k, per_contact = problem.k, grid.multipliers.size**2
+    combinations = per_contact**k
+    units, load = options(problem, grid), problem.scaled_load
+    best: tuple | None = None  # (cost, table, cell, combination)
+    interrupted = False
+    progress_bar = bar(sum(t.cost.size**k for t in tables), "brute force", progress)
+    try:
+        for table in tables:
+            shape = (table.cost.size,) * k
+            batch = max(1, _BLOCK // combinations)
+            for first in range(0, table.cost.size**k, batch):
+                flat = np.arange(first, min(first + batch, table.cost.size**k))
+                cells = np.stack(np.unravel_index(flat, shape), axis=1)
+                hits = _first_hits(table.normal_force[cells], units, load, grid.net_force_limit, combinations)
+                costs = table.cost[cells].sum(axis=1)
+                rejections[BY_LATTICE] += int(np.sum(hits < 0))
+                rejections[BY_MEASURE] += int(np.sum(hits >= 0))
+                costs[hits < 0] = np.iinfo(np.int64).max
+                j = int(np.argmin(costs))
+                if hits[j] >= 0 and (best is None or costs[j] < best[0]):
+                    best = (costs[j], table, cells[j], int(hits[j]))
+                progress_bar.update(flat.size)
+    except KeyboardInterrupt:
+        interrupted = True
+    progress_bar.close()
+    status = Status.INTERRUPTED if interrupted else Status.OK if best else Status.INFEASIBLE
+    cell = None
+    if best:
+        rejections[BY_MEASURE] -= 1
+        _, table, indices, combination = best
+        pairs = np.array(np.unravel_index(combination, (per_contact,) * k))
+        chosen = np.stack(np.unravel_index(pairs, (grid.multipliers.size,) * 2), axis=1)
+        cell = (table, indices, grid.multipliers[chosen])
+    return grid_solution(problem, grid, cell, status=status, search="paper", rejections=rejections, started=started)
+
+
+def _first_hits(normal_forces, units, load, limit: float, combinations: int) -> np.ndarray:
+    """Per cell the first combination of options within the limit, or -1."""
+    k, per_contact, rows = units.shape
+    hits = np.full(len(normal_forces), -1, dtype=np.int64)
+    for first in range(0, combinations, _BLOCK):
+        flat = np.arange(first, min(first + _BLOCK, combinations))
+        chosen = np.stack(np.unravel_index(flat, (per_contact,) * k))
+        stacked = np.stack([units[i][chosen[i]] for i in range(k)])
+        net = (normal_forces @ stacked.reshape(k, -1)).reshape(len(normal_forces), flat.size, rows) + load
+        within = np.einsum("bcr,bcr->bc", net, net) <= limit**2
+        found = within.any(axis=1) & (hits < 0)
+        hits[found] = first + np.argmax(within[found], axis=1)
+        if np.all(hits >= 0):
+            break
+    return hits
+
+
+def grid_solution(
+    problem: ForceProblem,
+    grid: GridSpec,
+    cell: tuple[TimeTable, np.ndarray, np.ndarray] | None,
+    *,
+    status: Status,
+    search: str,
+    rejections: dict[str, int],
+    started: float,
+    solver: str = "",
+    lower_bound: float = 0.0,
+    closest=np.zeros(6),
+    qp_solves: int = 0,
+    cuts: int = 0,
+) -> ForceSolution:
+    """The record of a finished search; ``cell`` is (table, index of A per contact, multipliers (k, 2)) or None."""
+    if cell is None:
+        impact_time, acceleration = None, np.zeros(0)
+        multipliers, forces, wrench = np.zeros((0, 2)), np.zeros((0, 3)), closest
+    else:
+        table, indices, multipliers = cell
+        impact_time, acceleration = table.impact_time, table.acceleration[indices]
+        forces = problem.forces(table.normal_force[indices], multipliers)
+        wrench = problem.residual(forces)
+    return ForceSolution(
+        status=status,
+        problem=problem,
+        search=search,
+        solver=solver,
+        impact_time=impact_time,
+        acceleration=read_only(acceleration),
+        multipliers=read_only(multipliers),
+        forces_c=read_only(forces),
+        net_wrench=read_only(wrench),
+        lower_bound=lower_bound,
+        points=grid.points(problem.k),
+        cells=grid.cells(problem.k),
+        qp_solves=qp_solves,
+        cuts=cuts,
+        rejections=rejections,
+        elapsed=time.perf_counter() - started,
+    )

@@ -1,0 +1,123 @@
+"""QP over the friction-pyramid multipliers (k1, k2): the equilibrium residual driven to zero, or to its true minimum.
+
+With the normal forces fixed, the net wrench is affine in the multipliers, r(k) = H k + b (Eqs. 15, 27, 28), so
+
+    minimise 1/2 ||H k + b||^2 + eps/2 ||k||^2   over   -1 <= k <= 1
+
+is a convex QP. The certificate is the support bound: for y = r / ||r|| *any* multipliers leave at least
+sum_i F_i s_i(y) + y . load, so the difference between ||r|| and that bound is a duality gap in newtons.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import array_of, read_only
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.solvers import solve_qp
+
+BALANCED = 1e-9  # net wrench [N, moments over the moment length] that counts as equilibrium
+# A minimum counts as certified where bound and residual agree to this: relative to the largest force in play,
+# ten times what the least exact supported solver leaves at its tolerance above.
+_GAP = 1e-6
+# Weight of ||k||^2 against ||r||^2 (normalised by the largest column): picks the least-norm multipliers, while the
+# residual it causes stays below BALANCED (eps * ||k|| / sigma_min).
+_LEAST_NORM = 1e-11
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MultiplierSolution:
+    """Multipliers for given normal forces.
+
+    Attributes:
+        status: ``OK`` (balance below 1e-9 N), ``UNBALANCED`` (certified minimum above that) or ``INACCURATE``.
+        multipliers: (k1, k2) per contact (k, 2), in [-1, 1].
+        forces_c: contact forces (k, 3) [N].
+        residual: net force [N] in the balance rows, moments divided by the problem's moment length.
+        lower_bound: certified least residual of any multipliers [N].
+        direction: y (rows,), the unit direction of the residual (zeros at balance): the part of the load not held.
+        net_wrench: (6,) [N, N m]. solver: which one ran.
+    """
+
+    status: Status
+    multipliers: np.ndarray
+    forces_c: np.ndarray
+    residual: float
+    lower_bound: float
+    direction: np.ndarray
+    net_wrench: np.ndarray
+    solver: str
+
+    @property
+    def gap(self) -> float:
+        """Residual less its certified lower bound [N]."""
+        return self.residual - self.lower_bound
+
+
+def refine_multipliers(problem: ForceProblem, normal_forces, *, solver: str = "daqp") -> MultiplierSolution:
+    """Multipliers (k1, k2) that leave the smallest net wrench at fixed ``normal_forces`` (k,) [N]; least norm of them.
+
+    Raises:
+        InvalidInput: negative or non-finite normal forces, or an unknown solver.
+    """
+    normal = array_of("normal forces", normal_forces, (problem.k,))
+    if np.any(normal < 0):
+        raise InvalidInput(f"normal forces: expected values >= 0 [N], got {normal.tolist()}")
+    columns = problem.scaled_columns
+    H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
+    b = columns[:, :, 2] @ normal + problem.scaled_load
+    scale = float(np.linalg.norm(H, axis=0).max(initial=0.0))
+    bound = np.ones(2 * problem.k)
+    if scale == 0:
+        return _certified(problem, normal, np.zeros((problem.k, 2)), solver, scale)
+    # Dimensionless: tolerances of the solvers then mean the same for a millinewton and a kilonewton.
+    H, b = H / scale, b / scale
+    P = H.T @ H + _LEAST_NORM * np.eye(bound.size)
+    k = solve_qp(solver, P, H.T @ b, lb=-bound, ub=bound)
+    k = np.zeros(bound.size) if k is None else np.clip(k, -1.0, 1.0)
+    solution = _certified(problem, normal, k.reshape(-1, 2), solver, scale)
+    if solution.lower_bound <= BALANCED:
+        # Balance is not excluded: ask for it outright, free of the small bias that the weight on ||k|| leaves.
+        exact = _exact_balance(solver, H, b, bound)
+        if exact is not None:
+            candidate = _certified(problem, normal, exact.reshape(-1, 2), solver, scale)
+            if candidate.residual <= max(solution.residual, BALANCED):
+                solution = candidate
+    return solution
+
+
+def _exact_balance(solver: str, H: np.ndarray, b: np.ndarray, bound: np.ndarray) -> np.ndarray | None:
+    """Least-norm k in the box with H k = -b, or None. Dependent rows (a line of contacts) are taken out first."""
+    U, sigma, Vt = np.linalg.svd(H, full_matrices=False)
+    rank = int(np.sum(sigma > 1e-10 * sigma[0]))
+    A, target = Vt[:rank], -(U[:, :rank].T @ b) / sigma[:rank]
+    k = solve_qp(solver, np.eye(bound.size), np.zeros(bound.size), A=A, b=target, lb=-bound, ub=bound)
+    return None if k is None else np.clip(k, -1.0, 1.0)
+
+
+def _certified(problem: ForceProblem, normal, multipliers, solver: str, scale: float) -> MultiplierSolution:
+    forces = problem.forces(normal, multipliers)
+    wrench = problem.residual(forces)
+    scaled = np.concatenate([wrench[:3], wrench[3:] / problem.moment_length])[: problem.rows]
+    residual = float(np.linalg.norm(scaled))
+    direction = scaled / residual if residual > 0 else np.zeros(problem.rows)
+    lower = max(0.0, float(normal @ problem.support(direction) + direction @ problem.scaled_load))
+    if residual <= BALANCED:
+        status = Status.OK
+    elif residual - lower <= _GAP * max(scale, 1e-12):
+        status = Status.UNBALANCED
+    else:
+        status = Status.INACCURATE
+    return MultiplierSolution(
+        status=status,
+        multipliers=read_only(multipliers),
+        forces_c=read_only(forces),
+        residual=residual,
+        lower_bound=min(lower, residual),
+        direction=read_only(direction),
+        net_wrench=read_only(wrench),
+        solver=solver,
+    )

@@ -1,0 +1,213 @@
+"""Exact search of the grid's cells in increasing measure, with rejecting half-spaces learnt on the way.
+
+The measure does not depend on the multipliers, so the cells (t_I, A_1..A_k) are visited in order of measure. A cell
+is rejected by a lower bound on what any multipliers leave of the balance, and the direction y of that bound rejects a
+half-space of normal forces at once (a Benders cut):
+
+    sum_i F_i s_i(y) + y . load > limit   =>   no multipliers balance these F   (s_i: ForceProblem.support).
+
+Cells are never listed: for every choice of the first k-1 decelerations only the interval of the last one that the
+cuts leave is kept, so the work grows with na^(k-1) and the memory is bounded by blocks of it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from pinograsp.checks import one_of
+from pinograsp.errors import Status
+from pinograsp.forces import grid as g
+from pinograsp.forces.grid import GridSpec, TimeTable, grid_solution, options, tabulate
+from pinograsp.forces.lattice import first_on_lattice
+from pinograsp.forces.multipliers import BALANCED, MultiplierSolution, refine_multipliers
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solvers import SOLVERS
+
+_PREFIXES = 2**20  # prefixes held at once: about 60 MB
+_NEVER = np.iinfo(np.int64).max
+
+
+def pruned_search(
+    problem: ForceProblem, grid: GridSpec, *, solver: str = "daqp", progress: bool | None = None
+) -> ForceSolution:
+    """The paper's grid search with the same optimum as :func:`~pinograsp.forces.grid.brute_force`, ties included.
+
+    A cell that no continuous multipliers balance within ``grid.net_force_limit`` is cut off; of the others the
+    multiplier grid is searched. ``solver`` only computes bounds, each of which is valid by itself: it can change the
+    time taken, not the result.
+    """
+    units = options(problem, grid)
+    columns = problem.scaled_columns[:, :, :2] * problem.pyramid[None, :, None]
+
+    def accept(table: TimeTable, cell: np.ndarray, refined: MultiplierSolution):
+        normal = table.normal_force[cell]
+        found = first_on_lattice(
+            units, normal, problem.scaled_load, grid.multipliers, columns * normal[None, :, None], grid.net_force_limit
+        )
+        return None if found is None else grid.multipliers[found]
+
+    return _search(problem, grid, grid.net_force_limit, accept, "paper", solver, progress)
+
+
+def hybrid_search(
+    problem: ForceProblem, grid: GridSpec, *, solver: str = "daqp", progress: bool | None = None
+) -> ForceSolution:
+    """Grid over (t_I, A) only, the QP over the multipliers deciding each cell: the first balanced cell is optimal."""
+
+    def accept(table: TimeTable, cell: np.ndarray, refined: MultiplierSolution):
+        return refined.multipliers if refined.status is Status.OK else None
+
+    return _search(problem, grid, BALANCED, accept, "hybrid", solver, progress)
+
+
+class _Search:
+    """State of one search: cuts learnt, cells counted, the least wrench seen, the best cell so far."""
+
+    def __init__(self, problem: ForceProblem, limit: float, accept: Callable, solver: str, rejections, progress_bar):
+        self.problem, self.limit, self.accept, self.solver = problem, limit, accept, solver
+        self.rejections, self.bar = rejections, progress_bar
+        self.lattice = g.BY_LATTICE if limit > BALANCED else g.BY_BALANCE
+        self.cuts: list[tuple[np.ndarray, float]] = []  # (support per contact, offset): rejected where sum > limit
+        self.qp_solves = 0
+        self.uncertain = False
+        self.closest = (np.inf, np.zeros(6))
+        self.best: tuple | None = None  # (cost, time index, table, cell, multipliers, lower bound)
+
+    def reject(self, reason: str, count: int):
+        self.rejections[reason] += count
+        self.bar.update(count)
+
+    def visit(self, table: TimeTable, lead: tuple[int, ...]):
+        """All cells of one impact time whose first indices are ``lead``, split until a block fits in memory."""
+        m, left = table.cost.size, self.problem.k - len(lead)
+        cost = int(table.cost[list(lead)].sum()) + left * int(table.cost[0])
+        if self.best is not None and (cost, table.index) >= self.best[:2]:
+            self.reject(g.BY_MEASURE, m**left)
+            return
+        forces = table.normal_force
+        for support, offset in self.cuts:
+            rest = np.minimum(support[len(lead) :] * forces[0], support[len(lead) :] * forces[-1]).sum()
+            if support[: len(lead)] @ forces[list(lead)] + rest + offset > self.limit:
+                self.reject(g.BY_BALANCE, m**left)
+                return
+        if m ** (left - 1) <= _PREFIXES:
+            self._block(table, lead)
+        else:
+            for a in range(m):
+                self.visit(table, (*lead, a))
+
+    def _block(self, table: TimeTable, lead: tuple[int, ...]):
+        m, free = table.cost.size, self.problem.k - len(lead) - 1
+        prefix_cost = _outer_sum([table.cost] * free) + table.cost[list(lead)].sum()
+        lo = np.zeros(prefix_cost.size, dtype=np.int32)
+        hi = np.full(prefix_cost.size, m, dtype=np.int32)
+
+        def cut(support: np.ndarray, offset: float):
+            """Shrink every prefix's interval of the last deceleration by one half-space."""
+            F, last = table.normal_force, support[-1]
+            spent = _outer_sum([s * F for s in support[len(lead) : -1]])
+            spent = spent + support[: len(lead)] @ F[list(lead)] + offset
+            before = int((hi - lo).sum())
+            room = self.limit - spent
+            if last > 0:
+                np.minimum(hi, np.searchsorted(F, room / last, side="right"), out=hi, casting="same_kind")
+            elif last < 0:
+                np.maximum(lo, np.searchsorted(F, room / last, side="left"), out=lo, casting="same_kind")
+            else:
+                hi[room < 0] = 0
+            np.maximum(hi, lo, out=hi)
+            self.reject(g.BY_BALANCE, before - int((hi - lo).sum()))
+
+        def upcoming() -> np.ndarray:
+            return np.where(lo < hi, prefix_cost + table.cost[np.minimum(lo, m - 1)], _NEVER)
+
+        for known in self.cuts:
+            cut(*known)
+        following = upcoming()
+        while True:
+            j = int(np.argmin(following))
+            cost = int(following[j])
+            if cost == _NEVER or (self.best is not None and (cost, table.index) >= self.best[:2]):
+                break
+            cell = np.array([*lead, *np.unravel_index(j, (m,) * free), lo[j]], dtype=int)
+            refined = self._refine(table, cell)
+            learnt = (self.problem.support(refined.direction), float(refined.direction @ self.problem.scaled_load))
+            if refined.lower_bound > self.limit:
+                self.cuts.append(learnt)
+                cut(*learnt)
+                if lo[j] == cell[-1] and hi[j] > lo[j]:  # rounding kept the very cell the bound rejects
+                    lo[j] += 1
+                    self.reject(g.BY_BALANCE, 1)
+                following = upcoming()
+                continue
+            multipliers = self.accept(table, cell, refined)
+            lo[j] += 1
+            if multipliers is not None:
+                if self.best is not None:
+                    self.reject(g.BY_MEASURE, 1)
+                self.best = (cost, table.index, table, cell, multipliers, refined.lower_bound)
+                self.bar.update(1)
+                break
+            self.uncertain |= refined.status is Status.INACCURATE
+            self.reject(self.lattice, 1)
+            following[j] = prefix_cost[j] + table.cost[lo[j]] if lo[j] < hi[j] else _NEVER
+        self.reject(g.BY_MEASURE, int((hi - lo).sum()))
+
+    def _refine(self, table: TimeTable, cell: np.ndarray) -> MultiplierSolution:
+        self.qp_solves += 1
+        refined = refine_multipliers(self.problem, table.normal_force[cell], solver=self.solver)
+        if refined.residual < self.closest[0]:
+            self.closest = (refined.residual, refined.net_wrench)
+        return refined
+
+
+def _outer_sum(terms: list[np.ndarray]) -> np.ndarray:
+    """All sums of one entry per term, flattened in grid order (the last term runs fastest)."""
+    total = np.zeros(1, dtype=terms[0].dtype if terms else np.int64)
+    for term in terms:
+        total = (total[:, None] + term).ravel()
+    return total
+
+
+def _search(problem, grid, limit, accept, name, solver, progress) -> ForceSolution:
+    started = time.perf_counter()
+    one_of("solver", solver, SOLVERS)
+    tables, rejections = tabulate(problem, grid)
+    progress_bar = g.bar(sum(t.cost.size**problem.k for t in tables), f"{name} search", progress)
+    search = _Search(problem, limit, accept, solver, rejections, progress_bar)
+    interrupted = False
+    try:
+        # The impact time that can be cheapest first: its optimum then prunes the others.
+        for table in sorted(tables, key=lambda t: (int(t.cost[0]), t.index)):
+            search.visit(table, ())
+    except KeyboardInterrupt:
+        interrupted = True
+    progress_bar.close()
+    cell, lower_bound = None, 0.0
+    if interrupted:
+        status = Status.INTERRUPTED
+    elif search.best is not None:
+        status = Status.OK
+    else:
+        status = Status.INACCURATE if search.uncertain and limit <= BALANCED else Status.INFEASIBLE
+    if search.best is not None:
+        _, _, table, indices, multipliers, lower_bound = search.best
+        cell = (table, indices, multipliers)
+    return grid_solution(
+        problem,
+        grid,
+        cell,
+        status=status,
+        search=name,
+        rejections=rejections,
+        started=started,
+        solver=solver if name == "hybrid" else "",
+        lower_bound=lower_bound,
+        closest=search.closest[1],
+        qp_solves=search.qp_solves,
+        cuts=len(search.cuts),
+    )

@@ -1,0 +1,76 @@
+"""The three searches under one roof: the paper's grid, the grid followed by the QP, the hybrid."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from pinograsp.checks import one_of
+from pinograsp.errors import Status
+from pinograsp.forces.grid import GridSpec, brute_force
+from pinograsp.forces.multipliers import refine_multipliers
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.pruned import hybrid_search, pruned_search
+from pinograsp.forces.solution import ForceSolution
+
+SEARCHES = ("hybrid", "paper", "paper+qp")
+METHODS = ("pruned", "brute")
+
+
+def grid_search(
+    problem: ForceProblem,
+    grid: GridSpec | None = None,
+    *,
+    search: str = "hybrid",
+    method: str = "pruned",
+    solver: str = "daqp",
+    progress: bool | None = None,
+) -> ForceSolution:
+    """Least-energy contact forces on a grid.
+
+    Args:
+        problem: contacts, load, friction, limits.
+        grid: the grid; default: the case study's ranges, A in steps of 0.005 m/s^2, k in steps of 0.1.
+        search: ``"hybrid"`` (default): grid over (t_I, A), the QP over (k1, k2) deciding each cell.
+            ``"paper"``: the paper's grid over (t_I, A, k1, k2) with its net-force limit (steps 1-14).
+            ``"paper+qp"``: the same, then the QP over (k1, k2) at the normal forces found.
+        method: how the paper's grid is searched, ``"pruned"`` (exact, fast) or ``"brute"`` (every point); the result is
+            the same.
+        solver: QP solver, one of :data:`~pinograsp.forces.solvers.SOLVERS`.
+        progress: progress bar on stderr: None (long searches on a terminal), True or False.
+
+    Returns:
+        A record with its :class:`~pinograsp.errors.Status`; an infeasible grid is a status, not an exception
+        (``.required()`` raises). Ctrl-C ends the search with status ``INTERRUPTED`` and the best point so far.
+
+    Raises:
+        InvalidInput: an unknown search, method or solver.
+    """
+    one_of("search", search, SEARCHES)
+    one_of("method", method, METHODS)
+    grid = GridSpec() if grid is None else grid
+    if search == "hybrid":
+        return hybrid_search(problem, grid, solver=solver, progress=progress)
+    if method == "brute":
+        found = brute_force(problem, grid, progress=progress)
+    else:
+        found = pruned_search(problem, grid, solver=solver, progress=progress)
+    return refined(found, solver) if search == "paper+qp" and found.found else found
+
+
+def refined(solution: ForceSolution, solver: str = "daqp") -> ForceSolution:
+    """``solution`` with its multipliers replaced by the QP's; status ``UNBALANCED`` where its F_n admit no balance."""
+    started = time.perf_counter()
+    refinement = refine_multipliers(solution.problem, solution.normal_forces, solver=solver)
+    return replace(
+        solution,
+        status=refinement.status if solution.status is Status.OK else solution.status,
+        search="paper+qp",
+        solver=solver,
+        multipliers=refinement.multipliers,
+        forces_c=refinement.forces_c,
+        net_wrench=refinement.net_wrench,
+        lower_bound=refinement.lower_bound,
+        qp_solves=solution.qp_solves + 1,
+        elapsed=solution.elapsed + time.perf_counter() - started,
+    )

@@ -1,0 +1,119 @@
+"""The record every force search returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.contacts import PenetrationProfile
+from pinograsp.errors import GraspInfeasible, InvalidInput, Status
+from pinograsp.forces.problem import ForceProblem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ForceSolution:
+    """Optimal contact forces, or why there are none.
+
+    Attributes:
+        status: ``OK``, ``INFEASIBLE`` (no point of the grid is admissible), ``INACCURATE`` or ``INTERRUPTED``.
+        problem: what was solved. search: ``"paper"``, ``"paper+qp"`` or ``"hybrid"``. solver: QP solver, "" if none ran.
+        impact_time: t_I [s], None without a solution.
+        acceleration: A (k,) [m/s^2]. multipliers: (k1, k2) (k, 2). forces_c: contact forces (k, 3) [N].
+            All empty without a solution.
+        net_wrench: what is left of the balance (6,) [N, N m]; without a solution the least one seen.
+        lower_bound: certified least residual of any multipliers at these normal forces [N].
+        points: size of the whole grid. cells: its points in (t_I, A) alone. qp_solves: QPs solved. cuts: rejecting
+            half-spaces learnt from them.
+        rejections: cells rejected, by constraint; they and the optimum add up to ``cells``.
+        elapsed: [s].
+    """
+
+    status: Status
+    problem: ForceProblem
+    search: str
+    solver: str
+    impact_time: float | None
+    acceleration: np.ndarray
+    multipliers: np.ndarray
+    forces_c: np.ndarray
+    net_wrench: np.ndarray
+    lower_bound: float
+    points: int
+    cells: int
+    qp_solves: int
+    cuts: int
+    rejections: dict[str, int]
+    elapsed: float
+
+    @property
+    def found(self) -> bool:
+        """Whether there are forces (of an interrupted search: the best so far)."""
+        return self.impact_time is not None
+
+    @property
+    def normal_forces(self) -> np.ndarray:
+        """F_n at t_F (k,) [N]."""
+        return self.forces_c[:, 2]
+
+    @property
+    def duration(self) -> float:
+        """tau = t_F - t_I [s]."""
+        return self.profile.duration
+
+    @property
+    def profile(self) -> PenetrationProfile:
+        """Penetration of every contact over time."""
+        if self.impact_time is None:
+            raise InvalidInput("this search found no forces: there is no penetration profile (see rejections)")
+        return PenetrationProfile(
+            acceleration=self.acceleration, impact_time=self.impact_time, final_time=self.problem.final_time
+        )
+
+    @property
+    def impulse(self) -> float:
+        """Grasp energy by Eq. (11) as printed [N s]."""
+        return float(self.problem.energy(self.normal_forces, self.impact_time, "impulse").sum())
+
+    @property
+    def work(self) -> float:
+        """Grasp energy by Eq. (9) over depth [J]."""
+        return float(self.problem.energy(self.normal_forces, self.impact_time, "work").sum())
+
+    @property
+    def net_force(self) -> float:
+        """Norm of the net force on the object [N]."""
+        return float(np.linalg.norm(self.net_wrench[:3]))
+
+    @property
+    def net_moment(self) -> float:
+        """Norm of the net moment on the object about its centre of mass [N m]."""
+        return float(np.linalg.norm(self.net_wrench[3:]))
+
+    @property
+    def residual(self) -> float:
+        """Net wrench in the balance rows, moments divided by the moment length [N]."""
+        return self.problem.scaled_norm(self.net_wrench)
+
+    def explain(self) -> str:
+        """Why the grid gave this answer: the rejection histogram in words."""
+        lines = [f"{self.points:.3g} grid points, {self.cells} cells in (t_I, A)"]
+        lines += [f"  {count} rejected by {reason}" for reason, count in self.rejections.items() if count]
+        if not self.found and self.qp_solves:
+            lines.append("  " + self._closest())
+        return "\n".join(lines)
+
+    def _closest(self) -> str:
+        if self.residual <= 1e-6:
+            return "with multipliers off the grid some cells do balance: refine the multiplier grid or use search='hybrid'"
+        force, moment = self.net_wrench[:3], self.net_wrench[3:]
+        text = f"closest to balance: {np.linalg.norm(force):.3g} N left, along {np.round(force, 3).tolist()} N"
+        if self.problem.balance == "wrench":
+            text += f", and {np.linalg.norm(moment):.3g} N m, along {np.round(moment, 5).tolist()} N m"
+        return text
+
+    def required(self) -> ForceSolution:
+        """This solution if its status is ``OK``; otherwise :class:`GraspInfeasible`, with the explanation."""
+        if self.status is Status.OK:
+            return self
+        raise GraspInfeasible(f"no grasp found ({self.status}): {self.status.remedy}\n{self.explain()}", self)

@@ -1,0 +1,6 @@
+"""Hands: description (DH tables, URDF, xacro) to :class:`HandModel`."""
+
+from pinograsp.hands.load import load_hand
+from pinograsp.hands.model import Finger, HandModel
+
+__all__ = ["Finger", "HandModel", "load_hand"]

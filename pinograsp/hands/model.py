@@ -1,0 +1,155 @@
+"""A hand as the other rooms see it: a Pinocchio model placed in the world, and its fingers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.checks import array_of, one_of, read_only
+from pinograsp.errors import InvalidInput
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Finger:
+    """A serial chain from the palm to a fingertip.
+
+    Attributes:
+        name: finger name.
+        joints: joint names, base to tip. links: the link each joint moves.
+        tip: frame at the fingertip (the outermost link fixed beyond the last joint).
+        joint_ids: Pinocchio joint indices. dofs: positions in q and v (one per joint).
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    tip: str
+    joint_ids: tuple[int, ...]
+    dofs: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HandModel:
+    """A hand placed in the world.
+
+    Attributes:
+        name: hand name. source: the file it came from.
+        model: Pinocchio model; its universe frame is the world o, the palm is fixed in it.
+        palm: link the fingers start from. fingers: in the order of the description.
+        pose: oMh (4, 4), the hand's root frame in the world.
+        notes: what the caller should know (widened limits, ignored mimic joints...).
+    """
+
+    name: str
+    source: str
+    model: pin.Model
+    palm: str
+    fingers: tuple[Finger, ...]
+    pose: np.ndarray
+    notes: tuple[str, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Number of joints of the whole model."""
+        return self.model.nv
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints in the order of q."""
+        return tuple(self.model.names[1:])
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower joint limits (n,) [rad or m]."""
+        return read_only(self.model.lowerPositionLimit)
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Upper joint limits (n,) [rad or m]."""
+        return read_only(self.model.upperPositionLimit)
+
+    @property
+    def effort(self) -> np.ndarray:
+        """Effort limits (n,) [N m or N]."""
+        return read_only(self.model.effortLimit)
+
+    def finger(self, name: str) -> Finger:
+        """The finger called ``name``; :class:`InvalidInput` lists the names there are."""
+        names = [finger.name for finger in self.fingers]
+        one_of(f"finger of hand '{self.name}'", name, names)
+        return self.fingers[names.index(name)]
+
+    def finger_mass(self, name: str) -> float:
+        """Mass of a finger's moving links [kg]."""
+        return float(sum(self.model.inertias[j].mass for j in self.finger(name).joint_ids))
+
+    def configuration(self, angles: dict[str, np.ndarray]) -> np.ndarray:
+        """q (n,) [rad] with the given fingers at the given joint angles and every other joint at 0."""
+        q = np.zeros(self.n)
+        for name, values in angles.items():
+            finger = self.finger(name)
+            q[finger.dofs] = array_of(f"joint angles of '{name}'", values, (finger.n,))
+        return q
+
+    def frame_placements(self, q, names) -> np.ndarray:
+        """Placements oMf (len(names), 4, 4) of the named frames at ``q`` (n,) [rad]."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, array_of("q", q, (self.n,)))
+        return np.array([data.oMf[self.frame_id(name)].homogeneous for name in names])
+
+    def frame_id(self, name: str) -> int:
+        """Pinocchio's index of a frame; unlike ``getFrameId`` it refuses names that do not exist."""
+        if not self.model.existFrame(name):
+            one_of(f"frame of hand '{self.name}'", name, [frame.name for frame in self.model.frames])
+        return self.model.getFrameId(name)
+
+    def placed(self, pose) -> HandModel:
+        """The same hand with its root frame at ``pose`` = oMh (4, 4)."""
+        pose = array_of("hand pose", pose, (4, 4))
+        if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(pose[:3, :3]) < 0:
+            raise InvalidInput("hand pose: expected a homogeneous placement with an orthonormal right-handed rotation")
+        move = pin.SE3(pose) * pin.SE3(self.pose).inverse()
+        model = self.model.copy()
+        for j in range(1, model.njoints):
+            if model.parents[j] == 0:
+                model.jointPlacements[j] = move * model.jointPlacements[j]
+        for frame in list(model.frames)[1:]:
+            if frame.parentJoint == 0:
+                frame.placement = move * frame.placement
+        return replace(self, model=model, pose=pose)
+
+    def with_limits(self, limits: dict[str, tuple[float, float]]) -> HandModel:
+        """The same hand with the position limits of some joints replaced [rad]; each change is noted."""
+        model, notes = self.model.copy(), list(self.notes)
+        lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+        for joint, bounds in limits.items():
+            one_of(f"joint of hand '{self.name}'", joint, self.joint_names)
+            low, high = array_of(f"limits of '{joint}'", bounds, (2,))
+            if not low < high:
+                raise InvalidInput(f"limits of '{joint}': expected lower < upper, got {low:g} and {high:g}")
+            i = self.joint_names.index(joint)
+            notes.append(
+                f"limits of {joint} set to {np.degrees(low):g}..{np.degrees(high):g} deg "
+                f"(the hand's own: {np.degrees(lower[i]):g}..{np.degrees(upper[i]):g} deg)"
+            )
+            lower[i], upper[i] = low, high
+        model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+        return replace(self, model=model, notes=tuple(notes))
+
+    def describe(self) -> str:
+        """What was found: fingers, joints, links, limits, masses, as readable text."""
+        lines = [f"hand {self.name}: {self.n} joints, {len(self.fingers)} fingers on '{self.palm}' ({self.source})"]
+        for finger in self.fingers:
+            lines.append(f"  {finger.name}: {1e3 * self.finger_mass(finger.name):.1f} g, tip '{finger.tip}'")
+            for joint, link, i in zip(finger.joints, finger.links, finger.dofs):
+                low, high = self.model.lowerPositionLimit[i], self.model.upperPositionLimit[i]
+                effort = self.model.effortLimit[i]
+                lines.append(f"    {joint} -> {link}: {low:+.3f} .. {high:+.3f} rad, effort {effort:g} N m")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])

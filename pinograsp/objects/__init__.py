@@ -1,0 +1,5 @@
+"""Objects to be grasped: shape, mass, inertia, surface projection."""
+
+from pinograsp.objects.shapes import Cylinder, Sphere
+
+__all__ = ["Cylinder", "Sphere"]

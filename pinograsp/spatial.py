@@ -1,0 +1,61 @@
+"""Small pieces of rigid-body geometry that every room needs (numpy only)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Below this, a direction's projection on a tangent plane is taken as vanished: far above rounding
+# (1e-16), far below any angle at which the tangent direction would matter in practice.
+_VANISHED = 1e-6
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """Cross-product matrices, shape (..., 3, 3), of vectors (..., 3): ``skew(a) @ b == cross(a, b)``."""
+    v = np.asarray(v, dtype=float)
+    out = np.zeros(v.shape[:-1] + (3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def tangent_frame(normal_o: np.ndarray, gravity_o: np.ndarray = (0.0, 0.0, -9.81)) -> np.ndarray:
+    """Contact frame R_oc (3, 3) with columns x, y, z for a unit inward normal [-].
+
+    z is the normal (into the object); x is the direction opposite to gravity projected on the tangent plane,
+    or, where that vanishes, the world x (then y) axis projected; y completes a right-handed frame. The rule is
+    deterministic, so the friction multipliers (k1, k2) of Eq. (27) have a fixed meaning: k1 is "up".
+    """
+    z = np.asarray(normal_o, dtype=float)
+    z = z / np.linalg.norm(z)
+    gravity = np.asarray(gravity_o, dtype=float)
+    strength = np.linalg.norm(gravity)
+    up = -gravity / strength if strength > 0 else np.array([0.0, 0.0, 1.0])
+    for direction in (up, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
+        x = direction - z * (z @ direction)
+        length = np.linalg.norm(x)
+        if length > _VANISHED:
+            x /= length
+            break
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def rotation_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Rotation (3, 3) from fixed-axis roll, pitch, yaw [rad], the URDF convention Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def pose_of(position=(0.0, 0.0, 0.0), rotation=None) -> np.ndarray:
+    """Homogeneous placement aMb (4, 4) from a position [m] and a rotation (3, 3)."""
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    if rotation is not None:
+        pose[:3, :3] = rotation
+    return pose
