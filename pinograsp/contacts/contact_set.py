@@ -170,18 +170,21 @@ def _links_of(finger, count: int, links: list[str] | None) -> list[str]:
 
 
 def _lengths_of(hand, finger, links: list[str], lengths) -> list[float | None]:
-    if lengths is not None:
-        if len(lengths) != len(links):
-            raise InvalidInput(f"finger '{finger.name}': expected {len(links)} contact lengths, got {len(lengths)}")
-        return [
-            None if length is None else number(f"contact length of '{finger.name}'", length, above=0, unit="m")
-            for length in lengths
-        ]
-    tip = hand.model.frames[hand.frame_id(finger.tip)].placement.translation
-    reach = float(np.linalg.norm(tip))
-    if links[-1] == finger.links[-1] and reach == 0:
-        raise InvalidInput(
-            f"finger '{finger.name}' has no fingertip frame beyond its last joint: give the contact length, "
-            f"lengths={{'{finger.name}': [...]}}"
-        )
-    return [reach if link == finger.links[-1] else None for link in links]
+    given = [None] * len(links) if lengths is None else list(lengths)
+    if len(given) != len(links):
+        raise InvalidInput(f"finger '{finger.name}': expected {len(links)} contact lengths, got {len(given)}")
+    tip = float(np.linalg.norm(hand.model.frames[hand.frame_id(finger.tip)].placement.translation))
+    reach = []
+    for link, length in zip(links, given):
+        if length is not None:
+            reach.append(number(f"contact length of '{finger.name}'", length, above=0, unit="m"))
+        elif link != finger.links[-1]:
+            reach.append(None)
+        elif tip > 0:
+            reach.append(tip)
+        else:
+            raise InvalidInput(
+                f"finger '{finger.name}' has no fingertip frame beyond its last joint: give the contact length, "
+                f"lengths={{'{finger.name}': [...]}}"
+            )
+    return reach

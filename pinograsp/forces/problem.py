@@ -31,6 +31,7 @@ class ForceProblem:
         max_depth: bound on delta_F [m] (Eq. 13a).
         moment_length: moments are divided by it so that they compare with forces [m]; default: the mean distance of
             the contacts from the centre of mass.
+        gravity_o: gravity (3,) [m/s^2]; it acts on the hand too, when joint torques are computed.
     """
 
     contacts: ContactSet
@@ -45,6 +46,7 @@ class ForceProblem:
     max_speed: float = 2.0
     max_depth: float = 5e-3
     moment_length: float | None = None
+    gravity_o: np.ndarray = (0.0, 0.0, -9.81)
 
     def __post_init__(self):
         def put(name, value):
@@ -52,6 +54,7 @@ class ForceProblem:
 
         k = len(self.contacts)
         put("load", array_of("load", self.load, (6,)))
+        put("gravity_o", array_of("gravity", self.gravity_o, (3,)))
         mu = array_of("mu", np.broadcast_to(self.mu, (k,)) if np.ndim(self.mu) == 0 else self.mu, (k,))
         if np.any(mu < 0):
             raise InvalidInput(f"mu: expected friction coefficients >= 0, got {mu.tolist()}")
@@ -77,7 +80,8 @@ class ForceProblem:
     def holding(cls, object, contacts: ContactSet, *, gravity_o=(0.0, 0.0, -9.81), **settings) -> ForceProblem:
         """The problem of holding ``object`` against gravity (3,) [m/s^2]; ``settings`` are the class's attributes."""
         weight = object.mass * array_of("gravity", gravity_o, (3,))
-        return cls(contacts=contacts, load=np.concatenate([weight, np.zeros(3)]), **settings)
+        load = np.concatenate([weight, np.zeros(3)])
+        return cls(contacts=contacts, load=load, gravity_o=gravity_o, **settings)
 
     @property
     def k(self) -> int:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.contacts import PenetrationProfile
-from pinograsp.errors import GraspInfeasible, InvalidInput, Status
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
 
 
@@ -111,9 +111,3 @@ class ForceSolution:
         if self.problem.balance == "wrench":
             text += f", and {np.linalg.norm(moment):.3g} N m, along {np.round(moment, 5).tolist()} N m"
         return text
-
-    def required(self) -> ForceSolution:
-        """This solution if its status is ``OK``; otherwise :class:`GraspInfeasible`, with the explanation."""
-        if self.status is Status.OK:
-            return self
-        raise GraspInfeasible(f"no grasp found ({self.status}): {self.status.remedy}\n{self.explain()}", self)

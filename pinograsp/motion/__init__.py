@@ -1,1 +1,6 @@
+"""Motion: contact-phase postures, grasp-phase and approach trajectories, joint torques."""
 
+from pinograsp.motion.contact_ik import ContactPostures, contact_postures
+from pinograsp.motion.trajectory import Motion, MotionSpec, plan_motion
+
+__all__ = ["ContactPostures", "Motion", "MotionSpec", "contact_postures", "plan_motion"]

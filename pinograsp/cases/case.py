@@ -1,0 +1,342 @@
+"""The case file: YAML in, checked values out, and the objects they describe."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from pinograsp.contacts import Compliance, ContactSet, contacts_at
+from pinograsp.errors import CaseRejected
+from pinograsp.forces import SEARCHES, SOLVERS, ForceProblem, GridSpec, grid_values
+from pinograsp.hands import HandModel, load_hand
+from pinograsp.motion import MotionSpec
+from pinograsp.objects import Cylinder, Sphere
+from pinograsp.plan import GraspPlan, plan_grasp
+from pinograsp.spatial import pose_of, rotation_rpy
+
+_BIGGEST = 1_000_000  # bytes; a case file is a page of text
+
+
+def _increasing(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError(f"lower bound {pair[0]:g} is above upper bound {pair[1]:g}")
+    return pair
+
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Vector = tuple[float, float, float]
+Range = Annotated[tuple[Positive, Positive], AfterValidator(_increasing)]
+Angles = dict[str, tuple[float, ...]]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class HandSection(_Section):
+    """Which hand, where, with which names and limits."""
+
+    source: str
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    palm: str | None = None
+    fingers: dict[str, str] | None = None
+    limits_deg: dict[str, tuple[float, float]] = {}
+    xacro_args: dict[str, Any] = {}
+
+
+class ObjectSection(_Section):
+    """A sphere or a cylinder; the position is the centre of mass."""
+
+    shape: Literal["cylinder", "sphere"]
+    radius_mm: Positive
+    height_mm: Positive | None = None
+    mass: Positive
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _height_fits_shape(self):
+        if (self.shape == "cylinder") != (self.height_mm is not None):
+            raise ValueError("height_mm is needed for a cylinder and only there")
+        return self
+
+
+class ContactSection(_Section):
+    """One contact: finger, point, and for several contacts of a finger the touching link and its contact length."""
+
+    finger: str
+    point_mm: Vector
+    link: str | None = None
+    length_mm: Positive | None = None
+
+
+class FrictionSection(_Section):
+    mu: NotNegative
+
+
+class ComplianceSection(_Section):
+    stiffness: Positive = 5.0e4
+    damping: NotNegative = 100.0
+    exponent: Positive = 1.5
+
+
+class LimitsSection(_Section):
+    """Eqs. (13) and (14)."""
+
+    final_time: Positive = 1.0
+    impact_time: Range = (0.80, 0.95)
+    acceleration: Range = (0.01, 1.0)
+    max_speed: Positive = 2.0
+    max_depth_mm: Positive = 5.0
+
+    @model_validator(mode="after")
+    def _impact_before_end(self):
+        if self.impact_time[1] >= self.final_time:
+            raise ValueError(f"impact_time {self.impact_time[1]:g} s must lie before final_time {self.final_time:g} s")
+        return self
+
+
+class ForcesSection(_Section):
+    search: Literal[SEARCHES] = "hybrid"
+    balance: Literal["force", "wrench"] = "wrench"
+    measure: Literal["impulse", "work"] = "impulse"
+    solver: Literal[SOLVERS] = "daqp"
+    moment_length_mm: Positive | None = None
+
+
+class Steps(_Section):
+    """start, start + step, ... up to stop."""
+
+    start: float
+    stop: float
+    step: Positive
+
+
+class GridSection(_Section):
+    impact_times: Steps | tuple[float, ...] = Steps(start=0.80, stop=0.95, step=0.05)
+    accelerations: Steps | tuple[float, ...] = Steps(start=0.01, stop=1.0, step=0.005)
+    multipliers: Steps | tuple[float, ...] = Steps(start=-1.0, stop=1.0, step=0.1)
+    net_force_limit: NotNegative = 0.1
+
+
+class MotionSection(_Section):
+    posture_deg: Angles = {}
+    start_deg: Angles = {}
+    spread_deg: NotNegative = 3.0
+    samples: Annotated[int, Field(ge=1, le=1000)] = 13
+    time_step: Annotated[float, Field(ge=1e-5, le=0.1)] = 1e-3
+    acceleration_at_start: Literal["rest", "paper"] = "rest"
+
+
+class Case(_Section):
+    """A whole case. ``folder`` is where relative hand paths start (the case file's own)."""
+
+    schema_: Literal[1] = Field(1, alias="schema")
+    name: str = Field(pattern=r"^[\w.-]+$")
+    hand: HandSection
+    object: ObjectSection
+    contacts: tuple[ContactSection, ...] = Field(min_length=1)
+    friction: FrictionSection
+    gravity: Vector = (0.0, 0.0, -9.81)
+    compliance: ComplianceSection = ComplianceSection()
+    limits: LimitsSection = LimitsSection()
+    forces: ForcesSection = ForcesSection()
+    grid: GridSection = GridSection()
+    motion: MotionSection = MotionSection()
+    assumed: dict[str, str] = {}
+    folder: Path = Field(Path("."), exclude=True)
+
+    def settings(self) -> dict:
+        """The case as plain values, defaults filled in: what a run's file echoes."""
+        return self.model_dump(mode="json", by_alias=True)
+
+    def load_hand(self) -> HandModel:
+        """The hand, placed, with the case's limits."""
+        beside = self.folder / self.hand.source
+        return load_hand(
+            beside if beside.is_file() else self.hand.source,
+            pose=pose_of(1e-3 * np.array(self.hand.position_mm), rotation_rpy(*np.radians(self.hand.rpy_deg))),
+            palm=self.hand.palm,
+            fingers=self.hand.fingers,
+            limits={joint: np.radians(bounds) for joint, bounds in self.hand.limits_deg.items()},
+            **self.hand.xacro_args,
+        )
+
+    def make_object(self) -> Cylinder | Sphere:
+        """The object, placed."""
+        o = self.object
+        pose = pose_of(1e-3 * np.array(o.position_mm), rotation_rpy(*np.radians(o.rpy_deg)))
+        if o.shape == "sphere":
+            return Sphere(radius=1e-3 * o.radius_mm, mass=o.mass, pose=pose)
+        return Cylinder(radius=1e-3 * o.radius_mm, height=1e-3 * o.height_mm, mass=o.mass, pose=pose)
+
+    def make_contacts(self, hand: HandModel) -> ContactSet:
+        """The contacts of ``hand`` on the object."""
+        points: dict[str, list] = {}
+        links: dict[str, list] = {}
+        lengths: dict[str, list] = {}
+        for contact in self.contacts:
+            points.setdefault(contact.finger, []).append(1e-3 * np.array(contact.point_mm))
+            links.setdefault(contact.finger, []).append(contact.link)
+            lengths.setdefault(contact.finger, []).append(
+                None if contact.length_mm is None else 1e-3 * contact.length_mm
+            )
+        for finger, named in links.items():
+            if any(link is None for link in named) and any(link is not None for link in named):
+                raise CaseRejected(f"case '{self.name}': finger '{finger}': name the link of all its contacts or of none")
+        return contacts_at(
+            hand,
+            self.make_object(),
+            points,
+            links={finger: named for finger, named in links.items() if named[0] is not None},
+            lengths={finger: given for finger, given in lengths.items() if any(v is not None for v in given)},
+            gravity_o=self.gravity,
+        )
+
+    def make_problem(self, hand: HandModel) -> ForceProblem:
+        """The force problem of ``hand`` holding the object."""
+        length = self.forces.moment_length_mm
+        return ForceProblem.holding(
+            self.make_object(),
+            self.make_contacts(hand),
+            gravity_o=self.gravity,
+            mu=self.friction.mu,
+            compliance=Compliance(**self.compliance.model_dump()),
+            balance=self.forces.balance,
+            measure=self.forces.measure,
+            final_time=self.limits.final_time,
+            impact_time_range=self.limits.impact_time,
+            acceleration_range=self.limits.acceleration,
+            max_speed=self.limits.max_speed,
+            max_depth=1e-3 * self.limits.max_depth_mm,
+            moment_length=None if length is None else 1e-3 * length,
+        )
+
+    def make_grid(self) -> GridSpec:
+        """The search grid."""
+
+        def values(spec: Steps | tuple[float, ...]):
+            return grid_values(spec.start, spec.stop, spec.step) if isinstance(spec, Steps) else spec
+
+        return GridSpec(
+            impact_times=values(self.grid.impact_times),
+            accelerations=values(self.grid.accelerations),
+            multipliers=values(self.grid.multipliers),
+            net_force_limit=self.grid.net_force_limit,
+        )
+
+    def make_motion(self) -> MotionSpec:
+        """Postures and sampling of the motion."""
+        m = self.motion
+        return MotionSpec(
+            posture={finger: np.radians(angles) for finger, angles in m.posture_deg.items()},
+            start={finger: np.radians(angles) for finger, angles in m.start_deg.items()},
+            spread=float(np.radians(m.spread_deg)),
+            samples=m.samples,
+            time_step=m.time_step,
+            acceleration_at_start=m.acceleration_at_start,
+        )
+
+    def plan(self, *, progress: bool | None = None) -> GraspPlan:
+        """Plan the case: see :func:`~pinograsp.plan.plan_grasp`."""
+        hand = self.load_hand()
+        return plan_grasp(
+            hand,
+            self.make_problem(hand),
+            grid=self.make_grid(),
+            search=self.forces.search,
+            solver=self.forces.solver,
+            motion=self.make_motion(),
+            progress=progress,
+        )
+
+
+def builtin_cases() -> list[str]:
+    """Names of the cases that come with the package."""
+    return sorted(path.stem for path in Path(__file__).parent.glob("*.yaml"))
+
+
+def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = None) -> Case:
+    """A case by name or from a YAML file, with some values changed.
+
+    Args:
+        source: a built-in case's name (``"paper"``) or a path.
+        changes: ``{"object.mass": 1.1}`` or ``["object.mass=1.1"]``; values in the latter are read as YAML.
+
+    Raises:
+        CaseRejected: unknown case, broken YAML, unknown keys or unusable values: all of them named at once.
+    """
+    name = str(source)
+    path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(source)
+    if not path.is_file():
+        raise CaseRejected(f"no case '{name}': expected a YAML file or one of: {', '.join(builtin_cases())}")
+    try:
+        if path.stat().st_size > _BIGGEST:
+            raise CaseRejected(f"case '{name}': {path.stat().st_size} bytes; a case file has at most {_BIGGEST}")
+        data = _parse_yaml(path.read_text(encoding="utf-8"), f"case '{name}'")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseRejected(f"case '{name}' cannot be read: {error}") from error
+    if not isinstance(data, dict):
+        raise CaseRejected(f"case '{name}': expected a mapping with hand, object, contacts..., got {type(data).__name__}")
+    for key, value in _changes(changes).items():
+        _put(data, key, value)
+    if "folder" in data:
+        raise CaseRejected(f"case '{name}': folder: unknown key")
+    try:
+        return Case.model_validate({**data, "folder": path.resolve().parent})
+    except ValidationError as error:
+        lines = dict.fromkeys(_line(e) for e in error.errors())
+        raise CaseRejected(f"case '{name}' is not valid: " + "; ".join(lines)) from None
+
+
+def _parse_yaml(text: str, what: str):
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except (YAMLError, ValueError) as error:  # ValueError: numbers and dates that YAML cannot build
+        raise CaseRejected(f"{what}: not valid YAML: {' '.join(str(error).split())}") from error
+
+
+def _changes(changes) -> dict[str, Any]:
+    if changes is None or isinstance(changes, dict):
+        return changes or {}
+    parsed = {}
+    for change in changes:
+        key, equals, value = change.partition("=")
+        if not equals or not key.strip():
+            raise CaseRejected(f"--set {change}: expected KEY=VALUE, for example object.mass=1.1")
+        parsed[key.strip()] = _parse_yaml(value, f"--set {change}")
+    return parsed
+
+
+def _put(data: dict, key: str, value) -> None:
+    *parents, last = key.split(".")
+    for i, parent in enumerate(parents):
+        inner = data.setdefault(parent, {}) if isinstance(data, dict) else None
+        if isinstance(data, list) and parent.isdigit() and int(parent) < len(data):
+            inner = data[int(parent)]
+        if not isinstance(inner, dict | list):
+            raise CaseRejected(f"--set {key}: '{'.'.join(parents[: i + 1])}' holds no further keys")
+        data = inner
+    if isinstance(data, list):
+        if not last.isdigit() or int(last) >= len(data):
+            raise CaseRejected(f"--set {key}: expected an index below {len(data)}, got '{last}'")
+        data[int(last)] = value
+    else:
+        data[last] = value
+
+
+def _line(error) -> str:
+    # Tagged parts of a union (Steps | tuple) only blur the path for a reader.
+    where = ".".join(str(part) for part in error["loc"] if part not in ("Steps", "tuple[float, ...]"))
+    text = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "extra_forbidden":
+        return f"{where}: unknown key"
+    got = error["input"]
+    return f"{where}: {text}" + (f" (got {got!r})" if isinstance(got, str | int | float | None) else "")

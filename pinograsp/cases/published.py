@@ -1,0 +1,215 @@
+"""The paper's published figures beside ours: every quantity of its results section, for the case study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinograsp.cases.case import Case
+from pinograsp.forces import GridSpec, grid_search, refine_multipliers
+from pinograsp.hands import HandModel
+from pinograsp.motion import contact_postures
+from pinograsp.motion.grasp_ik import press
+from pinograsp.plan import GraspPlan
+
+NORMAL_FORCES_N = {"thumb": 9.873, "index": 6.35, "middle": 4.7}
+IMPACT_TIME_S = 0.90
+ENERGY_MJ = 55.9
+UNOPTIMISED_ENERGY_MJ = 73.6  # MSC.Adams, not optimised
+NET_FORCE_N = 0.089
+PENETRATION_MM = 3.3
+
+# Joint torque maxima, joints 1..4 [N m], after optimisation.
+TORQUES_NM = {
+    "grasp": {
+        "thumb": (9.1e-3, 0.31, 0.18, 6.95e-2),
+        "index": (8.4e-4, 0.15, 5.3e-2, 1.7e-2),
+        "middle": (7.7e-4, 8.25e-2, 2.36e-2, 7.18e-3),
+    },
+    "approach": {
+        "thumb": (1.84e-2, 1.47e-2, 5.0e-3, 9.6e-4),
+        "index": (9.1e-3, 8.5e-4, 2.0e-4, 2.95e-5),
+        "middle": (1.23e-3, 1.96e-3, 4.5e-4, 6.86e-5),
+    },
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One line of the comparison. ``published`` is None where the paper prints nothing."""
+
+    quantity: str
+    unit: str
+    published: float | None
+    ours: float | None
+    note: str = ""
+
+    @property
+    def difference(self) -> float | None:
+        """ours - published."""
+        return None if self.published is None or self.ours is None else self.ours - self.published
+
+
+def compare(case: Case, plan: GraspPlan) -> list[Row]:
+    """Published figures beside those of ``plan`` and, where a figure depends on balance or measure, of each choice.
+
+    ``case`` must have the case study's three contacts; the other settings are the plan's own.
+    """
+    forces, problem, grid = plan.forces, plan.problem, case.make_grid()
+    fingers = list(NORMAL_FORCES_N)
+    published = np.array(list(NORMAL_FORCES_N.values()))
+    rows = [
+        Row(quantity="impact time t_I", unit="s", published=IMPACT_TIME_S, ours=forces.impact_time),
+        *(
+            Row(quantity=f"normal force {name}", unit="N", published=NORMAL_FORCES_N[name], ours=float(ours))
+            for name, ours in zip(fingers, forces.normal_forces)
+        ),
+        Row(quantity="sum of normal forces", unit="N", published=published.sum(), ours=forces.normal_forces.sum()),
+        Row(quantity="grasp energy (work)", unit="mJ", published=ENERGY_MJ, ours=1e3 * forces.work),
+        Row(quantity="grasp energy (impulse)", unit="N s", published=None, ours=forces.impulse),
+        Row(
+            quantity="largest penetration",
+            unit="mm",
+            published=PENETRATION_MM,
+            ours=1e3 * float(forces.profile.final_depth.max()),
+        ),
+        Row(quantity="net force left", unit="N", published=NET_FORCE_N, ours=forces.net_force),
+        Row(quantity="net moment left", unit="N m", published=None, ours=forces.net_moment, note="not in the paper"),
+    ]
+    rows += _optima(problem, grid, case.forces.solver)
+    at = float(problem.energy(published, IMPACT_TIME_S, "work").sum())
+    impulse = float(problem.energy(published, IMPACT_TIME_S, "impulse").sum())
+    rows += [
+        Row(quantity="work at the published forces", unit="mJ", published=ENERGY_MJ, ours=1e3 * at),
+        Row(quantity="impulse at the published forces", unit="N s", published=None, ours=impulse),
+    ]
+    balance = replace(problem, balance="force")
+    for mu in dict.fromkeys((float(problem.mu[0]), 0.693, 0.8)):
+        left = refine_multipliers(replace(balance, mu=mu), published, solver=case.forces.solver)
+        rows.append(
+            Row(
+                quantity=f"QP at the published forces, mu = {mu:g}",
+                unit="N",
+                published=NET_FORCE_N,
+                ours=left.residual,
+                note="net force, force balance",
+            )
+        )
+    rows.append(
+        Row(
+            quantity="energy, not optimised (MSC.Adams)",
+            unit="mJ",
+            published=UNOPTIMISED_ENERGY_MJ,
+            ours=None,
+            note="needs a simulation",
+        )
+    )
+    return rows + _torques(plan)
+
+
+def _optima(problem, grid: GridSpec, solver: str) -> list[Row]:
+    """The hybrid's optimum for both balances and measures, the paper's own search, and the latest feasible impact."""
+    rows = []
+    for balance in ("force", "wrench"):
+        for measure in ("work", "impulse"):
+            chosen = replace(problem, balance=balance, measure=measure)
+            best = grid_search(chosen, grid, solver=solver, progress=False)
+            name = f"hybrid, {balance} balance, least {measure}"
+            if not best.found:
+                rows.append(Row(quantity=name, unit="", published=None, ours=None, note="no grasp on this grid"))
+                continue
+            split = " + ".join(f"{f:.3f}" for f in best.normal_forces)
+            rows += [
+                Row(quantity=f"{name}: work", unit="mJ", published=ENERGY_MJ, ours=1e3 * best.work, note=f"F_n {split} N"),
+                Row(
+                    quantity=f"{name}: impulse",
+                    unit="N s",
+                    published=None,
+                    ours=best.impulse,
+                    note=f"t_I {best.impact_time:g} s, net {best.net_force:.1e} N, {best.net_moment:.1e} N m",
+                ),
+            ]
+    paper = grid_search(replace(problem, balance="force"), grid, search="paper", solver=solver, progress=False)
+    if paper.found:
+        rows.append(
+            Row(
+                quantity="the paper's grid search: net force",
+                unit="N",
+                published=NET_FORCE_N,
+                ours=paper.net_force,
+                note=f"limit {grid.net_force_limit:g} N, {paper.points:.2g} points",
+            )
+        )
+    for balance in ("force", "wrench"):
+        rows += _latest_impact(replace(problem, balance=balance, measure="impulse"), grid, solver)
+    return rows
+
+
+def _latest_impact(problem, grid: GridSpec, solver: str) -> list[Row]:
+    """Latest t_I on a 1 ms grid at which the hybrid finds a grasp, and its impulse."""
+    low, high = problem.impact_time_range
+    for t_I in np.round(np.arange(high, low - 5e-4, -1e-3), 3):
+        found = grid_search(problem, replace(grid, impact_times=[t_I]), solver=solver, progress=False)
+        if found.found:
+            return [
+                Row(
+                    quantity=f"latest feasible t_I (1 ms grid), {problem.balance} balance",
+                    unit="s",
+                    published=None,
+                    ours=float(t_I),
+                ),
+                Row(quantity="  impulse there", unit="N s", published=None, ours=found.impulse),
+            ]
+    return []
+
+
+def _torques(plan: GraspPlan) -> list[Row]:
+    """Torque maxima per phase, finger and joint; in the grasp phase with the force the published torques belong to."""
+    rows = []
+    maxima = plan.torque_maxima()
+    for phase, fingers in TORQUES_NM.items():
+        for finger, published in fingers.items():
+            if phase == "grasp":
+                in_plane = _in_plane_force(plan.hand, plan, finger)
+                rows.append(
+                    Row(
+                        quantity=f"{finger}: in-plane force of the published torques",
+                        unit="N",
+                        published=NORMAL_FORCES_N[finger],
+                        ours=in_plane,
+                        note=f"{in_plane / NORMAL_FORCES_N[finger]:.2f} of the published F_n: they cannot both hold",
+                    )
+                )
+            for joint, value, ours in zip(plan.hand.finger(finger).joints, published, maxima[finger][phase]):
+                ratio = f"published / ours = {value / ours:.2f}" if ours else ""
+                rows.append(
+                    Row(quantity=f"{phase} torque {joint}", unit="N m", published=value, ours=float(ours), note=ratio)
+                )
+    return rows
+
+
+def _in_plane_force(hand: HandModel, plan: GraspPlan, finger: str) -> float:
+    """Size [N] of the force in the flexion plane that best explains the published flexion torques of a fingertip.
+
+    At the posture nearest to Table IV's final angles: least squares on J^T f over joints 2..4.
+    """
+    contacts = plan.problem.contacts
+    i = [contact.finger for contact in contacts].index(finger)
+    chain = hand.finger(finger)
+    from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
+
+    angles = np.radians(FINAL_ANGLES_DEG[finger])
+    found = contact_postures(hand, _only(contacts, i), reference={finger: angles}, samples=1)[finger]
+    nearest = int(np.argmin(np.abs(found.angles - angles).max(axis=1)))
+    t_I, t_F = plan.forces.profile.impact_time, plan.forces.profile.final_time
+    still = replace(plan.forces.profile, acceleration=np.zeros(1))
+    J = press(
+        hand, chain, [contacts[i]], found.angles[nearest], found.points_l[nearest], still, [0], np.linspace(t_I, t_F, 3)
+    ).jacobians[0, 0]
+    force = np.linalg.lstsq(J[:, 1:].T, np.array(TORQUES_NM["grasp"][finger][1:]), rcond=1e-9)[0]
+    return float(np.linalg.norm(force))
+
+
+def _only(contacts, i: int):
+    return replace(contacts, contacts=(contacts[i],))

@@ -1,0 +1,155 @@
+"""Grasp phase: joint trajectories that press every contact point along its normal (Eqs. 17, 18).
+
+Joint rates come from damped least squares, one sub-manipulator after the other: the second's target velocity is
+reduced by what the joints before it already cause (Eq. 17b). The forward Euler step of Eq. (18) drifts off the path;
+here a midpoint step is taken and the remaining position error is fed back, which keeps it bounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.checks import array_of, read_only
+from pinograsp.contacts import Contact, PenetrationProfile
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import Finger, HandModel
+from pinograsp.motion.jacobian import point_jacobian
+
+# Damping sets in where the smallest singular value of a sub-manipulator's Jacobian [m] falls below this: one
+# hundredth of a phalanx. Away from singularities the inverse is exact.
+_NEAR_SINGULAR = 5e-4
+_MAX_DAMPING = 5e-4
+_LIMIT_SLACK = 1e-9  # [rad]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FingerMotion:
+    """Grasp phase of one finger.
+
+    Attributes:
+        q, dq, ddq: (m, n_f) [rad, rad/s, rad/s^2].
+        jacobians: contact Jacobians (m, c, 3, n_f), world axes.
+        errors: distance of each contact point from its target (m, c) [m].
+        limited: names of joints that were stopped by their limits.
+    """
+
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    jacobians: np.ndarray
+    errors: np.ndarray
+    limited: tuple[str, ...]
+
+
+def press(
+    hand: HandModel,
+    finger: Finger,
+    contacts: list[Contact],
+    start: np.ndarray,
+    points_l: np.ndarray,
+    profile: PenetrationProfile,
+    which: list[int],
+    times: np.ndarray,
+    *,
+    feedback: bool = True,
+    euler: bool = False,
+) -> FingerMotion:
+    """Move a finger's contact points along their inward normals by ``profile``.
+
+    Args:
+        hand, finger: the finger that moves.
+        contacts: its contacts, base to tip. points_l: their points (c, 3) in the joints' frames [m].
+        start: joint angles (n_f,) at impact [rad].
+        profile: penetration; column ``which[i]`` belongs to contact i.
+        times: samples (m,) [s] from t_I to t_F, evenly spaced.
+        feedback: correct the position error (closed loop). euler: the plain forward step of Eq. (18).
+            ``feedback=False, euler=True`` is the paper's scheme, kept to show its drift.
+    """
+    times = array_of("times", times, (None,))
+    if times.size < 3:
+        raise InvalidInput(f"times: expected at least 3 samples, got {times.size}")
+    dt = times[1] - times[0]
+    normals = np.array([contact.normal_o for contact in contacts])
+    origins = np.array([contact.point_o for contact in contacts])
+    chain = _Chain(hand, finger, contacts, points_l)
+    q = np.array(array_of("start", start, (finger.n,)))
+    m, c, n = times.size, len(contacts), finger.n
+    middle = (times[:-1] + times[1:]) / 2
+    depth, rate = profile.depth(times)[:, which], profile.rate(times)[:, which]
+    half_rate = profile.rate(middle)[:, which]
+    out_q, out_dq = np.empty((m, n)), np.empty((m, n))
+    jacobians, errors = np.empty((m, c, 3, n)), np.empty((m, c))
+    limited: set[int] = set()
+    gain = 1 / dt if feedback else 0.0
+    for i in range(m):
+        points, J = chain.at(q)
+        error = origins + depth[i][:, None] * normals - points
+        dq, stopped = chain.rates(q, J, rate[i][:, None] * normals + gain * error, dt)
+        limited |= stopped
+        out_q[i], out_dq[i], jacobians[i], errors[i] = q, dq, J, np.linalg.norm(error, axis=1)
+        if i == m - 1:
+            break
+        if not euler:
+            _, J = chain.at(q + dq * dt / 2)
+            dq, stopped = chain.rates(q, J, half_rate[i][:, None] * normals + gain * error, dt)
+            limited |= stopped
+        q = np.clip(q + dq * dt, chain.lower, chain.upper)
+    return FingerMotion(
+        q=read_only(out_q),
+        dq=read_only(out_dq),
+        ddq=read_only(np.gradient(out_dq, dt, axis=0, edge_order=2)),
+        jacobians=read_only(jacobians),
+        errors=read_only(errors),
+        limited=tuple(finger.joints[j] for j in sorted(limited)),
+    )
+
+
+class _Chain:
+    """One finger's contact points and Jacobians at a configuration, and its damped least-squares rates."""
+
+    def __init__(self, hand: HandModel, finger: Finger, contacts: list[Contact], points_l: np.ndarray):
+        self.model, self.data = hand.model, hand.model.createData()
+        self.dofs = finger.dofs
+        self.lower, self.upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
+        self.q = np.zeros(hand.n)
+        ends = [finger.links.index(contact.link) for contact in contacts]
+        self.joints = [finger.joint_ids[end] for end in ends]
+        self.points_l = points_l
+        self.parts = [slice(a, b) for a, b in zip([0, *(e + 1 for e in ends[:-1])], [e + 1 for e in ends])]
+
+    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Contact points (c, 3) and Jacobians (c, 3, n_f), world axes."""
+        self.q[self.dofs] = q
+        pin.computeJointJacobians(self.model, self.data, self.q)
+        points = [self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)]
+        J = [point_jacobian(self.model, self.data, j, p)[:, self.dofs] for j, p in zip(self.joints, self.points_l)]
+        return np.array(points), np.array(J)
+
+    def rates(self, q, J, velocities, dt) -> tuple[np.ndarray, set[int]]:
+        """Joint rates (n_f,) for contact-point velocities (c, 3) (Eqs. 17a, 17b), and the joints stopped at a limit."""
+        dq, stopped = np.zeros(len(q)), set()
+        for contact, part in enumerate(self.parts):
+            velocity = velocities[contact] - J[contact][:, : part.start] @ dq[: part.start]
+            free = np.arange(part.start, part.stop)
+            while free.size:
+                step = _damped_least_squares(J[contact][:, free], velocity)
+                after = q[free] + step * dt
+                beyond = (after < self.lower[free] - _LIMIT_SLACK) | (after > self.upper[free] + _LIMIT_SLACK)
+                if not beyond.any():
+                    dq[free] = step
+                    break
+                # A joint at its limit stands still; the others do what they can.
+                stopped |= set(free[beyond].tolist())
+                free = free[~beyond]
+        return dq, stopped
+
+
+def _damped_least_squares(J: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
+    damping = 0.0
+    if sigma[-1] < _NEAR_SINGULAR:
+        damping = _MAX_DAMPING**2 * (1 - (sigma[-1] / _NEAR_SINGULAR) ** 2)
+    return Vt.T @ (sigma / (sigma**2 + damping) * (U.T @ velocity))

@@ -1,0 +1,19 @@
+"""Jacobian of a contact point that is fixed in a link."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.spatial import skew
+
+
+def point_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: np.ndarray) -> np.ndarray:
+    """Jacobian (3, n) of the linear velocity, world axes, of a point (3,) fixed in a joint's frame [m].
+
+    Needs ``pin.computeJointJacobians`` at the current q. Pinocchio gives the joint frame's Jacobian
+    (``LOCAL_WORLD_ALIGNED``); the point's differs by the lever arm.
+    """
+    J = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
+    arm = data.oMi[joint].rotation @ point_l
+    return J[:3] - skew(arm) @ J[3:]

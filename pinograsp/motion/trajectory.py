@@ -1,0 +1,214 @@
+"""The whole motion, approach and grasp phase, for the contact-phase posture with the least peak torque (step 15)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import number, one_of, read_only
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces import ForceSolution
+from pinograsp.hands import HandModel
+from pinograsp.motion.approach import STARTS, approach
+from pinograsp.motion.contact_ik import contact_postures
+from pinograsp.motion.grasp_ik import FingerMotion, press
+from pinograsp.motion.torques import contact_torques, inverse_dynamics
+
+# Contact points must follow their path to this [m]; a thousandth of a typical penetration.
+_TRACKED = 1e-6
+# Peak torques closer than this [N m] are a tie: the first posture wins.
+_TIE = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionSpec:
+    """How the motion is built.
+
+    Attributes:
+        posture: ``{finger: joint angles at contact}`` [rad], around which redundant joints are sampled; a finger that
+            does not touch moves there on a path of its own. Missing fingers: see ``contact_postures``, or they stay.
+        start: ``{finger: joint angles at t = 0}`` [rad]; default all 0.
+        spread: half-width of the sampling [rad]. samples: number of samples.
+        time_step: largest step between samples [s].
+        acceleration_at_start: ``"rest"`` (ddq = 0) or ``"paper"`` (ddq = -ddq at impact).
+    """
+
+    posture: dict[str, np.ndarray] | None = None
+    start: dict[str, np.ndarray] | None = None
+    spread: float = math.radians(3.0)
+    samples: int = 13
+    time_step: float = 1e-3
+    acceleration_at_start: str = "rest"
+
+    def __post_init__(self):
+        number("spread", self.spread, at_least=0, unit="rad")
+        number("time step", self.time_step, above=0, unit="s")
+        one_of("acceleration at start", self.acceleration_at_start, STARTS)
+        if self.samples != int(self.samples) or self.samples < 1:
+            raise InvalidInput(f"samples: expected a whole number >= 1, got {self.samples}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motion:
+    """Joint trajectory and torques from t = 0 to t_F.
+
+    Attributes:
+        status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``. notes: position and effort limits met or exceeded, by joint.
+        times: (m,) [s]; sample ``impact`` is t_I, the last of the approach and the first of the grasp phase.
+        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2]. torques: (m, n) [N m].
+        forces_o: contact forces on the object (m, k, 3), world axes [N].
+        contact_velocities: velocities of the contact points J dq (m, k, 3) [m/s], zero before the impact.
+        tracking_error: largest distance of each contact point from its path (k,) [m].
+        postures: number of contact-phase postures tried per finger. peak_torque: infinity norm of ``torques`` [N m].
+    """
+
+    status: Status
+    notes: tuple[str, ...]
+    times: np.ndarray
+    impact: int
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    torques: np.ndarray
+    forces_o: np.ndarray
+    contact_velocities: np.ndarray
+    tracking_error: np.ndarray
+    postures: dict[str, int]
+    peak_torque: float
+
+
+def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | None = None) -> Motion:
+    """Joint motion and torques that carry out ``solution``.
+
+    Every contact-phase posture of every finger is taken through grasp and approach phase; per finger the one with the
+    least infinity norm of its torques over both phases is kept (the palm is fixed, so fingers do not disturb each
+    other and the hand's norm is then least). Postures that stay inside the joint limits and on the path come first.
+
+    Raises:
+        ContactNotReached: a finger has no posture at its contact points.
+        InvalidInput: unknown fingers or wrong sizes in ``spec``.
+    """
+    spec = MotionSpec() if spec is None else spec
+    problem, contacts = solution.problem, solution.problem.contacts
+    gravity_o = problem.gravity_o
+    postures = contact_postures(
+        hand, contacts, reference=_of_touching(contacts, spec.posture), spread=spec.spread, samples=spec.samples
+    )
+    profile = solution.profile
+    t_I, t_F = profile.impact_time, profile.final_time
+    before = np.linspace(0.0, t_I, max(2, math.ceil(t_I / spec.time_step - 1e-9)) + 1)
+    after = np.linspace(t_I, t_F, max(4, math.ceil((t_F - t_I) / spec.time_step - 1e-9)) + 1)
+    start = hand.configuration(spec.start or {})
+    # F_n follows Eq. (4) in time; its direction in the contact frame is that of t_F.
+    depth, rate = profile.depth(after), profile.rate(after)
+    normal = problem.compliance.normal_force(depth, rate)
+    forces_c = normal[:, :, None] * problem.forces(np.ones(problem.k), solution.multipliers)
+    forces_o = np.einsum("kij,mkj->mki", contacts.rotations_oc, forces_c)
+
+    m, impact = before.size + after.size - 1, before.size - 1
+    q, dq, ddq = np.tile(start, (m, 1)), np.zeros((m, hand.n)), np.zeros((m, hand.n))
+    contact_part = np.zeros((m, hand.n))
+    velocities, tracking = np.zeros((m, problem.k, 3)), np.zeros(problem.k)
+    notes: list[str] = list(hand.notes)
+    clean = on_path = True
+    for name, found in postures.items():
+        finger = hand.finger(name)
+        which = [i for i, contact in enumerate(contacts) if contact.finger == name]
+        own = [contacts[i] for i in which]
+        candidates = [
+            press(hand, finger, own, angles, points, profile, which, after)
+            for angles, points in zip(found.angles, found.points_l)
+        ]
+        paths = [_with_approach(c, before, start[finger.dofs], spec) for c in candidates]
+        torques = [contact_torques(c.jacobians, forces_o[:, which]) for c in candidates]
+        peaks = _peak_torques(hand, finger.dofs, paths, torques, start, impact, gravity_o)
+        chosen = _choose(hand, finger, candidates, paths, peaks)
+        motion, path = candidates[chosen], paths[chosen]
+        q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path
+        contact_part[impact:, finger.dofs] = torques[chosen]
+        velocities[impact:, which] = np.einsum("mcxn,mn->mcx", motion.jacobians, motion.dq)
+        tracking[which] = motion.errors.max(axis=0)
+        outside = _outside_limits(hand, finger, path[0])
+        notes += [f"{joint} was stopped by its limit in the grasp phase" for joint in motion.limited]
+        notes += [f"{joint} leaves its limits by {math.degrees(by):.2f} deg in the approach" for joint, by in outside]
+        clean &= not motion.limited and not outside
+        on_path &= bool(tracking[which].max() <= _TRACKED)
+    for name, angles in (spec.posture or {}).items():
+        if name not in postures:  # an idle finger, on its own path to its own posture
+            finger = hand.finger(name)
+            zero = np.zeros(finger.n)
+            times = np.concatenate([before[:-1], after])
+            goal = hand.configuration({name: angles})[finger.dofs]
+            path = approach(times, t_F, start[finger.dofs], goal, zero, zero)
+            q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path
+    total = inverse_dynamics(hand, q, dq, ddq, gravity_o=gravity_o) + contact_part
+    notes += [
+        f"{joint} needs up to {peak:.3g} N m, more than its effort limit of {limit:g} N m"
+        for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
+        if 0 < limit < peak
+    ]
+    return Motion(
+        status=Status.NOT_TRACKED if not on_path else Status.OK if clean else Status.JOINT_LIMIT,
+        notes=tuple(notes),
+        times=read_only(np.concatenate([before[:-1], after])),
+        impact=impact,
+        q=read_only(q),
+        dq=read_only(dq),
+        ddq=read_only(ddq),
+        torques=read_only(total),
+        forces_o=read_only(np.concatenate([np.zeros((impact, problem.k, 3)), forces_o])),
+        contact_velocities=read_only(velocities),
+        tracking_error=read_only(tracking),
+        postures={name: len(found.angles) for name, found in postures.items()},
+        peak_torque=float(np.abs(total).max()),
+    )
+
+
+def _of_touching(contacts, posture) -> dict[str, np.ndarray]:
+    touching = {contact.finger for contact in contacts}
+    return {name: angles for name, angles in (posture or {}).items() if name in touching}
+
+
+def _with_approach(motion: FingerMotion, before, start, spec: MotionSpec):
+    """(q, dq, ddq) of one finger over both phases; the sample at t_I is the grasp phase's."""
+    rise = approach(
+        before,
+        before[-1],
+        start,
+        motion.q[0],
+        motion.dq[0],
+        motion.ddq[0],
+        acceleration_at_start=spec.acceleration_at_start,
+    )
+    return tuple(np.concatenate([a[:-1], b]) for a, b in zip(rise, (motion.q, motion.dq, motion.ddq)))
+
+
+def _peak_torques(hand, dofs, paths, torques, start, impact, gravity_o) -> np.ndarray:
+    """Infinity norm of the finger's torques over both phases, per candidate."""
+    peaks = []
+    for path, contact_part in zip(paths, torques):
+        full = [np.tile(base, (len(path[0]), 1)) for base in (start, 0 * start, 0 * start)]
+        for whole, own in zip(full, path):
+            whole[:, dofs] = own
+        total = inverse_dynamics(hand, *full, gravity_o=gravity_o)[:, dofs]
+        total[impact:] += contact_part
+        peaks.append(np.abs(total).max())
+    return np.array(peaks)
+
+
+def _choose(hand, finger, candidates, paths, peaks) -> int:
+    faults = [
+        (c.errors.max() > _TRACKED) + bool(c.limited or _outside_limits(hand, finger, path[0]))
+        for c, path in zip(candidates, paths)
+    ]
+    best = min(range(len(peaks)), key=lambda i: (faults[i], peaks[i]))
+    tied = [i for i in range(len(peaks)) if faults[i] == faults[best] and peaks[i] <= peaks[best] + _TIE]
+    return tied[0]
+
+
+def _outside_limits(hand, finger, q) -> list[tuple[str, float]]:
+    """Joints of the finger that leave their limits along q (m, n_f), and by how much [rad]."""
+    beyond = np.maximum(hand.lower[finger.dofs] - q, q - hand.upper[finger.dofs]).max(axis=0)
+    return [(joint, float(by)) for joint, by in zip(finger.joints, beyond) if by > 1e-6]

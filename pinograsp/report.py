@@ -1,0 +1,104 @@
+"""The readable report of a run, and the tables of the command line."""
+
+from __future__ import annotations
+
+import math
+
+from pinograsp.storage import Run
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number for people: plain where that is short, scientific where it is not, a dash where there is none."""
+    if value is None:
+        return "-"
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(value)))
+    return f"{value:.{max(digits - 1 - exponent, 0)}f}" if -4 <= exponent < 6 else f"{value:.{digits - 2}e}"
+
+
+def answer(run: Run) -> list[tuple[str, str]]:
+    """The answer in a few lines: (what, value with its unit)."""
+    s = run.summary
+    forces = ", ".join(f"{name} {value:.3f}" for name, value in s["normal_forces_N"].items())
+    multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in s["multipliers"].items())
+    return [
+        ("status", s["status"]),
+        ("search", f"{s['search']}, solver {s['solver']}, {s['balance']} balance, least {s['measure']}"),
+        ("impact time t_I", f"{s['impact_time_s']:g} s"),
+        ("normal forces", f"{forces} N"),
+        ("multipliers k1, k2", multipliers),
+        ("grasp energy", f"{1e3 * s['work_J']:.3f} mJ (work), {s['impulse_Ns']:.4f} N s (impulse)"),
+        ("net force, net moment", f"{s['net_force_N']:.2e} N, {s['net_moment_Nm']:.2e} N m"),
+        ("largest penetration", f"{1e3 * s['max_penetration_m']:.3f} mm"),
+        ("peak joint torque", f"{s['peak_torque_Nm']:.4f} N m"),
+        ("postures tried", ", ".join(f"{name} {count}" for name, count in s["postures_tried"].items())),
+        ("planning time", f"{s['elapsed_s']:.3f} s"),
+    ]
+
+
+def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
+    """``report.md`` of a run. ``comparison`` holds rows of :mod:`pinograsp.cases.published`."""
+    s = run.summary
+    lines = [f"# Grasp plan: {run.settings.get('name', run.layout['hand'])}", ""]
+    lines += _table(("", ""), answer(run))
+    if s["remedy"]:
+        lines += [f"**{s['status']}**: {s['remedy']}", ""]
+    if s["balance"] == "force":
+        lines += [
+            "Forces are balanced, moments are not (force balance, as in the paper): a free object would turn. "
+            "Use `--balance wrench` for a grasp that holds.",
+            "",
+        ]
+    if s["notes"]:
+        lines += ["## Notes", "", *(f"- {note}" for note in s["notes"]), ""]
+    lines += ["## Contact forces at t_F", ""]
+    lines += _table(
+        ("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"),
+        [
+            (name, *(f"{f:.4f}" for f in force), f"{s['accelerations_m_s2'][name]:.4f}", f"{s['tracking_error_m'][name]:.1e}")
+            for name, force in s["contact_forces_N"].items()
+        ],
+    )
+    lines += [
+        "Contact frame: z into the object, x against gravity in the tangent plane, y completes it. "
+        "Forces act on the object.",
+        "",
+        "## Joint torque maxima [N m]",
+        "",
+    ]
+    lines += _table(
+        ("finger", "phase", "joints, base to tip"),
+        [
+            (finger, phase, ", ".join(number(value) for value in values))
+            for finger, phases in s["joint_torque_max_Nm"].items()
+            for phase, values in phases.items()
+        ],
+    )
+    lines += ["## Search", "", f"{s['grid']['points']:.4g} grid points, {s['grid']['cells']} cells in (t_I, A), "
+              f"{s['grid']['qp_solves']} QPs solved.", ""]  # fmt: skip
+    lines += _table(
+        ("cells rejected by", "count"), [(reason, str(count)) for reason, count in s["grid"]["rejections"].items()]
+    )
+    if comparison:
+        lines += ["## Beside the paper", ""]
+        lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(comparison))
+    if run.settings.get("assumed"):
+        lines += ["## Assumed inputs", "", *(f"- `{key}`: {why}" for key, why in run.settings["assumed"].items()), ""]
+    if figures:
+        lines += ["## Figures", "", *(f"![{name}]({name})" for name in figures), ""]
+    lines += ["Made with " + ", ".join(f"{name} {version}" for name, version in run.versions.items()) + ".", ""]
+    return "\n".join(lines)
+
+
+def comparison_rows(comparison) -> list[tuple[str, ...]]:
+    """Rows of a comparison as text: quantity, unit, paper, ours, difference, note."""
+    return [
+        (row.quantity, row.unit, number(row.published), number(row.ours), number(row.difference, 3), row.note)
+        for row in comparison
+    ]
+
+
+def _table(header, rows) -> list[str]:
+    lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
+    return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]

@@ -1,0 +1,148 @@
+"""Runs on disk: ``plan.json`` (figures and settings) and ``plan.npz`` (arrays), written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pinograsp.errors import InvalidInput, ResultsNotWritten
+
+SCHEMA = "pinograsp.plan/1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Run:
+    """A plan as data, fresh or read back: everything that reports and figures need.
+
+    Attributes:
+        summary: ``GraspPlan.summary()``. arrays: ``GraspPlan.arrays()``.
+        layout: names: ``{"hand", "joints": [...], "fingers": {name: [dof, ...]}, "contacts": [...]}``.
+        settings: the case that made it (empty for a plan made from Python). versions: packages and their versions.
+    """
+
+    summary: dict
+    arrays: dict[str, np.ndarray]
+    layout: dict
+    settings: dict
+    versions: dict
+
+
+def run_of(plan, settings: dict | None = None) -> Run:
+    """A :class:`Run` of a :class:`~pinograsp.plan.GraspPlan`."""
+    from importlib.metadata import version
+
+    packages = ("pinograsp", "pin", "qpsolvers", "numpy", *({"daqp"} if plan.forces.solver == "daqp" else ()))
+    layout = {
+        "hand": plan.hand.name,
+        "joints": list(plan.hand.joint_names),
+        "fingers": {finger.name: finger.dofs.tolist() for finger in plan.hand.fingers},
+        "contacts": list(plan.problem.contacts.names),
+    }
+    return Run(
+        summary=plan.summary(),
+        arrays=plan.arrays(),
+        layout=layout,
+        settings=settings or {},
+        versions={name: version(name) for name in packages},
+    )
+
+
+def save_run(run: Run, folder: str | Path, *, force: bool = False, extras: Callable[[Path], None] | None = None) -> Path:
+    """Write a run into ``folder``; returns it.
+
+    Everything is written into a hidden sibling first and renamed at the end, so a crash leaves nothing half-written.
+    ``extras(path)`` may add files (report, figures) before the rename.
+
+    Raises:
+        ResultsNotWritten: the folder exists and ``force`` is off, or it holds files that no run wrote, or the place
+            cannot be written.
+    """
+    folder = Path(folder)
+    check_folder(folder, force)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise ResultsNotWritten(f"cannot write next to '{folder}': {error}") from error
+    try:
+        document = {
+            "schema": SCHEMA,
+            **run.summary,
+            "layout": run.layout,
+            "settings": run.settings,
+            "versions": run.versions,
+        }
+        (staging / "plan.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        np.savez_compressed(staging / "plan.npz", **run.arrays)
+        if extras is not None:
+            extras(staging)
+        files = sorted(path.name for path in staging.iterdir())
+        (staging / "files.txt").write_text("\n".join(files) + "\n", encoding="utf-8")
+        umask = os.umask(0)
+        os.umask(umask)
+        staging.chmod(0o777 & ~umask)  # mkdtemp makes it private; results are as readable as any other folder
+        _move_into_place(staging, folder)
+    except OSError as error:
+        raise ResultsNotWritten(f"cannot write '{folder}': {error}") from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return folder
+
+
+def check_folder(folder: str | Path, force: bool) -> None:
+    """Raise :class:`ResultsNotWritten` unless a run may be written to ``folder`` (call it before long work)."""
+    folder = Path(folder)
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise ResultsNotWritten(f"'{folder}' is a file: give a folder that does not exist yet")
+    if not any(folder.iterdir()):
+        return
+    if not force:
+        raise ResultsNotWritten(f"folder '{folder}' already exists: choose another --out, or overwrite it with --force")
+    listing = folder / "files.txt"
+    ours = {*(listing.read_text(encoding="utf-8").split("\n") if listing.is_file() else ()), "files.txt"}
+    foreign = sorted(path.name for path in folder.iterdir() if path.name not in ours)
+    if foreign:
+        raise ResultsNotWritten(
+            f"folder '{folder}' holds files that no run wrote ({', '.join(foreign[:5])}): it is not overwritten, "
+            "choose another --out"
+        )
+
+
+def _move_into_place(staging: Path, folder: Path) -> None:
+    if not folder.exists():
+        staging.rename(folder)
+        return
+    retired = Path(tempfile.mkdtemp(prefix=f".{folder.name}-old-", dir=folder.parent))
+    folder.rename(retired / "run")
+    try:
+        staging.rename(folder)
+    except OSError:
+        (retired / "run").rename(folder)
+        raise
+    finally:
+        shutil.rmtree(retired, ignore_errors=True)
+
+
+def load_run(folder: str | Path) -> Run:
+    """Read a run back; :class:`InvalidInput` where the folder holds none, or one of another schema."""
+    folder = Path(folder)
+    try:
+        document = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+        with np.load(folder / "plan.npz", allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"'{folder}' holds no readable run: {error}") from error
+    schema = document.pop("schema", None)
+    if schema != SCHEMA:
+        raise InvalidInput(f"'{folder}': expected schema {SCHEMA}, got {schema}")
+    layout, settings, versions = (document.pop(name) for name in ("layout", "settings", "versions"))
+    return Run(summary=document, arrays=arrays, layout=layout, settings=settings, versions=versions)
