@@ -65,10 +65,26 @@ def plan(
 
       pinograsp plan paper --set object.mass=1.1 --set friction.mu=0.8 --json
     """
+    options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
+    try:
+        _plan(case, out, options, changes, force, as_json)
+    except PinograspError as error:
+        if as_json:
+            typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
+        raise
+
+
+def _status_of(error: PinograspError) -> str:
+    solution = getattr(error, "solution", None)
+    if solution is not None:
+        return str(solution.status)
+    return "not_reached" if isinstance(error, NoGrasp) else "invalid_input"
+
+
+def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None, force: bool, as_json: bool) -> None:
     from pinograsp.cases import load_case
     from pinograsp.storage import check_folder, run_of, save_run
 
-    options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     loaded = load_case(case, changes)
     chosen = {f"forces.{key}": value for key, value in options.items() if value is not None}
     if chosen:

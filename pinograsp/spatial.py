@@ -36,6 +36,8 @@ def tangent_frame(normal_o: np.ndarray, gravity_o: np.ndarray = (0.0, 0.0, -9.81
         length = np.linalg.norm(x)
         if length > _VANISHED:
             x /= length
+            x -= z * (z @ x)  # once more: a short projection carries the rounding of the long vectors
+            x /= np.linalg.norm(x)
             break
     return np.column_stack([x, np.cross(z, x), z])
 

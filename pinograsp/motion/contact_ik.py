@@ -103,7 +103,8 @@ def contact_postures(
 def _finger_postures(hand, finger: Finger, contacts, reference, spread, samples) -> ContactPostures:
     lower, upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
     given = reference is not None
-    reference = reference if given else np.clip(np.zeros(finger.n), lower, upper)
+    if not given:  # nothing to sample around: the whole range, in steps of a few degrees
+        reference, samples = np.clip(np.zeros(finger.n), lower, upper), max(samples, 61)
     planar = _planar_finger(hand, finger)
     if planar is not None:
         angles, points = _closed_form(hand, finger, planar, contacts, reference, spread if given else None, samples)
@@ -115,7 +116,8 @@ def _finger_postures(hand, finger: Finger, contacts, reference, spread, samples)
         raise ContactNotReached(finger.name, _why(hand, finger, contacts))
     inside = [np.all((q >= lower - _LIMIT_SLACK) & (q <= upper + _LIMIT_SLACK)) for q in angles]
     if not any(inside):
-        nearest = min(angles, key=lambda q: np.maximum(lower - q, q - upper).max())
+        beyond = [np.maximum(np.maximum(lower - q, q - upper), 0.0) for q in angles]
+        nearest = angles[min(range(len(angles)), key=lambda i: (np.sum(beyond[i] > _LIMIT_SLACK), beyond[i].max()))]
         over = [
             f"{joint} at {math.degrees(q):.1f} deg, limits {math.degrees(low):.1f}..{math.degrees(high):.1f}"
             for joint, q, low, high in zip(finger.joints, nearest, lower, upper)

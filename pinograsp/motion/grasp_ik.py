@@ -83,18 +83,22 @@ def press(
     out_q, out_dq = np.empty((m, n)), np.empty((m, n))
     jacobians, errors = np.empty((m, c, 3, n)), np.empty((m, c))
     limited: set[int] = set()
-    gain = 1 / dt if feedback else 0.0
+    # What is corrected in one step: never faster than the contact's own impact, so that a path that cannot be followed
+    # (a singular posture, too few joints) does not drive the joints wild.
+    fastest = rate.max(axis=0)[:, None]
     for i in range(m):
         points, J = chain.at(q)
         error = origins + depth[i][:, None] * normals - points
-        dq, stopped = chain.rates(q, J, rate[i][:, None] * normals + gain * error, dt)
+        correction = error / dt * (1.0 if feedback else 0.0)
+        correction *= np.minimum(1.0, fastest / np.maximum(np.linalg.norm(correction, axis=1, keepdims=True), 1e-300))
+        dq, stopped = chain.rates(q, J, rate[i][:, None] * normals + correction, dt)
         limited |= stopped
         out_q[i], out_dq[i], jacobians[i], errors[i] = q, dq, J, np.linalg.norm(error, axis=1)
         if i == m - 1:
             break
         if not euler:
             _, J = chain.at(q + dq * dt / 2)
-            dq, stopped = chain.rates(q, J, half_rate[i][:, None] * normals + gain * error, dt)
+            dq, stopped = chain.rates(q, J, half_rate[i][:, None] * normals + correction, dt)
             limited |= stopped
         q = np.clip(q + dq * dt, chain.lower, chain.upper)
     return FingerMotion(

@@ -24,9 +24,9 @@ def _phases(axes, run: Run) -> None:
     impact, end = run.summary["impact_time_s"], run.summary["final_time_s"]
     axes.axvspan(impact, end, color="0.92", zorder=0)
     axes.axvline(impact, color="0.4", linewidth=0.8)
-    top = {"transform": axes.get_xaxis_transform(), "va": "top", "fontsize": 8, "color": "0.35"}
-    axes.text(impact, 0.985, "approach ", ha="right", **top)
-    axes.text(impact, 0.985, " grasp", ha="left", **top)
+    foot = {"transform": axes.get_xaxis_transform(), "va": "bottom", "fontsize": 8, "color": "0.35"}
+    axes.text(impact, 0.01, "approach ", ha="right", **foot)
+    axes.text(impact, 0.01, " grasp", ha="left", **foot)
     axes.grid(alpha=0.3, linewidth=0.5)
     axes.set_xlabel("time [s]")
 
@@ -70,28 +70,28 @@ def joint_torques(run: Run, finger: str) -> Figure:
 def contact_forces(run: Run) -> Figure:
     """Normal forces with the net force on the object, and penetration depth, in the grasp phase (Fig. 18)."""
     impact, summary = int(run.arrays["impact"]), run.summary
-    # A tenth of the grasp phase before the impact shows where the contact begins.
-    lead = (summary["final_time_s"] - summary["impact_time_s"]) / 10
+    # A fifth of the grasp phase before the impact shows where the contact begins.
+    lead = (summary["final_time_s"] - summary["impact_time_s"]) / 5
     shown = run.arrays["times"] >= summary["impact_time_s"] - lead
     times = run.arrays["times"][shown]
-    figure = Figure(figsize=(10.4, 3.8), layout="constrained")
+    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
     labels = run.layout["contacts"]
     _lines(force, times, run.arrays["normal_forces"][shown], labels)
     # Until it is released at t_F something else carries the object: its weight counts from there.
     from_fingers = run.arrays["forces_o"].sum(axis=1)[shown]
-    force.plot(times, np.linalg.norm(from_fingers, axis=1), color="0.2", linewidth=1.2, label="sum of contact forces")
+    force.plot(times, np.linalg.norm(from_fingers, axis=1), color="0.2", linewidth=1.2, label="resultant of the contacts")
     left = np.linalg.norm(run.arrays["net_force_o"][impact:], axis=1)
     force.plot(
-        run.arrays["times"][impact:], left, color="0.55", linewidth=1.2, linestyle=(0, (1, 1)), label="net force with load"
+        run.arrays["times"][impact:], left, color="0.55", linewidth=1.2, linestyle=(0, (1, 1)), label="net force, load included"
     )
-    force.set(title="forces", ylabel="force [N]")
+    force.set(ylabel="force [N]")
     _lines(depth, times, 1e3 * run.arrays["depth"][shown], labels)
-    depth.set(title="penetration", ylabel="depth [mm]")
+    depth.set(ylabel="penetration depth [mm]")
     for axes in (force, depth):
         _phases(axes, run)
         axes.set_xlim(times[0], times[-1])
-        axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.1, 0.93))
+        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
 
 

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from pinograsp.cases import load_case
+from pinograsp.contacts import Contact, ContactSet, contacts_at
+from pinograsp.forces import ForceProblem
+from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
+from pinograsp.objects import Cylinder
+from pinograsp.spatial import pose_of, tangent_frame
+
+# The same examples every time, and no clock in the verdict.
+settings.register_profile("deterministic", derandomize=True, deadline=None)
+settings.load_profile("deterministic")
+
+# The paper's printed contact points, written out again: tests do not share the package's tables.
+POINTS = {"thumb": (-2.6e-3, -9.6e-3, 61.5e-3), "index": (4.7e-3, 8.8e-3, 71.0e-3), "middle": (1.7e-3, 9.7e-3, 50.0e-3)}
+PUBLISHED_FORCES = (9.873, 6.35, 4.7)
+
+
+@pytest.fixture(scope="session")
+def paper_case():
+    return load_case("paper")
+
+
+@pytest.fixture(scope="session")
+def hand(paper_case):
+    return paper_case.load_hand()
+
+
+@pytest.fixture(scope="session")
+def cylinder():
+    return Cylinder(radius=0.01, height=0.12, mass=1.02, pose=pose_of([0, 0, 0.06]))
+
+
+@pytest.fixture(scope="session")
+def contacts(hand, cylinder):
+    return contacts_at(hand, cylinder, POINTS)
+
+
+@pytest.fixture(scope="session")
+def make_problem(cylinder, contacts):
+    def make(**settings):
+        return ForceProblem.holding(cylinder, contacts, **{"mu": 0.7, "balance": "force", **settings})
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def final_angles():
+    return {finger: np.radians(angles) for finger, angles in FINAL_ANGLES_DEG.items()}
+
+
+@pytest.fixture(scope="session")
+def contact_set():
+    """Build contacts from points, outward directions irrelevant: (finger, link, point, normal, length) tuples."""
+
+    def make(rows, com=(0.0, 0.0, 0.0)):
+        return ContactSet(
+            contacts=tuple(
+                Contact(
+                    finger=finger,
+                    link=link,
+                    point_o=np.asarray(point, dtype=float),
+                    rotation_oc=tangent_frame(normal),
+                    length=length,
+                    distance=0.0,
+                )
+                for finger, link, point, normal, length in rows
+            ),
+            com_o=np.asarray(com, dtype=float),
+        )
+
+    return make
