@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.errors import NoGrasp, PinograspError
+from pinograsp.errors import NoGrasp, PinograspError, Status
 
 app = typer.Typer(
     add_completion=False,
@@ -72,6 +72,9 @@ def plan(
         if as_json:
             typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
         raise
+    except KeyboardInterrupt:
+        typer.echo("pinograsp: interrupted, nothing written", err=True)
+        raise typer.Exit(130) from None
 
 
 def _status_of(error: PinograspError) -> str:
@@ -162,10 +165,8 @@ def main() -> None:
         app(prog_name="pinograsp")
     except PinograspError as error:
         typer.echo(f"pinograsp: {error}", err=True)
-        raise SystemExit(3 if isinstance(error, NoGrasp) else 2) from None
-    except KeyboardInterrupt:
-        typer.echo("pinograsp: interrupted", err=True)
-        raise SystemExit(130) from None
+        interrupted = _status_of(error) == Status.INTERRUPTED
+        raise SystemExit(130 if interrupted else 3 if isinstance(error, NoGrasp) else 2) from None
 
 
 if __name__ == "__main__":

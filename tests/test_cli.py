@@ -1,0 +1,308 @@
+"""Case files and the command line: what goes in, what comes out, and what bad input gets."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
+
+from pinograsp.cases import builtin_cases, load_case
+from pinograsp.cli import app, main
+from pinograsp.errors import CaseRejected
+from pinograsp.hands.load import urdf_folder
+
+REQUIRED = {
+    "status", "impact_time_s", "normal_forces_N", "multipliers", "work_J", "impulse_Ns", "net_force_N", "net_moment_Nm",
+    "max_penetration_m", "joint_torque_max_Nm", "solver", "elapsed_s",
+}  # fmt: skip
+
+
+def run(args, folder, monkeypatch, capsys):
+    """The command in this process: (exit code, stdout, stderr)."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "argv", ["pinograsp", *args])
+    try:
+        main()
+        code = 0
+    except SystemExit as stop:
+        code = stop.code or 0
+    out = capsys.readouterr()
+    return code, out.out, out.err
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys):
+    return lambda *args: run(args, tmp_path, monkeypatch, capsys)
+
+
+def write_case(path, **changes):
+    case = load_case("paper").settings()
+    for key, value in changes.items():
+        section, _, name = key.partition("__")
+        if value is ...:
+            del case[section]
+        elif name:
+            case[section][name] = value
+        else:
+            case[section] = value
+    with path.open("w") as stream:
+        YAML(typ="safe", pure=True).dump(case, stream)
+    return path
+
+
+def test_plan_paper_as_a_newcomer_types_it(tmp_path):
+    """A real process, cold: prints the table, writes the folder, stays within time and memory."""
+    script = (
+        "import resource, sys; from pinograsp.cli import main; sys.argv = ['pinograsp', 'plan', 'paper']\n"
+        "try: main()\nexcept SystemExit as stop: assert not stop.code\n"
+        "print('peak', resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    for expected in ("Beside the paper", "impact time t_I", "9.873", "55.90", "written to runs/paper"):
+        assert expected in done.stdout
+    assert "Traceback" not in done.stderr
+    assert int(done.stdout.rsplit("peak", 1)[1]) < 500_000  # KiB
+    names = {path.name for path in (tmp_path / "runs" / "paper").iterdir()}
+    assert {"plan.json", "plan.npz", "report.md", "joint_angles.png", "contact_forces.png"} <= names
+
+
+def test_json_is_one_object_and_nothing_else(command, tmp_path):
+    code, out, err = command("plan", "paper", "--json", "--out", "a", "--set", "object.mass=0.9", "--measure", "work")
+    document = json.loads(out)
+    assert code == 0 and err == ""
+    assert set(document) >= REQUIRED
+    assert document["status"] == "ok" and document["solver"] == "daqp" and document["measure"] == "work"
+    assert set(document["normal_forces_N"]) == {"thumb", "index", "middle"}
+    assert all(len(pair) == 2 for pair in document["multipliers"].values())
+    assert document["joint_torque_max_Nm"]["thumb"].keys() == {"approach", "grasp"}
+    stored = json.loads((tmp_path / "a" / "plan.json").read_text())
+    assert stored["settings"]["object"]["mass"] == 0.9 and stored["work_J"] == document["work_J"]
+    assert stored["settings"]["forces"]["measure"] == "work"
+
+
+def test_existing_folder_needs_force(command, tmp_path):
+    assert command("plan", "paper", "--json", "--out", "a")[0] == 0
+    before = (tmp_path / "a" / "plan.json").read_bytes()
+    code, out, err = command("plan", "paper", "--out", "a")
+    assert code == 2 and "--force" in err and out == ""
+    assert (tmp_path / "a" / "plan.json").read_bytes() == before
+    assert command("plan", "paper", "--json", "--out", "a", "--force", "--balance", "wrench")[0] == 0
+    assert (tmp_path / "a" / "plan.json").read_bytes() != before
+
+
+def test_default_folders_never_collide(command, tmp_path):
+    for expected in ("paper", "paper-2"):
+        code, out, _ = command("plan", "paper", "--json")
+        assert code == 0 and json.loads(out)["folder"] == os.path.join("runs", expected)
+    assert sorted(os.listdir(tmp_path / "runs")) == ["paper", "paper-2"]
+
+
+@pytest.mark.parametrize("search", ["paper", "paper+qp", "hybrid"])
+@pytest.mark.parametrize("solver", ["daqp", "clarabel"])
+def test_searches_and_solvers(command, search, solver):
+    code, out, _ = command("plan", "paper", "--json", "--search", search, "--solver", solver)
+    document = json.loads(out)
+    assert code == 0 and document["search"] == search
+    assert document["status"] == ("unbalanced" if search == "paper+qp" else "ok")
+    assert document["solver"] == ("none" if search == "paper" else solver)
+    assert document["net_force_N"] <= (1e-9 if search == "hybrid" else 0.1)
+
+
+def test_a_case_file_of_ones_own(command, tmp_path):
+    """A URDF beside the case file, two fingers, a sphere; no table of the paper."""
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "lab" / "mine.urdf").write_text((urdf_folder() / "humanoid_hand.urdf").read_text())
+    write_case(tmp_path / "lab" / "case.yaml", name="lab", hand__source="mine.urdf", object__mass=0.5)
+    code, out, _ = command("plan", "lab/case.yaml", "--balance", "wrench")
+    assert code == 0 and "Grasp plan 'lab'" in out and "Beside the paper" not in out
+    assert json.loads((tmp_path / "runs" / "lab" / "plan.json").read_text())["settings"]["name"] == "lab"
+
+
+def test_spheres_links_and_lists_in_a_case():
+    case = load_case(
+        "paper",
+        {
+            "object": {"shape": "sphere", "radius_mm": 30, "mass": 0.2, "position_mm": [0, 0, 60]},
+            "contacts": [
+                {"finger": "index", "point_mm": [30, 0, 60], "link": "index_intermediate", "length_mm": 20},
+                {"finger": "index", "point_mm": [0, 30, 60], "link": "index_distal"},
+            ],
+            "grid.impact_times": [0.85, 0.9],
+            "forces.moment_length_mm": 30,
+        },
+    )
+    hand = case.load_hand()
+    problem = case.make_problem(hand)
+    assert problem.contacts.names == ("index/index_intermediate", "index/index_distal")
+    assert [c.length for c in problem.contacts] == [0.02, pytest.approx(0.02136)]
+    assert case.make_object().radius == 0.03 and problem.moment_length == 0.03
+    assert case.make_grid().impact_times.tolist() == [0.85, 0.9]
+
+
+BAD = {
+    "unknown case": (["nothing"], "no case 'nothing': expected a YAML file or one of: paper"),
+    "a folder": (["."], "no case '.'"),
+    "mass < 0": (["paper", "--set", "object.mass=-1"], "object.mass: Input should be greater than 0 (got -1)"),
+    "mu < 0": (["paper", "--set", "friction.mu=-0.1"], "friction.mu"),
+    "nan": (["paper", "--set", "friction.mu=.nan"], "friction.mu"),
+    "infinite": (["paper", "--set", "object.mass=.inf"], "object.mass"),
+    "text for a number": (["paper", "--set", "object.mass=heavy"], "object.mass"),
+    "crossed t_I": (["paper", "--set", "limits.impact_time=[0.95, 0.8]"], "lower bound 0.95 is above upper bound 0.8"),
+    "t_I after t_F": (["paper", "--set", "limits.final_time=0.9"], "must lie before final_time"),
+    "unknown key": (["paper", "--set", "object.mas=1"], "object.mas: unknown key"),
+    "unknown section": (["paper", "--set", "objekt.mass=1"], "objekt: unknown key"),
+    "folder is not a key": (["paper", "--set", "folder=x"], "unknown key"),
+    "key below a value": (["paper", "--set", "object.mass.unit=1"], "holds no further keys"),
+    "index out of range": (["paper", "--set", "contacts.7=1"], "below 3"),
+    "no equals sign": (["paper", "--set", "object.mass"], "expected KEY=VALUE"),
+    "broken value": (["paper", "--set", "object.mass=[1"], "not valid YAML"),
+    "unknown search": (["paper", "--search", "magic"], "forces.search"),
+    "unknown solver": (["paper", "--solver", "gurobi"], "forces.solver"),
+    "unknown balance": (["paper", "--balance", "none"], "forces.balance"),
+    "missing urdf": (["paper", "--set", "hand.source=gone.urdf"], "no such file"),
+    "unknown finger": (["paper", "--set", "contacts.0.finger=thumbb"], "did you mean 'thumb'"),
+    "finger in posture": (["paper", "--set", "motion.posture_deg.pinky=[1,2,3,4]"], "pinky"),
+    "unknown joint": (["paper", "--set", "hand.limits_deg.elbow=[0, 1]"], "elbow"),
+    "point off the surface": (["paper", "--set", "contacts.0.point_mm=[-26, -96, 61]"], "nearest surface point"),
+    "empty grid": (["paper", "--set", "grid.accelerations={start: 1, stop: 0.5, step: 0.1}"], "empty grid"),
+    "empty list": (["paper", "--set", "grid.impact_times=[]"], "empty grid"),
+    "no contacts": (["paper", "--set", "contacts=[]"], "contacts"),
+    "height of a sphere": (["paper", "--set", "object.shape=sphere"], "height_mm is needed for a cylinder"),
+    "name with a slash": (["paper", "--set", "name=../up"], "name"),
+    "gravity of two": (["paper", "--set", "gravity=[0, 1]"], "gravity"),
+    "half the links": (
+        ["paper", "--set", "contacts=[{finger: index, point_mm: [4.7, 8.8, 71], link: index_distal}, "
+         "{finger: index, point_mm: [4.7, 8.8, 71]}]"],
+        "name the link of all",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_gets_one_message_and_exit_code_2(command, tmp_path, name):
+    args, message = BAD[name]
+    code, out, err = command("plan", *args, "--out", "result")
+    assert code == 2 and out == ""
+    assert err.startswith("pinograsp: ") and message in err and "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+NO_GRASP = {
+    "infeasible load": (["--set", "object.mass=30"], "closest to balance"),
+    "no friction": (["--set", "friction.mu=0"], "no grasp found"),
+    "unreachable point": (["--set", "hand.position_mm=[300, 37, 50]"], "too far"),
+    "beyond a joint limit": (["--set", "hand.limits_deg={}"], "thumb_abduction at 130.0 deg"),
+}
+
+
+@pytest.mark.parametrize("name", NO_GRASP)
+def test_no_grasp_gets_exit_code_3(command, tmp_path, name):
+    args, message = NO_GRASP[name]
+    code, out, err = command("plan", "paper", *args, "--out", "result")
+    assert code == 3 and out == "" and message in err and "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_errors_reach_machines_too(command):
+    code, out, _ = command("plan", "paper", "--json", "--set", "object.mass=30")
+    assert code == 3 and json.loads(out)["status"] == "infeasible"
+    code, out, _ = command("plan", "paper", "--json", "--set", "hand.limits_deg={}")
+    assert code == 3 and json.loads(out)["error"] == "ContactNotReached"
+    code, out, _ = command("plan", "paper", "--json", "--set", "object.mass=-1")
+    assert code == 2 and json.loads(out)["status"] == "invalid_input"
+
+
+def test_a_motion_at_its_limit_is_written_and_said(command, tmp_path):
+    """The plan is kept for a look; the exit code says that it cannot be carried out."""
+    limits = "hand.limits_deg={thumb_abduction: [-15, 130], index_dip: [0, 30.5]}"
+    code, out, _ = command("plan", "paper", "--set", limits, "--set", "motion.spread_deg=0", "--set", "motion.samples=1")
+    assert code == 3 and "joint_limit" in out and "index_dip" in out
+    assert (tmp_path / "runs" / "paper" / "plan.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("hand: [1, 2", "not valid YAML"),
+        ("a: 1\na: 2", "not valid YAML"),
+        ("- 1\n- 2", "expected a mapping"),
+        ("", "expected a mapping"),
+        ("!!python/object/apply:os.system ['touch owned']", "not valid YAML"),
+        ("name: x", "hand: Field required"),
+        ("\x00", "not valid YAML"),
+        ("x" * 1_000_001, "at most 1000000"),
+    ],
+)
+def test_broken_case_files(command, tmp_path, text, message):
+    (tmp_path / "case.yaml").write_text(text)
+    code, _, err = command("plan", "case.yaml")
+    assert code == 2 and message in err
+    assert [path.name for path in tmp_path.iterdir()] == ["case.yaml"]
+
+
+def test_binary_case_file_and_strange_hands(command, tmp_path):
+    (tmp_path / "case.yaml").write_bytes(b"\xff\xfe\x00")
+    assert command("plan", "case.yaml")[0] == 2
+    (tmp_path / "broken.urdf").write_text("<robot>")
+    write_case(tmp_path / "case.yaml", hand__source="broken.urdf")
+    code, _, err = command("plan", "case.yaml")
+    assert code == 2 and "well-formed" in err
+    text = (urdf_folder() / "humanoid_hand.urdf").read_text()
+    start, end = text.index("<inertial>", text.index('"thumb_metacarpal"')), text.index("<visual>")
+    (tmp_path / "broken.urdf").write_text(text[:start] + text[end:])
+    code, _, err = command("plan", "case.yaml")
+    assert code == 2 and "has no <inertial>" in err
+    assert {path.name for path in tmp_path.iterdir()} == {"case.yaml", "broken.urdf"}
+
+
+def test_all_problems_of_a_case_are_named_at_once():
+    with pytest.raises(CaseRejected) as caught:
+        load_case("paper", {"object.mass": -1, "friction.mu": -1, "surprise": 1})
+    assert all(word in str(caught.value) for word in ("object.mass", "friction.mu", "surprise"))
+
+
+def test_interrupting_the_search(command, monkeypatch):
+    from pinograsp.forces import pruned
+
+    def interrupt(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pruned, "refine_multipliers", interrupt)
+    code, _, err = command("plan", "paper")
+    assert code == 130 and "interrupted" in err
+
+
+def test_interrupting_elsewhere(command, monkeypatch):
+    import pinograsp.cases.case as module
+
+    monkeypatch.setattr(module, "plan_grasp", lambda *a, **k: (_ for _ in ()).throw(KeyboardInterrupt))
+    code, _, err = command("plan", "paper")
+    assert code == 130 and "interrupted" in err and "Traceback" not in err
+
+
+def test_help_and_version():
+    runner = CliRunner()
+    text = runner.invoke(app, ["plan", "--help"]).output
+    assert "--balance" in text and "pinograsp plan paper" in text
+    assert runner.invoke(app, ["--version"]).output.startswith("pinograsp 0.")
+    assert runner.invoke(app, []).exit_code in (0, 2)
+    assert builtin_cases() == ["paper"]
+
+
+def test_module_runs_as_a_script(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "pinograsp.cli", "plan", "nothing"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2 and "no case 'nothing'" in done.stderr
+
+
+def test_package_imports_quickly_without_heavy_libraries():
+    script = "import sys, pinograsp; print(sorted(m for m in ('pinocchio', 'qpsolvers', 'matplotlib') if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,267 @@
+"""The case study end to end: published figures, the records, storage, report, figures."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import pinograsp
+from pinograsp.cases import load_case
+from pinograsp.cases.published import compare
+from pinograsp.errors import ContactNotReached, GraspInfeasible, InvalidInput, ResultsNotWritten, Status
+from pinograsp.report import comparison_rows, markdown, number
+from pinograsp.storage import check_folder, load_run, run_of, save_run
+from pinograsp.viz.figures import contact_forces, joint_angles, joint_torques, save_figures
+
+
+@pytest.fixture(scope="module")
+def plan(paper_case):
+    return paper_case.plan()
+
+
+@pytest.fixture(scope="module")
+def rows(paper_case, plan):
+    return {row.quantity: row for row in compare(paper_case, plan)}
+
+
+def test_case_study_plan(plan):
+    assert plan.status is Status.OK
+    summary = plan.summary()
+    assert summary["impact_time_s"] == 0.90
+    assert sum(summary["normal_forces_N"].values()) == pytest.approx(20.216, abs=0.005)
+    assert summary["net_force_N"] < 1e-9
+    assert summary["impulse_Ns"] == pytest.approx(2.977, abs=1e-3)
+    assert set(summary["joint_torque_max_Nm"]) == {"thumb", "index", "middle", "ring", "little"}
+    assert len(summary["joint_torque_max_Nm"]["thumb"]["grasp"]) == 4
+    json.dumps(summary, allow_nan=False)
+
+
+def test_wrench_balance_holds_moments_too(paper_case):
+    plan = load_case("paper", {"forces.balance": "wrench"}).plan()
+    assert plan.summary()["net_force_N"] < 1e-9 and plan.summary()["net_moment_Nm"] < 1e-9
+
+
+def test_table_against_the_paper(rows):
+    """Every figure of the results section, at the value the independent convex solution gives it."""
+    expected = {
+        "impact time t_I": (0.90, 0),
+        "sum of normal forces": (20.216, 0.005),
+        "net force left": (0, 1e-9),
+        "hybrid, force balance, least work: work": (55.78, 0.56),
+        "hybrid, wrench balance, least work: work": (57.09, 1.72),
+        "hybrid, force balance, least impulse: impulse": (2.977, 0.002),
+        "work at the published forces": (59.24, 0.005),
+        "impulse at the published forces": (3.081, 0.0005),
+        "QP at the published forces, mu = 0.7": (0.0801, 5e-5),
+        "QP at the published forces, mu = 0.693": (0.089, 5e-4),
+        "QP at the published forces, mu = 0.8": (0, 1e-9),
+        "latest feasible t_I (1 ms grid), force balance": (0.91877, 0.0015),
+        "latest feasible t_I (1 ms grid), wrench balance": (0.91674, 0.003),
+        "thumb: in-plane force of the published torques": (0.28 * 9.873, 0.06),
+        "index: in-plane force of the published torques": (0.29 * 6.35, 0.12),
+        "middle: in-plane force of the published torques": (0.21 * 4.7, 0.06),
+    }
+    for quantity, (value, within) in expected.items():
+        assert rows[quantity].ours == pytest.approx(value, abs=within), quantity
+    assert rows["the paper's grid search: net force"].ours <= 0.1
+    # Gravity and inertia alone: the published order of magnitude.
+    for joint in ("thumb_abduction", "thumb_cmc", "thumb_mcp", "thumb_ip", "index_abduction", "index_mcp"):
+        row = rows[f"approach torque {joint}"]
+        assert 0.5 < row.ours / row.published < 2
+    assert rows["energy, not optimised (MSC.Adams)"].difference is None
+    assert rows["normal force thumb"].difference == pytest.approx(rows["normal force thumb"].ours - 9.873)
+
+
+def test_comparison_says_so_where_there_is_no_grasp(paper_case):
+    coarse = load_case("paper", {"grid.accelerations": [0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7]})
+    table = {row.quantity: row for row in compare(coarse, coarse.plan())}
+    assert table["hybrid, wrench balance, least work"].note == "no grasp on this grid"
+
+
+def test_public_names_plan_a_grasp_in_ten_lines(paper_case):
+    hand = pinograsp.load_hand("humanoid", pose=paper_case.load_hand().pose, limits={"thumb_abduction": (-0.3, 2.3)})
+    pen = pinograsp.Cylinder(radius=0.01, height=0.12, mass=0.5, pose=paper_case.make_object().pose)
+    points = {"thumb": [-2.6e-3, -9.6e-3, 61.5e-3], "index": [4.7e-3, 8.8e-3, 71e-3], "middle": [1.7e-3, 9.7e-3, 50e-3]}
+    problem = pinograsp.ForceProblem.holding(pen, pinograsp.contacts_at(hand, pen, points), mu=0.7)
+    plan = pinograsp.plan_grasp(hand, problem)
+    assert plan.status is Status.OK and plan.forces.net_moment < 1e-9
+
+
+def test_infeasible_loads_raise_with_the_histogram(paper_case):
+    with pytest.raises(GraspInfeasible, match="closest to balance") as caught:
+        load_case("paper", {"object.mass": 50.0}).plan()
+    assert caught.value.solution.status is Status.INFEASIBLE
+    with pytest.raises(ContactNotReached):
+        load_case("paper", {"hand.limits_deg": {}}).plan()
+
+
+def test_status_remedies():
+    for status in Status:
+        assert bool(status.remedy) == (status is not Status.OK)
+        assert str(status) == status.value
+
+
+# -- storage -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run(plan, paper_case):
+    return run_of(plan, paper_case.settings())
+
+
+def test_a_run_comes_back_as_it_was(run, tmp_path):
+    folder = save_run(run, tmp_path / "a" / "run")
+    back = load_run(folder)
+    assert back.summary == run.summary and back.layout == run.layout and back.versions == run.versions
+    assert back.settings == json.loads(json.dumps(run.settings))
+    assert set(back.arrays) == set(run.arrays)
+    for name, array in run.arrays.items():
+        assert np.array_equal(back.arrays[name], array)
+    assert json.loads((folder / "plan.json").read_text())["schema"] == "pinograsp.plan/1"
+    assert os.listdir(folder.parent) == ["run"]
+
+
+def test_stored_arrays_are_consistent(run):
+    a = run.arrays
+    m = a["times"].size
+    assert a["q"].shape == a["torques"].shape == (m, 20) and a["forces_o"].shape == (m, 3, 3)
+    normal = np.einsum("mkx,kx->mk", a["forces_o"], a["rotations_oc"][:, :, 2])
+    assert np.allclose(normal, a["normal_forces"])
+    assert np.linalg.norm(a["net_force_o"][-1]) < 1e-9
+    assert np.allclose(a["depth"][-1], np.gradient(a["depth"], a["times"], axis=0)[-1] * 0 + a["depth"].max(axis=0))
+
+
+def test_settings_are_echoed_and_make_the_same_plan(run, tmp_path):
+    from ruamel.yaml import YAML
+
+    path = tmp_path / "again.yaml"
+    with path.open("w") as stream:
+        YAML(typ="safe", pure=True).dump(run.settings, stream)
+    again = load_case(path).plan().summary()
+    for key in ("normal_forces_N", "multipliers", "work_J", "joint_torque_max_Nm"):
+        assert again[key] == run.summary[key]
+
+
+def test_existing_folders_are_kept(run, tmp_path):
+    folder = save_run(run, tmp_path / "run")
+    before = (folder / "plan.json").read_bytes()
+    with pytest.raises(ResultsNotWritten, match="--force"):
+        save_run(run, folder)
+    assert (folder / "plan.json").read_bytes() == before
+    save_run(replace(run, summary={**run.summary, "status": "again"}), folder, force=True)
+    assert load_run(folder).summary["status"] == "again"
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(ResultsNotWritten, match=r"notes\.txt"):
+        save_run(run, folder, force=True)
+    assert (folder / "notes.txt").read_text() == "mine"
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultsNotWritten, match="is a file"):
+        check_folder(tmp_path / "file", force=True)
+    (tmp_path / "empty").mkdir()
+    check_folder(tmp_path / "empty", force=False)
+
+
+def test_a_crash_leaves_nothing_behind(run, tmp_path):
+    def crash(path):
+        (path / "half.png").write_text("half")
+        raise RuntimeError("no space")
+
+    with pytest.raises(RuntimeError):
+        save_run(run, tmp_path / "run", extras=crash)
+    assert list(tmp_path.iterdir()) == []
+    folder = save_run(run, tmp_path / "kept")
+    with pytest.raises(RuntimeError):
+        save_run(run, folder, force=True, extras=crash)
+    assert load_run(folder).summary == run.summary
+    assert [p.name for p in tmp_path.iterdir()] == ["kept"]
+
+
+def test_an_earlier_run_survives_a_failed_rename(run, tmp_path, monkeypatch):
+    folder = save_run(run, tmp_path / "run")
+    from pathlib import Path
+
+    real = Path.rename
+
+    def rename(self, target):
+        if Path(target) == folder and self.name != "run":
+            raise OSError("disk full")
+        return real(self, target)
+
+    monkeypatch.setattr(Path, "rename", rename)
+    with pytest.raises(ResultsNotWritten, match="disk full"):
+        save_run(run, folder, force=True)
+    monkeypatch.undo()
+    assert load_run(folder).summary == run.summary
+
+
+def test_unwritable_places_and_foreign_folders(run, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultsNotWritten):
+        save_run(run, tmp_path / "file" / "run")
+    with pytest.raises(InvalidInput, match="no readable run"):
+        load_run(tmp_path)
+    folder = save_run(run, tmp_path / "run")
+    document = json.loads((folder / "plan.json").read_text())
+    (folder / "plan.json").write_text(json.dumps({**document, "schema": "pinograsp.plan/99"}))
+    with pytest.raises(InvalidInput, match="expected schema"):
+        load_run(folder)
+
+
+# -- report and figures ------------------------------------------------------------------------------------------------
+
+
+def test_report_reads_well(run, rows):
+    text = markdown(run, rows.values(), ["joint_angles.png"])
+    for expected in (
+        "| status | ok |", "thumb 9.803", "## Notes", "limits of thumb_abduction set to -15..130", "moments are not",
+        "55.90", "## Assumed inputs", "`friction.mu`", "![joint_angles.png](joint_angles.png)", "Eq. 13a",
+    ):  # fmt: skip
+        assert expected in text, expected
+    assert "nan" not in text.lower().replace("finance", "")
+    widths = {}
+    for line in text.splitlines():
+        if line.startswith("|"):
+            widths.setdefault(line.count("|"), line)
+    assert set(widths) <= {3, 4, 7}
+    unbalanced = replace(run, summary={**run.summary, "status": "unbalanced", "remedy": "Raise mu.", "balance": "wrench"})
+    assert "**unbalanced**: Raise mu." in markdown(unbalanced) and "moments are not" not in markdown(unbalanced)
+
+
+def test_numbers_for_people():
+    assert [number(v) for v in (None, 0, 0.9, 20.2156, 8.45e-14, 123456.7, 1e9, -0.0695)] == [
+        "-", "0", "0.9000", "20.22", "8.45e-14", "123457", "1.00e+09", "-0.06950",
+    ]  # fmt: skip
+
+
+def test_comparison_rows_are_text(rows):
+    assert all(isinstance(cell, str) for row in comparison_rows(rows.values()) for cell in row)
+
+
+def test_figures_show_what_was_planned(run, tmp_path):
+    figure = joint_angles(run)
+    assert [axes.get_title() for axes in figure.axes] == ["thumb", "index", "middle"]
+    drawn = figure.axes[0].lines[0].get_ydata()
+    assert drawn[-1] == pytest.approx(130) and len(figure.axes[0].lines) == 5  # four joints and the impact
+    torques = joint_torques(run, "index")
+    assert torques.axes[1].get_xlim()[1] == pytest.approx(0.9)
+    forces = contact_forces(run)
+    labels = [line.get_label() for line in forces.axes[0].lines]
+    assert labels[:3] == ["thumb", "index", "middle"] and "net force, load included" in labels
+    assert forces.axes[0].lines[0].get_ydata()[-1] == pytest.approx(run.summary["normal_forces_N"]["thumb"])
+    assert forces.axes[1].lines[0].get_ydata()[-1] == pytest.approx(1e3 * run.summary["max_penetration_m"])
+    paths = save_figures(run, tmp_path)
+    assert [path.name for path in paths] == [
+        "joint_angles.png", "torques_thumb.png", "torques_index.png", "torques_middle.png", "contact_forces.png",
+    ]  # fmt: skip
+    for path in paths:
+        assert np.std(imread(path)[:, :, :3]) > 0.02  # not blank
+
+
+def test_figures_come_from_a_stored_run_too(run, tmp_path):
+    save_run(run, tmp_path / "run")
+    assert len(save_figures(load_run(tmp_path / "run"), tmp_path)) == 5
