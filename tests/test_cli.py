@@ -302,7 +302,7 @@ def test_module_runs_as_a_script(tmp_path):
     assert done.returncode == 2 and "no case 'nothing'" in done.stderr
 
 
-def test_package_imports_quickly_without_heavy_libraries():
+def test_package_imports_quickly_without_heavy_libraries(tmp_path):
     script = "import sys, pinograsp; print(sorted(m for m in ('pinocchio', 'qpsolvers', 'matplotlib') if m in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.stdout.strip() == "[]"
