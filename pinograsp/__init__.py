@@ -8,9 +8,14 @@ from importlib import import_module
 _HOMES = {
     "pinograsp.hands": ("HandModel", "load_hand"),
     "pinograsp.objects": ("Cylinder", "Sphere"),
-    "pinograsp.contacts": ("Compliance", "Contact", "ContactSet", "PenetrationProfile", "contacts_at"),
-    "pinograsp.forces": ("ForceProblem", "ForceSolution", "GridSpec", "grid_search", "refine_multipliers"),
-    "pinograsp.motion": ("MotionSpec", "contact_postures", "plan_motion"),
+    "pinograsp.contacts": (
+        "Compliance", "Contact", "ContactSet", "DecelerationShape", "Friction", "PenetrationProfile", "contacts_at",
+    ),  # fmt: skip
+    "pinograsp.forces": (
+        "ForceProblem", "ForceSolution", "GridSpec", "TorqueLimits", "diagnose", "grid_search", "optimize_forces",
+        "refine_multipliers",
+    ),  # fmt: skip
+    "pinograsp.motion": ("MotionSpec", "contact_postures", "plan_motion", "torque_limits"),
     "pinograsp.plan": ("GraspPlan", "plan_grasp"),
     "pinograsp.cases": ("load_case",),
     "pinograsp.storage": ("load_run", "run_of", "save_run"),

@@ -15,13 +15,10 @@ from tqdm import tqdm
 
 from pinograsp.checks import array_of, number, read_only
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.problem import BY_ACCELERATION, BY_DEPTH, BY_SPEED, ForceProblem
 from pinograsp.forces.solution import ForceSolution
 
 BY_TIME = "impact time range (Eq. 14)"
-BY_ACCELERATION = "deceleration range (Eq. 13c)"
-BY_SPEED = "impact speed (Eq. 13b)"
-BY_DEPTH = "penetration depth (Eq. 13a)"
 BY_BALANCE = "balance, whatever the multipliers (Eqs. 15, 16)"
 BY_LATTICE = "balance on the multiplier grid (Eqs. 15, 27)"
 BY_MEASURE = "measure above the optimum (Eq. 12)"
@@ -106,8 +103,8 @@ def tabulate(problem: ForceProblem, grid: GridSpec) -> tuple[list[TimeTable], di
         tests = {
             BY_ACCELERATION: (A >= problem.acceleration_range[0] / _ROUNDING)
             & (A <= problem.acceleration_range[1] * _ROUNDING),
-            BY_SPEED: A * tau <= problem.max_speed * _ROUNDING,
-            BY_DEPTH: A * tau**2 / 2 <= problem.max_depth * _ROUNDING,
+            BY_SPEED: problem.shape.speed_factor * A * tau <= problem.max_speed * _ROUNDING,
+            BY_DEPTH: problem.shape.depth_factor * A * tau**2 <= problem.max_depth * _ROUNDING,
         }
         passing = np.ones(A.size, dtype=bool)
         for reason, test in tests.items():

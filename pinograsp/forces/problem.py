@@ -7,12 +7,65 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pinograsp.checks import array_of, number, one_of, read_only
-from pinograsp.contacts import Compliance, ContactSet, impulse_energy, work_energy
+from pinograsp.contacts import (
+    Compliance,
+    ContactSet,
+    DecelerationShape,
+    Friction,
+    energy_terms,
+    impulse_energy,
+    work_energy,
+)
 from pinograsp.errors import InvalidInput
 
 BALANCES = ("wrench", "force")
 MEASURES = ("impulse", "work")
 _ENERGIES = {"impulse": impulse_energy, "work": work_energy}
+
+BY_ACCELERATION = "deceleration range (Eq. 13c)"
+BY_SPEED = "impact speed (Eq. 13b)"
+BY_DEPTH = "penetration depth (Eq. 13a)"
+BY_CAP = "largest normal force of the contact"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TorqueLimits:
+    """What the joints can bear while they hold: |bias + J^T f| <= limit, f being the forces on the object.
+
+    Attributes:
+        jacobian: (k, 6, n) of each contact point, linear velocity first, world axes (``LOCAL_WORLD_ALIGNED``).
+        bias: torque without contact at that posture (n,) [N m], gravity as a rule.
+        limit: largest |torque| (n,) [N m]; infinity: none.
+        joints: names (n,).
+    """
+
+    jacobian: np.ndarray
+    bias: np.ndarray
+    limit: np.ndarray
+    joints: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
+        n = jacobian.shape[2]
+        limit = np.array(self.limit, dtype=float)
+        if limit.shape != (n,) or not np.all(limit > 0):
+            raise InvalidInput(
+                f"torque limits: expected {n} values > 0 [N m] (infinity where a joint has none), got {limit.tolist()}; "
+                "a hand description without effort limits needs limit=..."
+            )
+        if self.joints and len(self.joints) != n:
+            raise InvalidInput(f"torque limits: expected {n} joint names, got {len(self.joints)}")
+        object.__setattr__(self, "jacobian", jacobian)
+        object.__setattr__(self, "bias", array_of("bias torques", self.bias, (n,)))
+        object.__setattr__(self, "limit", read_only(limit))
+        object.__setattr__(self, "joints", tuple(self.joints) or tuple(f"joint {j + 1}" for j in range(n)))
+
+    def torques(self, forces_o, moments_o=None) -> np.ndarray:
+        """Joint torques (n,) [N m] under forces on the object (k, 3) [N] and moments (k, 3) [N m], world axes."""
+        tau = self.bias + np.einsum("kxn,kx->n", self.jacobian[:, :3], np.asarray(forces_o, dtype=float))
+        if moments_o is not None:
+            tau += np.einsum("kxn,kx->n", self.jacobian[:, 3:], np.asarray(moments_o, dtype=float))
+        return tau
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,6 +85,10 @@ class ForceProblem:
         moment_length: moments are divided by it so that they compare with forces [m]; default: the mean distance of
             the contacts from the centre of mass.
         gravity_o: gravity (3,) [m/s^2]; it acts on the hand too, when joint torques are computed.
+        friction: the friction model with its safety factor; the grids need the paper's pyramid.
+        max_normal_force: caps on F_n (k,) [N] besides what the penetration allows; a number applies to all.
+        torques: what the joints can bear, or None.
+        shape: of the deceleration over the grasp phase; constant by default, as in the paper.
     """
 
     contacts: ContactSet
@@ -47,6 +104,11 @@ class ForceProblem:
     max_depth: float = 5e-3
     moment_length: float | None = None
     gravity_o: np.ndarray = (0.0, 0.0, -9.81)
+    friction: Friction = field(default_factory=Friction)
+    max_normal_force: np.ndarray | None = None
+    torques: TorqueLimits | None = None
+    shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
+    _assembled: dict = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self):
         def put(name, value):
@@ -70,6 +132,16 @@ class ForceProblem:
         put("acceleration_range", _range("acceleration range", self.acceleration_range, "m/s^2", above=0))
         put("max_speed", number("maximum speed", self.max_speed, above=0, unit="m/s"))
         put("max_depth", number("maximum depth", self.max_depth, above=0, unit="m"))
+        if not isinstance(self.friction, Friction):
+            raise InvalidInput(f"friction: expected a Friction, got {self.friction!r}")
+        if self.max_normal_force is not None:
+            cap = self.max_normal_force
+            cap = array_of("largest normal forces", np.broadcast_to(cap, (k,)) if np.ndim(cap) == 0 else cap, (k,))
+            if np.any(cap <= 0):
+                raise InvalidInput(f"largest normal forces: expected values > 0 [N], got {cap.tolist()}")
+            put("max_normal_force", cap)
+        if self.torques is not None and len(self.torques.jacobian) != k:
+            raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
         if self.moment_length is None:
             mean = float(np.linalg.norm(self.contacts.points_o - self.contacts.com_o, axis=1).mean())
             put("moment_length", mean if mean > 0 else 1.0)
@@ -95,15 +167,17 @@ class ForceProblem:
 
     @property
     def pyramid(self) -> np.ndarray:
-        """mu / sqrt(2) (k,): half-width of the inscribed friction pyramid per unit normal force (Eq. 16)."""
-        return self.mu / np.sqrt(2)
+        """mu / (safety sqrt(2)) (k,): half-width of the inscribed friction pyramid per newton of F_n (Eq. 16)."""
+        return self.mu / (self.friction.safety * np.sqrt(2))
 
     @property
     def scaled_columns(self) -> np.ndarray:
         """Grasp map with moments divided by ``moment_length``: (rows, k, 3), columns per contact x, y, z [-]."""
-        G = np.array(self.contacts.G)
-        G[3:] /= self.moment_length
-        return read_only(G[: self.rows].reshape(self.rows, self.k, 3))
+        if "columns" not in self._assembled:
+            G = np.array(self.contacts.G)
+            G[3:] /= self.moment_length
+            self._assembled["columns"] = read_only(G[: self.rows].reshape(self.rows, self.k, 3))
+        return self._assembled["columns"]
 
     @property
     def scaled_load(self) -> np.ndarray:
@@ -112,17 +186,56 @@ class ForceProblem:
 
     def normal_force(self, acceleration, impact_time: float) -> np.ndarray:
         """F_n at t_F [N] for decelerations A [m/s^2] and an impact at t_I [s] (Eq. 26)."""
-        depth = np.asarray(acceleration, dtype=float) / 2 * (self.final_time - impact_time) ** 2
+        tau = self.final_time - impact_time
+        depth = np.asarray(acceleration, dtype=float) * (self.shape.depth_factor * tau**2)
         return self.compliance.normal_force(depth)
 
     def acceleration(self, normal_force, impact_time: float) -> np.ndarray:
         """Deceleration A [m/s^2] that ends at these normal forces [N]: Eq. (26) solved for A."""
-        return 2 * self.compliance.depth(normal_force) / (self.final_time - impact_time) ** 2
+        tau = self.final_time - impact_time
+        return self.compliance.depth(normal_force) / (self.shape.depth_factor * tau**2)
+
+    def checked_impact_time(self, impact_time) -> float:
+        """``impact_time`` as a number [s] below the final time, or :class:`InvalidInput`."""
+        impact_time = number("impact time t_I", impact_time, at_least=0, unit="s")
+        if impact_time >= self.final_time:
+            raise InvalidInput(f"impact time t_I: expected below the final time {self.final_time:g} s, got {impact_time:g} s")
+        return impact_time
+
+    def normal_force_range(self, impact_time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest F_n at t_F (k,), (k,) [N] that Eqs. (13) and the caps allow for an impact at t_I [s]."""
+        low, high, _ = self._range_at(impact_time)
+        cap = self.max_normal_force
+        return np.full(self.k, low), np.full(self.k, high) if cap is None else np.minimum(cap, high)
+
+    def binding_bound(self, impact_time: float, contact: int) -> str:
+        """Which limit sets the largest F_n of a contact at t_I [s]: a name of Eqs. (13), or the contact's cap."""
+        _, high, reason = self._range_at(impact_time)
+        capped = self.max_normal_force is not None and self.max_normal_force[contact] < high
+        return BY_CAP if capped else reason
+
+    def _range_at(self, impact_time: float) -> tuple[float, float, str]:
+        tau = self.final_time - impact_time
+        depth = self.shape.depth_factor * tau**2
+        limits = {
+            BY_ACCELERATION: self.acceleration_range[1] * depth,
+            BY_SPEED: self.max_speed / (self.shape.speed_factor * tau) * depth,
+            BY_DEPTH: self.max_depth,
+        }
+        reason = min(limits, key=limits.get)
+        K, rho = self.compliance.stiffness, self.compliance.exponent
+        return K * (self.acceleration_range[0] * depth) ** rho, K * limits[reason] ** rho, reason
+
+    def energy_terms(self, impact_time: float, measure: str | None = None) -> tuple[tuple[float, float], ...]:
+        """The measure as a sum of powers of F_n: (coefficient, exponent) pairs, in the measure's unit."""
+        name = one_of("measure", measure or self.measure, MEASURES)
+        return energy_terms(self.compliance, name, self.final_time - impact_time, self.shape)
 
     def energy(self, normal_force, impact_time: float, measure: str | None = None) -> np.ndarray:
         """Grasp energy per contact for final normal forces [N] and an impact at t_I [s]; in the measure's unit."""
         energy = _ENERGIES[one_of("measure", measure or self.measure, MEASURES)]
-        return energy(self.compliance, self.compliance.depth(normal_force), self.final_time - impact_time)
+        depth = self.compliance.depth(normal_force)
+        return energy(self.compliance, depth, self.final_time - impact_time, self.shape)
 
     def forces(self, normal_force, multipliers) -> np.ndarray:
         """Contact forces f_c (k, 3) [N] from normal forces (k,) and multipliers (k, 2) (Eqs. 27, 28)."""
@@ -130,9 +243,15 @@ class ForceProblem:
         tangential = np.asarray(multipliers, dtype=float) * (self.pyramid * normal_force)[:, None]
         return np.column_stack([tangential, normal_force])
 
-    def residual(self, forces_c) -> np.ndarray:
-        """Net wrench (6,) on the object, load included [N, N m]: zero at equilibrium (Eq. 15)."""
-        return self.contacts.G @ np.asarray(forces_c, dtype=float).ravel() + self.load
+    def residual(self, forces_c, torsion=None) -> np.ndarray:
+        """Net wrench (6,) on the object, load included [N, N m]: zero at equilibrium (Eq. 15).
+
+        ``forces_c`` (k, 3) [N]; ``torsion`` (k,) [N m], moments about the contact normals (soft fingers).
+        """
+        wrench = self.contacts.G @ np.asarray(forces_c, dtype=float).ravel() + self.load
+        if torsion is not None:
+            wrench[3:] += np.asarray(torsion, dtype=float) @ self.contacts.rotations_oc[:, :, 2]
+        return wrench
 
     def scaled_norm(self, wrench) -> float:
         """Norm [N] of a wrench (6,) in the balance rows, moments divided by ``moment_length``."""

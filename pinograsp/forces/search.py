@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 
 from pinograsp.checks import one_of
-from pinograsp.errors import Status
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.grid import GridSpec, brute_force
 from pinograsp.forces.multipliers import refine_multipliers
 from pinograsp.forces.problem import ForceProblem
@@ -47,6 +47,11 @@ def grid_search(
     """
     one_of("search", search, SEARCHES)
     one_of("method", method, METHODS)
+    if not problem.friction.is_paper or problem.max_normal_force is not None or problem.torques is not None:
+        raise InvalidInput(
+            "grid search: expected the paper's friction pyramid, no caps on F_n and no torque limits; for these use "
+            "optimize_forces or optimize_grasp (search='convex')"
+        )
     grid = GridSpec() if grid is None else grid
     if search == "hybrid":
         return hybrid_search(problem, grid, solver=solver, progress=progress)

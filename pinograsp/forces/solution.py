@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pinograsp.checks import read_only
 from pinograsp.contacts import PenetrationProfile
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
+
+if TYPE_CHECKING:
+    from pinograsp.forces.global_optimum import Branch
+    from pinograsp.forces.infeasibility import Infeasibility
+    from pinograsp.forces.optimize import Certificate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -16,8 +23,9 @@ class ForceSolution:
     """Optimal contact forces, or why there are none.
 
     Attributes:
-        status: ``OK``, ``INFEASIBLE`` (no point of the grid is admissible), ``INACCURATE`` or ``INTERRUPTED``.
-        problem: what was solved. search: ``"paper"``, ``"paper+qp"`` or ``"hybrid"``. solver: QP solver, "" if none ran.
+        status: ``OK``, ``INFEASIBLE`` (no admissible forces, or no point of the grid), ``INACCURATE`` or ``INTERRUPTED``.
+        problem: what was solved. search: ``"paper"``, ``"paper+qp"``, ``"hybrid"`` or ``"convex"``. solver: which one ran,
+            "" if none did.
         impact_time: t_I [s], None without a solution.
         acceleration: A (k,) [m/s^2]. multipliers: (k1, k2) (k, 2). forces_c: contact forces (k, 3) [N].
             All empty without a solution.
@@ -27,6 +35,10 @@ class ForceSolution:
             half-spaces learnt from them.
         rejections: cells rejected, by constraint; they and the optimum add up to ``cells``.
         elapsed: [s].
+        torsion: moments about the contact normals (k,) [N m] (soft fingers), zeros otherwise.
+        objective: of a convex search, ``{name: weight}``. certificate: its proof of optimality.
+        infeasibility: its proof that there are no forces.
+        branches: of a global search over t_I, its log: one row per interval.
     """
 
     status: Status
@@ -38,13 +50,18 @@ class ForceSolution:
     multipliers: np.ndarray
     forces_c: np.ndarray
     net_wrench: np.ndarray
-    lower_bound: float
-    points: int
-    cells: int
-    qp_solves: int
-    cuts: int
-    rejections: dict[str, int]
     elapsed: float
+    lower_bound: float = 0.0
+    points: int = 0
+    cells: int = 0
+    qp_solves: int = 0
+    cuts: int = 0
+    rejections: dict[str, int] = field(default_factory=dict)
+    torsion: np.ndarray = field(default_factory=lambda: read_only(np.zeros(0)))
+    objective: dict[str, float] = field(default_factory=dict)
+    certificate: Certificate | None = None
+    infeasibility: Infeasibility | None = None
+    branches: tuple[Branch, ...] = ()
 
     @property
     def found(self) -> bool:
@@ -67,7 +84,10 @@ class ForceSolution:
         if self.impact_time is None:
             raise InvalidInput("this search found no forces: there is no penetration profile (see rejections)")
         return PenetrationProfile(
-            acceleration=self.acceleration, impact_time=self.impact_time, final_time=self.problem.final_time
+            acceleration=self.acceleration,
+            impact_time=self.impact_time,
+            final_time=self.problem.final_time,
+            shape=self.problem.shape,
         )
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 
+import daqp
 import numpy as np
 import qpsolvers
 
@@ -35,3 +36,37 @@ def solve_qp(solver: str, P, q, A=None, b=None, lb=None, ub=None) -> np.ndarray 
         x = qpsolvers.solve_qp(P, q, A=A, b=b, lb=lb, ub=ub, solver=solver, **TOLERANCES[solver])
     # proxsuite and piqp hand out views of their own memory.
     return None if x is None or not np.all(np.isfinite(x)) else np.array(x)
+
+
+def solve_rows(solver: str, H, f, C, lower, upper, equalities: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """min 1/2 x'H x + f'x subject to lower <= (x, C x) <= upper: primal x and multipliers, or None.
+
+    The bounds start with those of the n variables; the last ``equalities`` rows of C are equalities. Multipliers (one per
+    bound) are positive at an upper bound, negative at a lower one: H x + f + lam_x + C' lam_rows = 0.
+    DAQP is called through its own interface: qpsolvers' conversion costs as much as the solve.
+    """
+    n, rows = len(f), len(C)
+    if solver == "daqp":
+        sense = np.zeros(n + rows, dtype=np.int32)
+        sense[n + rows - equalities :] = 5
+        x, _, flag, info = daqp.solve(H, f, C, upper, lower, sense, primal_tol=1e-11, dual_tol=1e-11, eps_prox=0.0)
+        return (x, info["lam"]) if flag > 0 and np.isfinite(x).all() else None
+    split = rows - equalities
+    low, high = np.isfinite(lower[n : n + split]), np.isfinite(upper[n : n + split])
+    G = np.vstack([C[:split][high], -C[:split][low]])
+    h = np.concatenate([upper[n : n + split][high], -lower[n : n + split][low]])
+    problem = qpsolvers.Problem(
+        H, f, G, h, C[split:], upper[n + split :], lower[:n], upper[:n]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = qpsolvers.solve_problem(problem, solver=solver, **TOLERANCES[solver])
+    if found.x is None or not np.all(np.isfinite(found.x)):
+        return None
+    lam = np.zeros(n + rows)
+    lam[:n] = found.z_box
+    inner, count = lam[n : n + split], int(high.sum())
+    inner[high] += found.z[:count]
+    inner[low] -= found.z[count:]
+    lam[n + split :] = found.y
+    return np.array(found.x), lam

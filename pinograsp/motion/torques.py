@@ -6,8 +6,11 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import array_of
+from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
+from pinograsp.forces import TorqueLimits
 from pinograsp.hands import HandModel
+from pinograsp.motion.jacobian import point_jacobian
 
 
 def inverse_dynamics(hand: HandModel, q, dq, ddq, *, gravity_o=(0.0, 0.0, -9.81)) -> np.ndarray:
@@ -28,3 +31,37 @@ def inverse_dynamics(hand: HandModel, q, dq, ddq, *, gravity_o=(0.0, 0.0, -9.81)
 def contact_torques(jacobians, forces_o) -> np.ndarray:
     """Sum over contacts of J^T f (m, n) [N m] from contact Jacobians (m, c, 3, n) and forces on the object (m, c, 3)."""
     return np.einsum("mcxn,mcx->mn", jacobians, forces_o)
+
+
+def torque_limits(
+    hand: HandModel, contacts: ContactSet, q, *, limit=None, gravity_o=(0.0, 0.0, -9.81)
+) -> TorqueLimits:
+    """What the joints of ``hand`` can bear while holding still at ``q`` (n,) [rad]: for ``ForceProblem(torques=...)``.
+
+    Each contact point is taken as a point of its link at ``q``; gravity torques are the bias.
+
+    Args:
+        hand, contacts, q: the posture at which the contacts' links touch the object.
+        limit: largest |torque| per joint (n,) [N m] (a number applies to all); default: the hand's effort limits.
+        gravity_o: gravity (3,) [m/s^2].
+
+    Raises:
+        InvalidInput: contacts without links, or effort limits that are missing (zero).
+    """
+    model = hand.model.copy()
+    model.gravity.linear = array_of("gravity", gravity_o, (3,))
+    q = array_of("q", q, (hand.n,))
+    limit = hand.effort if limit is None else np.broadcast_to(np.asarray(limit, dtype=float), (hand.n,))
+    data = model.createData()
+    bias = pin.computeGeneralizedGravity(model, data, q)
+    pin.computeJointJacobians(model, data, q)
+    jacobian = np.zeros((len(contacts), 6, hand.n))
+    for i, contact in enumerate(contacts):
+        if not contact.link:
+            raise InvalidInput("torque limits: expected contacts of a hand; these were made without one (hand=None)")
+        finger = hand.finger(contact.finger)
+        joint = finger.joint_ids[finger.links.index(contact.link)]
+        point = data.oMi[joint].actInv(contact.point_o)
+        jacobian[i, :3] = point_jacobian(model, data, joint, point)
+        jacobian[i, 3:] = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)[3:]
+    return TorqueLimits(jacobian=jacobian, bias=bias, limit=limit, joints=hand.joint_names)

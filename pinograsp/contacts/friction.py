@@ -1,0 +1,131 @@
+"""Friction models: what a contact can give tangentially, and about its normal, per newton of normal force.
+
+Every model is a convex set U of scaled tangential forces u = (u_x, u_y[, u_t]): a contact with normal force F_n gives
+f_x = mu u_x, f_y = mu u_y and the torsional moment m = torsion u_t with u in F_n U.
+
+- ``"pyramid"``: U is the regular polygon with ``edges`` vertices on the unit circle, so the pyramid is inscribed in the
+  cone. Four edges are the paper's pyramid, |f_x|, |f_y| <= mu F_n / sqrt(2) (Eq. 16).
+- ``"cone"``: U is the unit disc, Coulomb's exact second-order cone.
+- ``"soft"``: U is the unit ball: soft finger with the elliptic limit (f_x^2 + f_y^2) / mu^2 + m^2 / torsion^2 <= F_n^2
+  (Howe and Cutkosky, 1996). With ``torsion > 0`` the other two models get the plain limit |m| <= torsion F_n.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import number, one_of, read_only
+from pinograsp.errors import InvalidInput
+
+FRICTION_MODELS = ("pyramid", "cone", "soft")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Friction:
+    """A friction model; the coefficient mu belongs to each contact of the problem.
+
+    Attributes:
+        model: ``"pyramid"``, ``"cone"`` or ``"soft"``.
+        edges: edges of the pyramid, even, at least 4; it is inscribed in the cone.
+        torsion: largest torsional moment per newton of normal force [m]; 0: none.
+        safety: friction is used up to mu / safety and torsion / safety [-].
+    """
+
+    model: str = "pyramid"
+    edges: int = 4
+    torsion: float = 0.0
+    safety: float = 1.0
+
+    def __post_init__(self):
+        one_of("friction model", self.model, FRICTION_MODELS)
+        if not isinstance(self.edges, int | np.integer) or self.edges < 4 or self.edges % 2:
+            raise InvalidInput(f"friction edges: expected an even integer >= 4, got {self.edges!r}")
+        object.__setattr__(self, "torsion", number("friction torsion", self.torsion, at_least=0, unit="m"))
+        object.__setattr__(self, "safety", number("friction safety factor", self.safety, at_least=1))
+        if self.model == "soft" and self.torsion == 0:
+            raise InvalidInput("friction model 'soft': expected torsion > 0 [m] (moment per newton), got 0")
+
+    @property
+    def is_paper(self) -> bool:
+        """Whether this is the paper's pyramid without torsion: the only model with multipliers (k1, k2)."""
+        return self.model == "pyramid" and self.edges == 4 and self.torsion == 0
+
+    @property
+    def polyhedral(self) -> bool:
+        """Whether U is a polytope, so that the limits are linear rows."""
+        return self.model == "pyramid"
+
+    @property
+    def round_dimensions(self) -> int:
+        """How many components of u a second-order cone |u| <= F_n bounds together: 0 (pyramid), 2 or 3 (soft finger)."""
+        return {"pyramid": 0, "cone": 2, "soft": 3}[self.model]
+
+    @property
+    def d(self) -> int:
+        """Numbers per contact: 3 (f_x, f_y, F_n) or 4 with torsion (f_x, f_y, m, F_n)."""
+        return 4 if self.torsion > 0 else 3
+
+    def scale(self, mu: np.ndarray) -> np.ndarray:
+        """Force [N] or moment [N m] per unit of u and newton of F_n: (k, d - 1) from mu (k,)."""
+        scale = np.empty((len(mu), self.d - 1))
+        scale[:, :2] = (mu / self.safety)[:, None]
+        scale[:, 2:] = self.torsion / self.safety
+        return scale
+
+    @property
+    def facets(self) -> np.ndarray:
+        """Rows D (r, d - 1) with u in F_n U if and only if D u <= F_n; of the polygon and of a plain torsional limit."""
+        rows = np.zeros((0, self.d - 1))
+        if self.model == "pyramid":
+            angles = 2 * np.pi * np.arange(self.edges) / self.edges
+            rows = np.zeros((self.edges, self.d - 1))
+            rows[:, :2] = np.column_stack([np.cos(angles), np.sin(angles)]) / np.cos(np.pi / self.edges)
+            rows[np.abs(rows) < 1e-15] = 0.0
+        if self.d == 4 and self.model != "soft":
+            rows = np.vstack([rows, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+        return read_only(rows)
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """Vertices (e, 2) of the polygon of tangential forces; of a cone's circumscribed stand-in there are none."""
+        if self.model != "pyramid":
+            raise InvalidInput(f"friction model '{self.model}' has no vertices: use a pyramid with more edges")
+        angles = np.pi / self.edges + 2 * np.pi * np.arange(self.edges) / self.edges
+        return read_only(np.column_stack([np.cos(angles), np.sin(angles)]))
+
+    def support(self, a: np.ndarray) -> np.ndarray:
+        """max of a . u over U (...,) for directions a (..., d - 1)."""
+        if self.model == "soft":
+            return np.sqrt(np.einsum("...j,...j->...", a, a))
+        if self.model == "cone":
+            along = np.hypot(a[..., 0], a[..., 1])
+        elif self.edges == 4:
+            along = (np.abs(a[..., 0]) + np.abs(a[..., 1])) * np.sqrt(0.5)
+        else:
+            along = (a[..., :2] @ self.vertices.T).max(axis=-1)
+        return along + np.abs(a[..., 2]) if self.d == 4 else along
+
+    def support_point(self, a: np.ndarray) -> np.ndarray:
+        """A maximiser u (..., d - 1) of a . u over U."""
+        a = np.asarray(a, dtype=float)
+        if self.model == "soft":
+            return a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), 1e-300)
+        u = np.empty_like(a)
+        if self.model == "cone":
+            u[..., :2] = a[..., :2] / np.maximum(np.hypot(a[..., 0], a[..., 1]), 1e-300)[..., None]
+        else:
+            u[..., :2] = self.vertices[np.argmax(a[..., :2] @ self.vertices.T, axis=-1)]
+        if self.d == 4:
+            u[..., 2] = np.sign(a[..., 2])
+        return u
+
+    def gauge(self, u: np.ndarray) -> np.ndarray:
+        """Least normal force (...,) that allows u (..., d - 1): the utilisation times F_n."""
+        if self.model == "soft":
+            return np.sqrt(np.einsum("...j,...j->...", u, u))
+        if self.model == "cone":
+            least = np.hypot(u[..., 0], u[..., 1])
+            return np.maximum(least, np.abs(u[..., 2])) if self.d == 4 else least
+        return (u @ self.facets.T).max(axis=-1)

@@ -1,0 +1,163 @@
+"""Newton's method over a dense QP solver: sequential quadratic programming for programs of few contacts.
+
+Each step minimises the second-order model of the objective at the last iterate, so the grasp energy, a sum of powers of
+F_n, is minimised exactly and not once linearised. Balance, limits and polyhedral friction are exact in every step; a
+second-order cone |u| <= F is replaced by the half-space v . u <= F through the last direction v = u / |u| within a square
+around it, and its curvature, lambda (I - v v') / |u|, joins the Hessian: the steps converge quadratically. A small
+proximal weight makes every Hessian positive definite (tangential forces cost nothing); it pulls towards the last
+iterate, so it leaves no bias in the limit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinograsp.forces.program import Program
+from pinograsp.forces.solvers import solve_rows
+
+_PROXIMAL = 1e-6  # against an objective of order one; below 1e-9 dense active-set solvers lose the Hessian
+_STEPS = 60
+_CONE_STEPS = 25  # where these do not do, the interior-point method is the better choice
+_SETTLED = 1e-9  # step in F_n, relative: the next error is its square
+
+
+def solve_dense(program: Program, solver: str) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """x (k d,), balance multipliers y (rows,), torque multipliers w (m,); None where the solver finds no solution.
+
+    On cones the answer need not have converged: like every answer it is certified by the caller.
+    """
+    k, d, n = program.k, program.d, program.k * program.d
+    fixed = _fixed_parts(program)
+    size, C, equalities, round_ = fixed["size"], fixed["C"], len(program.b), fixed["inside"]
+    lower, upper = fixed["lower"].copy(), fixed["upper"].copy()
+    normal = slice(d - 1, n, d)
+    lower[normal], upper[normal] = program.lo, program.hi
+    lower[-equalities:] = upper[-equalities:] = program.b
+    rows = slice(size + len(C) - equalities - len(program.R), size + len(C) - equalities)
+    lower[rows], upper[rows] = program.R_lo, program.R_hi
+    proximal = 0.0 if fixed["definite"] else _PROXIMAL
+    curved = any(exponent != 1 for _, exponent in program.powers)
+    H = np.zeros((size, size))
+    linear = np.zeros(size)
+    linear[:n] = program.q
+    linear[n:] = program.peak
+    x = np.zeros(size)
+    F = np.clip(np.full(k, min(1.0, 2.0 / k)), program.lo, program.hi)
+    x[normal] = F
+    x[n:] = F.max()
+    cones = _Cones(program, C, round_) if round_ else None
+    best, value = None, np.inf
+    for _ in range(_STEPS if cones is None else _CONE_STEPS):
+        f = linear - proximal * x
+        H[:] = 0.0
+        if program.P is not None:
+            H[:n, :n] = program.P
+        H.flat[:: size + 1] += proximal
+        if program.powers:
+            first, second = program.slope(F)
+            f[normal] += first - second * F
+            H.flat[(size + 1) * (d - 1) : (size + 1) * n : (size + 1) * d] += second
+        if cones is not None:
+            C = cones.bend(H, f, x)
+        found = solve_rows(solver, H, f, C, lower, upper, equalities)
+        if found is None:
+            return best
+        new, lam = found
+        step = float(np.abs(new - x).max())
+        best = (new[:n], lam[-equalities:], lam[rows])
+        done = step <= _SETTLED * max(1.0, float(np.abs(new).max()))
+        if done or (cones is None and not curved and not proximal):
+            break
+        if cones is not None:
+            cones.learn(lam[size:])
+        elif curved:
+            new, value = _descended(program, x, new, value)
+        x = new
+        F = np.clip(x[normal], program.lo, program.hi)
+    return best
+
+
+class _Cones:
+    """The half-spaces and curvatures that stand for the second-order cones in the next step."""
+
+    def __init__(self, program: Program, C: np.ndarray, inside: int):
+        self.k, self.d, self.inside = program.k, program.d, inside
+        self.C = C.copy()
+        self.facets = 2 * inside + 1  # rows of a contact: the square (cube), then the half-space
+        self.weight = np.zeros(self.k)
+        contacts = np.arange(self.k)
+        self.cuts = contacts * self.facets + 2 * inside
+        self.columns = contacts[:, None] * self.d + np.arange(inside)
+        self.direction = np.zeros((self.k, inside))
+        self.length = np.ones(self.k)
+
+    def bend(self, H: np.ndarray, f: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Rows C for the step from ``x``; adds the curvature to H and f."""
+        u = x[self.columns]
+        length = np.sqrt(np.einsum("ij,ij->i", u, u))
+        known = length > 1e-12
+        self.direction[known] = u[known] / length[known, None]
+        self.C[self.cuts[:, None], self.columns] = self.direction
+        # At the last iterate u lies along v, where the curvature's gradient (I - v v') u vanishes: f needs no change.
+        bend = np.where(known, self.weight / np.where(known, length, 1.0), 0.0)
+        block = bend[:, None, None] * (np.eye(self.inside) - np.einsum("ki,kj->kij", self.direction, self.direction))
+        H[self.columns[:, :, None], self.columns[:, None, :]] += block
+        return self.C
+
+    def learn(self, lam: np.ndarray) -> None:
+        """Take over the multipliers of the half-spaces."""
+        self.weight = np.maximum(lam[: self.k * self.facets].reshape(self.k, -1).sum(axis=1), 0.0)
+
+
+def _descended(program: Program, x: np.ndarray, new: np.ndarray, value: float) -> tuple[np.ndarray, float]:
+    """The step, halved until the objective does not grow (the constraints are convex: every part of it is feasible)."""
+    n = program.k * program.d
+    reached = program.value(new[:n])
+    for _ in range(30):
+        if reached <= value + 1e-12 * abs(value):
+            break
+        new = (x + new) / 2
+        reached = program.value(new[:n])
+    return new, reached
+
+
+def _fixed_parts(program: Program) -> dict:
+    """What does not change with the impact time: the constraint rows and the bounds that are infinite or zero."""
+    fixed = program.cache.get("rows")
+    if fixed is None:
+        k, d, n = program.k, program.d, program.k * program.d
+        size = n + (program.peak > 0)
+        inside = program.friction.round_dimensions
+        D = np.vstack([_square(inside, d), program.friction.facets])
+        facets = np.zeros((k, len(D), k, d))
+        for i in range(k):
+            facets[i, :, i, :-1] = D
+            facets[i, :, i, -1] = -1.0
+        # Rows of the square and the half-space of each cone come first, by contact; then plain facets.
+        first = 2 * inside + 1 if inside else 0
+        facets = np.vstack([facets[:, :first].reshape(-1, n), facets[:, first:].reshape(-1, n)])
+        top = np.zeros((k if program.peak > 0 else 0, size))
+        if program.peak > 0:
+            top[np.arange(k), np.arange(d - 1, n, d)] = 1.0
+            top[:, n] = -1.0
+        C = np.zeros((len(facets) + len(top) + len(program.R) + len(program.b), size))
+        C[: len(facets), :n] = facets
+        C[len(facets) : len(facets) + len(top)] = top
+        C[len(facets) + len(top) : len(C) - len(program.b), :n] = program.R
+        C[len(C) - len(program.b) :, :n] = program.A
+        lower = np.full(size + len(C), -np.inf)
+        upper = np.full(size + len(C), np.inf)
+        upper[size : size + len(facets) + len(top)] = 0.0
+        definite = program.P is not None and not program.peak and float(np.diag(program.P).min()) > 1e-6
+        definite = definite and np.linalg.eigvalsh(program.P)[0] > 1e-6
+        fixed = {"size": size, "C": C, "lower": lower, "upper": upper, "definite": definite, "inside": inside}
+        program.cache["rows"] = fixed
+    return fixed
+
+
+def _square(inside: int, d: int) -> np.ndarray:
+    """Rows |u_j| <= F of the square (cube) around a disc (ball), and one row of zeros for the half-space."""
+    rows = np.zeros((2 * inside + 1 if inside else 0, d - 1))
+    for j in range(inside):
+        rows[2 * j, j], rows[2 * j + 1, j] = 1.0, -1.0
+    return rows

@@ -1,0 +1,116 @@
+"""Programs with second-order cones, by an interior-point method (Clarabel, through its own interface).
+
+Friction cones are second-order cones, powers of F_n are power cones: t >= F^p is (t, 1, F) in K_pow(1/p). Everything that
+does not change with the impact time (the sparse matrices) is built once per problem and objective.
+"""
+
+from __future__ import annotations
+
+import clarabel
+import numpy as np
+import scipy.sparse as sp
+
+from pinograsp.forces.program import Program
+
+_SETTINGS = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11, "tol_infeas_abs": 1e-11,
+             "tol_infeas_rel": 1e-11, "max_iter": 200, "verbose": False, "max_threads": 1}  # fmt: skip
+
+
+def settings(**changes) -> clarabel.DefaultSettings:
+    """Clarabel's settings with every tolerance that matters stated."""
+    made = clarabel.DefaultSettings()
+    for name, value in {**_SETTINGS, **changes}.items():
+        setattr(made, name, value)
+    return made
+
+
+def solve(P, q, A, b, cones):
+    """Clarabel's solution: whatever its status says, callers certify x and z themselves."""
+    return clarabel.DefaultSolver(P, q, A, b, cones, settings()).solve()
+
+
+def cone_rows(program: Program) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int], sp.csc_matrix]:
+    """Constraint blocks on x that every program shares, as rows of A x + s = b.
+
+    The linear inequality block for [F >= lo, F <= hi, facets], the second-order block, its cone sizes, and the selection
+    of F (k, k d).
+    """
+    k, d = program.k, program.d
+    n = k * d
+    normal = np.arange(d - 1, n, d)
+    select = sp.csc_matrix((np.ones(k), (np.arange(k), normal)), shape=(k, n))
+    D = program.friction.facets
+    facets = sp.kron(sp.identity(k), np.hstack([D, -np.ones((len(D), 1))])) if len(D) else sp.csc_matrix((0, n))
+    linear = sp.vstack([-select, select, facets], format="csc")
+    if program.friction.polyhedral:
+        return linear, sp.csc_matrix((0, n)), [], select
+    inside = program.friction.round_dimensions + 1  # (F, u)
+    block = np.zeros((inside, d))
+    block[0, -1] = -1.0
+    block[np.arange(1, inside), np.arange(inside - 1)] = -1.0
+    return linear, sp.csc_matrix(sp.kron(sp.identity(k), block)), [inside] * k, select
+
+
+def solve_conic(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """x (k d,), balance multipliers y (rows,), torque multipliers w (m,); None where no finite answer comes back."""
+    k, n = program.k, program.k * program.d
+    powers = [(c, p) for c, p in program.powers if p != 1]
+    parts = program.cache.get("conic")
+    if parts is None:
+        parts = _matrices(program, powers)
+        program.cache["conic"] = parts
+    P, A, cones, facets = parts
+    q = np.zeros(A.shape[1])
+    q[:n] = program.q
+    for c, p in program.powers:
+        if p == 1:
+            q[program.d - 1 : n : program.d] += c
+    q[n : n + (program.peak > 0)] = program.peak
+    first = n + (program.peak > 0)
+    for j, (c, _) in enumerate(powers):
+        q[first + j * k : first + (j + 1) * k] = c
+    b = np.zeros(A.shape[0])
+    at = len(program.b)
+    b[:at] = program.b
+    b[at : at + k], b[at + k : at + 2 * k] = -program.lo, program.hi
+    rows = at + 2 * k + facets
+    m = len(program.R)
+    b[rows : rows + m], b[rows + m : rows + 2 * m] = program.R_hi, -program.R_lo
+    if powers:
+        b[len(b) - 3 * k * len(powers) + 1 :: 3] = 1.0
+    scaled = P * 1.0 if program.P is None else sp.csc_matrix(
+        sp.triu(sp.block_diag([program.P, sp.csc_matrix((len(q) - n,) * 2)]))
+    )
+    found = solve(scaled, q, A, b, cones)
+    x, z = np.array(found.x), np.array(found.z)
+    if not (np.isfinite(x).all() and np.isfinite(z).all()):
+        return None
+    return x[:n], z[:at], z[rows : rows + m] - z[rows + m : rows + 2 * m]
+
+
+def _matrices(program: Program, powers):
+    """P (empty), A, the cones and the number of facets. Columns: x, the peak if any, one per power and contact."""
+    k, n, m = program.k, program.k * program.d, len(program.R)
+    peak, extra = int(program.peak > 0), len(powers) * k
+    linear, second, sizes, select = cone_rows(program)
+
+    def wide(block, middle=None):
+        middle = sp.csc_matrix((block.shape[0], peak)) if middle is None else middle
+        return sp.hstack([block, middle, sp.csc_matrix((block.shape[0], extra))])
+
+    blocks = [wide(sp.csc_matrix(program.A)), wide(linear), wide(sp.csc_matrix(np.vstack([program.R, -program.R])))]
+    if peak:
+        blocks.append(wide(select, sp.csc_matrix(-np.ones((k, 1)))))
+    blocks.append(wide(second))
+    cones = [clarabel.ZeroConeT(len(program.b)), clarabel.NonnegativeConeT(linear.shape[0] + 2 * m + peak * k)]
+    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
+    normal = np.arange(program.d - 1, n, program.d)
+    for j, (_, p) in enumerate(powers):
+        rows = sp.lil_matrix((3 * k, n + peak + extra))
+        rows[np.arange(0, 3 * k, 3), n + peak + j * k + np.arange(k)] = -1.0
+        rows[np.arange(2, 3 * k, 3), normal] = -1.0
+        blocks.append(rows)
+        cones += [clarabel.PowerConeT(1 / p)] * k
+    A = sp.csc_matrix(sp.vstack(blocks))
+    size = A.shape[1]
+    return sp.csc_matrix((size, size)), A, cones, linear.shape[0] - 2 * k

@@ -1,0 +1,322 @@
+"""When no forces hold the load: the proof (a Farkas certificate, checked), and what it means in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import clarabel
+import numpy as np
+import scipy.sparse as sp
+
+from pinograsp.checks import read_only
+from pinograsp.errors import Status
+from pinograsp.forces.conic import cone_rows, solve
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import Program, assemble
+
+# A proof counts where its margin exceeds this share of the load: well above rounding, well below a tolerance on forces.
+PROVEN = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Infeasibility:
+    """Proof that no admissible forces balance the load at one impact time, and the forces that come closest.
+
+    Attributes:
+        margin: whatever the forces, at least this much of the net wrench (and of torque beyond its limits) is left [N],
+            measured along ``direction``. Checked in closed form; positive.
+        direction: wrench (6,) of the certificate, unit in the balance rows [-]: moments over the moment length.
+        joint_weights: (m,) part of the certificate on the torque rows [-]; zero where torque limits play no part.
+        closest_c: closest admissible forces (k, 3) [N]. net_wrench: what they leave (6,) [N, N m].
+        at_least, at_most, at_friction: (k,) bool, limits that the closest forces meet, by contact.
+        at_torque: names of the joints whose torque limit takes part.
+        crossed: (k,) bool, contacts whose bounds on F_n exclude each other.
+    """
+
+    margin: float
+    direction: np.ndarray
+    joint_weights: np.ndarray
+    closest_c: np.ndarray
+    net_wrench: np.ndarray
+    at_least: np.ndarray
+    at_most: np.ndarray
+    at_friction: np.ndarray
+    at_torque: tuple[str, ...]
+    crossed: np.ndarray
+
+
+def closest(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Phase one: x that leaves the least net wrench and torque excess, and those two residuals (rows,), (m,).
+
+    min 1/2 |r|^2 + 1/2 |s|^2 with r = A x - b and s the excess of R x over its limits: a least-squares problem over the
+    friction cones, always feasible; its residual is the Farkas certificate where the program is infeasible.
+    """
+    k, n, rows, m = program.k, program.k * program.d, len(program.b), len(program.R)
+    linear, second, sizes, _ = cone_rows(program)
+
+    def wide(block, r=None, s=None):
+        r = sp.csc_matrix((block.shape[0], rows)) if r is None else r
+        s = sp.csc_matrix((block.shape[0], m)) if s is None else s
+        return sp.hstack([block, r, s])
+
+    R, one = sp.csc_matrix(program.R), sp.identity(m)
+    A = sp.vstack(
+        [
+            wide(sp.csc_matrix(program.A), r=-sp.identity(rows)),
+            wide(linear),
+            wide(R, s=-one),
+            wide(-R, s=one),
+            wide(second),
+        ],
+        format="csc",
+    )
+    facets = np.zeros(linear.shape[0] - 2 * k)
+    b = np.concatenate(
+        [program.b, -program.lo, program.hi, facets, program.R_hi, -program.R_lo, np.zeros(second.shape[0])]
+    )
+    P = sp.diags(np.concatenate([np.zeros(n), np.ones(rows + m)]), format="csc")
+    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(linear.shape[0] + 2 * m)]
+    found = solve(P, np.zeros(n + rows + m), A, b, cones + [clarabel.SecondOrderConeT(size) for size in sizes])
+    z = np.array(found.x)
+    return (z[:n], z[n : n + rows], z[n + rows :]) if np.isfinite(z).all() else None
+
+
+def prove(problem: ForceProblem, program: Program) -> Infeasibility | None:
+    """The proof of infeasibility, or None where there is none (the program is feasible, or too close to tell)."""
+    crossed = program.lo > program.hi
+    if np.any(crossed):
+        k, zeros = problem.k, np.zeros((problem.k, 3))
+        gap = float((program.lo - program.hi).max()) * program.force_scale
+        return _record(problem, program, gap, np.zeros(len(program.b)), np.zeros(len(program.R)), zeros, crossed)
+    found = closest(program)
+    if found is None:
+        return None
+    x, r, s = found
+    size = float(np.sqrt(r @ r + s @ s))
+    if size <= PROVEN:
+        return None
+    y, w = r / size, s / size
+    w[np.abs(w) < 1e-7] = 0.0
+    margin = program.excluded(y, w)
+    if margin <= PROVEN:
+        return None
+    return _record(problem, program, margin * program.force_scale, y, w, x, crossed)
+
+
+def forces_of(problem: ForceProblem, x: np.ndarray, force_scale: float) -> tuple[np.ndarray, np.ndarray]:
+    """Contact forces (k, 3) [N] and torsional moments (k,) [N m] from a program's x."""
+    z = x.reshape(problem.k, -1) * force_scale
+    scale = problem.friction.scale(problem.mu)
+    forces = np.column_stack([z[:, :2] * scale[:, :2], z[:, -1]])
+    return forces, z[:, 2] * scale[:, 2] if problem.friction.d == 4 else np.zeros(problem.k)
+
+
+def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
+    near = 1e-5
+    z = np.asarray(x).reshape(program.k, -1)
+    F = z[:, -1]
+    if np.any(crossed):
+        forces, torsion, friction = np.zeros((program.k, 3)), None, np.zeros(program.k, dtype=bool)
+        at_least = at_most = crossed
+    else:
+        forces, torsion = forces_of(problem, z.ravel(), program.force_scale)
+        s = program.reduced(y @ program.A + w @ program.R)
+        pulls = program.friction.support((y @ program.A + w @ program.R).reshape(program.k, program.d)[:, :-1])
+        # A contact matters where the certificate pushes its force against the limit.
+        at_least = (s > near) & (F <= program.lo + near * (1 + program.lo))
+        at_most = (s < -near) & (F >= program.hi - near * (1 + program.hi))
+        friction = (pulls > near) & (program.friction.gauge(z[:, :-1]) >= F * (1 - 1e-3)) & (F > 0)
+    joints = () if problem.torques is None else np.array(problem.torques.joints)[np.isfinite(problem.torques.limit)]
+    wrench = np.zeros(6)
+    wrench[: problem.rows] = y
+    return Infeasibility(
+        margin=margin,
+        direction=read_only(wrench),
+        joint_weights=read_only(w),
+        closest_c=read_only(forces),
+        net_wrench=read_only(problem.residual(forces, torsion)),
+        at_least=read_only(at_least),
+        at_most=read_only(at_most),
+        at_friction=read_only(friction),
+        at_torque=tuple(str(joint) for joint, weight in zip(joints, w) if abs(weight) > 1e-4),
+        crossed=read_only(crossed),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Diagnosis:
+    """What stands between a load and a grasp, at one impact time.
+
+    Attributes:
+        status: ``OK`` where the load can be held, else ``INFEASIBLE`` (or ``INACCURATE``: too close to tell).
+        impact_time: t_I [s]. proof: the certificate, None where the load can be held.
+        load_factors: least and largest multiple of the load that can be held (None: no multiple).
+        smallest_mu: friction coefficients (k,) that would just do, all scaled alike; None: no friction would.
+        text: all of it in words.
+    """
+
+    status: Status
+    impact_time: float
+    proof: Infeasibility | None
+    load_factors: tuple[float, float] | None
+    smallest_mu: np.ndarray | None
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+_LARGEST_FRICTION = 10.0  # beyond any pair of materials: what does not hold then does not hold by friction
+
+
+def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
+    """Why a load cannot be held at one impact time [s] (or how far it is from that).
+
+    Says which direction is missing and by how much, the largest load factor, the least friction coefficient, and which
+    contacts and limits bind.
+    """
+    impact_time = problem.checked_impact_time(impact_time)
+    program = _program(problem, impact_time)
+    proof = prove(problem, program)
+    residual = closest(program) if proof is None else None
+    held = proof is None and residual is not None and np.hypot(*map(np.linalg.norm, residual[1:])) <= 1e-7
+    factors = None if np.any(program.lo > program.hi) else load_factors(program)
+    mu = _smallest_mu(problem, impact_time)
+    status = Status.OK if held else Status.INFEASIBLE if proof else Status.INACCURATE
+    return Diagnosis(
+        status=status,
+        impact_time=impact_time,
+        proof=proof,
+        load_factors=factors,
+        smallest_mu=mu,
+        text=_words(problem, impact_time, status, proof, factors, mu),
+    )
+
+
+def load_factors(program: Program) -> tuple[float, float] | None:
+    """Least and largest s >= 0 for which s times the load can be held; infinity for an absent load; None for none."""
+    if not np.any(program.b):
+        return (0.0, np.inf) if prove_feasible(program) else None
+    ends = [_extreme_load(program, sign) for sign in (1.0, -1.0)]
+    return None if None in ends else (max(0.0, ends[0]), ends[1])
+
+
+def prove_feasible(program: Program) -> bool:
+    """Whether phase one leaves nothing."""
+    found = closest(program)
+    return found is not None and float(np.hypot(np.linalg.norm(found[1]), np.linalg.norm(found[2]))) <= 1e-8
+
+
+def _extreme_load(program: Program, sign: float) -> float | None:
+    k, n, rows, m = program.k, program.k * program.d, len(program.b), len(program.R)
+    linear, second, sizes, _ = cone_rows(program)
+    column = sp.csc_matrix(-program.b[:, None])
+
+    def wide(block):
+        return sp.hstack([block, sp.csc_matrix((block.shape[0], 1))])
+
+    R = sp.csc_matrix(program.R)
+    A = sp.vstack(
+        [
+            sp.hstack([sp.csc_matrix(program.A), column]),
+            wide(linear),
+            sp.csc_matrix(([-1.0], ([0], [n])), shape=(1, n + 1)),
+            wide(R),
+            wide(-R),
+            wide(second),
+        ],
+        format="csc",
+    )
+    facets = np.zeros(linear.shape[0] - 2 * k + 1)
+    b = np.concatenate(
+        [np.zeros(rows), -program.lo, program.hi, facets, program.R_hi, -program.R_lo, np.zeros(second.shape[0])]
+    )
+    q = np.zeros(n + 1)
+    q[n] = sign
+    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(linear.shape[0] + 1 + 2 * m)]
+    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
+    found = solve(sp.csc_matrix((n + 1, n + 1)), q, A, b, cones)
+    if str(found.status) not in ("Solved", "AlmostSolved"):
+        return None
+    return float(found.x[n])
+
+
+def _program(problem: ForceProblem, impact_time: float) -> Program:
+    return assemble(problem, {"peak": 1.0}, {}, *problem.normal_force_range(impact_time))
+
+
+def _smallest_mu(problem: ForceProblem, impact_time: float) -> np.ndarray | None:
+    """Bisection on a common factor of all mu: the set of forces grows with it."""
+    base = problem.mu if np.any(problem.mu > 0) else np.ones(problem.k)
+
+    def holds(largest: float) -> bool:
+        changed = replace(problem, mu=base * (largest / base.max()))
+        return prove_feasible(_program(changed, impact_time))
+
+    lo, hi = 0.0, _LARGEST_FRICTION
+    if np.any(np.greater(*problem.normal_force_range(impact_time))) or not holds(hi):
+        return None
+    if holds(lo):
+        return np.zeros(problem.k)
+    while hi - lo > 1e-5 * hi:
+        middle = (lo + hi) / 2 if lo > 0 else hi / 4
+        if middle < 1e-6:
+            break
+        lo, hi = (lo, middle) if holds(middle) else (middle, hi)
+    return read_only(base * (hi / base.max()))
+
+
+def _words(problem, impact_time, status, proof, factors, mu) -> str:
+    names = problem.contacts.names
+    lines = []
+    if status is Status.OK:
+        lines.append(f"the load can be held at t_I = {impact_time:.6g} s")
+    elif proof is None:
+        lines.append(f"at t_I = {impact_time:.6g} s the load is too close to the limit to tell whether it can be held")
+    elif np.any(proof.crossed):
+        who = ", ".join(name for name, bad in zip(names, proof.crossed) if bad)
+        low, high = problem.normal_force_range(impact_time)
+        lines.append(
+            f"no normal force is admissible at {who}: the least deceleration already gives {low.max():.4g} N, the cap "
+            f"allows {high.min():.4g} N; raise the cap, or lower acceleration_range or the duration"
+        )
+    else:
+        lines.append(
+            f"no admissible forces hold the load at t_I = {impact_time:.6g} s: at least {proof.margin:.4g} N of net "
+            f"wrench is left along {wrench_words(problem, proof.direction)} (proven)"
+        )
+        for what, mask in (
+            ("friction limit", proof.at_friction),
+            ("least normal force (least deceleration, Eq. 13c)", proof.at_least),
+        ):
+            who = [name for name, meets in zip(names, mask) if meets]
+            if who:
+                lines.append(f"  at the {what}: {', '.join(who)}")
+        for reason in dict.fromkeys(problem.binding_bound(impact_time, int(i)) for i in np.flatnonzero(proof.at_most)):
+            who = [n for i, n in enumerate(names) if proof.at_most[i] and problem.binding_bound(impact_time, i) == reason]
+            lines.append(f"  at the largest normal force, set by {reason}: {', '.join(who)}")
+        if proof.at_torque:
+            lines.append(f"  at the torque limit: {', '.join(proof.at_torque)}")
+    if factors is None:
+        lines.append("  no multiple of this load can be held")
+    elif np.isfinite(factors[1]):
+        text = f"  the largest load that could be held is {factors[1]:.4g} times this one"
+        lines.append(text + (f", the least {factors[0]:.4g} times" if factors[0] > 1e-6 else ""))
+    if mu is None:
+        lines.append(f"  no friction coefficient up to {_LARGEST_FRICTION:g} would do")
+    elif np.ptp(mu) <= 1e-12 * max(mu.max(), 1.0):
+        lines.append(f"  the smallest friction coefficient that would do is {mu.max():.4g} (given: {problem.mu.max():.4g})")
+    else:
+        lines.append(f"  the friction coefficients that would just do are {np.round(mu, 4).tolist()}")
+    return "\n".join(lines)
+
+
+def wrench_words(problem: ForceProblem, direction: np.ndarray) -> str:
+    """A unit wrench of the balance rows in words: its force and moment parts."""
+    force, moment = direction[:3], direction[3:]
+    parts = []
+    if np.linalg.norm(force) > 1e-6:
+        parts.append(f"force ({', '.join(f'{v:+.3f}' for v in force)})")
+    if problem.rows == 6 and np.linalg.norm(moment) > 1e-6:
+        parts.append(f"moment about the centre of mass ({', '.join(f'{v:+.3f}' for v in moment)})")
+    return " and ".join(parts) or "no direction"

@@ -1,0 +1,226 @@
+"""The least-cost contact forces at one impact time: solve, certify, or prove that there are none."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import one_of, read_only
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.active_set import solve_dense
+from pinograsp.forces.conic import solve_conic
+from pinograsp.forces.infeasibility import Infeasibility, forces_of, prove
+from pinograsp.forces.problem import MEASURES, ForceProblem
+from pinograsp.forces.program import Program, assemble, weights_of
+from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solvers import SOLVERS
+
+# Accepted answers: relative to the load (forces) and to the objective (gap).
+BALANCE = 1e-9
+VIOLATION = 1e-8
+GAP = 1e-6
+# Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
+_DENSE_UP_TO = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Certificate:
+    """Why an answer can be trusted: computed from the answer by this package, not reported by the solver.
+
+    Attributes:
+        primal: objective at the forces. dual: proven lower bound of the objective of *any* admissible forces.
+        balance_force, balance_moment: norm of the net force [N] and moment [N m] left (the moment counts in wrench
+            balance only).
+        cone_violation: largest violation of friction or of the bounds on F_n [N]. torque_violation: of a torque limit,
+            relative to it [-].
+        at_friction, at_least, at_most: (k,) bool, active limits by contact. at_torque: joints at their torque limit.
+    """
+
+    primal: float
+    dual: float
+    balance_force: float
+    balance_moment: float
+    cone_violation: float
+    torque_violation: float
+    at_friction: np.ndarray
+    at_least: np.ndarray
+    at_most: np.ndarray
+    at_torque: tuple[str, ...]
+
+    @property
+    def gap(self) -> float:
+        """primal - dual, in the objective's unit."""
+        return self.primal - self.dual
+
+    @property
+    def relative_gap(self) -> float:
+        """Gap relative to the objective [-]."""
+        return self.gap / max(abs(self.primal), 1e-300) if self.gap else 0.0
+
+    def active(self, names) -> tuple[str, ...]:
+        """The active constraints in words, for contacts called ``names``."""
+        words = [
+            f"{name}: {what}"
+            for what, mask in (
+                ("friction limit", self.at_friction),
+                ("least normal force", self.at_least),
+                ("largest normal force", self.at_most),
+            )
+            for name, meets in zip(names, mask)
+            if meets
+        ]
+        return (*words, *(f"{joint}: torque limit" for joint in self.at_torque))
+
+
+def optimize_forces(
+    problem: ForceProblem,
+    impact_time: float,
+    *,
+    objective: str | Mapping[str, float] | None = None,
+    solver: str = "auto",
+) -> ForceSolution:
+    """The contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
+
+    Balance, friction model and safety factor, caps, torque limits and deceleration shape are the problem's own.
+
+    Args:
+        problem: contacts, load, friction, limits.
+        impact_time: t_I [s]; it sets the range of F_n (Eqs. 13) and the energy.
+        objective: one of ``"impulse"`` [N s], ``"work"`` [J] (grasp energy, Eqs. 11 and 9), ``"least_squares"`` (sum of
+            squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
+            ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
+            ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All convex, solved to optimality.
+        solver: ``"auto"``: DAQP up to 20 contacts, else Clarabel. Or a name of
+            :data:`~pinograsp.forces.solvers.SOLVERS`; an answer that fails its certificate is asked of Clarabel.
+
+    Returns:
+        A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``; or
+        ``INACCURATE`` where neither could be certified.
+
+    Raises:
+        InvalidInput: an impact time not below t_F, an unknown objective or solver.
+    """
+    started = time.perf_counter()
+    impact_time = problem.checked_impact_time(impact_time)
+    weights = weights_of(objective, problem)
+    solver = chosen_solver(problem, solver)
+    terms = {m: problem.energy_terms(impact_time, m) for m in MEASURES if weights.get(m)}
+    program = assemble(problem, weights, terms, *problem.normal_force_range(impact_time))
+    x, found, certificate, proof, solver = solve_certified(problem, program, solver)
+    return record(problem, program, impact_time, x, found, certificate, proof, solver, weights, started)
+
+
+def chosen_solver(problem: ForceProblem, solver: str) -> str:
+    """The solver that runs: ``auto`` resolved, names checked against the friction model."""
+    if solver == "auto":
+        return "daqp" if problem.k <= _DENSE_UP_TO else "clarabel"
+    return one_of("solver", solver, ("auto", *SOLVERS))
+
+
+def solve_certified(
+    problem: ForceProblem, program: Program, solver: str
+) -> tuple[np.ndarray | None, Status, Certificate | None, Infeasibility | None, str]:
+    """x, status, certificate or proof, and the solver that gave them; a failed certificate asks the other method."""
+    best = None
+    if np.all(program.lo <= program.hi):
+        for name in dict.fromkeys((solver, "clarabel")):
+            answer = solve_conic(program) if name == "clarabel" else solve_dense(program, name)
+            if answer is not None:
+                x = program.settled(answer[0])
+                passed, bound = accepted(program, x, answer[1], answer[2])
+                if passed:
+                    return x, Status.OK, certificate_of(problem, program, x, bound), None, name
+                best = (x, bound, name)
+            if name == solver:
+                proof = prove(problem, program)
+                if proof is not None:
+                    return None, Status.INFEASIBLE, None, proof, name
+    else:
+        return None, Status.INFEASIBLE, None, prove(problem, program), solver
+    if best is None:
+        return None, Status.INACCURATE, None, None, solver
+    x, bound, name = best
+    return x, Status.INACCURATE, certificate_of(problem, program, x, bound), None, name
+
+
+def accepted(program: Program, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[bool, float]:
+    """Whether x passes every check, and the lower bound that y and w prove."""
+    cone, bounds, rows, balance = program.violations(x)
+    bound = program.lower_bound(x, y, w)
+    value = program.value(x)
+    size = max(abs(value + program.constant), 1e-12)
+    passed = (
+        balance <= BALANCE
+        and max(cone, bounds) <= VIOLATION * max(1.0, float(x[program.d - 1 :: program.d].max()))
+        and rows <= VIOLATION
+        and value - bound <= GAP * size
+    )
+    return bool(passed), bound
+
+
+def certificate_of(problem: ForceProblem, program: Program, x: np.ndarray, bound: float) -> Certificate:
+    """The certificate of x in the problem's units."""
+    near = 1e-6
+    cone, bounds, rows, _ = program.violations(x)
+    z = x.reshape(program.k, program.d)
+    F = z[:, -1]
+    residual = (program.A @ x - program.b) * program.force_scale
+    at_torque: tuple[str, ...] = ()
+    if len(program.R):
+        torque = program.R @ x
+        meets = (torque >= program.R_hi - near) | (torque <= program.R_lo + near)
+        joints = np.array(problem.torques.joints)[np.isfinite(problem.torques.limit)]
+        at_torque = tuple(str(joint) for joint in joints[meets])
+    # A bound from duals that are exact to rounding can exceed the value by rounding.
+    value = program.value(x)
+    return Certificate(
+        primal=(value + program.constant) * program.objective_scale,
+        dual=(min(bound, value) + program.constant) * program.objective_scale,
+        balance_force=float(np.sqrt(residual[:3] @ residual[:3])),
+        balance_moment=float(np.sqrt(residual[3:] @ residual[3:])) * problem.moment_length,
+        cone_violation=max(cone, bounds) * program.force_scale,
+        torque_violation=rows,
+        at_friction=program.friction.gauge(z[:, :-1]) >= F * (1 - near),
+        at_least=program.lo * (1 + near) >= F,
+        at_most=program.hi * (1 - near) <= F,
+        at_torque=at_torque,
+    )
+
+
+def record(
+    problem, program, impact_time, x, status, certificate, proof, solver, weights, started, **details
+) -> ForceSolution:
+    """The :class:`ForceSolution` of a convex answer."""
+    if x is None:
+        forces, torsion, multipliers, acceleration = np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2)), np.zeros(0)
+        wrench = problem.load if proof is None else proof.net_wrench
+        impact = None
+    else:
+        forces, torsion = forces_of(problem, x, program.force_scale)
+        half = problem.pyramid * forces[:, 2]
+        multipliers = np.divide(
+            forces[:, :2], half[:, None], out=np.zeros((problem.k, 2)), where=half[:, None] > 0
+        )
+        acceleration = problem.acceleration(np.maximum(forces[:, 2], 0.0), impact_time)
+        wrench = problem.residual(forces, torsion if problem.friction.d == 4 else None)
+        impact = impact_time
+    return ForceSolution(
+        status=status,
+        problem=problem,
+        search="convex",
+        solver=solver,
+        objective=weights,
+        impact_time=impact,
+        acceleration=read_only(acceleration),
+        multipliers=read_only(multipliers),
+        forces_c=read_only(forces),
+        torsion=read_only(torsion),
+        net_wrench=read_only(wrench),
+        certificate=certificate,
+        infeasibility=proof,
+        elapsed=time.perf_counter() - started,
+        **details,
+    )

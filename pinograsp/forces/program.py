@@ -1,0 +1,286 @@
+"""The convex program over contact forces, its lower bound from the dual, and its certificate. Pure functions.
+
+Variables are per contact x_i = (u_i, F_i): scaled tangential force (and torsion) and normal force, so that friction of
+every model reads u_i in F_i U (:mod:`pinograsp.contacts.friction`). The program is
+
+    minimise    sum_i phi(F_i) + 1/2 x'P x + q'x + p max_i F_i
+    subject to  A x = b,   u_i in F_i U,   lo <= F <= hi,   R_lo <= R x <= R_hi,
+
+with phi a sum of powers (the grasp energy, Eqs. 9 and 11), A the grasp map (Eq. 15) and R the joint torques. Everything
+is made dimensionless first: forces by ``force_scale``, the objective by ``objective_scale``, torques by their limits.
+
+Lower bound. Convexity gives f(x) >= f(z) + f'(z) (x - z) at any point z; adding y'(A x - b) and the weighted torque rows
+leaves a linear function that separates over the contacts, and its least value over F_i in [lo, hi], u_i in F_i U is
+min(lo s_i, hi s_i) with s_i = c_i,n - support_U(c_i,t). It holds for *any* y, w and z, whichever solver they came from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import number, one_of
+from pinograsp.contacts import Friction
+from pinograsp.errors import InvalidInput
+from pinograsp.forces.problem import MEASURES, ForceProblem
+
+OBJECTIVES = (*MEASURES, "least_squares", "peak", "motor_heat")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Program:
+    """A force problem at one impact time and one objective, dimensionless. See the module for the symbols.
+
+    Attributes:
+        friction: the model. k: contacts. d: numbers per contact. A (rows, k d), b (rows,). lo, hi (k,).
+        R (m, k d), R_lo, R_hi (m,): torque rows divided by their limits. powers: (coefficient, exponent) pairs of phi.
+        P (k d, k d) or None, q (k d,), peak p, constant: the rest of the objective.
+        force_scale [N]; objective_scale in the objective's unit.
+    """
+
+    friction: Friction
+    k: int
+    d: int
+    A: np.ndarray
+    b: np.ndarray
+    lo: np.ndarray
+    hi: np.ndarray
+    R: np.ndarray
+    R_lo: np.ndarray
+    R_hi: np.ndarray
+    powers: tuple[tuple[float, float], ...]
+    P: np.ndarray | None
+    q: np.ndarray
+    peak: float
+    constant: float
+    force_scale: float
+    objective_scale: float
+    cache: dict
+
+    def value(self, x: np.ndarray) -> float:
+        """The objective at x (k d,), in units of ``objective_scale``, without the constant."""
+        F = x[self.d - 1 :: self.d]
+        total = float(self.q @ x)
+        for coefficient, exponent in self.powers:
+            total += coefficient * float((F**exponent).sum())
+        if self.P is not None:
+            total += 0.5 * float(x @ self.P @ x)
+        return total + self.peak * float(F.max()) if self.peak else total
+
+    def slope(self, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First and second derivatives of phi at F (k,) > 0."""
+        first, second = np.zeros(self.k), np.zeros(self.k)
+        for coefficient, exponent in self.powers:
+            power = coefficient * exponent * F ** (exponent - 1)
+            first += power
+            if exponent != 1:
+                second += (exponent - 1) * power / F
+        return first, second
+
+    def reduced(self, c: np.ndarray) -> np.ndarray:
+        """s_i (k,): least value of c_i . x_i per unit of F_i over u_i in F_i U."""
+        c = c.reshape(self.k, self.d)
+        return c[:, -1] - self.friction.support(c[:, :-1])
+
+    def lower_bound(self, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> float:
+        """Certified lower bound of the optimum from any x within bounds, y (rows,) and w (m,), without the constant."""
+        F = np.clip(x[self.d - 1 :: self.d], self.lo, self.hi)
+        c = self.q + y @ self.A
+        total = -float(y @ self.b)
+        if self.P is not None:
+            Px = self.P @ x
+            c = c + Px
+            total -= 0.5 * float(x @ Px)
+        if len(w):
+            c = c + w @ self.R
+            total -= self._rows_at_their_limits(w)
+        s = self.reduced(c)
+        if self.powers:
+            first, _ = self.slope(F)
+            s += first
+            total += sum(coef * float((F**exponent).sum()) for coef, exponent in self.powers) - float(first @ F)
+        if self.peak:
+            # max F >= theta . F for any weights theta >= 0 that sum to at most one; these cancel what they can.
+            theta = np.maximum(0.0, -s) / self.peak * (F > F.max() * (1 - 1e-6))
+            s += self.peak * theta / max(1.0, float(theta.sum()))
+        return total + float(np.minimum(self.lo * s, self.hi * s).sum())
+
+    def _rows_at_their_limits(self, w: np.ndarray) -> float:
+        """Largest value of w . R x that the torque limits allow."""
+        return float(np.maximum(w * self.R_hi, w * self.R_lo).sum())
+
+    def excluded(self, y: np.ndarray, w: np.ndarray) -> float:
+        """Farkas bound: for *all* admissible x, y . (A x - b) + torque excess weighted by w is at least this.
+
+        Positive: the program is infeasible, and (y, w) proves it.
+        """
+        c = y @ self.A
+        total = -float(y @ self.b)
+        if len(w):
+            c = c + w @ self.R
+            total -= self._rows_at_their_limits(w)
+        s = self.reduced(c)
+        return total + float(np.minimum(self.lo * s, self.hi * s).sum())
+
+    def violations(self, x: np.ndarray) -> tuple[float, float, float, float]:
+        """Largest violation of friction, of the bounds on F, of the torque rows, and the balance residual's norm."""
+        z = x.reshape(self.k, self.d)
+        F = z[:, -1]
+        cone = float((self.friction.gauge(z[:, :-1]) - F).max())
+        bounds = float(max((self.lo - F).max(), (F - self.hi).max()))
+        rows = 0.0
+        if len(self.R):
+            torque = self.R @ x
+            rows = float(max((torque - self.R_hi).max(), (self.R_lo - torque).max()))
+        residual = self.A @ x - self.b
+        return max(cone, 0.0), max(bounds, 0.0), max(rows, 0.0), float(np.sqrt(residual @ residual))
+
+    def settled(self, x: np.ndarray) -> np.ndarray:
+        """x with the balance's rounding residual removed by the least-norm correction (Newton's step on A x = b)."""
+        if "A_pinv" not in self.cache:
+            self.cache["A_pinv"] = np.linalg.pinv(self.A, rcond=1e-10)
+        return x - self.cache["A_pinv"] @ (self.A @ x - self.b)
+
+
+def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProblem) -> dict[str, float]:
+    """The objective as ``{name: weight >= 0}``; None stands for the problem's measure.
+
+    Raises:
+        InvalidInput: unknown names, negative weights, none positive, or motor heat without torques.
+    """
+    if objective is None:
+        objective = problem.measure
+    if isinstance(objective, str):
+        objective = {objective: 1.0}
+    if not isinstance(objective, Mapping) or not objective:
+        raise InvalidInput(f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {objective!r}")
+    weights = {
+        one_of("objective", name, OBJECTIVES): number(f"weight of '{name}'", weight, at_least=0)
+        for name, weight in objective.items()
+    }
+    if not any(weights.values()):
+        raise InvalidInput("objective: expected at least one weight above 0")
+    if weights.get("motor_heat") and problem.torques is None:
+        raise InvalidInput("objective 'motor_heat': expected a problem with torques=TorqueLimits(...) (see torque_limits)")
+    return weights
+
+
+def columns_of(problem: ForceProblem) -> np.ndarray:
+    """Grasp map on x: (rows, k d), friction's scale included."""
+    stored = problem._assembled
+    if "A" not in stored:
+        base, friction = problem.scaled_columns, problem.friction
+        scale = friction.scale(problem.mu)
+        columns = np.zeros((problem.rows, problem.k, friction.d))
+        columns[:, :, :2] = base[:, :, :2] * scale[None, :, :2]
+        columns[:, :, -1] = base[:, :, 2]
+        if friction.d == 4 and problem.rows == 6:
+            normals = problem.contacts.rotations_oc[:, :, 2]
+            columns[3:, :, 2] = (normals * scale[:, 2:3]).T / problem.moment_length
+        stored["A"] = columns.reshape(problem.rows, -1)
+    return stored["A"]
+
+
+def torque_columns(problem: ForceProblem) -> np.ndarray:
+    """Joint torques from x: (n, k d) [N m per newton], friction's scale included."""
+    stored = problem._assembled
+    if "torque" not in stored:
+        rotations, friction = problem.contacts.rotations_oc, problem.friction
+        scale = friction.scale(problem.mu)
+        J = problem.torques.jacobian
+        linear = np.einsum("kxn,kxc->nkc", J[:, :3], rotations)
+        columns = np.zeros((J.shape[2], problem.k, friction.d))
+        columns[:, :, :2] = linear[:, :, :2] * scale[None, :, :2]
+        columns[:, :, -1] = linear[:, :, 2]
+        if friction.d == 4:
+            columns[:, :, 2] = np.einsum("kxn,kx->nk", J[:, 3:], rotations[:, :, 2]) * scale[:, 2]
+        stored["torque"] = columns.reshape(J.shape[2], -1)
+    return stored["torque"]
+
+
+def assemble(
+    problem: ForceProblem,
+    weights: Mapping[str, float],
+    terms: Mapping[str, tuple[tuple[float, float], ...]],
+    lo: np.ndarray,
+    hi: np.ndarray,
+) -> Program:
+    """The program of a force problem.
+
+    Args:
+        problem: contacts, load, friction, limits.
+        weights: objective, see :func:`weights_of`.
+        terms: per grasp-energy measure in ``weights`` its powers of F_n [N] (``ForceProblem.energy_terms``).
+        lo, hi: range of F_n (k,) [N].
+    """
+    k, d = problem.k, problem.friction.d
+    stored = problem._assembled
+    A, load = columns_of(problem), problem.scaled_load
+    scale = float(np.sqrt(load @ load)) or float(lo.max()) or 1.0
+    powers = [(weights[m] * c * scale**e, e) for m in MEASURES if weights.get(m) for c, e in terms[m]]
+    key = ("objective", *weights.items())
+    if key not in stored:
+        stored[key] = _quadratic(problem, weights)
+    P, q, constant = stored[key]
+    sizes = [c for c, _ in powers]
+    peak = weights.get("peak", 0.0) * scale
+    if peak:
+        sizes.append(peak)
+    if P is not None:
+        sizes.append(0.5 * stored[(*key, "largest")] * scale**2)
+    unit = max(sizes) if max(sizes) > 0 else 1.0
+    if "rows" not in stored:
+        stored["rows"] = _torque_rows(problem)
+    R, R_lo, R_hi = stored["rows"]
+    cache = stored.setdefault((*key, scale), {})  # solvers keep there what depends on nothing else
+    return Program(
+        friction=problem.friction,
+        k=k,
+        d=d,
+        A=A,
+        b=-load / scale,
+        lo=lo / scale,
+        hi=hi / scale,
+        R=R * scale,
+        R_lo=R_lo,
+        R_hi=R_hi,
+        powers=tuple((c / unit, e) for c, e in powers),
+        P=None if P is None else P * (scale**2 / unit),
+        q=q * (scale / unit),
+        peak=peak / unit,
+        constant=constant / unit,
+        force_scale=scale,
+        objective_scale=unit,
+        cache=cache,
+    )
+
+
+def _quadratic(problem: ForceProblem, weights) -> tuple[np.ndarray | None, np.ndarray, float]:
+    """P, q and the constant of the quadratic objectives, in newtons and the objectives' units."""
+    n = problem.k * problem.friction.d
+    P, q, constant = None, np.zeros(n), 0.0
+    if weights.get("least_squares"):
+        size = np.ones((problem.k, problem.friction.d))
+        size[:, :-1] = problem.friction.scale(problem.mu)
+        size[:, 2:-1] /= problem.moment_length
+        P = np.diag(2 * weights["least_squares"] * size.ravel() ** 2)
+    if weights.get("motor_heat"):
+        T, bias, weight = torque_columns(problem), problem.torques.bias, weights["motor_heat"]
+        heat = 2 * weight * T.T @ T
+        P = heat if P is None else P + heat
+        q = 2 * weight * bias @ T
+        constant = weight * float(bias @ bias)
+    if P is not None:
+        problem._assembled[("objective", *weights.items(), "largest")] = float(np.abs(np.diag(P)).max()) or 1.0
+    return P, q, constant
+
+
+def _torque_rows(problem: ForceProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    n = problem.k * problem.friction.d
+    if problem.torques is None or not np.any(np.isfinite(problem.torques.limit)):
+        return np.zeros((0, n)), np.zeros(0), np.zeros(0)
+    limited = np.isfinite(problem.torques.limit)
+    limit, bias = problem.torques.limit[limited], problem.torques.bias[limited]
+    return torque_columns(problem)[limited] / limit[:, None], -1 - bias / limit, 1 - bias / limit
