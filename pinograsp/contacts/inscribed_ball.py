@@ -65,8 +65,8 @@ def inscribed_ball(
         dimension: d.
         tolerance: relative gap ``(upper - lower) / upper`` to reach [-]. Gaps below 1e-11 of the set's size are always
             taken as closed, and a set thinner than that as flat.
-        limit: facets that the inner polytope may have. A smooth set needs many at a fine tolerance; at the limit the
-            bounds reached are returned with ``converged=False``.
+        limit: facets, and points, that the inner polytope may have. A smooth set needs many at a fine tolerance; at the
+            limit the bounds reached are returned with ``converged=False``. 300 000 facets in 6-D take some 5 s, 100 MB.
 
     Returns:
         Bounds with lower <= radius <= upper up to the rounding of a dot product. W may be flat or leave the origin
@@ -79,23 +79,27 @@ def inscribed_ball(
     tolerance = number("tolerance", tolerance, at_least=0)
     limit = _integer("limit of facets", limit, d + 1)
 
+    lower, upper, direction = 0.0, np.inf, np.eye(d)[0]
+
     def ask(y: np.ndarray) -> np.ndarray:
-        return array_of("support point", support_point(y), (d,))
+        nonlocal upper, direction
+        point = array_of("support point", support_point(y), (d,))
+        if y @ point < upper:
+            upper, direction = float(y @ point), y.copy()
+        return point
 
     simplex, size, flat = _start(ask, d)
-    if flat is not None:
-        return InscribedBall(lower=0.0, upper=0.0, direction=read_only(flat), converged=True, points=len(simplex))
     rounding = 8 * d * _EPS * size
+    if flat is not None or upper <= rounding:
+        flat = direction if flat is None else flat
+        return InscribedBall(lower=0.0, upper=0.0, direction=read_only(flat), converged=True, points=len(simplex))
     polytope = _Polytope(simplex, _FLAT * size)
-    lower, upper, direction = 0.0, np.inf, np.eye(d)[0]
     while True:
         facet = polytope.nearest()
         y, inner = polytope.normals[facet], polytope.offsets[facet]
-        lower = max(lower, inner - rounding)
+        lower = max(lower, inner - rounding) if polytope.sound else 0.0
         point = ask(y)
         outer = float(y @ point)
-        if outer < upper:
-            upper, direction = outer, y.copy()
         if upper <= rounding:
             lower = upper = 0.0
             break
@@ -103,7 +107,7 @@ def inscribed_ball(
         # A facet whose own highest vertex is the support point cannot be moved outwards.
         if upper - lower <= enough or outer - polytope.highest(facet) <= _FLAT * size:
             break
-        if max(len(polytope), len(polytope.points)) > limit or not polytope.add(point):
+        if not polytope.sound or max(len(polytope), len(polytope.points)) > limit or not polytope.add(point):
             break
     upper = upper + rounding if upper > 0 else 0.0
     return InscribedBall(
@@ -150,8 +154,8 @@ class _Polytope:
     """A closed simplicial surface around ``centre`` that grows by the points it is given.
 
     ``facets`` (n, d) are numbers of ``points``, ascending; ``normals`` (n, d) point outwards and have unit length;
-    ``offsets`` (n,) are the least component along the normal of a facet's vertices. Rows ``vacant`` hold no facet: their
-    offset is infinite.
+    ``offsets`` (n,) are the least component along the normal of a facet's vertices. Rows ``vacant`` hold no facet,
+    their offset is infinite. ``sound`` says that the planes leave the centre inside, in spite of rounding.
     """
 
     def __init__(self, simplex: np.ndarray, flat: float):
@@ -162,6 +166,7 @@ class _Polytope:
         self.rims = np.array([[j for j in range(d) if j != i] for i in range(d)], dtype=np.int64).reshape(d, d - 1)
         self.facets = np.array([[j for j in range(d + 1) if j != i] for i in range(d + 1)], dtype=np.int64)
         self.normals, self.offsets = self._planes(self.points, self.facets)
+        self.sound = bool(np.all(self.offsets > self.normals @ self.centre))
         self.vacant = np.zeros(0, dtype=np.int64)
 
     def __len__(self) -> int:
@@ -191,7 +196,7 @@ class _Polytope:
         facets = np.column_stack([rim, np.full(len(rim), base, dtype=np.int64)])
         points = np.vstack([self.points, point])
         normals, offsets = self._planes(points, facets)
-        if len(seen) == 0 or not np.all(offsets > normals @ self.centre):
+        if len(seen) == 0 or not np.all(offsets > normals @ self.centre):  # also catches nan
             return False
         self.points = points
         rows = self._rows(seen, len(facets))

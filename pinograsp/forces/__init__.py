@@ -1,23 +1,44 @@
-"""Contact forces: the problem, the grid searches, the QP over the friction multipliers."""
+"""Contact forces: the problem, grid searches, the multiplier QP, convex optima with certificates, margins, robust sets."""
 
+from pinograsp.forces.global_optimum import Branch, optimize_grasp
 from pinograsp.forces.grid import GridSpec, grid_values
 from pinograsp.forces.infeasibility import Diagnosis, Infeasibility, diagnose
+from pinograsp.forces.margins import ForceClosure, GraspMargins, force_closure, grasp_margins, load_margin, min_weight
 from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
 from pinograsp.forces.optimize import Certificate, optimize_forces
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES
+from pinograsp.forces.robust import LoadSet, RobustForces, optimize_robust
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.forces.solvers import SOLVERS
 
 __all__ = [
+    "OBJECTIVES",
     "SEARCHES",
     "SOLVERS",
+    "Branch",
+    "Certificate",
+    "Diagnosis",
+    "ForceClosure",
     "ForceProblem",
     "ForceSolution",
+    "GraspMargins",
     "GridSpec",
+    "Infeasibility",
+    "LoadSet",
     "MultiplierSolution",
+    "RobustForces",
+    "TorqueLimits",
+    "diagnose",
+    "force_closure",
+    "grasp_margins",
     "grid_search",
     "grid_values",
+    "load_margin",
+    "min_weight",
+    "optimize_forces",
+    "optimize_grasp",
+    "optimize_robust",
     "refine_multipliers",
 ]

@@ -15,10 +15,11 @@ import numpy as np
 from pinograsp.forces.program import Program
 from pinograsp.forces.solvers import solve_rows
 
-_PROXIMAL = 1e-6  # against an objective of order one; below 1e-9 dense active-set solvers lose the Hessian
+_PROXIMAL = 1e-5  # against an objective of order one; below 1e-9 dense active-set solvers lose the Hessian
 _STEPS = 60
 _CONE_STEPS = 25  # where these do not do, the interior-point method is the better choice
-_SETTLED = 1e-9  # step in F_n, relative: the next error is its square
+_WITHIN = 0.8  # the square is wider than the disc by 1 / 0.8: it never coincides with a half-space that is active
+_SETTLED = 1e-6  # step in x, relative: the next error is about its square
 
 
 def solve_dense(program: Program, solver: str) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -159,5 +160,5 @@ def _square(inside: int, d: int) -> np.ndarray:
     """Rows |u_j| <= F of the square (cube) around a disc (ball), and one row of zeros for the half-space."""
     rows = np.zeros((2 * inside + 1 if inside else 0, d - 1))
     for j in range(inside):
-        rows[2 * j, j], rows[2 * j + 1, j] = 1.0, -1.0
+        rows[2 * j, j], rows[2 * j + 1, j] = _WITHIN, -_WITHIN
     return rows

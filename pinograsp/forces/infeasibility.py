@@ -197,7 +197,7 @@ def load_factors(program: Program) -> tuple[float, float] | None:
     """Least and largest s >= 0 for which s times the load can be held; infinity for an absent load; None for none."""
     if not np.any(program.b):
         return (0.0, np.inf) if prove_feasible(program) else None
-    ends = [_extreme_load(program, sign) for sign in (1.0, -1.0)]
+    ends = [extreme_multiple(program, 0 * program.b, program.b, sign) for sign in (1.0, -1.0)]
     return None if None in ends else (max(0.0, ends[0]), ends[1])
 
 
@@ -207,10 +207,13 @@ def prove_feasible(program: Program) -> bool:
     return found is not None and float(np.hypot(np.linalg.norm(found[1]), np.linalg.norm(found[2]))) <= 1e-8
 
 
-def _extreme_load(program: Program, sign: float) -> float | None:
+def extreme_multiple(program: Program, base: np.ndarray, column: np.ndarray, sign: float) -> float | None:
+    """Least (sign 1) or largest (sign -1) s >= 0 with A x = base + s column for an admissible x; None where there is none.
+
+    Infinity where s has no largest value.
+    """
     k, n, rows, m = program.k, program.k * program.d, len(program.b), len(program.R)
     linear, second, sizes, _ = cone_rows(program)
-    column = sp.csc_matrix(-program.b[:, None])
 
     def wide(block):
         return sp.hstack([block, sp.csc_matrix((block.shape[0], 1))])
@@ -218,7 +221,7 @@ def _extreme_load(program: Program, sign: float) -> float | None:
     R = sp.csc_matrix(program.R)
     A = sp.vstack(
         [
-            sp.hstack([sp.csc_matrix(program.A), column]),
+            sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(-column[:, None])]),
             wide(linear),
             sp.csc_matrix(([-1.0], ([0], [n])), shape=(1, n + 1)),
             wide(R),
@@ -229,16 +232,16 @@ def _extreme_load(program: Program, sign: float) -> float | None:
     )
     facets = np.zeros(linear.shape[0] - 2 * k + 1)
     b = np.concatenate(
-        [np.zeros(rows), -program.lo, program.hi, facets, program.R_hi, -program.R_lo, np.zeros(second.shape[0])]
+        [base, -program.lo, program.hi, facets, program.R_hi, -program.R_lo, np.zeros(second.shape[0])]
     )
     q = np.zeros(n + 1)
     q[n] = sign
     cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(linear.shape[0] + 1 + 2 * m)]
     cones += [clarabel.SecondOrderConeT(size) for size in sizes]
     found = solve(sp.csc_matrix((n + 1, n + 1)), q, A, b, cones)
-    if str(found.status) not in ("Solved", "AlmostSolved"):
-        return None
-    return float(found.x[n])
+    if str(found.status) == "DualInfeasible":
+        return np.inf
+    return float(found.x[n]) if str(found.status) in ("Solved", "AlmostSolved") else None
 
 
 def _program(problem: ForceProblem, impact_time: float) -> Program:

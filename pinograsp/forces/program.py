@@ -64,7 +64,7 @@ class Program:
         F = x[self.d - 1 :: self.d]
         total = float(self.q @ x)
         for coefficient, exponent in self.powers:
-            total += coefficient * float((F**exponent).sum())
+            total += coefficient * float((np.maximum(F, 0.0) ** exponent).sum())  # rounding may leave F = -1e-17
         if self.P is not None:
             total += 0.5 * float(x @ self.P @ x)
         return total + self.peak * float(F.max()) if self.peak else total
@@ -84,8 +84,11 @@ class Program:
         c = c.reshape(self.k, self.d)
         return c[:, -1] - self.friction.support(c[:, :-1])
 
-    def lower_bound(self, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> float:
-        """Certified lower bound of the optimum from any x within bounds, y (rows,) and w (m,), without the constant."""
+    def lower_bound(self, x: np.ndarray, y: np.ndarray, w: np.ndarray, refine: bool = True) -> float:
+        """Certified lower bound of the optimum from any x, y (rows,) and w (m,), without the constant.
+
+        ``refine`` spends more on it where powers of F_n are in the objective.
+        """
         F = np.clip(x[self.d - 1 :: self.d], self.lo, self.hi)
         c = self.q + y @ self.A
         total = -float(y @ self.b)
@@ -96,16 +99,39 @@ class Program:
         if len(w):
             c = c + w @ self.R
             total -= self._rows_at_their_limits(w)
-        s = self.reduced(c)
+        return total + self.separable(self.reduced(c), F, refine)
+
+    def separable(self, s: np.ndarray, F: np.ndarray, refine: bool = True) -> float:
+        """Lower bound of sum_i phi(F_i) + s_i F_i + p max F over lo <= F <= hi, sharp where F is near the minimiser.
+
+        phi lies above its tangents, so any point of tangency gives a bound: F first, then the minimiser if that is better.
+        """
+        bound = self._at_tangents(s, F)
+        if self.powers and not self.peak and refine:
+            bound = max(bound, self._at_tangents(s, self._minimiser(s)))
+        return bound
+
+    def _at_tangents(self, s: np.ndarray, F: np.ndarray) -> float:
+        total = 0.0
         if self.powers:
             first, _ = self.slope(F)
-            s += first
-            total += sum(coef * float((F**exponent).sum()) for coef, exponent in self.powers) - float(first @ F)
+            s = s + first
+            total = sum(c * float((F**exponent).sum()) for c, exponent in self.powers) - float(first @ F)
         if self.peak:
             # max F >= theta . F for any weights theta >= 0 that sum to at most one; these cancel what they can.
             theta = np.maximum(0.0, -s) / self.peak * (F > F.max() * (1 - 1e-6))
-            s += self.peak * theta / max(1.0, float(theta.sum()))
+            s = s + self.peak * theta / max(1.0, float(theta.sum()))
         return total + float(np.minimum(self.lo * s, self.hi * s).sum())
+
+    def _minimiser(self, s: np.ndarray) -> np.ndarray:
+        """argmin of phi(F) + s F over [lo, hi] by bisection on the increasing derivative."""
+        low, high = self.lo.copy(), self.hi.copy()
+        for _ in range(60):
+            middle = (low + high) / 2
+            rising = self.slope(middle)[0] + s > 0
+            high = np.where(rising, middle, high)
+            low = np.where(rising, low, middle)
+        return (low + high) / 2
 
     def _rows_at_their_limits(self, w: np.ndarray) -> float:
         """Largest value of w . R x that the torque limits allow."""

@@ -1,0 +1,179 @@
+"""The global optimum over the impact time and all normal forces, with a certified gap: branch and bound in t_I.
+
+For a fixed t_I the problem is convex (:mod:`pinograsp.forces.optimize`). Over an interval of impact times it is bounded
+from below by one convex program: every coefficient of the energy takes its least value (they are monotone in
+tau = t_F - t_I: impulse grows with it, the damping's part of the work falls), and F_n may range from the least lower
+to the greatest upper bound (both ends grow with tau). The bound itself is proven by the program's dual. Intervals are
+split until the best forces found cost at most ``gap`` more than the least bound left.
+"""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from tqdm import tqdm
+
+from pinograsp.checks import number
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.optimize import chosen_solver, record, solve_certified
+from pinograsp.forces.problem import MEASURES, ForceProblem
+from pinograsp.forces.program import assemble, weights_of
+from pinograsp.forces.solution import ForceSolution
+
+_NARROWEST = 1e-12  # intervals of t_I [s] that rounding no longer separates
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """One interval of impact times of the search.
+
+    Attributes:
+        start, end: [s]. lower_bound: proven for every t_I in it, in the objective's unit; infinite where no t_I in it
+            admits forces (proven).
+        best: objective of the best forces found when it was visited.
+        fate: ``"split"``, ``"infeasible"``, ``"bounded"`` (cannot hold anything better than ``best`` less the gap) or
+            ``"unresolved"``.
+    """
+
+    start: float
+    end: float
+    lower_bound: float
+    best: float
+    fate: str
+
+
+def optimize_grasp(
+    problem: ForceProblem,
+    *,
+    objective: str | Mapping[str, float] | None = None,
+    solver: str = "auto",
+    gap: float = 1e-6,
+    progress: bool | None = None,
+) -> ForceSolution:
+    """The globally least-cost forces over all impact times of ``problem.impact_time_range`` and all decelerations.
+
+    Args:
+        problem: contacts, load, friction, limits; any deceleration shape.
+        objective, solver: as for :func:`~pinograsp.forces.optimize.optimize_forces`.
+        gap: relative gap at which the search ends [-].
+        progress: progress bar on stderr: None (long searches on a terminal), True or False.
+
+    Returns:
+        The optimum: its ``certificate.dual`` bounds *every* impact time, so ``certificate.relative_gap`` is the global
+        gap; ``branches`` is the log. ``INFEASIBLE``: every interval is proven infeasible, ``infeasibility`` is the proof
+        of the one that came closest. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound reached.
+
+    Raises:
+        InvalidInput: unknown objective or solver, or a gap below 1e-9.
+    """
+    started = time.perf_counter()
+    search = _Search(problem, weights_of(objective, problem), chosen_solver(problem, solver))
+    if number("gap", gap, above=0) < 1e-9:
+        raise InvalidInput(f"gap: expected at least 1e-9 (the certificates' own accuracy), got {gap:g}")
+    interrupted = False
+    bar = tqdm(
+        desc="branch and bound",
+        unit="interval",
+        disable=None if progress is None else not progress,
+        delay=1.0 if progress is None else 0.0,
+        leave=False,
+    )
+    try:
+        search.run(gap, bar)
+    except KeyboardInterrupt:
+        interrupted = True
+    bar.close()
+    return search.solution(gap, interrupted, started)
+
+
+class _Search:
+    def __init__(self, problem: ForceProblem, weights: dict[str, float], solver: str):
+        self.problem, self.weights, self.solver = problem, weights, solver
+        self.best, self.best_value, self.best_time = None, float("inf"), None
+        self.open: list[tuple[float, int, float, float]] = []
+        self.closed_bound = float("inf")  # least bound of intervals set aside
+        self.log: list[Branch] = []
+        self.proof, self.proof_time, self.unresolved = None, None, False
+
+    def run(self, gap: float, bar) -> None:
+        low, high = self.problem.impact_time_range
+        for t in dict.fromkeys((high, low)):
+            self.visit(t)
+        self.keep(low, high, self.relaxed(low, high, -float("inf")))
+        while self.open:
+            bound, _, a, b = heapq.heappop(self.open)
+            if bound >= self.best_value - gap * abs(self.best_value):
+                self.closed_bound = min(self.closed_bound, bound)
+                self.log.append(Branch(a, b, bound, self.best_value, "bounded"))
+                continue
+            if b - a <= _NARROWEST:
+                self.unresolved = True
+                self.closed_bound = min(self.closed_bound, bound)
+                self.log.append(Branch(a, b, bound, self.best_value, "unresolved"))
+                continue
+            self.log.append(Branch(a, b, bound, self.best_value, "split"))
+            middle = (a + b) / 2
+            # Kept open while its halves are bounded: an interruption then still has a valid bound.
+            heapq.heappush(self.open, (bound, -1, a, b))
+            self.visit(middle)
+            left, right = self.relaxed(a, middle, bound), self.relaxed(middle, b, bound)
+            self.open.remove((bound, -1, a, b))
+            heapq.heapify(self.open)
+            self.keep(a, middle, left)
+            self.keep(middle, b, right)
+            bar.update()
+
+    def visit(self, t: float) -> None:
+        """Best forces at one impact time; they become the incumbent if they are the cheapest so far."""
+        terms = {m: self.problem.energy_terms(t, m) for m in MEASURES if self.weights.get(m)}
+        program = assemble(self.problem, self.weights, terms, *self.problem.normal_force_range(t))
+        x, status, certificate, proof, solver = solve_certified(self.problem, program, self.solver)
+        if status is Status.OK and certificate.primal < self.best_value:
+            self.best, self.best_value, self.best_time = (program, x, certificate, solver), certificate.primal, t
+        if proof is not None and (self.proof is None or proof.margin < self.proof.margin):
+            self.proof, self.proof_time = proof, t
+
+    def relaxed(self, a: float, b: float, parent: float) -> float:
+        """Proven lower bound of the objective over t_I in [a, b]; infinite where the relaxation is proven infeasible."""
+        problem = self.problem
+        terms = {}
+        for m in MEASURES:
+            if self.weights.get(m):
+                pairs = zip(problem.energy_terms(a, m), problem.energy_terms(b, m))
+                terms[m] = tuple((min(one, two), power) for (one, power), (two, _) in pairs)
+        (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
+        program = assemble(problem, self.weights, terms, lo, hi)
+        _, status, certificate, proof, _ = solve_certified(problem, program, self.solver)
+        if status is Status.INFEASIBLE:
+            if self.proof is None or proof.margin < self.proof.margin:
+                self.proof, self.proof_time = proof, a
+            return float("inf")
+        return parent if certificate is None else max(parent, certificate.dual)
+
+    def keep(self, a: float, b: float, bound: float) -> None:
+        if bound == float("inf"):
+            self.log.append(Branch(a, b, bound, self.best_value, "infeasible"))
+        else:
+            heapq.heappush(self.open, (bound, len(self.log), a, b))
+
+    def solution(self, gap: float, interrupted: bool, started: float) -> ForceSolution:
+        details = {"branches": tuple(self.log)}
+        if self.best is None:
+            status = Status.INTERRUPTED if interrupted else Status.INACCURATE if self.unresolved else Status.INFEASIBLE
+            program = None
+            return record(
+                self.problem, program, self.proof_time, None, status, None, self.proof, self.solver, self.weights,
+                started, **details,
+            )  # fmt: skip
+        program, x, certificate, solver = self.best
+        left = min([self.closed_bound, self.best_value, *(bound for bound, *_ in self.open)])
+        certificate = replace(certificate, dual=left)
+        status = Status.INTERRUPTED if interrupted else Status.OK
+        if not interrupted and certificate.gap > gap * abs(certificate.primal):
+            status = Status.INACCURATE
+        return record(
+            self.problem, program, self.best_time, x, status, certificate, None, solver, self.weights, started, **details
+        )

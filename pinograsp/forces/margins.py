@@ -1,0 +1,288 @@
+"""Margins of a given grasp: how much more load it bears, how near its contacts are to slipping, force closure.
+
+With the normal forces fixed (the squeeze that the hand has commanded) only friction reacts to a change of the load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import clarabel
+import numpy as np
+import scipy.sparse as sp
+
+from pinograsp.checks import array_of, read_only
+from pinograsp.contacts import ContactSet, Friction
+from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
+from pinograsp.errors import InvalidInput
+from pinograsp.forces.conic import cone_rows, solve
+from pinograsp.forces.infeasibility import extreme_multiple
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import Program, assemble, columns_of
+from pinograsp.forces.solution import ForceSolution
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GraspMargins:
+    """Margins of one set of contact forces.
+
+    Attributes:
+        friction_used: share of its friction limit that each contact uses (k,) [-]; above 1 it slips. Infinite where there
+            is tangential force without friction. The safety factor is *not* part of it: the limit is mu itself.
+        least_mu: friction coefficient that each contact's force needs (k,) [-].
+        slip_distance: least change of its force that brings a contact to slip (k,) [N]; negative: it slips.
+        load_factor: largest multiple of the load held with these normal forces, friction reacting [-]; infinite without
+            load; 0 where even the load itself is not held.
+        disturbance: largest wrench in *any* direction that may come on top of the load, friction reacting [N, moments over
+            the moment length], bounded from both sides, with the weakest direction.
+        disturbance_force: the same for pure forces through the centre of mass [N].
+        disturbance_moment: the same for pure moments [N m]; None in force balance.
+    """
+
+    friction_used: np.ndarray
+    least_mu: np.ndarray
+    slip_distance: np.ndarray
+    load_factor: float
+    disturbance: InscribedBall
+    disturbance_force: float
+    disturbance_moment: float | None
+
+
+def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspMargins:
+    """Margins of the forces of a solution, within its problem's friction model at full mu (safety factor 1).
+
+    Args:
+        solution: forces that hold the load.
+        tolerance: relative accuracy of ``disturbance`` [-].
+
+    Raises:
+        InvalidInput: a solution without forces.
+    """
+    if not solution.found:
+        raise InvalidInput(f"margins: expected a solution with forces, got status '{solution.status}'")
+    problem = _unsafed(solution.problem)
+    friction, F = problem.friction, solution.normal_forces
+    scale = friction.scale(problem.mu)
+    tangential = np.linalg.norm(solution.forces_c[:, :2], axis=1)
+    local = np.column_stack([solution.forces_c[:, :2], solution.torsion])[:, : friction.d - 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        used = friction.gauge(np.where(scale > 0, local / np.where(scale > 0, scale, 1.0), 0.0)) / F
+        least_mu = np.where(tangential > 0, tangential / F, 0.0)
+    used = np.where(np.any((scale == 0) & (np.abs(local) > 1e-12), axis=1), np.inf, np.where(F > 0, used, 0.0))
+    # Distance to the exact cone's surface: |f_t| = mu F_n is a plane in the (|f_t|, F_n) half-plane.
+    slip = (problem.mu * F - tangential) / np.hypot(1.0, problem.mu)
+    program = _at(problem, F)
+    reached = extreme_multiple(program, 0 * program.b, program.b, -1.0) if np.any(program.b) else np.inf
+    ball = _disturbances(program, tolerance)
+    force = _section(program, (0, 1, 2)) if problem.rows == 6 else ball.lower
+    moment = _section(program, (3, 4, 5)) if problem.rows == 6 else None
+    unit = program.force_scale
+    return GraspMargins(
+        friction_used=read_only(used),
+        least_mu=read_only(least_mu),
+        slip_distance=read_only(slip),
+        load_factor=0.0 if reached is None else float(reached),
+        disturbance=InscribedBall(
+            lower=ball.lower * unit,
+            upper=ball.upper * unit,
+            direction=ball.direction,
+            converged=ball.converged,
+            points=ball.points,
+        ),
+        disturbance_force=force * unit,
+        disturbance_moment=None if moment is None else moment * unit * problem.moment_length,
+    )
+
+
+def load_margin(
+    problem: ForceProblem, direction, *, normal_forces=None, impact_time: float | None = None
+) -> float:
+    """Largest s [-] for which the load plus s times ``direction`` (6,) [N, N m] can be held.
+
+    Either with ``normal_forces`` (k,) [N] fixed, friction alone reacting, or with the forces free within their limits for
+    an impact at ``impact_time`` [s]. Returns -1 where even the load alone cannot be held, infinity where s is unbounded.
+    """
+    direction = array_of("direction", direction, (6,))
+    scaled = np.concatenate([direction[:3], direction[3:] / problem.moment_length])[: problem.rows]
+    if not np.any(scaled):
+        raise InvalidInput("direction: expected a wrench that is not zero in the balance rows")
+    if (normal_forces is None) == (impact_time is None):
+        raise InvalidInput("load margin: expected normal_forces (fixed) or impact_time (forces free), one of them")
+    if impact_time is None:
+        normal = array_of("normal forces", normal_forces, (problem.k,))
+        if np.any(normal < 0):
+            raise InvalidInput(f"normal forces: expected values >= 0 [N], got {normal.tolist()}")
+        program = _at(problem, normal)
+    else:
+        bounds = problem.normal_force_range(problem.checked_impact_time(impact_time))
+        program = assemble(problem, {"peak": 1.0}, {}, *bounds)
+        if np.any(program.lo > program.hi):
+            return -1.0
+    reached = extreme_multiple(program, program.b, -scaled / program.force_scale, -1.0)
+    return -1.0 if reached is None else float(reached)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ForceClosure:
+    """Whether contact forces can resist *any* wrench (of the balance rows), given strength enough.
+
+    Attributes:
+        closed: the verdict. rank: of the grasp map's usable columns.
+        margin: largest t such that forces with normal forces of sum 1 balance while every contact keeps a share t of its
+            even part (1 / k) clear of its friction limit [-]; positive with full rank: force closure.
+        separating: wrench (6,), zero where closed: no contact can give a component against it. Checked.
+    """
+
+    closed: bool
+    rank: int
+    margin: float
+    separating: np.ndarray
+
+
+def force_closure(
+    contacts: ContactSet, mu, *, friction: Friction | None = None, balance: str = "wrench"
+) -> ForceClosure:
+    """Test of force closure: are the contacts' friction cones able to balance every wrench? (Nguyen 1988)
+
+    Args:
+        contacts: k contacts. mu: friction coefficient, one or (k,). friction: model; default the exact cone.
+        balance: ``"wrench"`` or ``"force"``.
+    """
+    problem = ForceProblem(
+        contacts=contacts, load=np.zeros(6), mu=mu, friction=friction or Friction(model="cone"), balance=balance
+    )
+    A = columns_of(problem)
+    rank = int(np.linalg.matrix_rank(A, tol=1e-9 * max(1.0, float(np.abs(A).max()))))
+    margin, y = _interior(problem)
+    closed = rank == problem.rows and margin > 1e-8
+    separating = np.zeros(6)
+    if not closed:
+        separating[: problem.rows] = _separating(problem, A, rank, y)
+    return ForceClosure(closed=closed, rank=rank, margin=max(margin, 0.0), separating=read_only(separating))
+
+
+def min_weight(contacts: ContactSet, mu, *, edges: int = 8, balance: str = "wrench") -> float:
+    """Min-weight metric [-]: the largest l such that weights >= l, of sum 1, on the edges of all friction pyramids balance.
+
+    Normalised by the number of edges, so it lies in [0, 1] and is positive exactly for grasps whose edges positively span
+    zero with full weights (Li et al., FRoGGeR, 2023). A linear program.
+    """
+    problem = ForceProblem(
+        contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(edges=edges), balance=balance
+    )
+    A = columns_of(problem).reshape(problem.rows, problem.k, 3)
+    corners = problem.friction.vertices
+    edge_wrenches = (A[:, :, :2] @ corners.T + A[:, :, 2:]).reshape(problem.rows, -1)
+    count = edge_wrenches.shape[1]
+    # Variables: weights, l. Maximise l.
+    rows = sp.vstack(
+        [
+            sp.hstack([sp.csc_matrix(edge_wrenches), sp.csc_matrix((problem.rows, 1))]),
+            sp.csc_matrix(np.append(np.ones(count), 0.0)[None]),
+            sp.hstack([-sp.identity(count), sp.csc_matrix(np.ones((count, 1)))]),
+        ],
+        format="csc",
+    )
+    q = np.append(np.zeros(count), -1.0)
+    b = np.concatenate([np.zeros(problem.rows), [1.0], np.zeros(count)])
+    cones = [clarabel.ZeroConeT(problem.rows + 1), clarabel.NonnegativeConeT(count)]
+    found = solve(sp.csc_matrix((count + 1, count + 1)), q, rows, b, cones)
+    return max(0.0, float(found.x[count]) * count) if str(found.status) in ("Solved", "AlmostSolved") else 0.0
+
+
+def _unsafed(problem: ForceProblem) -> ForceProblem:
+    """The problem at full mu."""
+    if problem.friction.safety == 1.0:
+        return problem
+    return replace(problem, friction=replace(problem.friction, safety=1.0))
+
+
+def _at(problem: ForceProblem, normal: np.ndarray) -> Program:
+    """The program with F_n fixed at ``normal``."""
+    return assemble(problem, {"peak": 1.0}, {}, np.asarray(normal), np.asarray(normal))
+
+
+def _disturbances(program: Program, tolerance: float) -> InscribedBall:
+    """Largest ball in the set of disturbances {b - A x} that friction holds at the program's F_n."""
+    columns = program.A.reshape(len(program.b), program.k, program.d)
+    F = program.lo
+    centre = program.b - columns[:, :, -1] @ F
+
+    def support_point(y):
+        u = program.friction.support_point(np.einsum("r,rkc->kc", y, columns[:, :, :-1]))
+        return np.einsum("rkc,kc->r", columns[:, :, :-1], u * F[:, None]) + centre
+
+    return inscribed_ball(support_point, len(program.b), tolerance=tolerance)
+
+
+def _section(program: Program, rows: tuple[int, ...]) -> float:
+    """Radius of the largest ball in the disturbances of some rows alone, the others being zero: lower bound to 1e-3."""
+    k, n, count = program.k, program.k * program.d, len(program.b)
+    linear, second, sizes, _ = cone_rows(program)
+    pick = np.zeros((count, len(rows)))
+    pick[list(rows), range(len(rows))] = 1.0
+
+    def wide(block):
+        return sp.hstack([block, sp.csc_matrix((block.shape[0], len(rows)))])
+
+    A = sp.vstack([sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(pick)]), wide(linear), wide(second)], format="csc")
+    b = np.concatenate([program.b, -program.lo, program.hi, np.zeros(linear.shape[0] - 2 * k + second.shape[0])])
+    cones = [clarabel.ZeroConeT(count), clarabel.NonnegativeConeT(linear.shape[0])]
+    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
+    P = sp.csc_matrix((n + len(rows), n + len(rows)))
+    held = True
+
+    def support_point(y):
+        nonlocal held
+        found = solve(P, np.concatenate([np.zeros(n), -y]), A, b, cones)
+        if str(found.status) not in ("Solved", "AlmostSolved"):
+            held = False
+            return np.zeros(len(rows))
+        return np.array(found.x)[n:]
+
+    ball = inscribed_ball(support_point, len(rows), tolerance=1e-3)
+    return ball.lower if held else 0.0
+
+
+def _interior(problem: ForceProblem) -> tuple[float, np.ndarray]:
+    """Largest t with balanced forces of sum 1 whose F_n and distance from the friction limit are t / k, and its dual y.
+
+    With F = F' + t / k the cones read u in F' U, so only the balance and the sum know of t.
+    """
+    k, n = problem.k, problem.k * problem.friction.d
+    program = assemble(problem, {"peak": 1.0}, {}, np.zeros(k), np.ones(k))
+    linear, second, sizes, select = cone_rows(program)
+    mean = program.A.reshape(problem.rows, k, -1)[:, :, -1].mean(axis=1)
+
+    def wide(block):
+        return sp.hstack([block, sp.csc_matrix((block.shape[0], 1))])
+
+    A = sp.vstack(
+        [
+            sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(mean[:, None])]),
+            sp.hstack([sp.csc_matrix(np.ones((1, k)) @ select), sp.csc_matrix([[1.0]])]),
+            wide(linear),
+            sp.csc_matrix(([-1.0], ([0], [n])), shape=(1, n + 1)),
+            wide(second),
+        ],
+        format="csc",
+    )
+    b = np.zeros(A.shape[0])
+    b[problem.rows] = 1.0
+    b[problem.rows + 1 + k : problem.rows + 1 + 2 * k] = 1.0
+    q = np.zeros(n + 1)
+    q[n] = -1.0
+    cones = [clarabel.ZeroConeT(problem.rows + 1), clarabel.NonnegativeConeT(linear.shape[0] + 1)]
+    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
+    found = solve(sp.csc_matrix((n + 1, n + 1)), q, A, b, cones)
+    solved = str(found.status) in ("Solved", "AlmostSolved")
+    return float(found.x[n]) if solved else 0.0, np.array(found.z)[: problem.rows]
+
+
+def _separating(problem: ForceProblem, A: np.ndarray, rank: int, y: np.ndarray) -> np.ndarray:
+    """A unit direction that no contact force opposes: y . A x >= 0 for every x in the cones."""
+    if rank < problem.rows:
+        return np.linalg.svd(A)[0][:, -1]
+    y = y / max(float(np.linalg.norm(y)), 1e-300)
+    program = assemble(problem, {"peak": 1.0}, {}, np.zeros(problem.k), np.ones(problem.k))
+    return y if program.reduced(y @ A).min() >= -1e-6 else np.zeros(problem.rows)

@@ -1,0 +1,395 @@
+"""The least-cost squeeze that holds a whole set of loads, as one convex program.
+
+The hand commands the normal forces once; friction reacts to whatever load comes. So F_n is common to all loads and the
+tangential forces belong to each:
+
+- every vertex of a polytope of loads (a list, a box, a range of masses) has tangential forces of its own; all loads in the
+  convex hull are then held, since the friction limits are convex for fixed F_n. Exact.
+- a ball of disturbances is met by tangential forces that are affine in the disturbance w, u = u_0 + L w with
+  A_t L = -1: d . u <= F for all |w| <= r is d . u_0 + r |L' d| <= F. Sufficient; friction is taken polyhedral there (a
+  cone by its inscribed 16-sided pyramid).
+
+Friction coefficients within a range: the least of them is the worst case, since every friction limit grows with mu.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import clarabel
+import numpy as np
+import scipy.sparse as sp
+
+from pinograsp.checks import array_of, number, read_only
+from pinograsp.contacts import Friction
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.conic import cone_rows, solve
+from pinograsp.forces.infeasibility import Infeasibility, prove
+from pinograsp.forces.problem import MEASURES, ForceProblem
+from pinograsp.forces.program import Program, assemble, weights_of
+
+_EDGES_FOR_BALLS = 16
+_FRICTION_ONLY = (*MEASURES, "peak")  # objectives that depend on the common F_n alone
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoadSet:
+    """Loads on the object that must all be held: the convex hull of wrenches, and a ball around it.
+
+    Attributes:
+        wrenches: (s, 6) external wrenches, linear first, about the centre of mass, world axes [N, N m].
+        ball: radius of disturbances in any direction on top [N; moments over the problem's moment length].
+    """
+
+    wrenches: np.ndarray
+    ball: float = 0.0
+
+    def __post_init__(self):
+        wrenches = array_of("loads", self.wrenches, (None, 6))
+        if len(wrenches) == 0:
+            raise InvalidInput("loads: expected at least one wrench, got none")
+        object.__setattr__(self, "wrenches", wrenches)
+        object.__setattr__(self, "ball", number("ball of disturbances", self.ball, at_least=0, unit="N"))
+
+    @classmethod
+    def around(cls, load, *, box=None, ball: float = 0.0, mass_range: tuple[float, float] = (1.0, 1.0)) -> LoadSet:
+        """Loads around a nominal one (6,) [N, N m].
+
+        Args:
+            box: half-widths (6,) of a box of disturbances [N, N m].
+            ball: radius of a ball of disturbances [N].
+            mass_range: least and largest multiple of the nominal load (a weight), e.g. (0.9, 1.2).
+        """
+        load = array_of("load", load, (6,))
+        low, high = array_of("mass range", mass_range, (2,))
+        if not 0 <= low <= high:
+            raise InvalidInput(f"mass range: expected 0 <= least <= largest multiple, got {low:g} and {high:g}")
+        half = np.zeros(6) if box is None else array_of("box of disturbances", box, (6,))
+        if np.any(half < 0):
+            raise InvalidInput(f"box of disturbances: expected half-widths >= 0, got {half.tolist()}")
+        corners = itertools.product(*[(-h, h) if h > 0 else (0.0,) for h in half])
+        offsets = np.array(list(corners))
+        scales = (low, high) if high > low else (low,)
+        return cls(wrenches=np.concatenate([scale * load + offsets for scale in scales]), ball=ball)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RobustForces:
+    """Normal forces that hold every load of a set, and the friction that does it.
+
+    Attributes:
+        status: ``OK``, ``INFEASIBLE`` or ``INACCURATE``. problem: as solved (least mu; polyhedral friction for a ball).
+        loads: the set. impact_time: t_I [s].
+        normal_forces: F_n (k,) [N], common to all loads; empty without a solution.
+        balanced: the loads (s, rows) that ``forces_c`` belongs to, as scaled wrenches in the balance rows [N].
+        forces_c: contact forces per load (s, k, 3) [N]; torsion (s, k) [N m].
+        response: change of the scaled tangential forces per unit of disturbance (k, d - 1, rows), or None without a ball.
+        primal, dual: objective, and proven lower bound of any normal forces that hold the set (for a ball: among
+            affine reactions, by the solver's dual). balance: largest net wrench left over all loads [N]. violation:
+            largest violation of friction, bounds or torque limits [N].
+        infeasibility: proof for a single load that cannot be held at all, or None.
+        elapsed: [s].
+    """
+
+    status: Status
+    problem: ForceProblem
+    loads: LoadSet
+    impact_time: float
+    normal_forces: np.ndarray
+    balanced: np.ndarray
+    forces_c: np.ndarray
+    torsion: np.ndarray
+    response: np.ndarray | None
+    primal: float
+    dual: float
+    balance: float
+    violation: float
+    infeasibility: Infeasibility | None
+    elapsed: float
+
+    @property
+    def gap(self) -> float:
+        """primal - dual, in the objective's unit."""
+        return self.primal - self.dual
+
+    def explain(self) -> str:
+        """The outcome in words."""
+        what = f"{len(self.balanced)} loads" + (f" and a ball of {self.loads.ball:g} N" if self.loads.ball else "")
+        if self.status is Status.OK:
+            return f"normal forces {np.round(self.normal_forces, 4).tolist()} N hold all of {what}"
+        if self.infeasibility is not None:
+            return (
+                f"no forces hold all of {what}: one of the loads cannot be held by itself, at least "
+                f"{self.infeasibility.margin:.4g} N of net wrench is left; diagnose() that load"
+            )
+        if self.status is Status.INFEASIBLE:
+            return f"no common normal forces hold all of {what}, though each load alone can be held: {self.status.remedy}"
+        return f"neither forces for {what} nor a proof that there are none: {self.status.remedy}"
+
+
+def optimize_robust(
+    problem: ForceProblem,
+    loads: LoadSet,
+    impact_time: float,
+    *,
+    mu_range: tuple[float, float] | None = None,
+    objective: str | Mapping[str, float] | None = None,
+) -> RobustForces:
+    """The least-cost normal forces that hold every load of a set, friction reacting to each.
+
+    Args:
+        problem: contacts, friction, limits (its own load plays no part).
+        loads: see :class:`LoadSet`. impact_time: t_I [s].
+        mu_range: least and largest friction coefficient, for all contacts; default: the problem's mu.
+        objective: ``"impulse"``, ``"work"``, ``"peak"`` or weights of them (they depend on F_n alone); default: the
+            problem's measure.
+
+    Raises:
+        InvalidInput: other objectives, crossed ranges, or a ball in a set of soft fingers.
+    """
+    started = time.perf_counter()
+    impact_time = problem.checked_impact_time(impact_time)
+    weights = weights_of(objective, problem)
+    other = [name for name, weight in weights.items() if weight and name not in _FRICTION_ONLY]
+    if other:
+        raise InvalidInput(f"robust objective: expected {', '.join(_FRICTION_ONLY)} or a sum of them, got {', '.join(other)}")
+    if mu_range is not None:
+        low, high = array_of("mu range", mu_range, (2,))
+        if not 0 <= low <= high:
+            raise InvalidInput(f"mu range: expected 0 <= least <= largest, got {low:g} and {high:g}")
+        problem = replace(problem, mu=low)
+    if loads.ball and not problem.friction.polyhedral:
+        if problem.friction.model == "soft":
+            raise InvalidInput("a ball of disturbances: expected friction 'pyramid' or 'cone', got 'soft'; use a box")
+        inscribed = Friction(edges=_EDGES_FOR_BALLS, torsion=problem.friction.torsion, safety=problem.friction.safety)
+        problem = replace(problem, friction=inscribed)
+    terms = {m: problem.energy_terms(impact_time, m) for m in MEASURES if weights.get(m)}
+    lo, hi = problem.normal_force_range(impact_time)
+    largest = loads.wrenches[np.argmax([problem.scaled_norm(w) for w in loads.wrenches])]
+    program = assemble(replace(problem, load=largest), weights, terms, lo, hi)
+    scaled = np.array([np.concatenate([w[:3], w[3:] / problem.moment_length])[: problem.rows] for w in loads.wrenches])
+    targets = np.unique(-scaled / program.force_scale, axis=0)  # in force balance loads may differ by moments alone
+    return _Robust(problem, program, targets, loads, impact_time).solved(started)
+
+
+class _Robust:
+    """Columns: F (k), u per load (s, k, d - 1), L (k, d - 1, rows) with a ball, one t per power and contact, peak."""
+
+    def __init__(self, problem, program: Program, targets, loads, impact_time):
+        self.problem, self.program, self.targets, self.loads, self.t = problem, program, targets, loads, impact_time
+        self.k, self.e, self.s = program.k, program.d - 1, len(targets)
+        self.rows = len(program.b)
+        self.radius = loads.ball / program.force_scale
+        self.per_load = self.k * self.e
+        self.L = self.k + self.s * self.per_load
+        self.curved = [(c, p) for c, p in program.powers if p != 1]
+        self.extra = self.L + (self.per_load * self.rows if self.radius else 0)
+        self.peak = self.extra + self.k * len(self.curved)
+        self.size = self.peak + (program.peak > 0)
+
+    def solved(self, started: float) -> RobustForces:
+        if np.any(self.program.lo > self.program.hi):
+            return self.record(Status.INFEASIBLE, None, -np.inf, started)
+        A, b, cones = self.constraints()
+        q = np.zeros(self.size)
+        for c, p in self.program.powers:
+            if p == 1:
+                q[: self.k] += c
+        for j, (c, _) in enumerate(self.curved):
+            q[self.extra + j * self.k : self.extra + (j + 1) * self.k] = c
+        q[self.peak :] = self.program.peak
+        found = solve(sp.csc_matrix((self.size, self.size)), q, A, b, cones)
+        z = np.array(found.x)
+        if np.isfinite(z).all() and "Infeasible" not in str(found.status):
+            bound = float(found.obj_val_dual) if self.radius else self.lower_bound(z, np.array(found.z))
+            tried = self.record(Status.OK, z, bound, started)
+            if tried.status is Status.OK:
+                return tried
+        if self.radius:
+            proven = str(found.status) == "PrimalInfeasible"
+        else:
+            proven = self.proven_infeasible(A, b, cones)
+        return self.record(Status.INFEASIBLE if proven else Status.INACCURATE, None, -np.inf, started)
+
+    def proven_infeasible(self, A, b, cones) -> bool:
+        """Phase one over all loads: the least net wrenches and torque excesses give a certificate, checked in closed form."""
+        m, per_load = len(self.program.R), self.facets + 2 * len(self.program.R)
+        slack = sp.lil_matrix((A.shape[0], self.equalities + self.s * m))
+        slack[np.arange(self.equalities), np.arange(self.equalities)] = -1.0
+        for s in range(self.s):
+            rows = self.torque_at + s * per_load + self.facets + np.arange(m)
+            columns = self.equalities + s * m + np.arange(m)
+            slack[rows, columns] = -1.0
+            slack[rows + m, columns] = 1.0
+        P = sp.diags(np.concatenate([np.zeros(self.size), np.ones(slack.shape[1])]), format="csc")
+        found = solve(P, np.zeros(P.shape[0]), sp.hstack([A, slack], format="csc"), b, cones)
+        z = np.array(found.x)[self.size :]
+        size = float(np.abs(z).max())
+        if not np.isfinite(size) or size <= 1e-9:
+            return False
+        y = z[: self.equalities].reshape(self.s, self.rows) / size
+        w = z[self.equalities :].reshape(self.s, m) / size
+        s, total = self.shared(y, w)
+        return total + float(np.minimum(self.program.lo * s, self.program.hi * s).sum()) > 1e-9
+
+    def block(self, rows: np.ndarray, load: int | None) -> sp.spmatrix:
+        """Rows on x = (u, F) of one load as rows on all columns; without a load they concern F alone."""
+        rows = rows.reshape(len(rows), self.k, self.e + 1)
+        parts = [sp.csc_matrix(rows[:, :, -1])]
+        for s in range(self.s):
+            u = rows[:, :, :-1].reshape(len(rows), self.per_load)
+            parts.append(sp.csc_matrix(u if s == load else (len(rows), self.per_load)))
+        parts.append(sp.csc_matrix((len(rows), self.size - self.L)))
+        return sp.hstack(parts, format="csr")
+
+    def constraints(self):
+        p, k = self.program, self.k
+        linear, second, sizes, select = cone_rows(p)
+        facets = linear[2 * k :].toarray() if linear.shape[0] > 2 * k else np.zeros((0, k * p.d))
+        select, second = select.toarray(), second.toarray()
+        equal = [self.block(p.A, s) for s in range(self.s)]
+        equal_b = [t for t in self.targets]
+        least = [self.block(-select, None), self.block(select, None)]
+        least_b = [-p.lo, p.hi]
+        soc, soc_b, soc_sizes = [], [], []
+        for s in range(self.s):
+            if not self.radius:
+                least += [self.block(facets, s), self.block(p.R, s), self.block(-p.R, s)]
+                least_b += [np.zeros(len(facets)), p.R_hi, -p.R_lo]
+            soc.append(self.block(second, s))
+            soc_b.append(np.zeros(len(second)))
+            soc_sizes += sizes
+        if self.radius:
+            self.ball_rows(equal, equal_b, soc, soc_b, soc_sizes, facets)
+        if p.peak > 0:
+            rows = self.block(select, None).tolil()
+            rows[:, self.peak] = -1.0
+            least.append(rows)
+            least_b.append(np.zeros(k))
+        power, power_b = [], []
+        for j in range(len(self.curved)):
+            rows = sp.lil_matrix((3 * k, self.size))
+            rows[np.arange(0, 3 * k, 3), self.extra + j * k + np.arange(k)] = -1.0
+            rows[np.arange(2, 3 * k, 3), np.arange(k)] = -1.0
+            power.append(rows)
+            power_b.append(np.tile([0.0, 1.0, 0.0], k))
+        A = sp.vstack([*equal, *least, *soc, *power], format="csc")
+        b = np.concatenate([*equal_b, *least_b, *soc_b, *power_b])
+        self.equalities = sum(len(v) for v in equal_b)
+        self.torque_at = self.equalities + 2 * k
+        self.facets = len(facets)
+        cones = [clarabel.ZeroConeT(self.equalities), clarabel.NonnegativeConeT(sum(len(v) for v in least_b))]
+        cones += [clarabel.SecondOrderConeT(size) for size in soc_sizes]
+        cones += [clarabel.PowerConeT(1 / power) for _, power in self.curved for _ in range(k)]
+        return A, b, cones
+
+    def ball_rows(self, equal, equal_b, soc, soc_b, soc_sizes, facets) -> None:
+        """A_t L = -1, and every facet and torque row with its share of the ball as a second-order cone."""
+        p, rows = self.program, self.rows
+        tangential = p.A.reshape(rows, self.k, p.d)[:, :, :-1].reshape(rows, -1)
+        # Column order of L: (contact, component, row), so A_t L = -1 is a Kronecker product.
+        block = sp.lil_matrix((rows * rows, self.size))
+        block[:, self.L : self.extra] = sp.kron(sp.csc_matrix(tangential), sp.identity(rows))
+        equal.append(block.tocsr())
+        equal_b.append(-np.eye(rows).ravel())
+        torque = [(p.R, p.R_hi), (-p.R, -p.R_lo)] if len(p.R) else []
+        for s in range(self.s):
+            for matrix, limit in [(facets, np.zeros(len(facets))), *torque]:
+                across = matrix.reshape(len(matrix), self.k, p.d)[:, :, :-1].reshape(len(matrix), self.per_load)
+                for i in range(len(matrix)):
+                    # limit - row . x >= radius |L' row|
+                    reach = sp.lil_matrix((rows, self.size))
+                    reach[:, self.L : self.extra] = -self.radius * sp.kron(
+                        sp.csc_matrix(across[i : i + 1]), sp.identity(rows)
+                    )
+                    soc.append(sp.vstack([self.block(matrix[i : i + 1], s), reach.tocsr()]))
+                    soc_b.append(np.concatenate([limit[i : i + 1], np.zeros(rows)]))
+                    soc_sizes.append(rows + 1)
+
+    def multipliers(self, dual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Balance (s, rows) and torque (s, m) multipliers of a solution without a ball."""
+        m = len(self.program.R)
+        y = dual[: self.s * self.rows].reshape(self.s, self.rows)
+        per_load = dual[self.torque_at : self.torque_at + self.s * (self.facets + 2 * m)].reshape(self.s, self.facets + 2 * m)
+        torque = per_load[:, self.facets :]
+        return y, torque[:, :m] - torque[:, m:]
+
+    def shared(self, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
+        """Per contact the least value of all loads' duals per unit of F_n, and the constant: F_n is common to all."""
+        p, total, s_sum = self.program, 0.0, np.zeros(self.k)
+        for s in range(self.s):
+            s_sum += p.reduced(y[s] @ p.A + w[s] @ p.R)
+            total -= float(y[s] @ self.targets[s]) + float(np.maximum(w[s] * p.R_hi, w[s] * p.R_lo).sum())
+        return s_sum, total
+
+    def lower_bound(self, z: np.ndarray, dual: np.ndarray) -> float:
+        """Proven bound of the objective: as in :mod:`pinograsp.forces.program`, with F_n shared by all loads."""
+        p = self.program
+        s, total = self.shared(*self.multipliers(dual))
+        return total + p.separable(s, np.clip(z[: self.k], p.lo, p.hi))
+
+    def record(self, status: Status, z: np.ndarray | None, bound: float, started: float) -> RobustForces:
+        p, problem = self.program, self.problem
+        forces, torsion = np.zeros((0, self.k, 3)), np.zeros((0, self.k))
+        normal, response, proof = np.zeros(0), None, None
+        primal, balance, violation = np.inf, 0.0, 0.0
+        if z is not None:
+            F = z[: self.k]
+            u = z[self.k : self.L].reshape(self.s, self.k, self.e)
+            x = np.concatenate([u, np.broadcast_to(F[None, :, None], (self.s, self.k, 1))], axis=2)
+            primal = p.value(x[0].ravel())
+            residuals = np.linalg.norm(x.reshape(self.s, -1) @ p.A.T - self.targets, axis=1)
+            checks = [p.violations(one.ravel()) for one in x]
+            violation = max(max(cone, bounds, rows) for cone, bounds, rows, _ in checks)
+            balance = float(residuals.max())
+            if self.radius:
+                response = z[self.L : self.extra].reshape(self.k, self.e, self.rows)
+                violation = max(violation, self.ball_violation(u, F, response))
+            if balance > 1e-8 or violation > 1e-7 or primal - bound > 1e-6 * max(abs(primal), 1e-12):
+                status = Status.INACCURATE
+            scale = problem.friction.scale(problem.mu) * p.force_scale
+            forces = np.concatenate([u[:, :, :2] * scale[:, :2], np.broadcast_to(
+                F[None, :, None] * p.force_scale, (self.s, self.k, 1))], axis=2)  # fmt: skip
+            torsion = u[:, :, 2] * scale[:, 2] if self.e == 3 else np.zeros((self.s, self.k))
+            normal = F * p.force_scale
+        elif status is Status.INFEASIBLE:
+            for wrench in self.loads.wrenches:
+                single = replace(problem, load=wrench)
+                proof = prove(single, assemble(single, {"peak": 1.0}, {}, *problem.normal_force_range(self.t)))
+                if proof is not None:
+                    break
+        return RobustForces(
+            status=status,
+            problem=problem,
+            loads=self.loads,
+            impact_time=self.t,
+            normal_forces=read_only(normal),
+            balanced=read_only(-self.targets * p.force_scale),
+            forces_c=read_only(forces),
+            torsion=read_only(torsion),
+            response=None if response is None else read_only(response),
+            primal=primal * p.objective_scale,
+            dual=min(bound, primal) * p.objective_scale,
+            balance=balance * p.force_scale,
+            violation=violation * p.force_scale,
+            infeasibility=proof,
+            elapsed=time.perf_counter() - started,
+        )
+
+    def ball_violation(self, u: np.ndarray, F: np.ndarray, response: np.ndarray) -> float:
+        """How far the worst disturbance of the ball exceeds friction or a torque limit, and the residual of A_t L = -1."""
+        p = self.program
+        D = p.friction.facets
+        reach = self.radius * np.linalg.norm(np.einsum("fe,ker->kfr", D, response), axis=2)
+        worst = float((np.einsum("ske,fe->skf", u, D) + reach - F[None, :, None]).max())
+        tangential = p.A.reshape(self.rows, self.k, p.d)[:, :, :-1]
+        left = np.abs(np.einsum("ake,ker->ar", tangential, response) + np.eye(self.rows)).max() * self.radius
+        if len(p.R):
+            across = p.R.reshape(len(p.R), self.k, p.d)
+            swing = self.radius * np.linalg.norm(np.einsum("mke,ker->mr", across[:, :, :-1], response), axis=1)
+            torque = np.einsum("ske,mke->sm", u, across[:, :, :-1]) + across[:, :, -1] @ F
+            worst = max(worst, float((torque + swing - p.R_hi).max()), float((p.R_lo - torque + swing).max()))
+        return max(worst, float(left), 0.0)
