@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.errors import NoGrasp, PinograspError, Status
+from pinograsp.errors import GraspInfeasible, NoGrasp, PinograspError, Status
 
 app = typer.Typer(
     add_completion=False,
@@ -45,10 +45,10 @@ def plan(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
-    search: Annotated[str | None, typer.Option(help="hybrid, paper or paper+qp.")] = None,
+    search: Annotated[str | None, typer.Option(help="hybrid, paper, paper+qp (grids) or convex (certified optimum).")] = None,
     balance: Annotated[str | None, typer.Option(help="force (the paper) or wrench (forces and moments).")] = None,
     measure: Annotated[str | None, typer.Option(help="impulse [N s] or work [J].")] = None,
-    solver: Annotated[str | None, typer.Option(help="daqp, proxqp, osqp, quadprog, piqp or clarabel.")] = None,
+    solver: Annotated[str | None, typer.Option(help="auto, daqp, proxqp, osqp, quadprog, piqp or clarabel.")] = None,
     changes: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; repeatable.")
     ] = None,
@@ -61,7 +61,7 @@ def plan(
 
       pinograsp plan paper
 
-      pinograsp plan paper --balance wrench --measure work --out runs/wrench
+      pinograsp plan paper --search convex --balance wrench --measure work --out runs/wrench
 
       pinograsp plan paper --set object.mass=1.1 --set friction.mu=0.8 --json
     """
@@ -94,7 +94,13 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
         loaded = load_case(case, [*(changes or []), *(f'{key}="{value}"' for key, value in chosen.items())])
     folder = out if out is not None else _fresh_folder(loaded.name)
     check_folder(folder, force)
-    planned = loaded.plan(progress=False if as_json else None)
+    try:
+        planned = loaded.plan(progress=False if as_json else None)
+    except GraspInfeasible as error:
+        # A proof is a result: it is kept like one. A grid that found nothing proves nothing.
+        if error.solution.search == "convex" and error.solution.status is Status.INFEASIBLE:
+            _keep_proof(error, loaded, folder, force)
+        raise
     run = run_of(planned, loaded.settings())
     comparison = []
     if case == "paper":
@@ -118,6 +124,16 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
         raise typer.Exit(130)
     if run.summary["status"] not in _DONE:
         raise typer.Exit(3)
+
+
+def _keep_proof(error, loaded, folder: Path, force: bool) -> None:
+    from pinograsp.report import failure
+    from pinograsp.storage import run_of_failure, save_run
+
+    layout = {"hand": loaded.hand.source, "contacts": [contact.finger for contact in loaded.contacts]}
+    run = run_of_failure(error, layout, loaded.settings())
+    save_run(run, folder, force=force, extras=lambda path: (path / "report.md").write_text(failure(run), encoding="utf-8"))
+    typer.echo(f"the proof is written to {folder}: report.md, plan.json", err=True)
 
 
 def _fresh_folder(name: str) -> Path:

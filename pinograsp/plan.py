@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinograsp.errors import GraspInfeasible, Status
-from pinograsp.forces import ForceProblem, ForceSolution, GridSpec, grid_search
+from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
+from pinograsp.errors import GraspInfeasible, InvalidInput, Status
+from pinograsp.forces import (
+    ForceProblem,
+    ForceSolution,
+    GridSpec,
+    diagnose,
+    force_closure,
+    grasp_margins,
+    grid_search,
+    optimize_grasp,
+)
 from pinograsp.hands import HandModel
-from pinograsp.motion import Motion, MotionSpec, plan_motion
+from pinograsp.motion import Motion, MotionSpec, plan_motion, torque_limits
+
+# Rounds of force search and motion until the holding torques at the posture found are within their limits.
+_TORQUE_ROUNDS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,11 +72,19 @@ class GraspPlan:
             "solver": forces.solver or "none",
             "balance": self.problem.balance,
             "measure": self.problem.measure,
+            "friction": {
+                "mu": self.problem.mu.tolist(),
+                "model": self.problem.friction.model,
+                "edges": self.problem.friction.edges if self.problem.friction.model == "pyramid" else None,
+                "safety": self.problem.friction.safety,
+                "torsion_m": self.problem.friction.torsion,
+            },
             "impact_time_s": forces.impact_time,
             "final_time_s": self.problem.final_time,
             "normal_forces_N": dict(zip(names, forces.normal_forces.tolist())),
             "multipliers": dict(zip(names, forces.multipliers.tolist())),
             "contact_forces_N": dict(zip(names, forces.forces_c.tolist())),
+            "torsion_Nm": dict(zip(names, forces.torsion.tolist())) if self.problem.friction.torsion else {},
             "accelerations_m_s2": dict(zip(names, forces.acceleration.tolist())),
             "work_J": forces.work,
             "impulse_Ns": forces.impulse,
@@ -82,9 +104,57 @@ class GraspPlan:
                 "rejections": forces.rejections,
                 "qp_solves": forces.qp_solves,
             },
+            "certificate": self._certificate(),
+            "margins": self._margins(),
             "notes": list(self.motion.notes),
             "elapsed_s": sum(self.elapsed.values()),
             "elapsed_by_stage_s": dict(self.elapsed),
+        }
+
+    def _certificate(self) -> dict | None:
+        certificate = self.forces.certificate
+        if certificate is None:
+            return None
+        return {
+            "objective": dict(self.forces.objective),
+            "primal": certificate.primal,
+            "dual": certificate.dual,
+            "relative_gap": certificate.relative_gap,
+            "balance_N": certificate.balance_force,
+            "balance_Nm": certificate.balance_moment if self.problem.balance == "wrench" else None,
+            "cone_violation_N": certificate.cone_violation,
+            "torque_violation": certificate.torque_violation,
+            "active": list(certificate.active(self.problem.contacts.names)),
+            "branches": len(self.forces.branches),
+        }
+
+    def _margins(self) -> dict:
+        """Margins of the forces and quality of the grasp, as plain values; None where a figure is infinite."""
+        problem, forces = self.problem, self.forces
+        margins = grasp_margins(forces, tolerance=1e-3)
+        closure = force_closure(problem.contacts, problem.mu, balance=problem.balance)
+        settings = {"friction": replace(problem.friction, safety=1.0), "moment_length": problem.moment_length}
+        epsilon = ferrari_canny(problem.contacts, problem.mu, balance=problem.balance, tolerance=1e-2, **settings)
+        stiffness = grasp_stiffness(problem.contacts, problem.compliance, forces.normal_forces)
+        metrics = grasp_map_metrics(problem.contacts, moment_length=problem.moment_length)
+
+        def finite(value):
+            return None if value is None or not np.isfinite(value) else float(value)
+
+        names = problem.contacts.names
+        return {
+            "friction_used": {name: finite(v) for name, v in zip(names, margins.friction_used)},
+            "slip_distance_N": dict(zip(names, margins.slip_distance.tolist())),
+            "load_factor": finite(margins.load_factor),
+            "disturbance_any_N": margins.disturbance.lower,
+            "weakest_direction": margins.disturbance.direction.tolist(),
+            "disturbance_force_N": margins.disturbance_force,
+            "disturbance_moment_Nm": margins.disturbance_moment,
+            "force_closure": closure.closed,
+            "ferrari_canny_L1": epsilon.lower,
+            "min_singular_value": float(metrics.min_singular_value),
+            "isotropy": float(metrics.isotropy),
+            "stiffness_N_m": np.asarray(stiffness.matrix).tolist(),
         }
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -118,7 +188,9 @@ def plan_grasp(
     *,
     grid: GridSpec | None = None,
     search: str = "hybrid",
-    solver: str = "daqp",
+    solver: str | None = None,
+    objective: str | Mapping[str, float] | None = None,
+    torque_limit=None,
     motion: MotionSpec | None = None,
     progress: bool | None = None,
 ) -> GraspPlan:
@@ -127,7 +199,12 @@ def plan_grasp(
     Args:
         hand: the hand, placed in the world.
         problem: contacts (of this hand), load, friction and limits.
-        grid, search, solver, progress: see :func:`~pinograsp.forces.grid_search`.
+        search: ``"convex"``: the certified global optimum (:func:`~pinograsp.forces.optimize_grasp`), with any friction
+            model; or a grid, see :func:`~pinograsp.forces.grid_search`, which also explains ``grid`` and ``progress``.
+        solver: name of the solver; default: the search's own.
+        objective: of the convex search; default: the problem's measure.
+        torque_limit: the convex search keeps the holding torques at t_F within it: largest |torque| (n,) or one number
+            [N m], or ``"effort"`` for the hand's own effort limits. Default: torques are reported, not limited.
         motion: postures and sampling; see :class:`~pinograsp.motion.MotionSpec`.
 
     Returns:
@@ -135,14 +212,59 @@ def plan_grasp(
         within its net-force limit; ``JOINT_LIMIT`` or ``NOT_TRACKED`` where the motion is at fault; ``INTERRUPTED``.
 
     Raises:
-        GraspInfeasible: no forces on the grid; carries the search record with its rejection histogram.
+        GraspInfeasible: no forces; carries the search record and says why: the grid's rejection histogram, or the
+            convex search's proof with its diagnosis.
+        InvalidInput: an objective or torque limit without the convex search.
         ContactNotReached: a finger cannot reach its contact points.
     """
     started = time.perf_counter()
-    forces = grid_search(problem, grid, search=search, solver=solver, progress=progress)
+    if search == "convex":
+        return _convex_plan(hand, problem, solver or "auto", objective, torque_limit, motion, progress, started)
+    if objective is not None or torque_limit is not None:
+        raise InvalidInput("objective and torque_limit: expected search='convex', the grids know neither")
+    forces = grid_search(problem, grid, search=search, solver=solver or "daqp", progress=progress)
     if not forces.found or forces.status is Status.INACCURATE:
         raise GraspInfeasible(f"no grasp found ({forces.status}). {forces.status.remedy}\n{forces.explain()}", forces)
     found = time.perf_counter()
     moved = plan_motion(hand, forces, motion)
     elapsed = {"forces": found - started, "motion": time.perf_counter() - found}
     return GraspPlan(hand=hand, forces=forces, motion=moved, elapsed=elapsed)
+
+
+def _convex_plan(hand, problem, solver, objective, torque_limit, motion, progress, started) -> GraspPlan:
+    limited = torque_limit is not None
+    if limited:
+        torque_limit = hand.effort if isinstance(torque_limit, str) and torque_limit == "effort" else torque_limit
+    elif objective is not None and "motor_heat" in objective and problem.torques is None:
+        limited, torque_limit = True, np.inf  # motor heat needs the Jacobians, at the posture that is found
+    spent = {"forces": 0.0, "motion": 0.0}
+    # The torques depend on the posture at t_F, which depends on the forces: a few rounds settle both. The first finds a
+    # posture without knowing the torques.
+    searched = replace(problem, torques=None) if limited else problem
+    first = None if limited else objective
+    for _ in range(_TORQUE_ROUNDS):
+        forces = optimize_grasp(searched, objective=first, solver=solver, progress=progress)
+        if not forces.found or forces.status is Status.INACCURATE:
+            raise GraspInfeasible(_why(forces), forces)
+        spent["forces"] += time.perf_counter() - started - sum(spent.values())
+        moved = plan_motion(hand, forces, motion)
+        spent["motion"] += time.perf_counter() - started - sum(spent.values())
+        if not limited or forces.status is Status.INTERRUPTED:
+            break
+        limits = torque_limits(
+            hand, problem.contacts, moved.q[-1], limit=torque_limit, gravity_o=problem.gravity_o
+        )
+        settled = searched.torques is not None and np.abs(limits.jacobian - searched.torques.jacobian).max() < 1e-5
+        if settled:
+            break
+        searched, first = replace(problem, torques=limits), objective
+    return GraspPlan(hand=hand, forces=forces, motion=moved, elapsed=spent)
+
+
+def _why(forces: ForceSolution) -> str:
+    """The diagnosis of a convex search without forces, at the impact time that admits the largest forces."""
+    text = f"no grasp found ({forces.status}). {forces.status.remedy}"
+    if forces.status is Status.INFEASIBLE:
+        earliest = forces.problem.impact_time_range[0]
+        text = f"no grasp: every impact time is proven infeasible\n{diagnose(forces.problem, earliest)}"
+    return text

@@ -24,7 +24,8 @@ def answer(run: Run) -> list[tuple[str, str]]:
     multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in s["multipliers"].items())
     return [
         ("status", s["status"]),
-        ("search", f"{s['search']}, solver {s['solver']}, {s['balance']} balance, least {s['measure']}"),
+        ("search", f"{s['search']}, solver {s['solver']}, {s['balance']} balance, least {_objective(s)}"),
+        ("friction", _friction(s["friction"])),
         ("impact time t_I", f"{s['impact_time_s']:g} s"),
         ("normal forces", f"{forces} N"),
         ("multipliers k1, k2", multipliers),
@@ -33,8 +34,68 @@ def answer(run: Run) -> list[tuple[str, str]]:
         ("largest penetration", f"{1e3 * s['max_penetration_m']:.3f} mm"),
         ("peak joint torque", f"{s['peak_torque_Nm']:.4f} N m"),
         ("postures tried", ", ".join(f"{name} {count}" for name, count in s["postures_tried"].items())),
+        *_proof(s),
+        *_safety(s["margins"]),
         ("planning time", f"{s['elapsed_s']:.3f} s"),
     ]
+
+
+def _objective(s: dict) -> str:
+    weights = s["certificate"]["objective"] if s["certificate"] else {s["measure"]: 1.0}
+    parts = [name if weight == 1.0 else f"{weight:g} {name}" for name, weight in weights.items() if weight]
+    return " + ".join(parts)
+
+
+def _friction(f: dict) -> str:
+    low, high = min(f["mu"]), max(f["mu"])
+    mu = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    model = f"pyramid of {f['edges']} edges" if f["edges"] else {"cone": "cone", "soft": "soft finger"}[f["model"]]
+    torsion = f", torsion up to {1e3 * f['torsion_m']:g} mm x F_n" if f["torsion_m"] else ""
+    return f"mu {mu}, {model}, safety factor {f['safety']:g}{torsion}"
+
+
+def _proof(s: dict) -> list[tuple[str, str]]:
+    certificate = s["certificate"]
+    if certificate is None:
+        return []
+    gap = f"no forces cost less than {number(certificate['dual'], 7)} (ours {number(certificate['primal'], 7)}), "
+    gap += f"gap {certificate['relative_gap']:.1e}"
+    return [("proven", gap), ("active limits", "; ".join(certificate["active"]) or "none")]
+
+
+def _safety(m: dict) -> list[tuple[str, str]]:
+    """The margins: what the grasp bears beyond its load with these normal forces."""
+    used = ", ".join(f"{name} {'slips' if v is None else format(v, '.1%')}" for name, v in m["friction_used"].items())
+    factor = "any" if m["load_factor"] is None else f"{m['load_factor']:.4g} times"
+    moment = "" if m["disturbance_moment_Nm"] is None else f", {number(m['disturbance_moment_Nm'], 3)} N m about any axis"
+    held = f"{number(m['disturbance_force_N'], 3)} N in any direction{moment}"
+    if m["disturbance_any_N"] == 0:
+        held = "nothing in the weakest direction: forces on their limits; ask for a friction safety factor above 1"
+    return [
+        ("friction used", used),
+        ("load held by these forces", f"{factor} the load"),
+        ("disturbance held besides", held),
+        ("grasp", f"{'force closure' if m['force_closure'] else 'no force closure'}, Ferrari-Canny epsilon "
+                  f"{number(m['ferrari_canny_L1'], 3)}, smallest singular value {number(m['min_singular_value'], 3)}"),
+    ]  # fmt: skip
+
+
+def failure(run: Run) -> str:
+    """``report.md`` of a search that proved that there is no grasp."""
+    s = run.summary
+    first, _, rest = s["message"].partition("\n")
+    return "\n".join(
+        [
+            f"# No grasp: {run.settings.get('name', run.layout['hand'])}",
+            "",
+            f"**{s['status']}**: {first}",
+            "",
+            *(f"- {line.strip()}" for line in rest.splitlines()),
+            "",
+            "Made with " + ", ".join(f"{name} {version}" for name, version in run.versions.items()) + ".",
+            "",
+        ]
+    )
 
 
 def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
@@ -75,11 +136,12 @@ def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
             for phase, values in phases.items()
         ],
     )
-    lines += ["## Search", "", f"{s['grid']['points']:.4g} grid points, {s['grid']['cells']} cells in (t_I, A), "
-              f"{s['grid']['qp_solves']} QPs solved.", ""]  # fmt: skip
-    lines += _table(
-        ("cells rejected by", "count"), [(reason, str(count)) for reason, count in s["grid"]["rejections"].items()]
-    )
+    if s["grid"]["points"] == 0:
+        lines += ["## Search", "", f"Branch and bound over t_I: {s['certificate']['branches']} intervals. Net wrench left: "
+                  f"{s['certificate']['balance_N']:.1e} N; largest violation of a limit: "
+                  f"{s['certificate']['cone_violation_N']:.1e} N.", ""]  # fmt: skip
+    else:
+        lines += _grid_section(s)
     if comparison:
         lines += ["## Beside the paper", ""]
         lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(comparison))
@@ -89,6 +151,14 @@ def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
         lines += ["## Figures", "", *(f"![{name}]({name})" for name in figures), ""]
     lines += ["Made with " + ", ".join(f"{name} {version}" for name, version in run.versions.items()) + ".", ""]
     return "\n".join(lines)
+
+
+def _grid_section(s: dict) -> list[str]:
+    lines = ["## Search", "", f"{s['grid']['points']:.4g} grid points, {s['grid']['cells']} cells in (t_I, A), "
+             f"{s['grid']['qp_solves']} QPs solved.", ""]  # fmt: skip
+    return lines + _table(
+        ("cells rejected by", "count"), [(reason, str(count)) for reason, count in s["grid"]["rejections"].items()]
+    )
 
 
 def comparison_rows(comparison) -> list[tuple[str, ...]]:

@@ -36,9 +36,6 @@ class Run:
 
 def run_of(plan, settings: dict | None = None) -> Run:
     """A :class:`Run` of a :class:`~pinograsp.plan.GraspPlan`."""
-    from importlib.metadata import version
-
-    packages = ("pinograsp", "pin", "qpsolvers", "numpy", *({"daqp"} if plan.forces.solver == "daqp" else ()))
     layout = {
         "hand": plan.hand.name,
         "joints": list(plan.hand.joint_names),
@@ -50,8 +47,30 @@ def run_of(plan, settings: dict | None = None) -> Run:
         arrays=plan.arrays(),
         layout=layout,
         settings=settings or {},
-        versions={name: version(name) for name in packages},
+        versions=_versions(plan.forces.solver),
     )
+
+
+def run_of_failure(error, layout: dict, settings: dict | None = None) -> Run:
+    """A :class:`Run` of a :class:`~pinograsp.errors.GraspInfeasible`: status and diagnosis, no arrays."""
+    solution = error.solution
+    summary = {"status": str(solution.status), "search": solution.search, "message": str(error)}
+    if solution.infeasibility is not None:
+        proof = solution.infeasibility
+        summary["proof"] = {
+            "margin_N": proof.margin,
+            "direction": proof.direction.tolist(),
+            "at_torque_limit": list(proof.at_torque),
+            "net_wrench": proof.net_wrench.tolist(),
+        }
+    return Run(summary=summary, arrays={}, layout=layout, settings=settings or {}, versions=_versions(solution.solver))
+
+
+def _versions(solver: str) -> dict[str, str]:
+    from importlib.metadata import version
+
+    packages = ("pinograsp", "pin", "qpsolvers", "numpy", *((solver,) if solver in ("daqp", "clarabel") else ()))
+    return {name: version(name) for name in packages}
 
 
 def save_run(run: Run, folder: str | Path, *, force: bool = False, extras: Callable[[Path], None] | None = None) -> Path:

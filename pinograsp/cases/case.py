@@ -10,9 +10,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from pinograsp.contacts import Compliance, ContactSet, contacts_at
+from pinograsp.contacts import FRICTION_MODELS, Compliance, ContactSet, DecelerationShape, Friction, contacts_at
 from pinograsp.errors import CaseRejected
-from pinograsp.forces import SEARCHES, SOLVERS, ForceProblem, GridSpec, grid_values
+from pinograsp.forces import OBJECTIVES, SEARCHES, SOLVERS, ForceProblem, GridSpec, grid_values
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
@@ -78,7 +78,19 @@ class ContactSection(_Section):
 
 
 class FrictionSection(_Section):
+    """Friction model; ``safety`` divides mu, ``torsion_mm`` is the largest moment per newton of normal force."""
+
     mu: NotNegative
+    model: Literal[FRICTION_MODELS] = "pyramid"
+    edges: Annotated[int, Field(ge=4, le=128, multiple_of=2)] = 4
+    safety: Annotated[float, Field(ge=1)] = 1.0
+    torsion_mm: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _soft_fingers_have_torsion(self):
+        if self.model == "soft" and self.torsion_mm == 0:
+            raise ValueError("model 'soft' needs torsion_mm above 0")
+        return self
 
 
 class ComplianceSection(_Section):
@@ -87,14 +99,38 @@ class ComplianceSection(_Section):
     exponent: Positive = 1.5
 
 
+class DecelerationSection(_Section):
+    """Shape of the deceleration over the grasp phase: exactly one of the three."""
+
+    linear: tuple[float, float] | None = None
+    polynomial: tuple[float, ...] | None = None
+    sampled: tuple[float, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self):
+        if sum(v is not None for v in (self.linear, self.polynomial, self.sampled)) != 1:
+            raise ValueError("give one of linear, polynomial and sampled")
+        return self
+
+    def shape(self) -> DecelerationShape:
+        if self.linear is not None:
+            return DecelerationShape.linear(*self.linear)
+        if self.polynomial is not None:
+            return DecelerationShape.polynomial(self.polynomial)
+        return DecelerationShape.sampled(self.sampled)
+
+
 class LimitsSection(_Section):
-    """Eqs. (13) and (14)."""
+    """Eqs. (13) and (14); caps, torque limits and other decelerations than the constant one need the convex search."""
 
     final_time: Positive = 1.0
     impact_time: Range = (0.80, 0.95)
     acceleration: Range = (0.01, 1.0)
     max_speed: Positive = 2.0
     max_depth_mm: Positive = 5.0
+    max_normal_force: Positive | None = None
+    torque_limit: Positive | Literal["effort"] | None = None
+    deceleration: Literal["constant"] | DecelerationSection = "constant"
 
     @model_validator(mode="after")
     def _impact_before_end(self):
@@ -104,10 +140,11 @@ class LimitsSection(_Section):
 
 
 class ForcesSection(_Section):
-    search: Literal[SEARCHES] = "hybrid"
+    search: Literal[(*SEARCHES, "convex")] = "hybrid"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Literal["impulse", "work"] = "impulse"
-    solver: Literal[SOLVERS] = "daqp"
+    objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
+    solver: Literal[("auto", *SOLVERS)] = "auto"
     moment_length_mm: Positive | None = None
 
 
@@ -208,6 +245,12 @@ class Case(_Section):
             self.make_contacts(hand),
             gravity_o=self.gravity,
             mu=self.friction.mu,
+            friction=Friction(
+                model=self.friction.model,
+                edges=self.friction.edges,
+                safety=self.friction.safety,
+                torsion=1e-3 * self.friction.torsion_mm,
+            ),
             compliance=Compliance(**self.compliance.model_dump()),
             balance=self.forces.balance,
             measure=self.forces.measure,
@@ -216,6 +259,10 @@ class Case(_Section):
             acceleration_range=self.limits.acceleration,
             max_speed=self.limits.max_speed,
             max_depth=1e-3 * self.limits.max_depth_mm,
+            max_normal_force=self.limits.max_normal_force,
+            shape=DecelerationShape.constant()
+            if self.limits.deceleration == "constant"
+            else self.limits.deceleration.shape(),
             moment_length=None if length is None else 1e-3 * length,
         )
 
@@ -252,7 +299,9 @@ class Case(_Section):
             self.make_problem(hand),
             grid=self.make_grid(),
             search=self.forces.search,
-            solver=self.forces.solver,
+            solver=None if self.forces.solver == "auto" else self.forces.solver,
+            objective=self.forces.objective,
+            torque_limit=self.limits.torque_limit,
             motion=self.make_motion(),
             progress=progress,
         )

@@ -56,6 +56,7 @@ def inscribed_ball(
     dimension: int,
     *,
     tolerance: float = 1e-6,
+    floor: float = 0.0,
     limit: int = 300_000,
 ) -> InscribedBall:
     """The largest ball about the origin in a convex compact set W.
@@ -65,6 +66,8 @@ def inscribed_ball(
         dimension: d.
         tolerance: relative gap ``(upper - lower) / upper`` to reach [-]. Gaps below 1e-11 of the set's size are always
             taken as closed, and a set thinner than that as flat.
+        floor: gap that is fine whatever the radius, in the set's unit: a smooth set whose boundary passes near the origin
+            needs no end of facets for a relative gap.
         limit: facets, and points, that the inner polytope may have. A smooth set needs many at a fine tolerance; at the
             limit the bounds reached are returned with ``converged=False``. 300 000 facets in 6-D take some 5 s, 100 MB.
 
@@ -77,6 +80,7 @@ def inscribed_ball(
     """
     d = _integer("dimension", dimension, 1)
     tolerance = number("tolerance", tolerance, at_least=0)
+    floor = number("floor", floor, at_least=0)
     limit = _integer("limit of facets", limit, d + 1)
 
     lower, upper, direction = 0.0, np.inf, np.eye(d)[0]
@@ -103,7 +107,7 @@ def inscribed_ball(
         if upper <= rounding:
             lower = upper = 0.0
             break
-        enough = max(tolerance * upper, _FLAT * size)
+        enough = max(tolerance * upper, floor, _FLAT * size)
         # A facet whose own highest vertex is the support point cannot be moved outwards.
         if upper - lower <= enough or outer - polytope.highest(facet) <= _FLAT * size:
             break
@@ -114,7 +118,7 @@ def inscribed_ball(
         lower=float(lower),
         upper=float(upper),
         direction=read_only(direction),
-        converged=bool(upper - lower <= max(tolerance * upper, 2 * _FLAT * size)),
+        converged=bool(upper - lower <= max(tolerance * upper, floor, 2 * _FLAT * size)),
         points=len(polytope.points),
     )
 

@@ -23,7 +23,7 @@ from pinograsp.forces.problem import MEASURES, ForceProblem
 from pinograsp.forces.program import assemble, weights_of
 from pinograsp.forces.solution import ForceSolution
 
-_NARROWEST = 1e-12  # intervals of t_I [s] that rounding no longer separates
+_NARROWEST = 1e-10  # intervals of t_I [s] that the certificates' accuracy no longer separates
 
 
 @dataclass(frozen=True, slots=True)

@@ -245,6 +245,7 @@ def grid_solution(
         acceleration=read_only(acceleration),
         multipliers=read_only(multipliers),
         forces_c=read_only(forces),
+        torsion=read_only(np.zeros(len(forces))),
         net_wrench=read_only(wrench),
         lower_bound=lower_bound,
         points=grid.points(problem.k),

@@ -45,40 +45,68 @@ class Infeasibility:
     crossed: np.ndarray
 
 
-def closest(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Phase one: x that leaves the least net wrench and torque excess, and those two residuals (rows,), (m,).
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Closest:
+    """Phase one: the admissible x with the least net wrench and torque excess, dimensionless.
 
-    min 1/2 |r|^2 + 1/2 |s|^2 with r = A x - b and s the excess of R x over its limits: a least-squares problem over the
-    friction cones, always feasible; its residual is the Farkas certificate where the program is infeasible.
+    Attributes:
+        x: (k d,). left: norm of what remains. y, w: the dual (rows,), (m,), a Farkas certificate where ``proven`` > 0.
+        proven: lower bound of ``left`` for all admissible x, in closed form from y and w.
+    """
+
+    x: np.ndarray
+    left: float
+    y: np.ndarray
+    w: np.ndarray
+    proven: float
+
+
+def closest(program: Program) -> Closest | None:
+    """min |(r, s)| with r = A x - b and s the excess of R x over its limits, over the friction cones: always feasible.
+
+    The norm itself, not its square: the dual then stays sharp down to the limit of feasibility. None where the solver
+    returns nothing finite.
     """
     k, n, rows, m = program.k, program.k * program.d, len(program.b), len(program.R)
     linear, second, sizes, _ = cone_rows(program)
+    extra = rows + m + 1  # r, s and the norm t
 
-    def wide(block, r=None, s=None):
-        r = sp.csc_matrix((block.shape[0], rows)) if r is None else r
-        s = sp.csc_matrix((block.shape[0], m)) if s is None else s
-        return sp.hstack([block, r, s])
+    def wide(block, at=None, value=None):
+        side = sp.csc_matrix((block.shape[0], extra))
+        if value is not None:
+            side = sp.lil_matrix(side)
+            side[:, at : at + value.shape[1]] = value
+        return sp.hstack([block, side])
 
-    R, one = sp.csc_matrix(program.R), sp.identity(m)
-    A = sp.vstack(
-        [
-            wide(sp.csc_matrix(program.A), r=-sp.identity(rows)),
-            wide(linear),
-            wide(R, s=-one),
-            wide(-R, s=one),
-            wide(second),
-        ],
-        format="csc",
-    )
+    one = sp.identity(m)
+    norm = sp.lil_matrix((extra, n + extra))
+    norm[0, n + extra - 1] = -1.0
+    norm[1:, n : n + extra - 1] = -sp.identity(extra - 1)
+    parts = [wide(sp.csc_matrix(program.A), 0, -sp.identity(rows)), wide(linear)]
+    if m:
+        R = sp.csc_matrix(program.R)
+        parts += [wide(R, rows, -one), wide(-R, rows, one)]
+    A = sp.vstack([*parts, norm, wide(second)], format="csc")
     facets = np.zeros(linear.shape[0] - 2 * k)
-    b = np.concatenate(
-        [program.b, -program.lo, program.hi, facets, program.R_hi, -program.R_lo, np.zeros(second.shape[0])]
-    )
-    P = sp.diags(np.concatenate([np.zeros(n), np.ones(rows + m)]), format="csc")
-    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(linear.shape[0] + 2 * m)]
-    found = solve(P, np.zeros(n + rows + m), A, b, cones + [clarabel.SecondOrderConeT(size) for size in sizes])
-    z = np.array(found.x)
-    return (z[:n], z[n : n + rows], z[n + rows :]) if np.isfinite(z).all() else None
+    b = np.concatenate([program.b, -program.lo, program.hi, facets, program.R_hi, -program.R_lo,
+                        np.zeros(extra + second.shape[0])])  # fmt: skip
+    q = np.zeros(n + extra)
+    q[-1] = 1.0
+    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(linear.shape[0] + 2 * m), clarabel.SecondOrderConeT(extra)]
+    found = solve(sp.csc_matrix((len(q),) * 2), q, A, b, cones + [clarabel.SecondOrderConeT(size) for size in sizes])
+    z, dual = np.array(found.x), np.array(found.z)
+    if not (np.isfinite(z).all() and np.isfinite(dual).all()):
+        return None
+    x, y = z[:n], dual[:rows]
+    at = rows + linear.shape[0]
+    w = dual[at : at + m] - dual[at + m : at + 2 * m]
+    size = max(1.0, float(np.sqrt(y @ y + w @ w)))  # in theory at most 1
+    y, w = y / size, w / size
+    left = float(np.linalg.norm(program.A @ x - program.b))
+    if m:
+        torque = program.R @ x
+        left = float(np.hypot(left, np.linalg.norm(np.maximum(0, np.maximum(torque - program.R_hi, program.R_lo - torque)))))
+    return Closest(x=x, left=left, y=y, w=w, proven=program.excluded(y, w))
 
 
 def prove(problem: ForceProblem, program: Program) -> Infeasibility | None:
@@ -89,18 +117,9 @@ def prove(problem: ForceProblem, program: Program) -> Infeasibility | None:
         gap = float((program.lo - program.hi).max()) * program.force_scale
         return _record(problem, program, gap, np.zeros(len(program.b)), np.zeros(len(program.R)), zeros, crossed)
     found = closest(program)
-    if found is None:
+    if found is None or found.proven <= PROVEN:
         return None
-    x, r, s = found
-    size = float(np.sqrt(r @ r + s @ s))
-    if size <= PROVEN:
-        return None
-    y, w = r / size, s / size
-    w[np.abs(w) < 1e-7] = 0.0
-    margin = program.excluded(y, w)
-    if margin <= PROVEN:
-        return None
-    return _record(problem, program, margin * program.force_scale, y, w, x, crossed)
+    return _record(problem, program, found.proven * program.force_scale, found.y, found.w, found.x, crossed)
 
 
 def forces_of(problem: ForceProblem, x: np.ndarray, force_scale: float) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +157,7 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
         at_least=read_only(at_least),
         at_most=read_only(at_most),
         at_friction=read_only(friction),
-        at_torque=tuple(str(joint) for joint, weight in zip(joints, w) if abs(weight) > 1e-4),
+        at_torque=tuple(str(joint) for joint, weight in zip(joints, w) if abs(weight) > 1e-5),
         crossed=read_only(crossed),
     )
 
@@ -178,8 +197,7 @@ def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
     impact_time = problem.checked_impact_time(impact_time)
     program = _program(problem, impact_time)
     proof = prove(problem, program)
-    residual = closest(program) if proof is None else None
-    held = proof is None and residual is not None and np.hypot(*map(np.linalg.norm, residual[1:])) <= 1e-7
+    held = proof is None and holds(program)
     factors = None if np.any(program.lo > program.hi) else load_factors(program)
     mu = _smallest_mu(problem, impact_time)
     status = Status.OK if held else Status.INFEASIBLE if proof else Status.INACCURATE
@@ -196,15 +214,15 @@ def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
 def load_factors(program: Program) -> tuple[float, float] | None:
     """Least and largest s >= 0 for which s times the load can be held; infinity for an absent load; None for none."""
     if not np.any(program.b):
-        return (0.0, np.inf) if prove_feasible(program) else None
+        return (0.0, np.inf) if holds(program) else None
     ends = [extreme_multiple(program, 0 * program.b, program.b, sign) for sign in (1.0, -1.0)]
     return None if None in ends else (max(0.0, ends[0]), ends[1])
 
 
-def prove_feasible(program: Program) -> bool:
-    """Whether phase one leaves nothing."""
-    found = closest(program)
-    return found is not None and float(np.hypot(np.linalg.norm(found[1]), np.linalg.norm(found[2]))) <= 1e-8
+def holds(program: Program) -> bool:
+    """Whether some admissible forces balance the load, up to what is taken as balance."""
+    found = closest(program) if np.all(program.lo <= program.hi) else None
+    return found is not None and found.left <= 1e-8
 
 
 def extreme_multiple(program: Program, base: np.ndarray, column: np.ndarray, sign: float) -> float | None:
@@ -252,20 +270,19 @@ def _smallest_mu(problem: ForceProblem, impact_time: float) -> np.ndarray | None
     """Bisection on a common factor of all mu: the set of forces grows with it."""
     base = problem.mu if np.any(problem.mu > 0) else np.ones(problem.k)
 
-    def holds(largest: float) -> bool:
-        changed = replace(problem, mu=base * (largest / base.max()))
-        return prove_feasible(_program(changed, impact_time))
+    def enough(largest: float) -> bool:
+        return holds(_program(replace(problem, mu=base * (largest / base.max())), impact_time))
 
     lo, hi = 0.0, _LARGEST_FRICTION
-    if np.any(np.greater(*problem.normal_force_range(impact_time))) or not holds(hi):
+    if np.any(np.greater(*problem.normal_force_range(impact_time))) or not enough(hi):
         return None
-    if holds(lo):
+    if enough(lo):
         return np.zeros(problem.k)
     while hi - lo > 1e-5 * hi:
         middle = (lo + hi) / 2 if lo > 0 else hi / 4
         if middle < 1e-6:
             break
-        lo, hi = (lo, middle) if holds(middle) else (middle, hi)
+        lo, hi = (lo, middle) if enough(middle) else (middle, hi)
     return read_only(base * (hi / base.max()))
 
 

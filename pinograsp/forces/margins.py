@@ -21,6 +21,8 @@ from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, columns_of
 from pinograsp.forces.solution import ForceSolution
 
+_NEGLIGIBLE = 1e-5  # of the load: optimal forces lie *on* their friction limits, so margins near zero are common
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GraspMargins:
@@ -212,7 +214,7 @@ def _disturbances(program: Program, tolerance: float) -> InscribedBall:
         u = program.friction.support_point(np.einsum("r,rkc->kc", y, columns[:, :, :-1]))
         return np.einsum("rkc,kc->r", columns[:, :, :-1], u * F[:, None]) + centre
 
-    return inscribed_ball(support_point, len(program.b), tolerance=tolerance)
+    return inscribed_ball(support_point, len(program.b), tolerance=tolerance, floor=_NEGLIGIBLE)
 
 
 def _section(program: Program, rows: tuple[int, ...]) -> float:
@@ -240,7 +242,7 @@ def _section(program: Program, rows: tuple[int, ...]) -> float:
             return np.zeros(len(rows))
         return np.array(found.x)[n:]
 
-    ball = inscribed_ball(support_point, len(rows), tolerance=1e-3)
+    ball = inscribed_ball(support_point, len(rows), tolerance=1e-3, floor=_NEGLIGIBLE)
     return ball.lower if held else 0.0
 
 

@@ -16,7 +16,7 @@ from pinograsp.checks import array_of, read_only
 from pinograsp.contacts import Contact, PenetrationProfile
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Finger, HandModel
-from pinograsp.motion.jacobian import point_jacobian
+from pinograsp.motion.jacobian import contact_jacobian
 
 # Damping sets in where the smallest singular value of a sub-manipulator's Jacobian [m] falls below this: one
 # hundredth of a phalanx. Away from singularities the inverse is exact.
@@ -31,7 +31,7 @@ class FingerMotion:
 
     Attributes:
         q, dq, ddq: (m, n_f) [rad, rad/s, rad/s^2].
-        jacobians: contact Jacobians (m, c, 3, n_f), world axes.
+        jacobians: contact Jacobians (m, c, 6, n_f), linear velocity of the contact point first, world axes.
         errors: distance of each contact point from its target (m, c) [m].
         limited: names of joints that were stopped by their limits.
     """
@@ -81,7 +81,7 @@ def press(
     depth, rate = profile.depth(times)[:, which], profile.rate(times)[:, which]
     half_rate = profile.rate(middle)[:, which]
     out_q, out_dq = np.empty((m, n)), np.empty((m, n))
-    jacobians, errors = np.empty((m, c, 3, n)), np.empty((m, c))
+    jacobians, errors = np.empty((m, c, 6, n)), np.empty((m, c))
     limited: set[int] = set()
     # What is corrected in one step: never faster than the contact's own impact, so that a path that cannot be followed
     # (a singular posture, too few joints) does not drive the joints wild.
@@ -125,21 +125,21 @@ class _Chain:
         self.parts = [slice(a, b) for a, b in zip([0, *(e + 1 for e in ends[:-1])], [e + 1 for e in ends])]
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Contact points (c, 3) and Jacobians (c, 3, n_f), world axes."""
+        """Contact points (c, 3) and Jacobians (c, 6, n_f), linear first, world axes."""
         self.q[self.dofs] = q
         pin.computeJointJacobians(self.model, self.data, self.q)
         points = [self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)]
-        J = [point_jacobian(self.model, self.data, j, p)[:, self.dofs] for j, p in zip(self.joints, self.points_l)]
+        J = [contact_jacobian(self.model, self.data, j, p)[:, self.dofs] for j, p in zip(self.joints, self.points_l)]
         return np.array(points), np.array(J)
 
     def rates(self, q, J, velocities, dt) -> tuple[np.ndarray, set[int]]:
         """Joint rates (n_f,) for contact-point velocities (c, 3) (Eqs. 17a, 17b), and the joints stopped at a limit."""
         dq, stopped = np.zeros(len(q)), set()
         for contact, part in enumerate(self.parts):
-            velocity = velocities[contact] - J[contact][:, : part.start] @ dq[: part.start]
+            velocity = velocities[contact] - J[contact][:3, : part.start] @ dq[: part.start]
             free = np.arange(part.start, part.stop)
             while free.size:
-                step = _damped_least_squares(J[contact][:, free], velocity)
+                step = _damped_least_squares(J[contact][:3, free], velocity)
                 after = q[free] + step * dt
                 beyond = (after < self.lower[free] - _LIMIT_SLACK) | (after > self.upper[free] + _LIMIT_SLACK)
                 if not beyond.any():

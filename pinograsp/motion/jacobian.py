@@ -14,6 +14,12 @@ def point_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: np.nda
     Needs ``pin.computeJointJacobians`` at the current q. Pinocchio gives the joint frame's Jacobian
     (``LOCAL_WORLD_ALIGNED``); the point's differs by the lever arm.
     """
+    return contact_jacobian(model, data, joint, point_l)[:3]
+
+
+def contact_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: np.ndarray) -> np.ndarray:
+    """Jacobian (6, n), world axes: linear velocity of a point (3,) fixed in a joint's frame [m], then angular velocity."""
     J = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
     arm = data.oMi[joint].rotation @ point_l
-    return J[:3] - skew(arm) @ J[3:]
+    J[:3] -= skew(arm) @ J[3:]
+    return J

@@ -10,7 +10,7 @@ from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimits
 from pinograsp.hands import HandModel
-from pinograsp.motion.jacobian import point_jacobian
+from pinograsp.motion.jacobian import contact_jacobian
 
 
 def inverse_dynamics(hand: HandModel, q, dq, ddq, *, gravity_o=(0.0, 0.0, -9.81)) -> np.ndarray:
@@ -28,9 +28,14 @@ def inverse_dynamics(hand: HandModel, q, dq, ddq, *, gravity_o=(0.0, 0.0, -9.81)
     return pin.rneaInParallel(1, pin.ModelPool(model, 1), q.T, dq.T, ddq.T).T  # one call, no loop in Python
 
 
-def contact_torques(jacobians, forces_o) -> np.ndarray:
-    """Sum over contacts of J^T f (m, n) [N m] from contact Jacobians (m, c, 3, n) and forces on the object (m, c, 3)."""
-    return np.einsum("mcxn,mcx->mn", jacobians, forces_o)
+def contact_torques(jacobians, wrenches_o) -> np.ndarray:
+    """Sum over contacts of J^T f (m, n) [N m].
+
+    Args:
+        jacobians: contact Jacobians (m, c, r, n), world axes: r = 3 (linear velocity) or 6 (linear first).
+        wrenches_o: on the object (m, c, r): forces [N], and with r = 6 moments [N m].
+    """
+    return np.einsum("mcxn,mcx->mn", jacobians, wrenches_o)
 
 
 def torque_limits(
@@ -62,6 +67,5 @@ def torque_limits(
         finger = hand.finger(contact.finger)
         joint = finger.joint_ids[finger.links.index(contact.link)]
         point = data.oMi[joint].actInv(contact.point_o)
-        jacobian[i, :3] = point_jacobian(model, data, joint, point)
-        jacobian[i, 3:] = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)[3:]
+        jacobian[i] = contact_jacobian(model, data, joint, point)
     return TorqueLimits(jacobian=jacobian, bias=bias, limit=limit, joints=hand.joint_names)

@@ -106,6 +106,10 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
     normal = problem.compliance.normal_force(depth, rate)
     forces_c = normal[:, :, None] * problem.forces(np.ones(problem.k), solution.multipliers)
     forces_o = np.einsum("kij,mkj->mki", contacts.rotations_oc, forces_c)
+    # A soft finger's moment about the normal grows with F_n as the tangential forces do.
+    per_newton = solution.torsion / solution.normal_forces if solution.torsion.size else np.zeros(problem.k)
+    moments_o = (normal * per_newton)[:, :, None] * contacts.rotations_oc[:, :, 2]
+    wrenches_o = np.concatenate([forces_o, moments_o], axis=2)
 
     m, impact = before.size + after.size - 1, before.size - 1
     q, dq, ddq = np.tile(start, (m, 1)), np.zeros((m, hand.n)), np.zeros((m, hand.n))
@@ -122,13 +126,13 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
             for angles, points in zip(found.angles, found.points_l)
         ]
         paths = [_with_approach(c, before, start[finger.dofs], spec) for c in candidates]
-        torques = [contact_torques(c.jacobians, forces_o[:, which]) for c in candidates]
+        torques = [contact_torques(c.jacobians, wrenches_o[:, which]) for c in candidates]
         peaks = _peak_torques(hand, finger.dofs, paths, torques, start, impact, gravity_o)
         chosen = _choose(hand, finger, candidates, paths, peaks)
         motion, path = candidates[chosen], paths[chosen]
         q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path
         contact_part[impact:, finger.dofs] = torques[chosen]
-        velocities[impact:, which] = np.einsum("mcxn,mn->mcx", motion.jacobians, motion.dq)
+        velocities[impact:, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
         tracking[which] = motion.errors.max(axis=0)
         outside = _outside_limits(hand, finger, path[0])
         notes += [f"{joint} was stopped by its limit in the grasp phase" for joint in motion.limited]
