@@ -226,12 +226,12 @@ def test_contact_points_follow_their_normals(hand, contact_set, links):
     rates = profile.rate(times)
     for c, (contact, (first, last)) in enumerate(zip(contacts, PARTS[links])):
         # Before any error has built up: least squares on the joints of the part, less what those before it cause.
-        J, dq, wanted = motion.jacobians[0, c], motion.dq[0], rates[0, c] * contact.normal_o
+        J, dq, wanted = motion.jacobians[0, c, :3], motion.dq[0], rates[0, c] * contact.normal_o
         rest = wanted - J[:, :first] @ dq[:first]
         expected = np.linalg.lstsq(J[:, first:last], rest, rcond=None)[0]
         assert np.abs(dq[first:last] - expected).max() < 1e-9 * np.abs(expected).max()
     if len(links) == 1:  # four joints for one point: followed exactly
-        velocity = np.einsum("mxn,mn->mx", motion.jacobians[:, 0], motion.dq)
+        velocity = np.einsum("mxn,mn->mx", motion.jacobians[:, 0, :3], motion.dq)
         assert np.abs(velocity - rates * contacts[0].normal_o).max() < 1e-4 * rates.max()
         assert motion.errors.max() < 1e-9
     assert motion.errors.max() < max(depths) and motion.limited == ()

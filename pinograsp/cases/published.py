@@ -242,7 +242,7 @@ def _in_plane_force(hand: HandModel, plan: GraspPlan, finger: str) -> float:
     still = replace(plan.forces.profile, acceleration=np.zeros(1))
     J = press(
         hand, chain, [contacts[i]], found.angles[nearest], found.points_l[nearest], still, [0], np.linspace(t_I, t_F, 3)
-    ).jacobians[0, 0]
+    ).jacobians[0, 0, :3]
     force = np.linalg.lstsq(J[:, 1:].T, np.array(TORQUES_NM["grasp"][finger][1:]), rcond=1e-9)[0]
     return float(np.linalg.norm(force))
 
