@@ -17,6 +17,12 @@ def read_only(array: np.ndarray) -> np.ndarray:
     return copy
 
 
+def frozen(array: np.ndarray) -> np.ndarray:
+    """``array`` itself, made read-only: for arrays that nobody else holds."""
+    array.setflags(write=False)
+    return array
+
+
 def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
     """``value`` as a finite float array of ``shape`` (``None`` = any size), or :class:`InvalidInput`."""
     wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"

@@ -122,8 +122,7 @@ class GraspPlan:
             "relative_gap": certificate.relative_gap,
             "balance_N": certificate.balance_force,
             "balance_Nm": certificate.balance_moment if self.problem.balance == "wrench" else None,
-            "cone_violation_N": certificate.cone_violation,
-            "torque_violation": certificate.torque_violation,
+            "limit_violation_N": certificate.limit_violation,
             "active": list(certificate.active(self.problem.contacts.names)),
             "branches": len(self.forces.branches),
         }

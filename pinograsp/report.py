@@ -139,7 +139,7 @@ def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
     if s["grid"]["points"] == 0:
         lines += ["## Search", "", f"Branch and bound over t_I: {s['certificate']['branches']} intervals. Net wrench left: "
                   f"{s['certificate']['balance_N']:.1e} N; largest violation of a limit: "
-                  f"{s['certificate']['cone_violation_N']:.1e} N.", ""]  # fmt: skip
+                  f"{s['certificate']['limit_violation_N']:.1e} N.", ""]  # fmt: skip
     else:
         lines += _grid_section(s)
     if comparison:

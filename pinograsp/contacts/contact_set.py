@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,6 +44,8 @@ class ContactSet:
 
     contacts: tuple[Contact, ...]
     com_o: np.ndarray
+    # What was computed from these contacts (grasp maps and what solvers make of them): it lives as long as they do.
+    _derived: dict = field(init=False, repr=False, default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.contacts)
@@ -77,9 +79,12 @@ class ContactSet:
         The force on the object at contact i is h_i = R_oc,i f_c,i (Eqs. 6, 7); moments are about the centre of mass,
         world axes.
         """
-        rotations = self.rotations_oc
-        moments = skew(self.points_o - self.com_o) @ rotations
-        return read_only(np.concatenate([rotations, moments], axis=1).transpose(1, 0, 2).reshape(6, -1))
+        if "G" not in self._derived:
+            rotations = self.rotations_oc
+            moments = skew(self.points_o - self.com_o) @ rotations
+            stacked = np.concatenate([rotations, moments], axis=1).transpose(1, 0, 2)
+            self._derived["G"] = read_only(stacked.reshape(6, -1))
+        return self._derived["G"]
 
 
 def contacts_at(

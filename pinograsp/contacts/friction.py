@@ -13,6 +13,7 @@ f_x = mu u_x, f_y = mu u_y and the torsional moment m = torsion u_t with u in F_
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -77,23 +78,14 @@ class Friction:
     @property
     def facets(self) -> np.ndarray:
         """Rows D (r, d - 1) with u in F_n U if and only if D u <= F_n; of the polygon and of a plain torsional limit."""
-        rows = np.zeros((0, self.d - 1))
-        if self.model == "pyramid":
-            angles = 2 * np.pi * np.arange(self.edges) / self.edges
-            rows = np.zeros((self.edges, self.d - 1))
-            rows[:, :2] = np.column_stack([np.cos(angles), np.sin(angles)]) / np.cos(np.pi / self.edges)
-            rows[np.abs(rows) < 1e-15] = 0.0
-        if self.d == 4 and self.model != "soft":
-            rows = np.vstack([rows, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
-        return read_only(rows)
+        return _facets(self.model, self.edges, self.d)
 
     @property
     def vertices(self) -> np.ndarray:
         """Vertices (e, 2) of the polygon of tangential forces; of a cone's circumscribed stand-in there are none."""
         if self.model != "pyramid":
             raise InvalidInput(f"friction model '{self.model}' has no vertices: use a pyramid with more edges")
-        angles = np.pi / self.edges + 2 * np.pi * np.arange(self.edges) / self.edges
-        return read_only(np.column_stack([np.cos(angles), np.sin(angles)]))
+        return _vertices(self.edges)
 
     def support(self, a: np.ndarray) -> np.ndarray:
         """max of a . u over U (...,) for directions a (..., d - 1)."""
@@ -129,3 +121,22 @@ class Friction:
             least = np.hypot(u[..., 0], u[..., 1])
             return np.maximum(least, np.abs(u[..., 2])) if self.d == 4 else least
         return (u @ self.facets.T).max(axis=-1)
+
+
+@lru_cache(maxsize=64)
+def _facets(model: str, edges: int, d: int) -> np.ndarray:
+    rows = np.zeros((0, d - 1))
+    if model == "pyramid":
+        angles = 2 * np.pi * np.arange(edges) / edges
+        rows = np.zeros((edges, d - 1))
+        rows[:, :2] = np.column_stack([np.cos(angles), np.sin(angles)]) / np.cos(np.pi / edges)
+        rows[np.abs(rows) < 1e-15] = 0.0
+    if d == 4 and model != "soft":
+        rows = np.vstack([rows, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+    return read_only(rows)
+
+
+@lru_cache(maxsize=64)
+def _vertices(edges: int) -> np.ndarray:
+    angles = np.pi / edges + 2 * np.pi * np.arange(edges) / edges
+    return read_only(np.column_stack([np.cos(angles), np.sin(angles)]))

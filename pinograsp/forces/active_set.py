@@ -74,7 +74,7 @@ def solve_dense(program: Program, solver: str) -> tuple[np.ndarray, np.ndarray, 
         elif curved:
             new, value = _descended(program, x, new, value)
         x = new
-        F = np.clip(x[normal], program.lo, program.hi)
+        F = np.minimum(np.maximum(x[normal], program.lo), program.hi)
     return best
 
 

@@ -124,10 +124,16 @@ def prove(problem: ForceProblem, program: Program) -> Infeasibility | None:
 
 def forces_of(problem: ForceProblem, x: np.ndarray, force_scale: float) -> tuple[np.ndarray, np.ndarray]:
     """Contact forces (k, 3) [N] and torsional moments (k,) [N m] from a program's x."""
-    z = x.reshape(problem.k, -1) * force_scale
-    scale = problem.friction.scale(problem.mu)
-    forces = np.column_stack([z[:, :2] * scale[:, :2], z[:, -1]])
-    return forces, z[:, 2] * scale[:, 2] if problem.friction.d == 4 else np.zeros(problem.k)
+    k, d = problem.k, problem.friction.d
+    if "widths" not in problem._assembled:
+        widths = np.ones((k, 3))
+        widths[:, :2] = problem.friction.scale(problem.mu)[:, :2]
+        problem._assembled["widths"] = widths
+    z = x.reshape(k, d) * force_scale
+    if d == 3:
+        return z * problem._assembled["widths"], np.zeros(k)
+    torsion = z[:, 2] * problem.friction.scale(problem.mu)[:, 2]
+    return z[:, [0, 1, 3]] * problem._assembled["widths"], torsion
 
 
 def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import one_of, read_only
+from pinograsp.checks import frozen, one_of, read_only
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.active_set import solve_dense
 from pinograsp.forces.conic import solve_conic
@@ -34,8 +35,8 @@ class Certificate:
         primal: objective at the forces. dual: proven lower bound of the objective of *any* admissible forces.
         balance_force, balance_moment: norm of the net force [N] and moment [N m] left (the moment counts in wrench
             balance only).
-        cone_violation: largest violation of friction or of the bounds on F_n [N]. torque_violation: of a torque limit,
-            relative to it [-].
+        limit_violation: largest violation of friction, of the bounds on F_n or of a torque limit (there: the change of
+            contact forces that would mend it) [N].
         at_friction, at_least, at_most: (k,) bool, active limits by contact. at_torque: joints at their torque limit.
     """
 
@@ -43,8 +44,7 @@ class Certificate:
     dual: float
     balance_force: float
     balance_moment: float
-    cone_violation: float
-    torque_violation: float
+    limit_violation: float
     at_friction: np.ndarray
     at_least: np.ndarray
     at_most: np.ndarray
@@ -126,14 +126,14 @@ def solve_certified(
     """x, status, certificate or proof, and the solver that gave them; a failed certificate asks the other method."""
     best = None
     if np.all(program.lo <= program.hi):
-        for name in dict.fromkeys((solver, "clarabel")):
+        for name in (solver,) if solver == "clarabel" else (solver, "clarabel"):
             answer = solve_conic(program) if name == "clarabel" else solve_dense(program, name)
             if answer is not None:
                 x = program.settled(answer[0])
-                passed, bound = accepted(program, x, answer[1], answer[2])
-                if passed:
-                    return x, Status.OK, certificate_of(problem, program, x, bound), None, name
-                best = (x, bound, name)
+                checked = _Checked(program, x, answer[1], answer[2])
+                if checked.passed:
+                    return x, Status.OK, checked.certificate(problem), None, name
+                best = (x, checked, name)
             if name == solver:
                 proof = prove(problem, program)
                 if proof is not None:
@@ -142,54 +142,51 @@ def solve_certified(
         return None, Status.INFEASIBLE, None, prove(problem, program), solver
     if best is None:
         return None, Status.INACCURATE, None, None, solver
-    x, bound, name = best
-    return x, Status.INACCURATE, certificate_of(problem, program, x, bound), None, name
+    x, checked, name = best
+    return x, Status.INACCURATE, checked.certificate(problem), None, name
 
 
-def accepted(program: Program, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[bool, float]:
-    """Whether x passes every check, and the lower bound that y and w prove."""
-    cone, bounds, rows, balance = program.violations(x)
-    value = program.value(x)
-    size = max(abs(value + program.constant), 1e-12)
-    bound = program.lower_bound(x, y, w, refine=False)
-    if value - bound > 1e-3 * GAP * size:
-        bound = max(bound, program.lower_bound(x, y, w))
-    passed = (
-        balance <= BALANCE
-        and max(cone, bounds) <= VIOLATION * max(1.0, float(x[program.d - 1 :: program.d].max()))
-        and rows <= VIOLATION
-        and value - bound <= GAP * size
-    )
-    return bool(passed), bound
+class _Checked:
+    """Every check of an answer x with its multipliers y and w, and the lower bound that these prove."""
 
+    def __init__(self, program: Program, x: np.ndarray, y: np.ndarray, w: np.ndarray):
+        self.program, self.x = program, x
+        self.violation, self.gauge, self.residual = program.violations(x)
+        self.value = program.value(x)
+        size = max(abs(self.value + program.constant), 1e-12)
+        self.bound = program.lower_bound(x, y, w, refine=False)
+        if self.value - self.bound > 1e-3 * GAP * size:
+            self.bound = max(self.bound, program.lower_bound(x, y, w))
+        self.passed = bool(
+            self.residual @ self.residual <= BALANCE**2
+            and (self.violation <= VIOLATION or self.violation <= VIOLATION * x[program.d - 1 :: program.d].max())
+            and self.value - self.bound <= GAP * size
+        )
 
-def certificate_of(problem: ForceProblem, program: Program, x: np.ndarray, bound: float) -> Certificate:
-    """The certificate of x in the problem's units."""
-    near = 1e-6
-    cone, bounds, rows, _ = program.violations(x)
-    z = x.reshape(program.k, program.d)
-    F = z[:, -1]
-    residual = (program.A @ x - program.b) * program.force_scale
-    at_torque: tuple[str, ...] = ()
-    if len(program.R):
-        torque = program.R @ x
-        meets = (torque >= program.R_hi - near) | (torque <= program.R_lo + near)
-        joints = np.array(problem.torques.joints)[np.isfinite(problem.torques.limit)]
-        at_torque = tuple(str(joint) for joint in joints[meets])
-    # A bound from duals that are exact to rounding can exceed the value by rounding.
-    value = program.value(x)
-    return Certificate(
-        primal=(value + program.constant) * program.objective_scale,
-        dual=(min(bound, value) + program.constant) * program.objective_scale,
-        balance_force=float(np.sqrt(residual[:3] @ residual[:3])),
-        balance_moment=float(np.sqrt(residual[3:] @ residual[3:])) * problem.moment_length,
-        cone_violation=max(cone, bounds) * program.force_scale,
-        torque_violation=rows,
-        at_friction=program.friction.gauge(z[:, :-1]) >= F * (1 - near),
-        at_least=program.lo * (1 + near) >= F,
-        at_most=program.hi * (1 - near) <= F,
-        at_torque=at_torque,
-    )
+    def certificate(self, problem: ForceProblem) -> Certificate:
+        """The certificate in the problem's units."""
+        near, program = 1e-6, self.program
+        F = self.x[program.d - 1 :: program.d]
+        residual = self.residual * program.force_scale
+        at_torque: tuple[str, ...] = ()
+        if len(program.R):
+            torque = program.R @ self.x
+            meets = (torque >= program.R_hi - near) | (torque <= program.R_lo + near)
+            joints = np.array(problem.torques.joints)[np.isfinite(problem.torques.limit)]
+            at_torque = tuple(str(joint) for joint in joints[meets])
+        force, moment = residual[:3], residual[3:]
+        return Certificate(
+            primal=(self.value + program.constant) * program.objective_scale,
+            # A bound from duals that are exact to rounding can exceed the value by rounding.
+            dual=(min(self.bound, self.value) + program.constant) * program.objective_scale,
+            balance_force=math.sqrt(force @ force),
+            balance_moment=math.sqrt(moment @ moment) * problem.moment_length,
+            limit_violation=self.violation * program.force_scale,
+            at_friction=self.gauge >= F * (1 - near),
+            at_least=program.lo * (1 + near) >= F,
+            at_most=program.hi * (1 - near) <= F,
+            at_torque=at_torque,
+        )
 
 
 def record(
@@ -203,9 +200,11 @@ def record(
     else:
         forces, torsion = forces_of(problem, x, program.force_scale)
         half = problem.pyramid * forces[:, 2]
-        multipliers = np.divide(
-            forces[:, :2], half[:, None], out=np.zeros((problem.k, 2)), where=half[:, None] > 0
-        )
+        if half.min() > 0:
+            multipliers = forces[:, :2] / half[:, None]
+        else:
+            multipliers = np.zeros((problem.k, 2))
+            multipliers[half > 0] = forces[half > 0, :2] / half[half > 0, None]
         acceleration = problem.acceleration(np.maximum(forces[:, 2], 0.0), impact_time)
         wrench = problem.residual(forces, torsion if problem.friction.d == 4 else None)
         impact = impact_time
@@ -216,10 +215,10 @@ def record(
         solver=solver,
         objective=weights,
         impact_time=impact,
-        acceleration=read_only(acceleration),
-        multipliers=read_only(multipliers),
-        forces_c=read_only(forces),
-        torsion=read_only(torsion),
+        acceleration=frozen(acceleration),
+        multipliers=frozen(multipliers),
+        forces_c=frozen(forces),
+        torsion=frozen(torsion),
         net_wrench=read_only(wrench),
         certificate=certificate,
         infeasibility=proof,

@@ -27,6 +27,8 @@ BY_SPEED = "impact speed (Eq. 13b)"
 BY_DEPTH = "penetration depth (Eq. 13a)"
 BY_CAP = "largest normal force of the contact"
 
+_KEPT = 16  # sets of matrices kept per contact set: a sweep over mu must not fill the memory
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueLimits:
@@ -108,7 +110,7 @@ class ForceProblem:
     max_normal_force: np.ndarray | None = None
     torques: TorqueLimits | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
-    _assembled: dict = field(init=False, repr=False, default_factory=dict)
+    _assembled: dict = field(init=False, repr=False)
 
     def __post_init__(self):
         def put(name, value):
@@ -143,10 +145,17 @@ class ForceProblem:
         if self.torques is not None and len(self.torques.jacobian) != k:
             raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
         if self.moment_length is None:
-            mean = float(np.linalg.norm(self.contacts.points_o - self.contacts.com_o, axis=1).mean())
-            put("moment_length", mean if mean > 0 else 1.0)
+            put("moment_length", _mean_distance(self.contacts))
         else:
             put("moment_length", number("moment length", self.moment_length, above=0, unit="m"))
+        # Matrices that do not depend on the load or the limits are shared by all problems on the same contacts.
+        key = (self.balance, self.moment_length, self.friction, mu.tobytes(), id(self.torques))
+        shared = self.contacts._derived.setdefault("problems", {})
+        if key not in shared:
+            if len(shared) >= _KEPT:
+                shared.pop(next(iter(shared)))
+            shared[key] = {"torques": self.torques}  # held, so that its id stays its own
+        put("_assembled", shared[key])
 
     @classmethod
     def holding(cls, object, contacts: ContactSet, *, gravity_o=(0.0, 0.0, -9.81), **settings) -> ForceProblem:
@@ -265,6 +274,14 @@ class ForceProblem:
         """
         along = np.einsum("r,rkc->kc", np.asarray(direction, dtype=float), self.scaled_columns)
         return along[:, 2] - self.pyramid * (np.abs(along[:, 0]) + np.abs(along[:, 1]))
+
+
+def _mean_distance(contacts: ContactSet) -> float:
+    """Mean distance of the contacts from the centre of mass [m]; 1 where that is zero."""
+    if "distance" not in contacts._derived:
+        mean = float(np.linalg.norm(contacts.points_o - contacts.com_o, axis=1).mean())
+        contacts._derived["distance"] = mean if mean > 0 else 1.0
+    return contacts._derived["distance"]
 
 
 def _range(name: str, value, unit: str, above: float) -> tuple[float, float]:

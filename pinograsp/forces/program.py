@@ -7,7 +7,7 @@ every model reads u_i in F_i U (:mod:`pinograsp.contacts.friction`). The program
     subject to  A x = b,   u_i in F_i U,   lo <= F <= hi,   R_lo <= R x <= R_hi,
 
 with phi a sum of powers (the grasp energy, Eqs. 9 and 11), A the grasp map (Eq. 15) and R the joint torques. Everything
-is made dimensionless first: forces by ``force_scale``, the objective by ``objective_scale``, torques by their limits.
+is made dimensionless first: forces by ``force_scale``, the objective by ``objective_scale``, torque rows to unit norm.
 
 Lower bound. Convexity gives f(x) >= f(z) + f'(z) (x - z) at any point z; adding y'(A x - b) and the weighted torque rows
 leaves a linear function that separates over the contacts, and its least value over F_i in [lo, hi], u_i in F_i U is
@@ -35,7 +35,7 @@ class Program:
 
     Attributes:
         friction: the model. k: contacts. d: numbers per contact. A (rows, k d), b (rows,). lo, hi (k,).
-        R (m, k d), R_lo, R_hi (m,): torque rows divided by their limits. powers: (coefficient, exponent) pairs of phi.
+        R (m, k d), R_lo, R_hi (m,): torque rows, scaled to unit norm. powers: (coefficient, exponent) pairs of phi.
         P (k d, k d) or None, q (k d,), peak p, constant: the rest of the objective.
         force_scale [N]; objective_scale in the objective's unit.
     """
@@ -73,11 +73,13 @@ class Program:
         """First and second derivatives of phi at F (k,) > 0."""
         first, second = np.zeros(self.k), np.zeros(self.k)
         for coefficient, exponent in self.powers:
-            power = coefficient * exponent * F ** (exponent - 1)
-            first += power
-            if exponent != 1:
-                second += (exponent - 1) * power / F
-        return first, second
+            if exponent == 1:
+                first += coefficient
+            else:
+                power = (coefficient * exponent) * F ** (exponent - 1)
+                first += power
+                second += (exponent - 1) * power
+        return first, second / F
 
     def reduced(self, c: np.ndarray) -> np.ndarray:
         """s_i (k,): least value of c_i . x_i per unit of F_i over u_i in F_i U."""
@@ -89,7 +91,7 @@ class Program:
 
         ``refine`` spends more on it where powers of F_n are in the objective.
         """
-        F = np.clip(x[self.d - 1 :: self.d], self.lo, self.hi)
+        F = np.minimum(np.maximum(x[self.d - 1 :: self.d], self.lo), self.hi)
         c = self.q + y @ self.A
         total = -float(y @ self.b)
         if self.P is not None:
@@ -150,24 +152,25 @@ class Program:
         s = self.reduced(c)
         return total + float(np.minimum(self.lo * s, self.hi * s).sum())
 
-    def violations(self, x: np.ndarray) -> tuple[float, float, float, float]:
-        """Largest violation of friction, of the bounds on F, of the torque rows, and the balance residual's norm."""
+    def violations(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Largest violation of friction, of the bounds on F and of the torque rows; gauges (k,); balance residual (rows,)."""
         z = x.reshape(self.k, self.d)
         F = z[:, -1]
-        cone = float((self.friction.gauge(z[:, :-1]) - F).max())
-        bounds = float(max((self.lo - F).max(), (F - self.hi).max()))
-        rows = 0.0
+        gauge = self.friction.gauge(z[:, :-1])
+        worst = float(np.maximum(np.maximum(gauge, self.lo) - F, F - self.hi).max())
         if len(self.R):
             torque = self.R @ x
-            rows = float(max((torque - self.R_hi).max(), (self.R_lo - torque).max()))
-        residual = self.A @ x - self.b
-        return max(cone, 0.0), max(bounds, 0.0), max(rows, 0.0), float(np.sqrt(residual @ residual))
+            worst = max(worst, float(np.maximum(torque - self.R_hi, self.R_lo - torque).max()))
+        return max(worst, 0.0), gauge, self.A @ x - self.b
 
     def settled(self, x: np.ndarray) -> np.ndarray:
-        """x with the balance's rounding residual removed by the least-norm correction (Newton's step on A x = b)."""
+        """x with the balance's residual removed by the least-norm correction (Newton's step on A x = b)."""
+        residual = self.A @ x - self.b
+        if residual @ residual <= 1e-26:
+            return x
         if "A_pinv" not in self.cache:
             self.cache["A_pinv"] = np.linalg.pinv(self.A, rcond=1e-10)
-        return x - self.cache["A_pinv"] @ (self.A @ x - self.b)
+        return x - self.cache["A_pinv"] @ residual
 
 
 def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProblem) -> dict[str, float]:
@@ -249,6 +252,7 @@ def assemble(
     key = ("objective", *weights.items())
     if key not in stored:
         stored[key] = _quadratic(problem, weights)
+        stored[(*key, "cache")] = {}
     P, q, constant = stored[key]
     sizes = [c for c, _ in powers]
     peak = weights.get("peak", 0.0) * scale
@@ -260,7 +264,7 @@ def assemble(
     if "rows" not in stored:
         stored["rows"] = _torque_rows(problem)
     R, R_lo, R_hi = stored["rows"]
-    cache = stored.setdefault((*key, scale), {})  # solvers keep there what depends on nothing else
+    cache = stored[(*key, "cache")]  # solvers keep there what depends on nothing else
     return Program(
         friction=problem.friction,
         k=k,
@@ -269,9 +273,9 @@ def assemble(
         b=-load / scale,
         lo=lo / scale,
         hi=hi / scale,
-        R=R * scale,
-        R_lo=R_lo,
-        R_hi=R_hi,
+        R=R,
+        R_lo=R_lo / scale,
+        R_hi=R_hi / scale,
         powers=tuple((c / unit, e) for c, e in powers),
         P=None if P is None else P * (scale**2 / unit),
         q=q * (scale / unit),
@@ -309,4 +313,7 @@ def _torque_rows(problem: ForceProblem) -> tuple[np.ndarray, np.ndarray, np.ndar
         return np.zeros((0, n)), np.zeros(0), np.zeros(0)
     limited = np.isfinite(problem.torques.limit)
     limit, bias = problem.torques.limit[limited], problem.torques.bias[limited]
-    return torque_columns(problem)[limited] / limit[:, None], -1 - bias / limit, 1 - bias / limit
+    rows = torque_columns(problem)[limited]
+    norm = np.linalg.norm(rows, axis=1)
+    norm[norm <= 1e-12 * max(float(norm.max()), 1e-300)] = 1.0
+    return rows / norm[:, None], (-limit - bias) / norm, (limit - bias) / norm

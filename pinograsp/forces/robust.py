@@ -342,8 +342,7 @@ class _Robust:
             x = np.concatenate([u, np.broadcast_to(F[None, :, None], (self.s, self.k, 1))], axis=2)
             primal = p.value(x[0].ravel())
             residuals = np.linalg.norm(x.reshape(self.s, -1) @ p.A.T - self.targets, axis=1)
-            checks = [p.violations(one.ravel()) for one in x]
-            violation = max(max(cone, bounds, rows) for cone, bounds, rows, _ in checks)
+            violation = max(p.violations(one.ravel())[0] for one in x)
             balance = float(residuals.max())
             if self.radius:
                 response = z[self.L : self.extra].reshape(self.k, self.e, self.rows)
