@@ -13,7 +13,8 @@ _HOMES = {
     ),  # fmt: skip
     "pinograsp.forces": (
         "ForceProblem", "ForceSolution", "GridSpec", "TorqueLimits", "diagnose", "grid_search", "optimize_forces",
-        "refine_multipliers",
+        "optimize_grasp", "LoadSet", "optimize_robust", "grasp_margins", "load_margin", "force_closure", "min_weight",
+        "refine_multipliers", "warm_up",
     ),  # fmt: skip
     "pinograsp.motion": ("MotionSpec", "contact_postures", "plan_motion", "torque_limits"),
     "pinograsp.plan": ("GraspPlan", "plan_grasp"),

@@ -24,6 +24,7 @@ OWNERS = {
     "qpsolvers": {"forces"},
     "daqp": {"forces"},
     "clarabel": {"forces"},
+    "numba": {"forces"},
     "matplotlib": {"viz"},
     "pydantic": {"cases"},
     "ruamel": {"cases"},

@@ -12,7 +12,7 @@ from ruamel.yaml.error import YAMLError
 
 from pinograsp.contacts import FRICTION_MODELS, Compliance, ContactSet, DecelerationShape, Friction, contacts_at
 from pinograsp.errors import CaseRejected
-from pinograsp.forces import OBJECTIVES, SEARCHES, SOLVERS, ForceProblem, GridSpec, grid_values
+from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem, GridSpec, grid_values
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
@@ -144,7 +144,7 @@ class ForcesSection(_Section):
     balance: Literal["force", "wrench"] = "wrench"
     measure: Literal["impulse", "work"] = "impulse"
     objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
-    solver: Literal[("auto", *SOLVERS)] = "auto"
+    solver: Literal[FORCE_SOLVERS] = "auto"
     moment_length_mm: Positive | None = None
 
 

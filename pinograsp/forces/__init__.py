@@ -5,7 +5,7 @@ from pinograsp.forces.grid import GridSpec, grid_values
 from pinograsp.forces.infeasibility import Diagnosis, Infeasibility, diagnose
 from pinograsp.forces.margins import ForceClosure, GraspMargins, force_closure, grasp_margins, load_margin, min_weight
 from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
-from pinograsp.forces.optimize import Certificate, optimize_forces
+from pinograsp.forces.optimize import FORCE_SOLVERS, Certificate, optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES
 from pinograsp.forces.robust import LoadSet, RobustForces, optimize_robust
@@ -14,6 +14,7 @@ from pinograsp.forces.solution import ForceSolution
 from pinograsp.forces.solvers import SOLVERS
 
 __all__ = [
+    "FORCE_SOLVERS",
     "OBJECTIVES",
     "SEARCHES",
     "SOLVERS",
@@ -41,4 +42,5 @@ __all__ = [
     "optimize_grasp",
     "optimize_robust",
     "refine_multipliers",
+    "warm_up",
 ]

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 from tqdm import tqdm
 
-from pinograsp.checks import number
+from pinograsp.checks import number, one_of
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.optimize import chosen_solver, record, solve_certified
+from pinograsp.forces.optimize import FORCE_SOLVERS, record, solve_certified
 from pinograsp.forces.problem import MEASURES, ForceProblem
 from pinograsp.forces.program import assemble, weights_of
 from pinograsp.forces.solution import ForceSolution
@@ -70,7 +70,7 @@ def optimize_grasp(
         InvalidInput: unknown objective or solver, or a gap below 1e-9.
     """
     started = time.perf_counter()
-    search = _Search(problem, weights_of(objective, problem), chosen_solver(problem, solver))
+    search = _Search(problem, weights_of(objective, problem), one_of("solver", solver, FORCE_SOLVERS))
     if number("gap", gap, above=0) < 1e-9:
         raise InvalidInput(f"gap: expected at least 1e-9 (the certificates' own accuracy), got {gap:g}")
     interrupted = False

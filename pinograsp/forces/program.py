@@ -110,7 +110,7 @@ class Program:
         """
         bound = self._at_tangents(s, F)
         if self.powers and not self.peak and refine:
-            bound = max(bound, self._at_tangents(s, self._minimiser(s)))
+            bound = max(bound, self._at_tangents(s, self._minimiser(s, F)))
         return bound
 
     def _at_tangents(self, s: np.ndarray, F: np.ndarray) -> float:
@@ -125,15 +125,13 @@ class Program:
             s = s + self.peak * theta / max(1.0, float(theta.sum()))
         return total + float(np.minimum(self.lo * s, self.hi * s).sum())
 
-    def _minimiser(self, s: np.ndarray) -> np.ndarray:
-        """argmin of phi(F) + s F over [lo, hi] by bisection on the increasing derivative."""
-        low, high = self.lo.copy(), self.hi.copy()
-        for _ in range(60):
-            middle = (low + high) / 2
-            rising = self.slope(middle)[0] + s > 0
-            high = np.where(rising, middle, high)
-            low = np.where(rising, low, middle)
-        return (low + high) / 2
+    def _minimiser(self, s: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Near argmin of phi(F) + s F over [lo, hi]: a few Newton steps from F."""
+        for _ in range(4):
+            first, second = self.slope(F)
+            step = (first + s) / np.maximum(second, 1e-12)
+            F = np.minimum(np.maximum(F - step, np.maximum(self.lo, 0.1 * F)), self.hi)
+        return F
 
     def _rows_at_their_limits(self, w: np.ndarray) -> float:
         """Largest value of w . R x that the torque limits allow."""
