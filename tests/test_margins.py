@@ -1,0 +1,219 @@
+"""Margins of a grasp against closed forms, linear programs of another solver, and sampled disturbances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from pinograsp.contacts import Friction
+from pinograsp.errors import InvalidInput
+from pinograsp.forces import ForceProblem, force_closure, grasp_margins, load_margin, min_weight, optimize_forces
+
+
+def around(contact_set, k, seed, radius=0.03):
+    """k random contacts on a sphere, normals to its centre."""
+    out = np.random.default_rng(seed).normal(size=(k, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    return contact_set([(f"c{i}", "", radius * o, -o, None) for i, o in enumerate(out)])
+
+
+@pytest.fixture
+def solved(make_problem):
+    def make(friction=None, mu=0.7, **settings):
+        friction = friction or Friction(safety=1.2)
+        return optimize_forces(make_problem(balance="wrench", friction=friction, mu=mu, **settings), 0.85)
+
+    return make
+
+
+def test_friction_figures_are_those_of_the_forces(solved):
+    solution = solved()
+    margins = grasp_margins(solution)
+    f = solution.forces_c
+    tangential = np.hypot(f[:, 0], f[:, 1])
+    assert margins.least_mu == pytest.approx(tangential / f[:, 2])
+    # At full mu: the safety factor of 1.2 leaves a sixth, in the pyramid's own terms.
+    used = np.abs(f[:, :2]).max(axis=1) * np.sqrt(2) / (0.7 * f[:, 2])
+    assert margins.friction_used == pytest.approx(used) and used.max() == pytest.approx(1 / 1.2)
+    # Slip distance: step of that length to the cone's surface reaches it exactly.
+    inward = np.array([0.7, -1.0]) / np.hypot(0.7, 1.0)  # of (F_n, |f_t|), towards the inside
+    surface = np.column_stack([f[:, 2], tangential]) - margins.slip_distance[:, None] * inward
+    assert surface[:, 1] == pytest.approx(0.7 * surface[:, 0])
+
+
+def test_no_friction_and_tangential_force_slips(make_problem, solved):
+    solution = solved()
+    slippery = replace(solution, problem=replace(solution.problem, mu=[0.0, 0.7, 0.7]))
+    margins = grasp_margins(slippery)
+    assert np.isinf(margins.friction_used[0]) and margins.slip_distance[0] < 0 and margins.load_factor == 0
+
+
+def test_disturbance_ball_of_three_contacts_is_the_parallelepiped_s(solved):
+    """Six tangential directions in six dimensions: the set of held wrenches is a parallelepiped, its ball a closed form."""
+    solution = solved()
+    problem = solution.problem
+    margins = grasp_margins(solution, tolerance=1e-9)
+    columns = problem.scaled_columns
+    normal = solution.normal_forces
+    B = (columns[:, :, :2] * (0.7 / np.sqrt(2) * normal)[None, :, None]).reshape(6, 6)
+    centre = -(columns[:, :, 2] @ normal + problem.scaled_load)
+    inverse = np.linalg.inv(B)
+    distance = (1 - np.abs(inverse @ -centre)) / np.linalg.norm(inverse, axis=1)
+    assert margins.disturbance.lower == pytest.approx(distance.min(), rel=1e-6)
+    assert margins.disturbance.upper >= margins.disturbance.lower
+    weakest = margins.disturbance.direction
+    wrench = np.concatenate([weakest[:3], weakest[3:] * problem.moment_length])
+    full = replace(problem, friction=Friction())
+    assert load_margin(full, wrench, normal_forces=normal) == pytest.approx(distance.min(), rel=1e-5)
+
+
+@pytest.mark.parametrize("friction", [Friction(edges=8), Friction(model="cone"), Friction(model="soft", torsion=0.002)])
+def test_no_sampled_direction_is_weaker_than_the_ball(solved, friction):
+    solution = solved(friction=replace(friction, safety=1.3))
+    problem = replace(solution.problem, friction=friction)
+    margins = grasp_margins(solution, tolerance=1e-3)
+    assert 0 < margins.disturbance.lower <= margins.disturbance.upper
+    rng = np.random.default_rng(0)
+    forces = []
+    for _ in range(20):
+        direction = rng.normal(size=6)
+        direction /= np.linalg.norm(direction)
+        wrench = np.concatenate([direction[:3], direction[3:] * problem.moment_length])
+        assert load_margin(problem, wrench, normal_forces=solution.normal_forces) >= margins.disturbance.lower * (1 - 1e-6)
+        pure = np.concatenate([direction[:3] / np.linalg.norm(direction[:3]), np.zeros(3)])
+        forces.append(load_margin(problem, pure, normal_forces=solution.normal_forces))
+    assert min(forces) >= margins.disturbance_force * (1 - 1e-6)
+    assert margins.disturbance.lower * (1 - 1e-6) <= margins.disturbance_force <= min(forces) * 1.0001
+
+
+def test_load_margins_equal_another_solver_s_linear_program(contact_set):
+    rng = np.random.default_rng(1)
+    compared = 0
+    for seed in range(12):
+        contacts = around(contact_set, 5, seed)
+        problem = ForceProblem(contacts=contacts, load=np.append(rng.normal(size=3), 0.01 * rng.normal(size=3)), mu=0.8)
+        direction = np.append(rng.normal(size=3), 0.02 * rng.normal(size=3))
+        low, high = problem.normal_force_range(0.85)
+        found = load_margin(problem, direction, impact_time=0.85)
+        f, s = cp.Variable((5, 3)), cp.Variable(nonneg=True)
+        half = 0.8 / np.sqrt(2)
+        scale = np.array([1, 1, 1, 50, 50, 50.0])
+        net = problem.contacts.G @ cp.reshape(f, (15,), order="C") + problem.load + s * direction
+        rows = [cp.abs(f[:, 0]) <= half * f[:, 2], cp.abs(f[:, 1]) <= half * f[:, 2], f[:, 2] >= low, f[:, 2] <= high]
+        oracle = cp.Problem(cp.Maximize(s), [*rows, cp.multiply(scale, net) == 0])
+        oracle.solve(solver="HIGHS")
+        if oracle.status == "infeasible":
+            assert found == -1.0
+        else:
+            compared += 1
+            assert found == pytest.approx(float(s.value), rel=1e-6)
+    assert compared >= 6
+
+
+def test_load_factor_is_the_margin_along_the_load(solved):
+    solution = solved()
+    margins = grasp_margins(solution)
+    along = load_margin(
+        replace(solution.problem, friction=Friction()), solution.problem.load, normal_forces=solution.normal_forces
+    )
+    assert margins.load_factor == pytest.approx(1 + along, rel=1e-6) and along > 0.05
+
+
+def test_optimal_forces_without_safety_have_no_margin(make_problem):
+    margins = grasp_margins(optimize_forces(make_problem(balance="wrench"), 0.85))
+    assert margins.load_factor == pytest.approx(1.0, abs=1e-6) and margins.disturbance.lower == 0
+
+
+def test_force_balance_has_no_moment_margin(make_problem):
+    margins = grasp_margins(optimize_forces(make_problem(balance="force", friction=Friction(safety=1.5)), 0.8))
+    assert margins.disturbance_moment is None and margins.disturbance_force > 0
+
+
+def test_margins_need_forces(make_problem):
+    with pytest.raises(InvalidInput, match="status 'infeasible'"):
+        grasp_margins(optimize_forces(make_problem(mu=0.1), 0.85))
+    problem = make_problem()
+    for arguments in (
+        {"direction": np.zeros(6), "impact_time": 0.9},
+        {"direction": np.ones(6)},
+        {"direction": np.ones(6), "impact_time": 0.9, "normal_forces": np.ones(3)},
+        {"direction": np.ones(6), "normal_forces": -np.ones(3)},
+        {"direction": np.ones(5), "impact_time": 0.9},
+    ):
+        with pytest.raises(InvalidInput):
+            load_margin(problem, arguments.pop("direction"), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("rows", "mu", "friction", "balance", "closed"),
+    [
+        # Two opposed point contacts cannot hold a turn about their line; soft fingers can.
+        ([((1, 0, 0), (-1, 0, 0)), ((-1, 0, 0), (1, 0, 0))], 0.5, Friction(model="cone"), "wrench", False),
+        ([((1, 0, 0), (-1, 0, 0)), ((-1, 0, 0), (1, 0, 0))], 0.5, Friction(model="soft", torsion=0.1), "wrench", True),
+        ([((1, 0, 0), (-1, 0, 0)), ((-1, 0, 0), (1, 0, 0))], 0.5, Friction(model="cone"), "force", True),
+        # Three on an equator of a sphere: every wrench with friction, none without.
+        ([((np.cos(a), np.sin(a), 0), (-np.cos(a), -np.sin(a), 0)) for a in (0, 2.1, 4.2)], 0.5, None, "wrench", True),
+        ([((np.cos(a), np.sin(a), 0), (-np.cos(a), -np.sin(a), 0)) for a in (0, 2.1, 4.2)], 0.0, None, "wrench", False),
+        # All normals parallel, all from one side.
+        ([((a, b, 0), (0, 0, 1)) for a, b in ((0, 0), (1, 0), (0, 1), (1, 1))], 0.5, None, "wrench", False),
+        ([((1, 0, 0), (-1, 0, 0))], 0.9, None, "wrench", False),
+        ([((1, 0, 0), (-1, 0, 0))] * 3, 0.9, None, "wrench", False),
+    ],
+    ids=["two points", "two soft", "two, forces", "equator", "equator, slippery", "one-sided", "single", "triplicate"],
+)
+def test_force_closure_of_known_grasps(contact_set, rows, mu, friction, balance, closed):
+    contacts = contact_set([(f"c{i}", "", p, n, None) for i, (p, n) in enumerate(rows)])
+    found = force_closure(contacts, mu, friction=friction, balance=balance)
+    assert found.closed is closed and (found.margin > 0 or not closed)
+    if not closed:
+        # The separating direction: no sampled contact force has a component against it.
+        assert np.linalg.norm(found.separating) == pytest.approx(1.0)
+        rng = np.random.default_rng(0)
+        f = rng.normal(size=(len(contacts), 200, 3))
+        f[..., 2] = 1.0
+        f[..., :2] *= (mu * rng.random(f.shape[:2]) / np.linalg.norm(f[..., :2], axis=2))[..., None]
+        G = contacts.G.reshape(6, -1, 3)
+        for i in range(len(contacts)):
+            wrenches = f[i] @ G[:, i].T
+            length = np.mean(np.linalg.norm(contacts.points_o, axis=1)) or 1.0
+            wrenches[:, 3:] /= length
+            assert (wrenches @ found.separating).min() >= -1e-6
+
+
+def linear_closure(contacts, mu, edges):
+    """Largest least weight of a convex combination of edge wrenches that is zero, by HiGHS; and their rank."""
+    angles = np.pi / edges + 2 * np.pi * np.arange(edges) / edges
+    edge = np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones(edges)])
+    length = np.linalg.norm(contacts.points_o, axis=1).mean()
+    G = np.array(contacts.G)
+    G[3:] /= length
+    W = np.einsum("rkc,ec->rke", G.reshape(6, -1, 3), edge).reshape(6, -1)
+    n = W.shape[1]
+    found = linprog(
+        np.append(np.zeros(n), -1.0),
+        A_eq=np.vstack([np.hstack([W, np.zeros((6, 1))]), np.append(np.ones(n), 0.0)]),
+        b_eq=np.append(np.zeros(6), 1.0),
+        A_ub=np.hstack([-np.eye(n), np.ones((n, 1))]),
+        b_ub=np.zeros(n),
+        bounds=[(None, None)] * n + [(0, None)],
+    )
+    return (found.x[-1] * n if found.status == 0 else 0.0), np.linalg.matrix_rank(W)
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_closure_and_min_weight_equal_a_linear_program(contact_set, seed):
+    k, mu = 2 + seed % 5, 0.15 + 0.08 * (seed % 4)
+    contacts = around(contact_set, k, 100 + seed)
+    weight, rank = linear_closure(contacts, mu, 8)
+    assert min_weight(contacts, mu, edges=8) == pytest.approx(weight, abs=1e-7)
+    found = force_closure(contacts, mu, friction=Friction(edges=8))
+    assert found.closed is bool(weight > 1e-7 and rank == 6)
+
+
+def test_closure_of_many_contacts(contact_set):
+    found = force_closure(around(contact_set, 60, 0), 0.4)
+    assert found.closed and 0 < found.margin < 1

@@ -1,0 +1,173 @@
+"""The squeeze that holds a set of loads: against another solver, against every load of the set, and when there is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from pinograsp.contacts import Friction
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces import LoadSet, TorqueLimits, load_margin, optimize_forces, optimize_robust
+
+CONE = Friction(model="cone")
+
+
+def oracle(problem, wrenches, impact_time):
+    """Least work, or None: CVXPY and ECOS, one F_n for all loads, tangential forces per load."""
+    k, s = problem.k, len(wrenches)
+    low, high = problem.normal_force_range(impact_time)
+    size = float(np.linalg.norm(problem.load[:3]))
+    F = cp.Variable(k)
+    rows = [low / size <= F, high / size >= F]
+    G = np.array(problem.contacts.G).reshape(6, k, 3)
+    G[3:] /= problem.moment_length
+    for wrench in wrenches:
+        u = cp.Variable((k, 2))
+        load = np.append(wrench[:3], wrench[3:] / problem.moment_length) / size
+        net = sum(G[:, i, :2] @ u[i] + G[:, i, 2] * F[i] for i in range(k)) + load
+        rows.append(net[: problem.rows] == 0)
+        if problem.friction.model == "pyramid":
+            rows.append(cp.abs(u) <= cp.reshape(cp.multiply(problem.mu / np.sqrt(2), F), (k, 1), order="C") @ np.ones((1, 2)))
+        else:
+            rows.append(cp.norm(u, axis=1) <= cp.multiply(problem.mu, F))
+    terms = problem.energy_terms(impact_time, "work")
+    unit = terms[0][0] * size ** terms[0][1]
+    cost = sum(c * size**e / unit * cp.sum(cp.power(F, e)) for c, e in terms)
+    found = cp.Problem(cp.Minimize(cost), rows)
+    found.solve(solver="ECOS", abstol=1e-10, reltol=1e-10, feastol=1e-10)
+    return None if found.status not in ("optimal", "optimal_inaccurate") else found.value * unit
+
+
+@pytest.mark.parametrize("friction", [Friction(), CONE], ids=["pyramid", "cone"])
+@pytest.mark.parametrize("balance", ["force", "wrench"])
+def test_equal_to_another_solver(make_problem, friction, balance):
+    problem = make_problem(balance=balance, friction=friction, measure="work")
+    loads = LoadSet.around(problem.load, mass_range=(0.8, 1.15))
+    pushed = LoadSet(wrenches=problem.load + 0.3 * np.random.default_rng(0).normal(size=(5, 6)) * [1, 1, 1, 0, 0, 0])
+    for each in (loads, pushed):
+        found = optimize_robust(problem, each, 0.82, objective="work")
+        expected = oracle(problem, each.wrenches, 0.82)
+        if expected is None:
+            assert found.status is Status.INFEASIBLE
+        else:
+            assert found.status is Status.OK and found.primal == pytest.approx(expected, rel=1e-6)
+            assert found.gap <= 1e-6 * found.primal and found.balance < 1e-7 and found.violation < 1e-6
+
+
+def test_a_single_load_is_the_ordinary_optimum(make_problem):
+    for settings in ({}, {"friction": CONE}, {"friction": Friction(model="soft", torsion=0.002)}):
+        problem = make_problem(balance="wrench", **settings)
+        for objective in ("work", "impulse", "peak"):
+            robust = optimize_robust(problem, LoadSet(wrenches=[problem.load]), 0.85, objective=objective)
+            plain = optimize_forces(problem, 0.85, objective=objective)
+            assert robust.primal == pytest.approx(plain.certificate.primal, rel=1e-6)
+
+
+def test_every_load_of_the_hull_is_held(make_problem):
+    problem = make_problem(balance="wrench", friction=CONE, measure="work")
+    loads = LoadSet.around(problem.load, mass_range=(0.9, 1.2))
+    found = optimize_robust(problem, loads, 0.82)
+    weights = np.random.default_rng(0).dirichlet(np.ones(len(loads.wrenches)), size=10)
+    for load in weights @ loads.wrenches:
+        assert load_margin(replace(problem, load=load), problem.load, normal_forces=found.normal_forces) >= -1e-6
+    # And no more: one of the vertices is at the edge.
+    nominal = optimize_forces(problem, 0.82)
+    assert found.primal > nominal.certificate.primal * 1.05
+
+
+def test_every_disturbance_of_the_ball_is_met_by_the_response(make_problem):
+    problem = make_problem(balance="wrench", friction=CONE, measure="work")
+    found = optimize_robust(problem, LoadSet.around(problem.load, ball=0.1), 0.82)
+    assert found.status is Status.OK and found.violation < 1e-6
+    rng = np.random.default_rng(0)
+    scale = found.problem.friction.scale(found.problem.mu)
+    scaled = found.problem.scaled_columns
+    u0 = found.forces_c[0][:, :2] / scale
+    for _ in range(200):
+        w = rng.normal(size=6)
+        w *= 0.1 / np.linalg.norm(w)
+        tangential = (u0 + found.response @ w) * scale
+        assert np.all(np.linalg.norm(tangential, axis=1) <= problem.mu * found.normal_forces * (1 + 1e-6))
+        net = np.einsum("rkc,kc->r", scaled[:, :, :2], tangential) + scaled[:, :, 2] @ found.normal_forces
+        assert np.abs(net + problem.scaled_load + w).max() < 1e-6
+    larger = optimize_robust(problem, LoadSet.around(problem.load, ball=0.12), 0.82)
+    assert larger.primal > found.primal
+
+
+def test_a_box_of_disturbances_in_force_balance(make_problem):
+    problem = make_problem(balance="force", measure="work")
+    found = optimize_robust(problem, LoadSet.around(problem.load, box=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3]), 0.82)
+    assert found.status is Status.OK and len(found.balanced) == 8  # moments play no part
+    assert found.forces_c.shape == (8, 3, 3) and "hold all of 8 loads" in found.explain()
+
+
+def test_the_least_friction_of_a_range_decides(make_problem):
+    problem = make_problem(balance="wrench", measure="work")
+    loads = LoadSet(wrenches=[problem.load])
+    ranged = optimize_robust(problem, loads, 0.82, mu_range=(0.65, 0.9))
+    low = optimize_robust(replace(problem, mu=0.65), loads, 0.82)
+    assert ranged.primal == pytest.approx(low.primal, rel=1e-9)
+
+
+def test_a_load_that_cannot_be_held_is_proven(make_problem):
+    problem = make_problem(balance="wrench", measure="work")
+    found = optimize_robust(problem, LoadSet.around(problem.load, mass_range=(1.0, 3.0)), 0.85)
+    assert found.status is Status.INFEASIBLE and found.infeasibility.margin > 0
+    assert "cannot be held by itself" in found.explain()
+
+
+def test_loads_that_exclude_each_other(make_problem):
+    """Each load can be held by itself, but no single squeeze does for both."""
+    problem = make_problem(balance="wrench", measure="work")
+    found = optimize_robust(problem, LoadSet.around(problem.load, box=[0.2, 0.2, 0.2, 0, 0, 0]), 0.85)
+    assert found.status is Status.INFEASIBLE and found.infeasibility is None
+    assert "no common normal forces" in found.explain() and found.primal == np.inf
+
+
+def test_torque_limits_hold_for_every_load(make_problem, contacts):
+    problem = make_problem(balance="force", measure="work")
+    rng = np.random.default_rng(5)
+    J = np.concatenate([rng.normal(size=(3, 3, 4)) * 0.05, np.zeros((3, 3, 4))], axis=1)
+    loads = LoadSet.around(problem.load, mass_range=(0.9, 1.1))
+    free = optimize_robust(problem, loads, 0.82)
+    limits = TorqueLimits(jacobian=J, bias=np.zeros(4), limit=np.full(4, 10.0))
+
+    def torques(found):
+        forces_o = np.einsum("kij,skj->ski", contacts.rotations_oc, found.forces_c)
+        return np.abs([limits.torques(f) for f in forces_o])
+
+    limit = 0.98 * torques(free).max()
+    limited = optimize_robust(replace(problem, torques=TorqueLimits(
+        jacobian=J, bias=np.zeros(4), limit=np.full(4, limit))), loads, 0.82)  # fmt: skip
+    if limited.status is Status.OK:
+        assert torques(limited).max() <= limit * (1 + 1e-6) and limited.primal > free.primal * (1 + 1e-9)
+    else:
+        assert limited.status is Status.INFEASIBLE
+
+
+def test_unusable_sets(make_problem):
+    problem = make_problem(balance="wrench")
+    load = problem.load
+    for bad in (
+        lambda: LoadSet(wrenches=np.zeros((0, 6))),
+        lambda: LoadSet(wrenches=[[1, 2, 3]]),
+        lambda: LoadSet(wrenches=[load], ball=-1),
+        lambda: LoadSet.around(load, mass_range=(1.2, 0.9)),
+        lambda: LoadSet.around(load, box=[-1, 0, 0, 0, 0, 0]),
+        lambda: optimize_robust(problem, LoadSet(wrenches=[load]), 0.85, objective="least_squares"),
+        lambda: optimize_robust(problem, LoadSet(wrenches=[load]), 0.85, mu_range=(0.9, 0.5)),
+        lambda: optimize_robust(problem, LoadSet(wrenches=[load]), float("nan")),
+        lambda: optimize_robust(
+            replace(problem, friction=Friction(model="soft", torsion=1e-3)), LoadSet(wrenches=[load], ball=0.1), 0.85
+        ),
+    ):
+        with pytest.raises(InvalidInput):
+            bad()
+
+
+def test_crossed_bounds(make_problem):
+    problem = make_problem(balance="wrench", max_normal_force=1e-3)
+    assert optimize_robust(problem, LoadSet(wrenches=[problem.load]), 0.8).status is Status.INFEASIBLE
