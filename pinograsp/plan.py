@@ -251,7 +251,12 @@ def _convex_plan(hand, problem, solver, objective, torque_limit, motion, progres
         if not limited or forces.status is Status.INTERRUPTED:
             break
         limits = torque_limits(
-            hand, problem.contacts, moved.q[-1], limit=torque_limit, gravity_o=problem.gravity_o
+            hand,
+            problem.contacts,
+            moved.q[-1],
+            depth=forces.profile.final_depth,
+            limit=torque_limit,
+            gravity_o=problem.gravity_o,
         )
         settled = searched.torques is not None and np.abs(limits.jacobian - searched.torques.jacobian).max() < 1e-5
         if settled:

@@ -39,14 +39,16 @@ def contact_torques(jacobians, wrenches_o) -> np.ndarray:
 
 
 def torque_limits(
-    hand: HandModel, contacts: ContactSet, q, *, limit=None, gravity_o=(0.0, 0.0, -9.81)
+    hand: HandModel, contacts: ContactSet, q, *, depth=0.0, limit=None, gravity_o=(0.0, 0.0, -9.81)
 ) -> TorqueLimits:
     """What the joints of ``hand`` can bear while holding still at ``q`` (n,) [rad]: for ``ForceProblem(torques=...)``.
 
-    Each contact point is taken as a point of its link at ``q``; gravity torques are the bias.
+    Each contact point, pressed in by ``depth``, is taken as a point of its link at ``q``; gravity torques are the bias.
 
     Args:
         hand, contacts, q: the posture at which the contacts' links touch the object.
+        depth: penetration of the contact points along their normals at ``q`` [m], one or (k,): at t_F the links have gone
+            that far (``solution.profile.final_depth``).
         limit: largest |torque| per joint (n,) [N m] (a number applies to all); default: the hand's effort limits.
         gravity_o: gravity (3,) [m/s^2].
 
@@ -57,6 +59,7 @@ def torque_limits(
     model.gravity.linear = array_of("gravity", gravity_o, (3,))
     q = array_of("q", q, (hand.n,))
     limit = hand.effort if limit is None else np.broadcast_to(np.asarray(limit, dtype=float), (hand.n,))
+    depth = np.broadcast_to(np.asarray(depth, dtype=float), (len(contacts),))
     data = model.createData()
     bias = pin.computeGeneralizedGravity(model, data, q)
     pin.computeJointJacobians(model, data, q)
@@ -66,6 +69,6 @@ def torque_limits(
             raise InvalidInput("torque limits: expected contacts of a hand; these were made without one (hand=None)")
         finger = hand.finger(contact.finger)
         joint = finger.joint_ids[finger.links.index(contact.link)]
-        point = data.oMi[joint].actInv(contact.point_o)
+        point = data.oMi[joint].actInv(contact.point_o + depth[i] * contact.normal_o)
         jacobian[i] = contact_jacobian(model, data, joint, point)
     return TorqueLimits(jacobian=jacobian, bias=bias, limit=limit, joints=hand.joint_names)
