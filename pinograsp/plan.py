@@ -178,6 +178,8 @@ class GraspPlan:
             "com_o": contacts.com_o,
             "grasp_map": contacts.G,
             "load": self.problem.load,
+            # Branch and bound: start and end of each interval of t_I [s], its proven bound, the best objective then.
+            "branches": np.array([(b.start, b.end, b.lower_bound, b.best) for b in self.forces.branches]).reshape(-1, 4),
         }
 
 

@@ -17,7 +17,7 @@ CONE = Friction(model="cone")
 
 def oracle(problem, wrenches, impact_time):
     """Least work, or None: CVXPY and ECOS, one F_n for all loads, tangential forces per load."""
-    k, s = problem.k, len(wrenches)
+    k = problem.k
     low, high = problem.normal_force_range(impact_time)
     size = float(np.linalg.norm(problem.load[:3]))
     F = cp.Variable(k)
