@@ -53,13 +53,15 @@ def _inner(c, F, lo, hi, coefs, exps, w, radii, n_round, x):
     for it in range(60):
         g = c[e] + w[e] * F
         slope = w[e]
-        for a in range(coefs.shape[0]):
-            if exps[a] == 1.0:
-                g += coefs[a]
-            else:
-                power = coefs[a] * exps[a] * F ** (exps[a] - 1.0)
+        if coefs.shape[0] > 0:
+            # The exponents are 1 + j / rho (Eqs. 9 and 11), so one power serves all of them.
+            root = F**exps[0]
+            for a in range(coefs.shape[0]):
+                power = coefs[a]
+                for _ in range(int(exps[1 + a])):
+                    power *= root
                 g += power
-                slope += (exps[a] - 1.0) * power / F
+                slope += exps[1 + a] * exps[0] * power / F
         if n_round > 0 and round_ > w[0] * F:
             g -= round_ - w[0] * F
             slope += w[0]
@@ -86,7 +88,7 @@ def _inner(c, F, lo, hi, coefs, exps, w, radii, n_round, x):
                 new = hi
             else:
                 new = 0.5 * (low + high)
-        if abs(new - F) <= 1e-15 * (1.0 + abs(F)):
+        if abs(new - F) <= 1e-12 * abs(F):
             F = new
             break
         F = new
@@ -268,9 +270,9 @@ def _gap(y, AT, q, p, lo, hi, coefs, exps, radii, n_round, x):
                 total += AT[i, j, r] * y[r]
             g[j] = total
         for a in range(coefs.shape[0]):
-            power = coefs[a] * F ** (exps[a] - 1.0)
-            g[e] += exps[a] * power
-            value += power * F
+            power = coefs[a] * F ** (exps[0] * exps[1 + a])
+            g[e] += power
+            value += power * F / (1.0 + exps[0] * exps[1 + a])
         s = g[e]
         round_ = 0.0
         for j in range(n_round):
@@ -288,7 +290,8 @@ def _gap(y, AT, q, p, lo, hi, coefs, exps, radii, n_round, x):
 def solve(y, AT, b, q, p, lo, hi, coefs, exps, radii, n_round, weight, x):
     """Proximal passes until the duality gap closes; y and x are start and result. Evaluations, negative on failure.
 
-    Shapes: y (m,), AT (k, d, m), b (m,), q and p (k, d), lo and hi (k,), coefs and exps (a,), radii (d - 1,), x (k, d).
+    Shapes: y (m,), AT (k, d, m), b (m,), q and p (k, d), lo and hi (k,), radii (d - 1,), x (k, d). phi' is the sum of
+    coefs[a] F^(exps[0] exps[1 + a]) with coefs (a,) and exps (1 + a,), the latter whole numbers from the second on.
     ``weight`` 0: the objective is strongly convex by itself.
     """
     k, d, m = AT.shape
@@ -322,6 +325,18 @@ class Structured:
             self.radii[:2] = np.sqrt(0.5)
 
 
+def _derivative(powers) -> tuple[np.ndarray, np.ndarray]:
+    """phi' as ``solve`` takes it: the energies' exponents are 1, 1 + 1 / rho and 1 + 2 / rho."""
+    steps = [exponent - 1.0 for _, exponent in powers if exponent > 1.0]
+    root = min(steps, default=1.0)
+    exps, coefs = np.empty(len(powers) + 1), np.empty(len(powers))
+    exps[0] = root
+    for a, (coefficient, exponent) in enumerate(powers):
+        coefs[a] = coefficient * exponent
+        exps[1 + a] = round((exponent - 1.0) / root)
+    return coefs, exps
+
+
 def applies(program: Program) -> bool:
     """Whether the program separates over contacts in the way this solver needs."""
     known = program.cache.get("separates")
@@ -345,14 +360,13 @@ def solve_structured(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarr
     x = np.zeros((k, d))
     x[:, -1] = np.minimum(np.maximum(min(1.0, 2.0 / k), program.lo), program.hi)
     y = np.zeros(len(program.b))
-    terms = np.array(program.powers).reshape(-1, 2)
     p, weight = np.zeros((k, d)), _WEIGHT
     if program.P is not None:
         p = program.P.diagonal().reshape(k, d)
         weight = 0.0 if p.min() > 1e-6 * p.max() else _WEIGHT
     evaluations = solve(
         y, fixed.AT, program.b, program.q.reshape(k, d), p, program.lo, program.hi,
-        terms[:, 0].copy(), terms[:, 1].copy(), fixed.radii, fixed.n_round, weight, x,
+        *_derivative(program.powers), fixed.radii, fixed.n_round, weight, x,
     )  # fmt: skip
     if evaluations < 0 or not np.isfinite(x).all():
         return None
@@ -366,5 +380,5 @@ def compile_now() -> None:
     for rows in (m, 3):
         solve(
             np.zeros(rows), np.ascontiguousarray(AT[:, :, :rows]), np.zeros(rows), np.zeros((k, d)), np.ones((k, d)),
-            np.zeros(k), np.ones(k), np.ones(1), np.full(1, 1.5), np.ones(d - 1), 2, 0.0, np.ones((k, d)),
+            np.zeros(k), np.ones(k), np.ones(1), np.full(2, 1.0), np.ones(d - 1), 2, 0.0, np.ones((k, d)),
         )  # fmt: skip

@@ -164,8 +164,8 @@ def solve_certified(
         for name in backends:
             answer = _answer(program, name)
             if answer is not None:
-                x = program.settled(answer[0])
-                checked = _Checked(program, x, answer[1], answer[2])
+                checked = _Checked(program, *answer)
+                x = checked.x
                 if checked.passed:
                     return x, Status.OK, checked.certificate(problem), None, name
                 best = (x, checked, name)
@@ -185,12 +185,15 @@ class _Checked:
     """Every check of an answer x with its multipliers y and w, and the lower bound that these prove."""
 
     def __init__(self, program: Program, x: np.ndarray, y: np.ndarray, w: np.ndarray):
-        self.program, self.x = program, x
         self.violation, self.gauge, self.residual = program.violations(x)
+        if self.residual @ self.residual > 1e-26:
+            x = program.settled(x, self.residual)
+            self.violation, self.gauge, self.residual = program.violations(x)
+        self.program, self.x = program, x
         self.value = program.value(x)
         size = max(abs(self.value + program.constant), 1e-12)
         self.bound = program.lower_bound(x, y, w, refine=False)
-        if self.value - self.bound > 1e-2 * GAP * size:
+        if self.value - self.bound > 0.2 * GAP * size:
             self.bound = max(self.bound, program.lower_bound(x, y, w))
         self.passed = bool(
             self.residual @ self.residual <= BALANCE**2

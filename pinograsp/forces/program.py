@@ -161,11 +161,8 @@ class Program:
             worst = max(worst, float(np.maximum(torque - self.R_hi, self.R_lo - torque).max()))
         return max(worst, 0.0), gauge, self.A @ x - self.b
 
-    def settled(self, x: np.ndarray) -> np.ndarray:
-        """x with the balance's residual removed by the least-norm correction (Newton's step on A x = b)."""
-        residual = self.A @ x - self.b
-        if residual @ residual <= 1e-26:
-            return x
+    def settled(self, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """x with the balance's residual A x - b removed by the least-norm correction."""
         if "A_pinv" not in self.cache:
             self.cache["A_pinv"] = np.linalg.pinv(self.A, rcond=1e-10)
         return x - self.cache["A_pinv"] @ residual
@@ -272,8 +269,8 @@ def assemble(
         lo=lo / scale,
         hi=hi / scale,
         R=R,
-        R_lo=R_lo / scale,
-        R_hi=R_hi / scale,
+        R_lo=R_lo / scale if len(R) else R_lo,
+        R_hi=R_hi / scale if len(R) else R_hi,
         powers=tuple((c / unit, e) for c, e in powers),
         P=None if P is None else P * (scale**2 / unit),
         q=q * (scale / unit),
