@@ -186,7 +186,7 @@ def test_force_closure_of_known_grasps(contact_set, rows, mu, friction, balance,
 
 def linear_closure(contacts, mu, edges):
     """Largest least weight of a convex combination of edge wrenches that is zero, by HiGHS; and their rank."""
-    angles = np.pi / edges + 2 * np.pi * np.arange(edges) / edges
+    angles = np.pi / 4 + 2 * np.pi * np.arange(edges) / edges
     edge = np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones(edges)])
     length = np.linalg.norm(contacts.points_o, axis=1).mean()
     G = np.array(contacts.G)

@@ -3,8 +3,8 @@
 Every model is a convex set U of scaled tangential forces u = (u_x, u_y[, u_t]): a contact with normal force F_n gives
 f_x = mu u_x, f_y = mu u_y and the torsional moment m = torsion u_t with u in F_n U.
 
-- ``"pyramid"``: U is the regular polygon with ``edges`` vertices on the unit circle, so the pyramid is inscribed in the
-  cone. Four edges are the paper's pyramid, |f_x|, |f_y| <= mu F_n / sqrt(2) (Eq. 16).
+- ``"pyramid"``: U is the regular polygon with ``edges`` vertices on the unit circle, the first at 45 deg, so the pyramid is
+  inscribed in the cone and contains the one of half the edges. Four edges are the paper's pyramid, |f_x|, |f_y| <= mu F_n / sqrt(2) (Eq. 16).
 - ``"cone"``: U is the unit disc, Coulomb's exact second-order cone.
 - ``"soft"``: U is the unit ball: soft finger with the elliptic limit (f_x^2 + f_y^2) / mu^2 + m^2 / torsion^2 <= F_n^2
   (Howe and Cutkosky, 1996). With ``torsion > 0`` the other two models get the plain limit |m| <= torsion F_n.
@@ -127,7 +127,7 @@ class Friction:
 def _facets(model: str, edges: int, d: int) -> np.ndarray:
     rows = np.zeros((0, d - 1))
     if model == "pyramid":
-        angles = 2 * np.pi * np.arange(edges) / edges
+        angles = np.pi / 4 + np.pi / edges + 2 * np.pi * np.arange(edges) / edges
         rows = np.zeros((edges, d - 1))
         rows[:, :2] = np.column_stack([np.cos(angles), np.sin(angles)]) / np.cos(np.pi / edges)
         rows[np.abs(rows) < 1e-15] = 0.0
@@ -138,5 +138,6 @@ def _facets(model: str, edges: int, d: int) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _vertices(edges: int) -> np.ndarray:
-    angles = np.pi / edges + 2 * np.pi * np.arange(edges) / edges
+    # The paper's four are among them whenever edges is a multiple of four, so doubling the edges never takes force away.
+    angles = np.pi / 4 + 2 * np.pi * np.arange(edges) / edges
     return read_only(np.column_stack([np.cos(angles), np.sin(angles)]))

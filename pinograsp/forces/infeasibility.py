@@ -14,8 +14,8 @@ from pinograsp.forces.conic import cone_rows, solve
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble
 
-# A proof counts where its margin exceeds this share of the load: well above rounding, well below a tolerance on forces.
-PROVEN = 1e-9
+# A proof counts where its margin exceeds this share of the load: a thousand times the rounding of its closed form.
+PROVEN = 1e-11
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,7 +26,10 @@ class Infeasibility:
         margin: whatever the forces, at least this much of the net wrench (and of torque beyond its limits) is left [N],
             measured along ``direction``. Checked in closed form; positive.
         direction: wrench (6,) of the certificate, unit in the balance rows [-]: moments over the moment length.
-        joint_weights: (m,) part of the certificate on the torque rows [-]; zero where torque limits play no part.
+        joint_weights: (n,) part of the certificate on the joint torques [1/m]; zero where torque limits play no part. With
+            r the net wrench in the balance rows (moments over the moment length) and tau the joint torques of *any*
+            admissible forces, direction . r + joint_weights . tau - |joint_weights| . limit >= margin, though balance and
+            limits ask for at most 0.
         closest_c: closest admissible forces (k, 3) [N]. net_wrench: what they leave (6,) [N, N m].
         at_least, at_most, at_friction: (k,) bool, limits that the closest forces meet, by contact.
         at_torque: names of the joints whose torque limit takes part.
@@ -151,13 +154,18 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
         at_least = (s > near) & (F <= program.lo + near * (1 + program.lo))
         at_most = (s < -near) & (F >= program.hi - near * (1 + program.hi))
         friction = (pulls > near) & (program.friction.gauge(z[:, :-1]) >= F * (1 - 1e-3)) & (F > 0)
-    joints = () if problem.torques is None else np.array(problem.torques.joints)[np.isfinite(problem.torques.limit)]
+    joints, weights = (), np.zeros(0 if problem.torques is None else len(problem.torques.limit))
+    if problem.torques is not None:
+        limited = np.isfinite(problem.torques.limit)
+        joints = np.array(problem.torques.joints)[limited]
+        if len(w):
+            weights[limited] = w / problem._assembled["rows"][3]
     wrench = np.zeros(6)
     wrench[: problem.rows] = y
     return Infeasibility(
         margin=margin,
         direction=read_only(wrench),
-        joint_weights=read_only(w),
+        joint_weights=read_only(weights),
         closest_c=read_only(forces),
         net_wrench=read_only(problem.residual(forces, torsion)),
         at_least=read_only(at_least),

@@ -49,7 +49,10 @@ class TorqueLimits:
     def __post_init__(self):
         jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
         n = jacobian.shape[2]
-        limit = np.array(self.limit, dtype=float)
+        try:
+            limit = np.array(self.limit, dtype=float)
+        except (TypeError, ValueError):
+            raise InvalidInput(f"torque limits: expected {n} numbers [N m], got {self.limit!r}") from None
         if limit.shape != (n,) or not np.all(limit > 0):
             raise InvalidInput(
                 f"torque limits: expected {n} values > 0 [N m] (infinity where a joint has none), got {limit.tolist()}; "
@@ -142,6 +145,10 @@ class ForceProblem:
             if np.any(cap <= 0):
                 raise InvalidInput(f"largest normal forces: expected values > 0 [N], got {cap.tolist()}")
             put("max_normal_force", cap)
+        for name, kind in (("torques", TorqueLimits), ("shape", DecelerationShape)):
+            given = getattr(self, name)
+            if not isinstance(given, kind) and not (name == "torques" and given is None):
+                raise InvalidInput(f"{name}: expected a {kind.__name__}, got {given!r}")
         if self.torques is not None and len(self.torques.jacobian) != k:
             raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
         if self.moment_length is None:

@@ -120,9 +120,12 @@ class Program:
             s = s + first
             total = sum(c * float((F**exponent).sum()) for c, exponent in self.powers) - float(first @ F)
         if self.peak:
-            # max F >= theta . F for any weights theta >= 0 that sum to at most one; these cancel what they can.
+            # max F >= theta . F for any weights theta >= 0 of sum one: these cancel what they can, the rest goes to the
+            # contact with the largest lower bound.
             theta = np.maximum(0.0, -s) / self.peak * (F > F.max() * (1 - 1e-6))
-            s = s + self.peak * theta / max(1.0, float(theta.sum()))
+            theta /= max(1.0, float(theta.sum()))
+            theta[np.argmax(self.lo)] += 1.0 - float(theta.sum())
+            s = s + self.peak * theta
         return total + float(np.minimum(self.lo * s, self.hi * s).sum())
 
     def _minimiser(self, s: np.ndarray, F: np.ndarray) -> np.ndarray:
@@ -258,7 +261,7 @@ def assemble(
     unit = max(sizes) if max(sizes) > 0 else 1.0
     if "rows" not in stored:
         stored["rows"] = _torque_rows(problem)
-    R, R_lo, R_hi = stored["rows"]
+    R, R_lo, R_hi, _ = stored["rows"]
     cache = stored[(*key, "cache")]  # solvers keep there what depends on nothing else
     return Program(
         friction=problem.friction,
@@ -302,13 +305,14 @@ def _quadratic(problem: ForceProblem, weights) -> tuple[np.ndarray | None, np.nd
     return P, q, constant
 
 
-def _torque_rows(problem: ForceProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _torque_rows(problem: ForceProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """R, its bounds in newtons, and the norms [m] the rows were divided by."""
     n = problem.k * problem.friction.d
     if problem.torques is None or not np.any(np.isfinite(problem.torques.limit)):
-        return np.zeros((0, n)), np.zeros(0), np.zeros(0)
+        return np.zeros((0, n)), np.zeros(0), np.zeros(0), np.zeros(0)
     limited = np.isfinite(problem.torques.limit)
     limit, bias = problem.torques.limit[limited], problem.torques.bias[limited]
     rows = torque_columns(problem)[limited]
     norm = np.linalg.norm(rows, axis=1)
     norm[norm <= 1e-12 * max(float(norm.max()), 1e-300)] = 1.0
-    return rows / norm[:, None], (-limit - bias) / norm, (limit - bias) / norm
+    return rows / norm[:, None], (-limit - bias) / norm, (limit - bias) / norm, norm

@@ -58,8 +58,11 @@ def torque_limits(
     model = hand.model.copy()
     model.gravity.linear = array_of("gravity", gravity_o, (3,))
     q = array_of("q", q, (hand.n,))
-    limit = hand.effort if limit is None else np.broadcast_to(np.asarray(limit, dtype=float), (hand.n,))
-    depth = np.broadcast_to(np.asarray(depth, dtype=float), (len(contacts),))
+    if limit is None:
+        limit = hand.effort
+    elif np.ndim(limit) == 0:
+        limit = np.full(hand.n, limit)
+    depth = array_of("depth", np.full(len(contacts), depth) if np.ndim(depth) == 0 else depth, (len(contacts),))
     data = model.createData()
     bias = pin.computeGeneralizedGravity(model, data, q)
     pin.computeJointJacobians(model, data, q)
