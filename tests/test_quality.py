@@ -69,7 +69,7 @@ def edge_wrenches(contacts, mu, edges, *, torsion=0.0, stretch=1.0):
     """Wrenches (k, e, 6) of the pyramids' edges at 1 N, contact by contact, moments in units of the mean arm."""
     arms = contacts.points_o - contacts.com_o
     length = np.linalg.norm(arms, axis=1).mean()
-    angles = np.pi / edges + 2 * np.pi * np.arange(edges) / edges
+    angles = np.pi / 4 + 2 * np.pi * np.arange(edges) / edges
     found = []
     for arm, R in zip(arms, contacts.rotations_oc):
         rows = []
@@ -317,7 +317,7 @@ def test_epsilon_is_below_the_support_in_every_direction(friction, norm):
             u = np.linalg.norm(np.column_stack([tangential, torsional]), axis=1)
         else:
             n = friction.edges if friction.model == "pyramid" else 3600
-            angles = np.pi / n + 2 * np.pi * np.arange(n) / n
+            angles = np.pi / 4 + 2 * np.pi * np.arange(n) / n
             if n == 3600:
                 u = np.linalg.norm(tangential, axis=1)
             else:
