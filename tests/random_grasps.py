@@ -427,18 +427,19 @@ def optimum(grasp: Grasp) -> tuple[str, float, str]:
     return status, value * whole, solver
 
 
-def vanishing(grasp: Grasp) -> float:
+def vanishing(problem: ForceProblem, impact_time: float, objective) -> float:
     """What of an objective counts as nothing, 0 where it cannot vanish.
 
     Motor heat alone can: then 1e-4 of the heat of forces like the load (without one: the largest F_n) or of gravity.
     """
-    if grasp.objective != "motor_heat":
+    weights = _weights(objective)
+    if weights.keys() != {"motor_heat"}:
         return 0.0
-    p, model = grasp.problem, Model(grasp.problem, grasp.impact_time)
-    _, heat = model.cost(grasp.objective)
-    if not np.any(p.load[: p.rows]):
+    model = Model(problem, impact_time)
+    _, heat = model.cost("motor_heat")
+    if not np.any(problem.load[: problem.rows]):
         heat *= (model.high.max() / model.scale) ** 2
-    return 1e-4 * max(heat, float((p.torques.bias**2).sum()))
+    return 1e-4 * weights["motor_heat"] * max(heat, float((problem.torques.bias**2).sum()))
 
 
 def load_factor(problem: ForceProblem, impact_time: float, largest=True) -> float | None:

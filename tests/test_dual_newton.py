@@ -109,3 +109,39 @@ def test_missing_numba_names_the_extra(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ExtraMissing, match=r"pinograsp\[fast\]"):
         pg.warm_up()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_compiled_checks_equal_the_plain_ones(contact_set, model):
+    """The certificate's compiled twin, at answers and at points that are far from any."""
+    from pinograsp.forces.dual_newton import _derivative, applies, check, solve_structured
+    from pinograsp.forces.program import assemble, weights_of
+
+    rng = np.random.default_rng(0)
+    compared = 0
+    for contacts, load in grasps(contact_set, 4, 6, 3):
+        problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=MODELS[model])
+        for objective in ("work", "impulse", "least_squares"):
+            weights = weights_of(objective, problem)
+            terms = {} if objective == "least_squares" else {objective: problem.energy_terms(0.85, objective)}
+            program = assemble(problem, weights, terms, *problem.normal_force_range(0.85))
+            if not applies(program) or solve_structured(program) is None:
+                continue
+            fixed, k, d = program.cache["structured"], program.k, program.d
+            p = np.zeros((k, d)) if program.P is None else program.P.diagonal().reshape(k, d)
+            for _ in range(3):
+                x, y = rng.normal(size=(k, d)), rng.normal(size=6)
+                x[:, -1] = np.exp(rng.normal(size=k))
+                x[:, -1] = np.clip(x[:, -1], program.lo, program.hi)
+                gauge, residual = np.empty(k), np.empty(6)
+                violation, value, bound = check(
+                    y, fixed.AT, program.b, program.q.reshape(k, d), p, program.lo, program.hi,
+                    *_derivative(program.powers), fixed.radii, fixed.n_round, x, gauge, residual,
+                )  # fmt: skip
+                plain = program.violations(x.ravel())
+                assert violation == pytest.approx(plain[0]) and gauge == pytest.approx(plain[1])
+                assert residual == pytest.approx(plain[2])
+                assert value == pytest.approx(program.value(x.ravel()))
+                assert bound == pytest.approx(program.lower_bound(x.ravel(), y, np.zeros(0), refine=False), rel=1e-9)
+                compared += 1
+    assert compared >= 9

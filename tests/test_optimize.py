@@ -52,7 +52,7 @@ def judged(grasp, backend, expectation):
     found = optimize_forces(p, t, objective=grasp.objective, solver=solver)
     verdict, difference, wrong = str(found.status), np.nan, []
     if found.status is Status.OK:
-        size = max(abs(expected) if status == "optimal" else found.certificate.primal, vanishing(grasp))
+        size = max(expected if status == "optimal" else found.certificate.primal, vanishing(p, t, grasp.objective))
         wrong += answer_errors(found, grasp.objective, size)
         if status == "optimal":
             difference = abs(found.certificate.primal - expected) / size
@@ -197,7 +197,7 @@ def test_at_the_edge_of_feasibility_every_verdict_is_proven(family):
         close += abs(grasp.factor - 1) <= 1e-6
         if found.status is Status.OK:
             assert grasp.factor <= 1 + 1e-6, grasp
-            size = max(found.certificate.primal, vanishing(grasp))
+            size = max(found.certificate.primal, vanishing(p, t, grasp.objective))
             forces = found.normal_forces.max() / force_scale(p, t)
             wrong = answer_errors(found, grasp.objective, size, tolerance=1e-8 * max(1.0, forces))
         else:
@@ -300,7 +300,7 @@ def feasible(seed, **choices):
 def same_cost(found, problem, grasp, factor=1.0):
     again = optimize_forces(problem, grasp.impact_time, objective=grasp.objective)
     assert again.status is Status.OK, grasp
-    size = max(found.certificate.primal * factor, factor * vanishing(grasp))
+    size = factor * max(found.certificate.primal, vanishing(found.problem, found.impact_time, found.objective))
     assert abs(again.certificate.primal - factor * found.certificate.primal) <= 2e-6 * size, grasp
     return again
 

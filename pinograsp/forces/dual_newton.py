@@ -21,6 +21,8 @@ closed (Rockafellar 1976). Answers are certified like any other's.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -313,6 +315,43 @@ def solve(y, AT, b, q, p, lo, hi, coefs, exps, radii, n_round, weight, x):
     return total
 
 
+@njit(**_FLAGS)
+def check(y, AT, b, q, p, lo, hi, coefs, exps, radii, n_round, x, gauge, residual):
+    """What certifies x with the multipliers y: largest violation, objective and its proven lower bound.
+
+    Fills ``gauge`` (k,) and the balance's ``residual`` (m,). The same checks as :mod:`pinograsp.forces.program`'s, written
+    for compiling; the tests compare the two.
+    """
+    k, d, m = AT.shape
+    e = d - 1
+    for r in range(m):
+        residual[r] = -b[r]
+    violation, value = 0.0, 0.0
+    gap, _ = _gap(y, AT, q, p, lo, hi, coefs, exps, radii, n_round, x)
+    for i in range(k):
+        F = x[i, e]
+        round_ = 0.0
+        for j in range(n_round):
+            round_ += x[i, j] * x[i, j]
+        largest = np.sqrt(round_)
+        for j in range(n_round, e):
+            largest = max(largest, abs(x[i, j]) / radii[j])
+        gauge[i] = largest
+        violation = max(violation, max(largest - F, max(lo[i] - F, F - hi[i])))
+        for j in range(d):
+            value += (q[i, j] + 0.5 * p[i, j] * x[i, j]) * x[i, j]
+            for r in range(m):
+                residual[r] += AT[i, j, r] * x[i, j]
+        for a in range(coefs.shape[0]):
+            exponent = 1.0 + exps[0] * exps[1 + a]
+            value += coefs[a] / exponent * F**exponent
+    # The gap took sum y . A x from x; the balance's residual says how far that is from y . b.
+    slack = 0.0
+    for r in range(m):
+        slack += y[r] * residual[r]
+    return violation, value, value - gap + slack
+
+
 class Structured:
     """What the compiled solver needs of a program that does not change with load and impact time."""
 
@@ -351,8 +390,11 @@ def applies(program: Program) -> bool:
     return known
 
 
-def solve_structured(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """x (k d,), balance multipliers y (rows,), no torque multipliers; None where it does not converge (infeasible, say)."""
+def solve_structured(program: Program) -> tuple | None:
+    """x (k d,), balance multipliers y (rows,), no torque multipliers, and the checks; None where it does not converge.
+
+    The checks are the largest violation, gauges (k,), balance residual (rows,), objective and proven bound.
+    """
     fixed = program.cache.get("structured")
     if fixed is None:
         fixed = program.cache["structured"] = Structured(program)
@@ -364,21 +406,23 @@ def solve_structured(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarr
     if program.P is not None:
         p = program.P.diagonal().reshape(k, d)
         weight = 0.0 if p.min() > 1e-6 * p.max() else _WEIGHT
-    evaluations = solve(
-        y, fixed.AT, program.b, program.q.reshape(k, d), p, program.lo, program.hi,
-        *_derivative(program.powers), fixed.radii, fixed.n_round, weight, x,
-    )  # fmt: skip
-    if evaluations < 0 or not np.isfinite(x).all():
+    data = (fixed.AT, program.b, program.q.reshape(k, d), p, program.lo, program.hi,
+            *_derivative(program.powers), fixed.radii, fixed.n_round)  # fmt: skip
+    if solve(y, *data, weight, x) < 0:
         return None
-    return x.ravel(), y, np.zeros(0)
+    gauge, residual = np.empty(k), np.empty(len(y))
+    violation, value, bound = check(y, *data, x, gauge, residual)
+    if not math.isfinite(value + bound + violation):
+        return None
+    return x.ravel(), y, np.zeros(0), (violation, gauge, residual, value, bound)
 
 
 def compile_now() -> None:
     """Compile (or load from the cache) every function for the types that are used."""
     AT, k, d, m = np.zeros((1, 3, 6)), 1, 3, 6
     AT[0, :, :3] = np.eye(3)
-    for rows in (m, 3):
-        solve(
-            np.zeros(rows), np.ascontiguousarray(AT[:, :, :rows]), np.zeros(rows), np.zeros((k, d)), np.ones((k, d)),
-            np.zeros(k), np.ones(k), np.ones(1), np.full(2, 1.0), np.ones(d - 1), 2, 0.0, np.ones((k, d)),
-        )  # fmt: skip
+    y, x = np.zeros(m), np.ones((k, d))
+    data = (AT, np.zeros(m), np.zeros((k, d)), np.ones((k, d)), np.zeros(k), np.ones(k), np.ones(1), np.ones(2),
+            np.ones(d - 1), 2)  # fmt: skip
+    solve(y, *data, 0.0, x)
+    check(y, *data, x, np.zeros(k), np.zeros(m))

@@ -184,7 +184,12 @@ def solve_certified(
 class _Checked:
     """Every check of an answer x with its multipliers y and w, and the lower bound that these prove."""
 
-    def __init__(self, program: Program, x: np.ndarray, y: np.ndarray, w: np.ndarray):
+    def __init__(self, program: Program, x: np.ndarray, y: np.ndarray, w: np.ndarray, known: tuple | None = None):
+        if known is not None:
+            self.program, self.x = program, x
+            self.violation, self.gauge, self.residual, self.value, self.bound = known
+            self.judge()
+            return
         self.violation, self.gauge, self.residual = program.violations(x)
         if self.residual @ self.residual > 1e-26:
             x = program.settled(x, self.residual)
@@ -195,9 +200,15 @@ class _Checked:
         self.bound = program.lower_bound(x, y, w, refine=False)
         if self.value - self.bound > 0.2 * GAP * size:
             self.bound = max(self.bound, program.lower_bound(x, y, w))
+        self.judge()
+
+    def judge(self) -> None:
+        """Whether all checks pass."""
+        size = max(abs(self.value + self.program.constant), 1e-12)
+        largest = self.x[self.program.d - 1 :: self.program.d]
         self.passed = bool(
             self.residual @ self.residual <= BALANCE**2
-            and (self.violation <= VIOLATION or self.violation <= VIOLATION * x[program.d - 1 :: program.d].max())
+            and (self.violation <= VIOLATION or self.violation <= VIOLATION * largest.max())
             and self.value - self.bound <= GAP * size
         )
 
