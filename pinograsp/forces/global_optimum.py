@@ -105,7 +105,7 @@ class _Search:
         self.keep(low, high, self.relaxed(low, high, -float("inf")))
         while self.open:
             bound, _, a, b = heapq.heappop(self.open)
-            if bound >= self.best_value - gap * abs(self.best_value):
+            if bound >= self.best_value - gap * self.size():
                 self.closed_bound = min(self.closed_bound, bound)
                 self.log.append(Branch(a, b, bound, self.best_value, "bounded"))
                 continue
@@ -125,6 +125,10 @@ class _Search:
             self.keep(a, middle, left)
             self.keep(middle, b, right)
             bar.update()
+
+    def size(self) -> float:
+        """What the gap is relative to: as in the incumbent's certificate."""
+        return self.best[2].size if self.best else 0.0
 
     def visit(self, t: float) -> None:
         """Best forces at one impact time; they become the incumbent if they are the cheapest so far."""
@@ -172,7 +176,7 @@ class _Search:
         left = min([self.closed_bound, self.best_value, *(bound for bound, *_ in self.open)])
         certificate = replace(certificate, dual=left)
         status = Status.INTERRUPTED if interrupted else Status.OK
-        if not interrupted and certificate.gap > gap * abs(certificate.primal):
+        if not interrupted and certificate.relative_gap > gap * (1 + 1e-9):
             status = Status.INACCURATE
         return record(
             self.problem, program, self.best_time, x, status, certificate, None, solver, self.weights, started, **details

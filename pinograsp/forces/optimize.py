@@ -24,6 +24,9 @@ from pinograsp.forces.solvers import SOLVERS
 BALANCE = 1e-9
 VIOLATION = 1e-8
 GAP = 1e-6
+# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load
+# cost the gap is measured against the other.
+_NOTHING, _VANISHING = 1e-5, 1e-2
 FORCE_SOLVERS = ("auto", "newton", *SOLVERS)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
 _DENSE_UP_TO = 20
@@ -40,6 +43,7 @@ class Certificate:
         limit_violation: largest violation of friction, of the bounds on F_n or of a torque limit (there: the change of
             contact forces that would mend it) [N].
         at_friction, at_least, at_most: (k,) bool, active limits by contact. at_torque: joints at their torque limit.
+        size: what ``relative_gap`` is relative to: the objective, or 1 % of what forces like the load cost where it vanishes.
     """
 
     primal: float
@@ -51,6 +55,7 @@ class Certificate:
     at_least: np.ndarray
     at_most: np.ndarray
     at_torque: tuple[str, ...]
+    size: float
 
     @property
     def gap(self) -> float:
@@ -59,8 +64,8 @@ class Certificate:
 
     @property
     def relative_gap(self) -> float:
-        """Gap relative to the objective [-]."""
-        return self.gap / max(abs(self.primal), 1e-300) if self.gap else 0.0
+        """Gap relative to ``size`` [-]."""
+        return self.gap / self.size
 
     def active(self, names) -> tuple[str, ...]:
         """The active constraints in words, for contacts called ``names``."""
@@ -196,7 +201,7 @@ class _Checked:
             self.violation, self.gauge, self.residual = program.violations(x)
         self.program, self.x = program, x
         self.value = program.value(x)
-        size = max(abs(self.value + program.constant), 1e-12)
+        size = self.size()
         self.bound = program.lower_bound(x, y, w, refine=False)
         if self.value - self.bound > 0.2 * GAP * size:
             self.bound = max(self.bound, program.lower_bound(x, y, w))
@@ -204,13 +209,17 @@ class _Checked:
 
     def judge(self) -> None:
         """Whether all checks pass."""
-        size = max(abs(self.value + self.program.constant), 1e-12)
         largest = self.x[self.program.d - 1 :: self.program.d]
         self.passed = bool(
             self.residual @ self.residual <= BALANCE**2
             and (self.violation <= VIOLATION or self.violation <= VIOLATION * largest.max())
-            and self.value - self.bound <= GAP * size
+            and self.value - self.bound <= GAP * self.size()
         )
+
+    def size(self) -> float:
+        """What the gap is measured against: the objective, where it does not vanish."""
+        total = abs(self.value + self.program.constant)
+        return _VANISHING if total < _NOTHING else total
 
     def certificate(self, problem: ForceProblem) -> Certificate:
         """The certificate in the problem's units."""
@@ -235,6 +244,7 @@ class _Checked:
             at_least=program.lo * (1 + near) >= F,
             at_most=program.hi * (1 - near) <= F,
             at_torque=at_torque,
+            size=self.size() * program.objective_scale,
         )
 
 

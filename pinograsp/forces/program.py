@@ -120,10 +120,14 @@ class Program:
             s = s + first
             total = sum(c * float((F**exponent).sum()) for c, exponent in self.powers) - float(first @ F)
         if self.peak:
-            # max F >= theta . F for any weights theta >= 0 of sum one: these cancel what they can, the rest goes to the
-            # contact with the largest lower bound.
-            theta = np.maximum(0.0, -s) / self.peak * (F > F.max() * (1 - 1e-6))
-            theta /= max(1.0, float(theta.sum()))
+            # max F >= theta . F for any weights theta >= 0 of sum one: these cancel what they can, at contacts below their own
+            # largest force first (at the others the bound is sharp without); the rest goes to the largest lower bound.
+            theta = np.maximum(0.0, -s) / self.peak * (F > F.max() * (1 - 1e-3))
+            free = np.where(self.hi * (1 - 1e-6) > F, theta, 0.0)
+            free /= max(1.0, float(free.sum()))
+            capped = np.where(self.hi * (1 - 1e-6) > F, 0.0, theta)
+            left, wanted = 1.0 - float(free.sum()), float(capped.sum())
+            theta = free + (capped * min(1.0, left / wanted) if wanted > 0 else 0.0)
             theta[np.argmax(self.lo)] += 1.0 - float(theta.sum())
             s = s + self.peak * theta
         return total + float(np.minimum(self.lo * s, self.hi * s).sum())
