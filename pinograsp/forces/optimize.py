@@ -24,8 +24,8 @@ from pinograsp.forces.solvers import SOLVERS
 BALANCE = 1e-9
 VIOLATION = 1e-8
 GAP = 1e-6
-# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load
-# cost the gap is measured against the other.
+# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load,
+# or none at all, cost the gap is measured against the other.
 _NOTHING, _VANISHING = 1e-5, 1e-2
 FORCE_SOLVERS = ("auto", "newton", *SOLVERS)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
@@ -102,7 +102,7 @@ def optimize_forces(
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All convex, solved to optimality.
         solver: ``"auto"``: the compiled Newton method after :func:`warm_up` wherever it applies; DAQP up to 20 contacts;
             else Clarabel. Or a name of :data:`FORCE_SOLVERS`. A backend that cannot take the problem or whose answer fails
-            its certificate hands over to Clarabel; the record says which one ran.
+            its certificate hands over to DAQP and Clarabel; the record says which one ran.
 
     Returns:
         A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``; or
@@ -137,14 +137,15 @@ def warm_up() -> None:
 
 
 def _backends(program: Program, solver: str) -> tuple[str, ...]:
-    """The backends to ask, in order: the one asked for, then Clarabel, which takes every problem."""
+    """The backends to ask, in order: the one asked for, then the general ones; every one takes what it can."""
+    general = ("daqp", "clarabel") if program.k <= _DENSE_UP_TO else ("clarabel", "daqp")
     if solver == "auto":
         compiled = sys.modules.get("pinograsp.forces.dual_newton")
         if compiled is not None and compiled.applies(program):
             solver = "newton"
         else:
-            solver = "daqp" if program.k <= _DENSE_UP_TO else "clarabel"
-    return (solver,) if solver == "clarabel" else (solver, "clarabel")
+            solver = general[0]
+    return tuple(dict.fromkeys((solver, *general)))
 
 
 def _answer(program: Program, name: str):
@@ -218,8 +219,9 @@ class _Checked:
 
     def size(self) -> float:
         """What the gap is measured against: the objective, where it does not vanish."""
+        usual = max(1.0, abs(self.program.constant))
         total = abs(self.value + self.program.constant)
-        return _VANISHING if total < _NOTHING else total
+        return _VANISHING * usual if total < _NOTHING * usual else total
 
     def certificate(self, problem: ForceProblem) -> Certificate:
         """The certificate in the problem's units."""
