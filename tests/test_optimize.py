@@ -63,10 +63,12 @@ def judged(grasp, backend, expectation):
     elif found.status is Status.INFEASIBLE:
         wrong += proof_errors(p, t, found.infeasibility)
     else:
-        wrong.append(f"inaccurate: {found.certificate}")
-    if status == "?":
+        c = found.certificate
+        answer = c and f"primal {c.primal!r}, dual {c.dual!r}, limits missed by {c.limit_violation:.2g} N"
+        wrong.append(f"inaccurate ({answer}), {who} says {status} {expected!r}")
+    if status == "?" and not wrong:
         verdict = "oracle undecided"  # what we say stands on its own certificate, checked above
-    elif (status == "optimal") != (found.status is Status.OK):
+    elif found.status is not Status.INACCURATE and (status == "optimal") != (found.status is Status.OK):
         limits = [load_factor(p, t, largest) for largest in (True, False)]
         if min(abs(1 - limit) if limit is not None else np.inf for limit in limits) <= 1e-6:
             verdict = "at the limit"
@@ -83,7 +85,7 @@ def answer_errors(found, objective, size, tolerance=1e-8):
     own = objective_value(p, t, objective, found.forces_c, found.torsion)
     if not abs(own - c.primal) <= 1e-9 * size:
         wrong.append(f"primal {c.primal!r}, from the forces {own!r}")
-    if not 0 <= c.gap <= 1e-6 * size:
+    if not 0 <= c.gap <= 1e-6 * max(size, c.size):
         wrong.append(f"gap {c.gap!r} of {size!r}")
     low, high = normal_force_range(p, t)
     F = found.normal_forces
