@@ -427,19 +427,21 @@ def optimum(grasp: Grasp) -> tuple[str, float, str]:
     return status, value * whole, solver
 
 
-def vanishing(problem: ForceProblem, impact_time: float, objective) -> float:
-    """What of an objective counts as nothing, 0 where it cannot vanish.
+def size_of(problem: ForceProblem, impact_time: float, objective, value: float) -> float:
+    """What differences of an objective are relative to: its ``value``, as a rule.
 
-    Motor heat alone can: then 1e-4 of the heat of forces like the load (without one: the largest F_n) or of gravity.
+    Motor heat can vanish: below 1e-4 of the heat of forces like the load (without one: the largest F_n) or of gravity,
+    they are relative to 1 % of that heat.
     """
     weights = _weights(objective)
     if weights.keys() != {"motor_heat"}:
-        return 0.0
+        return value
     model = Model(problem, impact_time)
     _, heat = model.cost("motor_heat")
     if not np.any(problem.load[: problem.rows]):
         heat *= (model.high.max() / model.scale) ** 2
-    return 1e-4 * weights["motor_heat"] * max(heat, float((problem.torques.bias**2).sum()))
+    heat = weights["motor_heat"] * max(heat, float((problem.torques.bias**2).sum()))
+    return value if value > 1e-4 * heat else 1e-2 * heat
 
 
 def load_factor(problem: ForceProblem, impact_time: float, largest=True) -> float | None:

@@ -26,8 +26,8 @@ from random_grasps import (
     objective_value,
     optimum,
     random_grasp,
+    size_of,
     unit,
-    vanishing,
     violations,
 )
 
@@ -52,7 +52,7 @@ def judged(grasp, backend, expectation):
     found = optimize_forces(p, t, objective=grasp.objective, solver=solver)
     verdict, difference, wrong = str(found.status), np.nan, []
     if found.status is Status.OK:
-        size = max(expected if status == "optimal" else found.certificate.primal, vanishing(p, t, grasp.objective))
+        size = size_of(p, t, grasp.objective, expected if status == "optimal" else found.certificate.primal)
         wrong += answer_errors(found, grasp.objective, size)
         if status == "optimal":
             difference = abs(found.certificate.primal - expected) / size
@@ -78,14 +78,14 @@ def judged(grasp, backend, expectation):
 
 
 def answer_errors(found, objective, size, tolerance=1e-8):
-    """What is wrong with forces and their certificate; ``size`` of the objective [its unit]."""
+    """What is wrong with forces and their certificate; ``size`` is what objectives are compared to."""
     p, t, c = found.problem, found.impact_time, found.certificate
     wrong = [f"{name} missed by {by:.2g}" for name, by in violations(p, t, found.forces_c, found.torsion).items()
              if not by <= tolerance]  # fmt: skip
     own = objective_value(p, t, objective, found.forces_c, found.torsion)
     if not abs(own - c.primal) <= 1e-9 * size:
         wrong.append(f"primal {c.primal!r}, from the forces {own!r}")
-    if not 0 <= c.gap <= 1e-6 * max(size, c.size):
+    if not 0 <= c.gap <= 1e-6 * size:
         wrong.append(f"gap {c.gap!r} of {size!r}")
     low, high = normal_force_range(p, t)
     F = found.normal_forces
@@ -199,7 +199,7 @@ def test_at_the_edge_of_feasibility_every_verdict_is_proven(family):
         close += abs(grasp.factor - 1) <= 1e-6
         if found.status is Status.OK:
             assert grasp.factor <= 1 + 1e-6, grasp
-            size = max(found.certificate.primal, vanishing(p, t, grasp.objective))
+            size = size_of(p, t, grasp.objective, found.certificate.primal)
             forces = found.normal_forces.max() / force_scale(p, t)
             wrong = answer_errors(found, grasp.objective, size, tolerance=1e-8 * max(1.0, forces))
         else:
@@ -302,7 +302,7 @@ def feasible(seed, **choices):
 def same_cost(found, problem, grasp, factor=1.0):
     again = optimize_forces(problem, grasp.impact_time, objective=grasp.objective)
     assert again.status is Status.OK, grasp
-    size = factor * max(found.certificate.primal, vanishing(found.problem, found.impact_time, found.objective))
+    size = factor * size_of(found.problem, found.impact_time, found.objective, found.certificate.primal)
     assert abs(again.certificate.primal - factor * found.certificate.primal) <= 2e-6 * size, grasp
     return again
 
