@@ -85,7 +85,7 @@ def answer_errors(found, objective, size, tolerance=1e-8):
     own = objective_value(p, t, objective, found.forces_c, found.torsion)
     if not abs(own - c.primal) <= 1e-9 * size:
         wrong.append(f"primal {c.primal!r}, from the forces {own!r}")
-    if not 0 <= c.gap <= 1e-6 * size:
+    if not (0 <= c.gap <= 1e-6 * size and c.relative_gap <= 1e-6):
         wrong.append(f"gap {c.gap!r} of {size!r}")
     low, high = normal_force_range(p, t)
     F = found.normal_forces

@@ -30,7 +30,7 @@ class Infeasibility:
             r the net wrench in the balance rows (moments over the moment length) and tau the joint torques of *any*
             admissible forces, direction . r + joint_weights . tau - |joint_weights| . limit >= margin, though balance and
             limits ask for at most 0.
-        closest_c: closest admissible forces (k, 3) [N]. net_wrench: what they leave (6,) [N, N m].
+        closest_c: closest admissible forces (k, 3) [N]; closest_torsion (k,) [N m]. net_wrench: what they leave (6,) [N, N m].
         at_least, at_most, at_friction: (k,) bool, limits that the closest forces meet, by contact.
         at_torque: names of the joints whose torque limit takes part.
         crossed: (k,) bool, contacts whose bounds on F_n exclude each other.
@@ -40,6 +40,7 @@ class Infeasibility:
     direction: np.ndarray
     joint_weights: np.ndarray
     closest_c: np.ndarray
+    closest_torsion: np.ndarray
     net_wrench: np.ndarray
     at_least: np.ndarray
     at_most: np.ndarray
@@ -103,7 +104,8 @@ def closest(program: Program) -> Closest | None:
     x, y = z[:n], dual[:rows]
     at = rows + linear.shape[0]
     w = dual[at : at + m] - dual[at + m : at + 2 * m]
-    size = max(1.0, float(np.sqrt(y @ y + w @ w)))  # in theory at most 1
+    # In theory of length one wherever forces cannot hold the load; near that limit the solver leaves it short.
+    size = max(1e-6, float(np.sqrt(y @ y + w @ w)))
     y, w = y / size, w / size
     left = float(np.linalg.norm(program.A @ x - program.b))
     if m:
@@ -144,7 +146,7 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
     z = np.asarray(x).reshape(program.k, -1)
     F = z[:, -1]
     if np.any(crossed):
-        forces, torsion, friction = np.zeros((program.k, 3)), None, np.zeros(program.k, dtype=bool)
+        forces, torsion, friction = np.zeros((program.k, 3)), np.zeros(program.k), np.zeros(program.k, dtype=bool)
         at_least = at_most = crossed
     else:
         forces, torsion = forces_of(problem, z.ravel(), program.force_scale)
@@ -167,6 +169,7 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
         direction=read_only(wrench),
         joint_weights=read_only(weights),
         closest_c=read_only(forces),
+        closest_torsion=read_only(torsion),
         net_wrench=read_only(problem.residual(forces, torsion)),
         at_least=read_only(at_least),
         at_most=read_only(at_most),

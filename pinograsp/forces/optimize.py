@@ -27,6 +27,7 @@ GAP = 1e-6
 # Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load,
 # or none at all, cost the gap is measured against the other.
 _NOTHING, _VANISHING = 1e-5, 1e-2
+_USEFUL = 1e-3  # of the load: what misses its limits by more is no answer at all
 FORCE_SOLVERS = ("auto", "newton", *SOLVERS)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
 _DENSE_UP_TO = 20
@@ -174,13 +175,15 @@ def solve_certified(
                 x = checked.x
                 if checked.passed:
                     return x, Status.OK, checked.certificate(problem), None, name
-                best = (x, checked, name)
+                # Kept for the record, unless it is of no use: the one that misses its limits least.
+                if checked.violation <= _USEFUL and (best is None or checked.violation < best[1].violation):
+                    best = (x, checked, name)
             if name == backends[0]:
                 proof = prove(problem, program)
                 if proof is not None:
                     return None, Status.INFEASIBLE, None, proof, name
     else:
-        return None, Status.INFEASIBLE, None, prove(problem, program), solver
+        return None, Status.INFEASIBLE, None, prove(problem, program), ""
     if best is None:
         return None, Status.INACCURATE, None, None, solver
     x, checked, name = best
@@ -210,6 +213,7 @@ class _Checked:
 
     def judge(self) -> None:
         """Whether all checks pass."""
+        self.bound = max(self.bound, -self.program.constant)  # no objective is negative
         largest = self.x[self.program.d - 1 :: self.program.d]
         self.passed = bool(
             self.residual @ self.residual <= BALANCE**2
