@@ -49,7 +49,7 @@ PLACEMENTS = ("scattered", "opposed")
 SPREAD = np.radians(35)  # of the opposed contacts
 UNIT_LOAD = 0.02  # size of the force whose largest multiple is sought [N]: less counts as nothing
 LEAST_HELD = 0.2  # grasps whose cones hold less of a load are redrawn [N]
-GRASPS, GRASPS_QUICK = 1000, 100
+GRASPS, GRASPS_QUICK = 500, 100
 
 
 def unit(rng) -> np.ndarray:

@@ -79,7 +79,7 @@ def solve_conic(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] |
     if powers:
         b[len(b) - 3 * k * len(powers) + 1 :: 3] = 1.0
     scaled = P * 1.0 if program.P is None else sp.csc_matrix(
-        sp.triu(sp.block_diag([program.P, sp.csc_matrix((len(q) - n,) * 2)]))
+        sp.triu(sp.block_diag([sp.csc_matrix(program.P), sp.csc_matrix((len(q) - n,) * 2)]))
     )
     found = solve(scaled, q, A, b, cones)
     x, z = np.array(found.x), np.array(found.z)

@@ -60,7 +60,10 @@ def solve_rows(solver: str, H, f, C, lower, upper, equalities: int) -> tuple[np.
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = qpsolvers.solve_problem(problem, solver=solver, **TOLERANCES[solver])
+        try:
+            found = qpsolvers.solve_problem(problem, solver=solver, **TOLERANCES[solver])
+        except (qpsolvers.ProblemError, qpsolvers.SolverError):  # quadprog: a Hessian too near to singular
+            return None
     if found.x is None or not np.all(np.isfinite(found.x)):
         return None
     lam = np.zeros(n + rows)
