@@ -73,6 +73,14 @@ class ContactSet:
         return read_only([c.rotation_oc for c in self.contacts])
 
     @property
+    def mean_distance(self) -> float:
+        """Mean distance of the contacts from the centre of mass [m]; 1 where that is zero."""
+        if "distance" not in self._derived:
+            mean = float(np.linalg.norm(self.points_o - self.com_o, axis=1).mean())
+            self._derived["distance"] = mean if mean > 0 else 1.0
+        return self._derived["distance"]
+
+    @property
     def G(self) -> np.ndarray:
         """Grasp map (6, 3k): stacked contact forces f_c -> wrench on the object, linear first [N, N m].
 

@@ -272,8 +272,7 @@ def _moment_length(contacts: ContactSet, moment_length: float | None) -> float:
         raise InvalidInput(f"contacts: expected a ContactSet with at least one contact, got {contacts!r}")
     if moment_length is not None:
         return number("moment length", moment_length, above=0, unit="m")
-    mean = float(np.linalg.norm(contacts.points_o - contacts.com_o, axis=1).mean())
-    return mean if mean > 0 else 1.0
+    return contacts.mean_distance
 
 
 def _per_contact(name: str, value, k: int, unit: str = "-") -> np.ndarray:

@@ -60,7 +60,7 @@ def solve_dense(program: Program, solver: str) -> tuple[np.ndarray, np.ndarray, 
             f[normal] += first - second * F
             H.flat[(size + 1) * (d - 1) : (size + 1) * n : (size + 1) * d] += second
         if cones is not None:
-            C = cones.bend(H, f, x)
+            C = cones.bend(H, x)
         found = solve_rows(solver, H, f, C, lower, upper, equalities)
         if found is None:
             return best
@@ -93,16 +93,15 @@ class _Cones:
         self.cuts = contacts * self.facets + 2 * inside
         self.columns = contacts[:, None] * self.d + np.arange(inside)
         self.direction = np.zeros((self.k, inside))
-        self.length = np.ones(self.k)
 
-    def bend(self, H: np.ndarray, f: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Rows C for the step from ``x``; adds the curvature to H and f."""
+    def bend(self, H: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Rows C for the step from ``x``; adds the curvature to H."""
         u = x[self.columns]
         length = np.sqrt(np.einsum("ij,ij->i", u, u))
         known = length > 1e-12
         self.direction[known] = u[known] / length[known, None]
         self.C[self.cuts[:, None], self.columns] = self.direction
-        # At the last iterate u lies along v, where the curvature's gradient (I - v v') u vanishes: f needs no change.
+        # At the last iterate u lies along v, where the curvature's gradient (I - v v') u vanishes: the linear term needs no change.
         bend = np.where(known, self.weight / np.where(known, length, 1.0), 0.0)
         block = bend[:, None, None] * (np.eye(self.inside) - np.einsum("ki,kj->kij", self.direction, self.direction))
         H[self.columns[:, :, None], self.columns[:, None, :]] += block

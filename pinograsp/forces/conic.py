@@ -16,10 +16,10 @@ _SETTINGS = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11, "tol
              "tol_infeas_rel": 1e-11, "max_iter": 200, "verbose": False, "max_threads": 1}  # fmt: skip
 
 
-def settings(**changes) -> clarabel.DefaultSettings:
+def settings() -> clarabel.DefaultSettings:
     """Clarabel's settings with every tolerance that matters stated."""
     made = clarabel.DefaultSettings()
-    for name, value in {**_SETTINGS, **changes}.items():
+    for name, value in _SETTINGS.items():
         setattr(made, name, value)
     return made
 
@@ -27,6 +27,11 @@ def settings(**changes) -> clarabel.DefaultSettings:
 def solve(P, q, A, b, cones):
     """Clarabel's solution: whatever its status says, callers certify x and z themselves."""
     return clarabel.DefaultSolver(P, q, A, b, cones, settings()).solve()
+
+
+def solved(found) -> bool:
+    """Whether Clarabel ended at an optimum."""
+    return str(found.status) in ("Solved", "AlmostSolved")
 
 
 def cone_rows(program: Program) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int], sp.csc_matrix]:
@@ -49,6 +54,31 @@ def cone_rows(program: Program) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int]
     block[0, -1] = -1.0
     block[np.arange(1, inside), np.arange(inside - 1)] = -1.0
     return linear, sp.csc_matrix(sp.kron(sp.identity(k), block)), [inside] * k, select
+
+
+def solve_linear(program: Program, equal, equal_b, q, *, least=None, torques: bool = False):
+    """min q . z over z = (x, further columns), x within friction and bounds (and torque limits): Clarabel's solution.
+
+    ``equal`` z = ``equal_b`` are its first rows, ``least`` z >= 0 further ones. Look at :func:`solved` first.
+    """
+    n = program.k * program.d
+    linear, second, sizes, _ = cone_rows(program)
+    blocks = [linear, *((sp.csc_matrix(program.R), sp.csc_matrix(-program.R)) if torques else ())]
+    limits = [-program.lo, program.hi, np.zeros(linear.shape[0] - 2 * program.k)]
+    limits += [program.R_hi, -program.R_lo] if torques else []
+
+    def wide(block):
+        return sp.hstack([block, sp.csc_matrix((block.shape[0], len(q) - n))])
+
+    rows = [wide(block) for block in blocks]
+    if least is not None:
+        rows.append(-least)
+        limits.append(np.zeros(least.shape[0]))
+    A = sp.vstack([equal, *rows, wide(second)], format="csc")
+    b = np.concatenate([equal_b, *limits, np.zeros(second.shape[0])])
+    cones = [clarabel.ZeroConeT(len(equal_b)), clarabel.NonnegativeConeT(sum(row.shape[0] for row in rows))]
+    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
+    return solve(sp.csc_matrix((len(q), len(q))), q, A, b, cones)
 
 
 def solve_conic(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:

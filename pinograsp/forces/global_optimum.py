@@ -19,8 +19,8 @@ from tqdm import tqdm
 from pinograsp.checks import number, one_of
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.optimize import FORCE_SOLVERS, record, solve_certified
-from pinograsp.forces.problem import MEASURES, ForceProblem
-from pinograsp.forces.program import assemble, weights_of
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ForceSolution
 
 _NARROWEST = 1e-10  # intervals of t_I [s] that the certificates' accuracy no longer separates
@@ -132,28 +132,30 @@ class _Search:
 
     def visit(self, t: float) -> None:
         """Best forces at one impact time; they become the incumbent if they are the cheapest so far."""
-        terms = {m: self.problem.energy_terms(t, m) for m in MEASURES if self.weights.get(m)}
+        terms = energy_terms_at(self.problem, self.weights, t)
         program = assemble(self.problem, self.weights, terms, *self.problem.normal_force_range(t))
         x, status, certificate, proof, solver = solve_certified(self.problem, program, self.solver)
         if status is Status.OK and certificate.primal < self.best_value:
             self.best, self.best_value, self.best_time = (program, x, certificate, solver), certificate.primal, t
+        self.note(proof, t)
+
+    def note(self, proof, t: float) -> None:
+        """Keep the proof that came closest to feasibility."""
         if proof is not None and (self.proof is None or proof.margin < self.proof.margin):
             self.proof, self.proof_time = proof, t
 
     def relaxed(self, a: float, b: float, parent: float) -> float:
         """Proven lower bound of the objective over t_I in [a, b]; infinite where the relaxation is proven infeasible."""
         problem = self.problem
-        terms = {}
-        for m in MEASURES:
-            if self.weights.get(m):
-                pairs = zip(problem.energy_terms(a, m), problem.energy_terms(b, m))
-                terms[m] = tuple((min(one, two), power) for (one, power), (two, _) in pairs)
+        early, late = (energy_terms_at(problem, self.weights, t) for t in (a, b))
+        terms = {
+            m: tuple((min(one, two), power) for (one, power), (two, _) in zip(early[m], late[m])) for m in early
+        }
         (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
         program = assemble(problem, self.weights, terms, lo, hi)
         _, status, certificate, proof, _ = solve_certified(problem, program, self.solver)
         if status is Status.INFEASIBLE:
-            if self.proof is None or proof.margin < self.proof.margin:
-                self.proof, self.proof_time = proof, a
+            self.note(proof, a)
             return float("inf")
         return parent if certificate is None else max(parent, certificate.dual)
 
@@ -167,9 +169,8 @@ class _Search:
         details = {"branches": tuple(self.log)}
         if self.best is None:
             status = Status.INTERRUPTED if interrupted else Status.INACCURATE if self.unresolved else Status.INFEASIBLE
-            program = None
             return record(
-                self.problem, program, self.proof_time, None, status, None, self.proof, self.solver, self.weights,
+                self.problem, None, self.proof_time, None, status, None, self.proof, self.solver, self.weights,
                 started, **details,
             )  # fmt: skip
         program, x, certificate, solver = self.best

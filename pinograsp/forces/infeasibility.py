@@ -10,9 +10,9 @@ import scipy.sparse as sp
 
 from pinograsp.checks import read_only
 from pinograsp.errors import Status
-from pinograsp.forces.conic import cone_rows, solve
+from pinograsp.forces.conic import cone_rows, solve, solve_linear, solved
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, assemble
+from pinograsp.forces.program import Program, feasibility
 
 # A proof counts where its margin exceeds this share of the load: a thousand times the rounding of its closed form.
 PROVEN = 1e-11
@@ -118,7 +118,7 @@ def prove(problem: ForceProblem, program: Program) -> Infeasibility | None:
     """The proof of infeasibility, or None where there is none (the program is feasible, or too close to tell)."""
     crossed = program.lo > program.hi
     if np.any(crossed):
-        k, zeros = problem.k, np.zeros((problem.k, 3))
+        zeros = np.zeros((problem.k, 3))
         gap = float((program.lo - program.hi).max()) * program.force_scale
         return _record(problem, program, gap, np.zeros(len(program.b)), np.zeros(len(program.R)), zeros, crossed)
     found = closest(program)
@@ -150,18 +150,18 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
         at_least = at_most = crossed
     else:
         forces, torsion = forces_of(problem, z.ravel(), program.force_scale)
-        s = program.reduced(y @ program.A + w @ program.R)
-        pulls = program.friction.support((y @ program.A + w @ program.R).reshape(program.k, program.d)[:, :-1])
+        c = y @ program.A + w @ program.R
+        s = program.reduced(c)
+        pulls = program.friction.support(c.reshape(program.k, program.d)[:, :-1])
         # A contact matters where the certificate pushes its force against the limit.
         at_least = (s > near) & (F <= program.lo + near * (1 + program.lo))
         at_most = (s < -near) & (F >= program.hi - near * (1 + program.hi))
         friction = (pulls > near) & (program.friction.gauge(z[:, :-1]) >= F * (1 - 1e-3)) & (F > 0)
     joints, weights = (), np.zeros(0 if problem.torques is None else len(problem.torques.limit))
     if problem.torques is not None:
-        limited = np.isfinite(problem.torques.limit)
-        joints = np.array(problem.torques.joints)[limited]
+        joints = problem.torques.limited_joints
         if len(w):
-            weights[limited] = w / problem._assembled["rows"][3]
+            weights[problem.torques.limited] = w / problem._assembled["rows"][3]
     wrench = np.zeros(6)
     wrench[: problem.rows] = y
     return Infeasibility(
@@ -174,7 +174,7 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
         at_least=read_only(at_least),
         at_most=read_only(at_most),
         at_friction=read_only(friction),
-        at_torque=tuple(str(joint) for joint, weight in zip(joints, w) if abs(weight) > 1e-5),
+        at_torque=tuple(joint for joint, weight in zip(joints, w) if abs(weight) > 1e-5),
         crossed=read_only(crossed),
     )
 
@@ -212,7 +212,7 @@ def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
     contacts and limits bind.
     """
     impact_time = problem.checked_impact_time(impact_time)
-    program = _program(problem, impact_time)
+    program = feasibility(problem, *problem.normal_force_range(impact_time))
     proof = prove(problem, program)
     held = proof is None and holds(program)
     factors = None if np.any(program.lo > program.hi) else load_factors(program)
@@ -247,51 +247,28 @@ def extreme_multiple(program: Program, base: np.ndarray, column: np.ndarray, sig
 
     Infinity where s has no largest value.
     """
-    k, n, rows, m = program.k, program.k * program.d, len(program.b), len(program.R)
-    linear, second, sizes, _ = cone_rows(program)
-
-    def wide(block):
-        return sp.hstack([block, sp.csc_matrix((block.shape[0], 1))])
-
-    R = sp.csc_matrix(program.R)
-    A = sp.vstack(
-        [
-            sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(-column[:, None])]),
-            wide(linear),
-            sp.csc_matrix(([-1.0], ([0], [n])), shape=(1, n + 1)),
-            wide(R),
-            wide(-R),
-            wide(second),
-        ],
-        format="csc",
-    )
-    facets = np.zeros(linear.shape[0] - 2 * k + 1)
-    b = np.concatenate(
-        [base, -program.lo, program.hi, facets, program.R_hi, -program.R_lo, np.zeros(second.shape[0])]
-    )
+    n = program.k * program.d
+    equal = sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(-column[:, None])])
+    positive = sp.csc_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
     q = np.zeros(n + 1)
     q[n] = sign
-    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(linear.shape[0] + 1 + 2 * m)]
-    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
-    found = solve(sp.csc_matrix((n + 1, n + 1)), q, A, b, cones)
+    found = solve_linear(program, equal, base, q, least=positive, torques=True)
     if str(found.status) == "DualInfeasible":
         return np.inf
-    return float(found.x[n]) if str(found.status) in ("Solved", "AlmostSolved") else None
-
-
-def _program(problem: ForceProblem, impact_time: float) -> Program:
-    return assemble(problem, {"peak": 1.0}, {}, *problem.normal_force_range(impact_time))
+    return float(found.x[n]) if solved(found) else None
 
 
 def _smallest_mu(problem: ForceProblem, impact_time: float) -> np.ndarray | None:
     """Bisection on a common factor of all mu: the set of forces grows with it."""
     base = problem.mu if np.any(problem.mu > 0) else np.ones(problem.k)
 
+    bounds = problem.normal_force_range(impact_time)
+
     def enough(largest: float) -> bool:
-        return holds(_program(replace(problem, mu=base * (largest / base.max())), impact_time))
+        return holds(feasibility(replace(problem, mu=base * (largest / base.max())), *bounds))
 
     lo, hi = 0.0, _LARGEST_FRICTION
-    if np.any(np.greater(*problem.normal_force_range(impact_time))) or not enough(hi):
+    if np.any(np.greater(*bounds)) or not enough(hi):
         return None
     if enough(lo):
         return np.zeros(problem.k)
@@ -320,7 +297,7 @@ def _words(problem, impact_time, status, proof, factors, mu) -> str:
     else:
         lines.append(
             f"no admissible forces hold the load at t_I = {impact_time:.6g} s: at least {proof.margin:.4g} N of net "
-            f"wrench is left along {wrench_words(problem, proof.direction)} (proven)"
+            f"wrench is left along {_wrench_words(problem, proof.direction)} (proven)"
         )
         for what, mask in (
             ("friction limit", proof.at_friction),
@@ -348,7 +325,7 @@ def _words(problem, impact_time, status, proof, factors, mu) -> str:
     return "\n".join(lines)
 
 
-def wrench_words(problem: ForceProblem, direction: np.ndarray) -> str:
+def _wrench_words(problem: ForceProblem, direction: np.ndarray) -> str:
     """A unit wrench of the balance rows in words: its force and moment parts."""
     force, moment = direction[:3], direction[3:]
     parts = []

@@ -15,10 +15,10 @@ from pinograsp.checks import array_of, read_only
 from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.conic import cone_rows, solve
+from pinograsp.forces.conic import solve, solve_linear, solved
 from pinograsp.forces.infeasibility import extreme_multiple
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, assemble, columns_of
+from pinograsp.forces.program import Program, columns_of, feasibility
 from pinograsp.forces.solution import ForceSolution
 
 _NEGLIGIBLE = 1e-5  # of the load: optimal forces lie *on* their friction limits, so margins near zero are common
@@ -116,8 +116,7 @@ def load_margin(
             raise InvalidInput(f"normal forces: expected values >= 0 [N], got {normal.tolist()}")
         program = _at(problem, normal)
     else:
-        bounds = problem.normal_force_range(problem.checked_impact_time(impact_time))
-        program = assemble(problem, {"peak": 1.0}, {}, *bounds)
+        program = feasibility(problem, *problem.normal_force_range(problem.checked_impact_time(impact_time)))
         if np.any(program.lo > program.hi):
             return -1.0
     reached = extreme_multiple(program, program.b, -scaled / program.force_scale, -1.0)
@@ -189,7 +188,7 @@ def min_weight(contacts: ContactSet, mu, *, edges: int = 8, balance: str = "wren
     b = np.concatenate([np.zeros(problem.rows), [1.0], np.zeros(count)])
     cones = [clarabel.ZeroConeT(problem.rows + 1), clarabel.NonnegativeConeT(count)]
     found = solve(sp.csc_matrix((count + 1, count + 1)), q, rows, b, cones)
-    return max(0.0, float(found.x[count]) * count) if str(found.status) in ("Solved", "AlmostSolved") else 0.0
+    return max(0.0, float(found.x[count]) * count) if solved(found) else 0.0
 
 
 def _unsafed(problem: ForceProblem) -> ForceProblem:
@@ -201,7 +200,7 @@ def _unsafed(problem: ForceProblem) -> ForceProblem:
 
 def _at(problem: ForceProblem, normal: np.ndarray) -> Program:
     """The program with F_n fixed at ``normal``."""
-    return assemble(problem, {"peak": 1.0}, {}, np.asarray(normal), np.asarray(normal))
+    return feasibility(problem, normal, normal)
 
 
 def _disturbances(program: Program, tolerance: float) -> InscribedBall:
@@ -219,25 +218,16 @@ def _disturbances(program: Program, tolerance: float) -> InscribedBall:
 
 def _section(program: Program, rows: tuple[int, ...]) -> float:
     """Radius of the largest ball in the disturbances of some rows alone, the others being zero: lower bound to 1e-3."""
-    k, n, count = program.k, program.k * program.d, len(program.b)
-    linear, second, sizes, _ = cone_rows(program)
+    n, count = program.k * program.d, len(program.b)
     pick = np.zeros((count, len(rows)))
     pick[list(rows), range(len(rows))] = 1.0
-
-    def wide(block):
-        return sp.hstack([block, sp.csc_matrix((block.shape[0], len(rows)))])
-
-    A = sp.vstack([sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(pick)]), wide(linear), wide(second)], format="csc")
-    b = np.concatenate([program.b, -program.lo, program.hi, np.zeros(linear.shape[0] - 2 * k + second.shape[0])])
-    cones = [clarabel.ZeroConeT(count), clarabel.NonnegativeConeT(linear.shape[0])]
-    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
-    P = sp.csc_matrix((n + len(rows), n + len(rows)))
+    equal = sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(pick)])
     held = True
 
     def support_point(y):
         nonlocal held
-        found = solve(P, np.concatenate([np.zeros(n), -y]), A, b, cones)
-        if str(found.status) not in ("Solved", "AlmostSolved"):
+        found = solve_linear(program, equal, program.b, np.concatenate([np.zeros(n), -y]))
+        if not solved(found):
             held = False
             return np.zeros(len(rows))
         return np.array(found.x)[n:]
@@ -252,33 +242,21 @@ def _interior(problem: ForceProblem) -> tuple[float, np.ndarray]:
     With F = F' + t / k the cones read u in F' U, so only the balance and the sum know of t.
     """
     k, n = problem.k, problem.k * problem.friction.d
-    program = assemble(problem, {"peak": 1.0}, {}, np.zeros(k), np.ones(k))
-    linear, second, sizes, select = cone_rows(program)
+    program = feasibility(problem, np.zeros(k), np.ones(k))
     mean = program.A.reshape(problem.rows, k, -1)[:, :, -1].mean(axis=1)
-
-    def wide(block):
-        return sp.hstack([block, sp.csc_matrix((block.shape[0], 1))])
-
-    A = sp.vstack(
+    total = np.zeros((1, n))
+    total[0, program.d - 1 :: program.d] = 1.0
+    equal = sp.vstack(
         [
             sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(mean[:, None])]),
-            sp.hstack([sp.csc_matrix(np.ones((1, k)) @ select), sp.csc_matrix([[1.0]])]),
-            wide(linear),
-            sp.csc_matrix(([-1.0], ([0], [n])), shape=(1, n + 1)),
-            wide(second),
-        ],
-        format="csc",
+            sp.hstack([sp.csc_matrix(total), sp.csc_matrix([[1.0]])]),
+        ]
     )
-    b = np.zeros(A.shape[0])
-    b[problem.rows] = 1.0
-    b[problem.rows + 1 + k : problem.rows + 1 + 2 * k] = 1.0
     q = np.zeros(n + 1)
     q[n] = -1.0
-    cones = [clarabel.ZeroConeT(problem.rows + 1), clarabel.NonnegativeConeT(linear.shape[0] + 1)]
-    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
-    found = solve(sp.csc_matrix((n + 1, n + 1)), q, A, b, cones)
-    solved = str(found.status) in ("Solved", "AlmostSolved")
-    return float(found.x[n]) if solved else 0.0, np.array(found.z)[: problem.rows]
+    positive = sp.csc_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
+    found = solve_linear(program, equal, np.append(np.zeros(problem.rows), 1.0), q, least=positive)
+    return float(found.x[n]) if solved(found) else 0.0, np.array(found.z)[: problem.rows]
 
 
 def _separating(problem: ForceProblem, A: np.ndarray, rank: int, y: np.ndarray) -> np.ndarray:
@@ -286,5 +264,5 @@ def _separating(problem: ForceProblem, A: np.ndarray, rank: int, y: np.ndarray) 
     if rank < problem.rows:
         return np.linalg.svd(A)[0][:, -1]
     y = y / max(float(np.linalg.norm(y)), 1e-300)
-    program = assemble(problem, {"peak": 1.0}, {}, np.zeros(problem.k), np.ones(problem.k))
+    program = feasibility(problem, np.zeros(problem.k), np.ones(problem.k))
     return y if program.reduced(y @ A).min() >= -1e-6 else np.zeros(problem.rows)

@@ -15,8 +15,8 @@ from pinograsp.errors import ExtraMissing, Status
 from pinograsp.forces.active_set import solve_dense
 from pinograsp.forces.conic import solve_conic
 from pinograsp.forces.infeasibility import Infeasibility, forces_of, prove
-from pinograsp.forces.problem import MEASURES, ForceProblem
-from pinograsp.forces.program import Program, assemble, weights_of
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import Program, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.forces.solvers import SOLVERS
 
@@ -116,7 +116,7 @@ def optimize_forces(
     impact_time = problem.checked_impact_time(impact_time)
     weights = weights_of(objective, problem)
     one_of("solver", solver, FORCE_SOLVERS)
-    terms = {m: problem.energy_terms(impact_time, m) for m in MEASURES if weights.get(m)}
+    terms = energy_terms_at(problem, weights, impact_time)
     program = assemble(problem, weights, terms, *problem.normal_force_range(impact_time))
     x, found, certificate, proof, solver = solve_certified(problem, program, solver)
     return record(problem, program, impact_time, x, found, certificate, proof, solver, weights, started)
@@ -205,9 +205,8 @@ class _Checked:
             self.violation, self.gauge, self.residual = program.violations(x)
         self.program, self.x = program, x
         self.value = program.value(x)
-        size = self.size()
         self.bound = program.lower_bound(x, y, w, refine=False)
-        if self.value - self.bound > 0.2 * GAP * size:
+        if self.value - self.bound > 0.2 * GAP * self.size():
             self.bound = max(self.bound, program.lower_bound(x, y, w))
         self.judge()
 
@@ -236,8 +235,7 @@ class _Checked:
         if len(program.R):
             torque = program.R @ self.x
             meets = (torque >= program.R_hi - near) | (torque <= program.R_lo + near)
-            joints = np.array(problem.torques.joints)[np.isfinite(problem.torques.limit)]
-            at_torque = tuple(str(joint) for joint in joints[meets])
+            at_torque = tuple(joint for joint, meet in zip(problem.torques.limited_joints, meets) if meet)
         force, moment = residual[:3], residual[3:]
         return Certificate(
             primal=(self.value + program.constant) * program.objective_scale,

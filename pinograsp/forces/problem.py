@@ -65,6 +65,16 @@ class TorqueLimits:
         object.__setattr__(self, "limit", read_only(limit))
         object.__setattr__(self, "joints", tuple(self.joints) or tuple(f"joint {j + 1}" for j in range(n)))
 
+    @property
+    def limited(self) -> np.ndarray:
+        """Which joints have a limit (n,) bool."""
+        return np.isfinite(self.limit)
+
+    @property
+    def limited_joints(self) -> tuple[str, ...]:
+        """Names of the joints that have one: those of a program's torque rows."""
+        return tuple(joint for joint, finite in zip(self.joints, self.limited) if finite)
+
     def torques(self, forces_o, moments_o=None) -> np.ndarray:
         """Joint torques (n,) [N m] under forces on the object (k, 3) [N] and moments (k, 3) [N m], world axes."""
         tau = self.bias + np.einsum("kxn,kx->n", self.jacobian[:, :3], np.asarray(forces_o, dtype=float))
@@ -152,7 +162,7 @@ class ForceProblem:
         if self.torques is not None and len(self.torques.jacobian) != k:
             raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
         if self.moment_length is None:
-            put("moment_length", _mean_distance(self.contacts))
+            put("moment_length", self.contacts.mean_distance)
         else:
             put("moment_length", number("moment length", self.moment_length, above=0, unit="m"))
         # Matrices that do not depend on the load or the limits are shared by all problems on the same contacts.
@@ -281,14 +291,6 @@ class ForceProblem:
         """
         along = np.einsum("r,rkc->kc", np.asarray(direction, dtype=float), self.scaled_columns)
         return along[:, 2] - self.pyramid * (np.abs(along[:, 0]) + np.abs(along[:, 1]))
-
-
-def _mean_distance(contacts: ContactSet) -> float:
-    """Mean distance of the contacts from the centre of mass [m]; 1 where that is zero."""
-    if "distance" not in contacts._derived:
-        mean = float(np.linalg.norm(contacts.points_o - contacts.com_o, axis=1).mean())
-        contacts._derived["distance"] = mean if mean > 0 else 1.0
-    return contacts._derived["distance"]
 
 
 def _range(name: str, value, unit: str, above: float) -> tuple[float, float]:

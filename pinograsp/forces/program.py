@@ -100,7 +100,7 @@ class Program:
             total -= 0.5 * float(x @ Px)
         if len(w):
             c = c + w @ self.R
-            total -= self._rows_at_their_limits(w)
+            total -= self.rows_at_their_limits(w)
         return total + self.separable(self.reduced(c), F, refine)
 
     def separable(self, s: np.ndarray, F: np.ndarray, refine: bool = True) -> float:
@@ -130,7 +130,11 @@ class Program:
             theta = free + (capped * min(1.0, left / wanted) if wanted > 0 else 0.0)
             theta[np.argmax(self.lo)] += 1.0 - float(theta.sum())
             s = s + self.peak * theta
-        return total + float(np.minimum(self.lo * s, self.hi * s).sum())
+        return total + self.least(s)
+
+    def least(self, s: np.ndarray) -> float:
+        """Least value of s . F over lo <= F <= hi."""
+        return float(np.minimum(self.lo * s, self.hi * s).sum())
 
     def _minimiser(self, s: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Near argmin of phi(F) + s F over [lo, hi]: a few Newton steps from F."""
@@ -140,7 +144,7 @@ class Program:
             F = np.minimum(np.maximum(F - step, np.maximum(self.lo, 0.1 * F)), self.hi)
         return F
 
-    def _rows_at_their_limits(self, w: np.ndarray) -> float:
+    def rows_at_their_limits(self, w: np.ndarray) -> float:
         """Largest value of w . R x that the torque limits allow."""
         return float(np.maximum(w * self.R_hi, w * self.R_lo).sum())
 
@@ -153,9 +157,8 @@ class Program:
         total = -float(y @ self.b)
         if len(w):
             c = c + w @ self.R
-            total -= self._rows_at_their_limits(w)
-        s = self.reduced(c)
-        return total + float(np.minimum(self.lo * s, self.hi * s).sum())
+            total -= self.rows_at_their_limits(w)
+        return total + self.least(self.reduced(c))
 
     def violations(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Largest violation of friction, of the bounds on F and of the torque rows; gauges (k,); balance residual (rows,)."""
@@ -231,6 +234,16 @@ def torque_columns(problem: ForceProblem) -> np.ndarray:
     return stored["torque"]
 
 
+def energy_terms_at(problem: ForceProblem, weights: Mapping[str, float], impact_time: float) -> dict:
+    """Per grasp-energy measure of the objective its powers of F_n at t_I [s], as :func:`assemble` takes them."""
+    return {m: problem.energy_terms(impact_time, m) for m in MEASURES if weights.get(m)}
+
+
+def feasibility(problem: ForceProblem, lo: np.ndarray, hi: np.ndarray) -> Program:
+    """The program where only its constraints matter, for F_n in [lo, hi] (k,) [N]."""
+    return assemble(problem, {"peak": 1.0}, {}, lo, hi)
+
+
 def assemble(
     problem: ForceProblem,
     weights: Mapping[str, float],
@@ -243,7 +256,7 @@ def assemble(
     Args:
         problem: contacts, load, friction, limits.
         weights: objective, see :func:`weights_of`.
-        terms: per grasp-energy measure in ``weights`` its powers of F_n [N] (``ForceProblem.energy_terms``).
+        terms: per grasp-energy measure in ``weights`` its powers of F_n [N] (:func:`energy_terms_at`).
         lo, hi: range of F_n (k,) [N].
     """
     k, d = problem.k, problem.friction.d
@@ -312,9 +325,9 @@ def _quadratic(problem: ForceProblem, weights) -> tuple[np.ndarray | None, np.nd
 def _torque_rows(problem: ForceProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """R, its bounds in newtons, and the norms [m] the rows were divided by."""
     n = problem.k * problem.friction.d
-    if problem.torques is None or not np.any(np.isfinite(problem.torques.limit)):
+    if problem.torques is None or not np.any(problem.torques.limited):
         return np.zeros((0, n)), np.zeros(0), np.zeros(0), np.zeros(0)
-    limited = np.isfinite(problem.torques.limit)
+    limited = problem.torques.limited
     limit, bias = problem.torques.limit[limited], problem.torques.bias[limited]
     rows = torque_columns(problem)[limited]
     norm = np.linalg.norm(rows, axis=1)

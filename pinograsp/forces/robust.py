@@ -29,7 +29,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.conic import cone_rows, solve
 from pinograsp.forces.infeasibility import Infeasibility, prove
 from pinograsp.forces.problem import MEASURES, ForceProblem
-from pinograsp.forces.program import Program, assemble, weights_of
+from pinograsp.forces.program import Program, assemble, energy_terms_at, feasibility, weights_of
 
 _EDGES_FOR_BALLS = 16
 _FRICTION_ONLY = (*MEASURES, "peak")  # objectives that depend on the common F_n alone
@@ -166,7 +166,7 @@ def optimize_robust(
             raise InvalidInput("a ball of disturbances: expected friction 'pyramid' or 'cone', got 'soft'; use a box")
         inscribed = Friction(edges=_EDGES_FOR_BALLS, torsion=problem.friction.torsion, safety=problem.friction.safety)
         problem = replace(problem, friction=inscribed)
-    terms = {m: problem.energy_terms(impact_time, m) for m in MEASURES if weights.get(m)}
+    terms = energy_terms_at(problem, weights, impact_time)
     lo, hi = problem.normal_force_range(impact_time)
     largest = loads.wrenches[np.argmax([problem.scaled_norm(w) for w in loads.wrenches])]
     program = assemble(replace(problem, load=largest), weights, terms, lo, hi)
@@ -233,7 +233,7 @@ class _Robust:
         y = z[: self.equalities].reshape(self.s, self.rows) / size
         w = z[self.equalities :].reshape(self.s, m) / size
         s, total = self.shared(y, w)
-        return total + float(np.minimum(self.program.lo * s, self.program.hi * s).sum()) > 1e-9
+        return total + self.program.least(s) > 1e-9
 
     def block(self, rows: np.ndarray, load: int | None) -> sp.spmatrix:
         """Rows on x = (u, F) of one load as rows on all columns; without a load they concern F alone."""
@@ -322,7 +322,7 @@ class _Robust:
         p, total, s_sum = self.program, 0.0, np.zeros(self.k)
         for s in range(self.s):
             s_sum += p.reduced(y[s] @ p.A + w[s] @ p.R)
-            total -= float(y[s] @ self.targets[s]) + float(np.maximum(w[s] * p.R_hi, w[s] * p.R_lo).sum())
+            total -= float(y[s] @ self.targets[s]) + p.rows_at_their_limits(w[s])
         return s_sum, total
 
     def lower_bound(self, z: np.ndarray, dual: np.ndarray) -> float:
@@ -357,7 +357,7 @@ class _Robust:
         elif status is Status.INFEASIBLE:
             for wrench in self.loads.wrenches:
                 single = replace(problem, load=wrench)
-                proof = prove(single, assemble(single, {"peak": 1.0}, {}, *problem.normal_force_range(self.t)))
+                proof = prove(single, feasibility(single, *problem.normal_force_range(self.t)))
                 if proof is not None:
                     break
         return RobustForces(

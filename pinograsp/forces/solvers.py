@@ -49,7 +49,7 @@ def solve_rows(solver: str, H, f, C, lower, upper, equalities: int) -> tuple[np.
     if solver == "daqp":
         sense = np.zeros(n + rows, dtype=np.int32)
         sense[n + rows - equalities :] = 5
-        x, _, flag, info = daqp.solve(H, f, C, upper, lower, sense, primal_tol=1e-11, dual_tol=1e-11, eps_prox=0.0)
+        x, _, flag, info = daqp.solve(H, f, C, upper, lower, sense, eps_prox=0.0, **TOLERANCES["daqp"])
         return (x, info["lam"]) if flag > 0 and np.isfinite(x).all() else None
     split = rows - equalities
     low, high = np.isfinite(lower[n : n + split]), np.isfinite(upper[n : n + split])
