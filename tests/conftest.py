@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import settings
 
 from pinograsp.cases import load_case
+from pinograsp.cli import main
 from pinograsp.contacts import Contact, ContactSet, contacts_at
 from pinograsp.forces import ForceProblem
 from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
@@ -74,3 +77,21 @@ def contact_set():
         )
 
     return make
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys):
+    """The command line in this process and an empty folder: arguments -> (exit code, stdout, stderr)."""
+
+    def run(*args):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["pinograsp", *args])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        shown = capsys.readouterr()
+        return code, shown.out, shown.err
+
+    return run

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from pinograsp.cases import builtin_cases, load_case
-from pinograsp.cli import app, main
+from pinograsp.cli import app
 from pinograsp.errors import CaseRejected
 from pinograsp.hands.load import urdf_folder
 
@@ -20,24 +20,6 @@ REQUIRED = {
     "status", "impact_time_s", "normal_forces_N", "multipliers", "work_J", "impulse_Ns", "net_force_N", "net_moment_Nm",
     "max_penetration_m", "joint_torque_max_Nm", "solver", "elapsed_s",
 }  # fmt: skip
-
-
-def run(args, folder, monkeypatch, capsys):
-    """The command in this process: (exit code, stdout, stderr)."""
-    monkeypatch.chdir(folder)
-    monkeypatch.setattr(sys, "argv", ["pinograsp", *args])
-    try:
-        main()
-        code = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    out = capsys.readouterr()
-    return code, out.out, out.err
-
-
-@pytest.fixture
-def command(tmp_path, monkeypatch, capsys):
-    return lambda *args: run(args, tmp_path, monkeypatch, capsys)
 
 
 def write_case(path, **changes):

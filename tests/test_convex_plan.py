@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,28 +11,11 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.cases import load_case
-from pinograsp.cli import main
 from pinograsp.errors import CaseRejected, GraspInfeasible, InvalidInput, Status
 from pinograsp.report import failure, markdown
 from pinograsp.storage import load_run, run_of
 
 CONVEX = {"forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work"}
-
-
-@pytest.fixture
-def command(tmp_path, monkeypatch, capsys):
-    def run(*args):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["pinograsp", *args])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        shown = capsys.readouterr()
-        return code, shown.out, shown.err
-
-    return run
 
 
 def test_plan_carries_certificate_and_margins():

@@ -14,9 +14,8 @@ from scipy.optimize import lsq_linear
 
 from pinograsp.contacts import Compliance, contacts_at
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import SOLVERS, ForceProblem, GridSpec, grid_search, grid_values, refine_multipliers
+from pinograsp.forces import SOLVERS, ForceProblem, GridSpec, grid_search, grid_values, pruned, refine_multipliers
 from pinograsp.forces import multipliers as multipliers_module
-from pinograsp.forces import pruned
 from pinograsp.forces.lattice import first_on_lattice
 from pinograsp.forces.solvers import TOLERANCES, solve_qp
 from pinograsp.objects import Cylinder, Sphere
