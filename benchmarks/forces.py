@@ -37,21 +37,18 @@ for _name in ("OMP", "OPENBLAS", "MKL", "RAYON", "NUMEXPR"):  # read when the li
     os.environ[f"{_name}_NUM_THREADS"] = "1"
 
 import argparse
-import csv
 import gc
-import platform
-import subprocess
 import time
 import warnings
 from collections import Counter
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import cvxpy as cp
 import numpy as np
 import qpsolvers
 from matplotlib.figure import Figure
+from results import header, write_rows
 from scipy.optimize import Bounds, linprog, minimize
 from tqdm import tqdm
 
@@ -708,25 +705,14 @@ def main() -> None:
             records, certain = measure(own, friction, objective, budget, bar)
             rows += rows_of(k, name, objective, records, certain)
     packages = ("numpy", "scipy", "daqp", "clarabel", "qpsolvers", "quadprog", "piqp", "proxsuite", "osqp", "cvxpy")
-    versions = ", ".join(f"{name} {version(name)}" for name in packages)
-    try:
-        versions += f", numba {version('numba')}"
-    except PackageNotFoundError:
-        versions += ", no numba"
-    git = ["git", "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]
-    commit = subprocess.run(git, cwd=HERE, capture_output=True, text=True).stdout.strip()
-    header = (
-        f"# {platform.machine()}, {os.cpu_count()} cores (one thread used), load average {os.getloadavg()[1]:.1f}, "
-        f"Python {platform.python_version()}, {versions}, commit {commit}, "
-        f"{'quick run' if options.quick else 'full run'}"
+    first_line = header(
+        (*packages, "numba"),
+        f"one thread used, load average {os.getloadavg()[1]:.1f}",
+        "quick run" if options.quick else "full run",
     )
-    with options.out.open("w", newline="") as stream:
-        stream.write(header + "\n")
-        writer = csv.DictWriter(stream, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    write_rows(options.out, first_line, rows)
     draw(rows, options.out.with_suffix(".png"))
-    print(header)
+    print(first_line)
     print(table(rows))
     print(LIMITATIONS)
 

@@ -25,16 +25,12 @@ rejection proven.
 from __future__ import annotations
 
 import argparse
-import csv
-import os
-import platform
-import subprocess
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from results import header, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -242,20 +238,10 @@ def main() -> None:
                 else:
                     results.append(found)
             rows += rows_of(placement, kind, k, results)
-    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "daqp", "clarabel", "qpsolvers"))
-    git = ["git", "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]
-    commit = subprocess.run(git, cwd=HERE, capture_output=True, text=True).stdout.strip()
-    header = (
-        f"# {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {versions}, "
-        f"commit {commit}, {'quick run' if options.quick else 'full run'}"
-    )
-    with options.out.open("w", newline="") as stream:
-        stream.write(header + "\n")
-        writer = csv.DictWriter(stream, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    first_line = header(("numpy", "daqp", "clarabel", "qpsolvers"), "quick run" if options.quick else "full run")
+    write_rows(options.out, first_line, rows)
     draw(rows, options.out.with_suffix(".png"))
-    print(header)
+    print(first_line)
     print("placement load   contacts edges: rejected [%], expected [%], energy ratio (quartiles), undecided")
     for r in rows:
         percent = {name: 100 * float(r[name]) for name in r if name.startswith("rejected")}

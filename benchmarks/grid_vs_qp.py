@@ -10,17 +10,13 @@ Known limitations: one machine, one case; brute force is vectorised numpy, not c
 from __future__ import annotations
 
 import argparse
-import csv
-import os
-import platform
-import subprocess
 import time
 import tracemalloc
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from results import header, write_rows
 
 from pinograsp.cases import load_case
 from pinograsp.forces import GridSpec, grid_search
@@ -52,9 +48,7 @@ def main() -> None:
     budget = parser.parse_args().budget
     case = load_case("paper")
     problem = case.make_problem(case.load_hand())
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=HERE, capture_output=True, text=True).stdout.strip()
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "pin", "qpsolvers", "daqp"))
-    header = f"# {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}, commit {commit}"
+    first_line = header(("numpy", "pin", "qpsolvers", "daqp"))
     rows, ratios = [], []
     for n_A, n_k, limit in SIZES:
         grid = GridSpec(
@@ -93,11 +87,7 @@ def main() -> None:
             ratios.append((grid.points(problem.k), ratio, same))
             row = next(r for r in reversed(rows) if r["search"] == "paper")
             row["same_as_brute"], row["brute_over_this"] = str(bool(same)), f"{ratio:.0f}"
-    with (HERE / "grid_vs_qp.csv").open("w", newline="") as stream:
-        stream.write(header + "\n")
-        writer = csv.DictWriter(stream, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    write_rows(HERE / "grid_vs_qp.csv", first_line, rows)
     figure = Figure(figsize=(10, 4), layout="constrained")
     speed, quality = figure.subplots(1, 2)
     for (name, *_), marker in zip(SEARCHES, "osx^"):
