@@ -40,8 +40,8 @@ from pinograsp.spatial import rotation_rpy
 # -- random grasps against the oracle ----------------------------------------------------------------------------------
 
 
-# Named, since "auto" depends on what has been loaded. The compiled method is an extra.
-BACKENDS = ("default", "newton") if importlib.util.find_spec("numba") else ("default",)
+# Named, since "auto" depends on what has been loaded. The compiled methods are an extra.
+BACKENDS = ("default", "newton", "interior") if importlib.util.find_spec("numba") else ("default",)
 
 
 def judged(grasp, backend, expectation):

@@ -16,19 +16,23 @@ from pinograsp.forces.active_set import solve_dense
 from pinograsp.forces.conic import solve_conic
 from pinograsp.forces.infeasibility import Infeasibility, forces_of, prove
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, assemble, energy_terms_at, weights_of
+from pinograsp.forces.program import (
+    BALANCE,
+    GAP,
+    NEAR,
+    VIOLATION,
+    Program,
+    assemble,
+    energy_terms_at,
+    gap_size,
+    weights_of,
+)
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.forces.solvers import SOLVERS
 
-# Accepted answers: relative to the load (forces) and to the objective (gap).
-BALANCE = 1e-9
-VIOLATION = 1e-8
-GAP = 1e-6
-# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load,
-# or none at all, cost the gap is measured against the other.
-_NOTHING, _VANISHING = 1e-5, 1e-2
 _USEFUL = 1e-3  # of the load: what misses its limits by more is no answer at all
-FORCE_SOLVERS = ("auto", "newton", *SOLVERS)
+_COMPILED = ("interior", "newton")
+FORCE_SOLVERS = ("auto", *_COMPILED, *SOLVERS)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
 _DENSE_UP_TO = 20
 
@@ -101,9 +105,10 @@ def optimize_forces(
             squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All convex, solved to optimality.
-        solver: ``"auto"``: the compiled Newton method after :func:`warm_up` wherever it applies; DAQP up to 20 contacts;
-            else Clarabel. Or a name of :data:`FORCE_SOLVERS`. A backend that cannot take the problem or whose answer fails
-            its certificate hands over to DAQP and Clarabel; the record says which one ran.
+        solver: ``"auto"``: after :func:`warm_up` the compiled methods (``"newton"`` for strongly convex objectives from five
+            contacts on, ``"interior"`` for all else but peak and coupled motor heat); DAQP up to 20 contacts; else Clarabel.
+            Or a name of :data:`FORCE_SOLVERS`. A backend that cannot take the problem or whose answer fails its certificate
+            hands over to DAQP and Clarabel; the record says which one ran.
 
     Returns:
         A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``; or
@@ -117,48 +122,92 @@ def optimize_forces(
     weights = weights_of(objective, problem)
     one_of("solver", solver, FORCE_SOLVERS)
     terms = energy_terms_at(problem, weights, impact_time)
+    found = _compiled(problem, impact_time, weights, terms, solver, started)
+    if found is not None:
+        return found
     program = assemble(problem, weights, terms, *problem.normal_force_range(impact_time))
-    x, found, certificate, proof, solver = solve_certified(problem, program, solver)
-    return record(problem, program, impact_time, x, found, certificate, proof, solver, weights, started)
+    x, status, certificate, proof, solver = solve_certified(problem, program, solver)
+    return record(problem, program, impact_time, x, status, certificate, proof, solver, weights, started)
+
+
+def _compiled(problem, impact_time, weights, terms, solver, started) -> ForceSolution | None:
+    """The compiled path's record, once its matrices are known from an earlier call; None where it has none."""
+    compiled = sys.modules.get("pinograsp.forces.compiled")
+    template = None if compiled is None else compiled.known_template(problem, weights)
+    name = "" if template is None else template.choice(solver)
+    if not name:
+        return None
+    low, high, _ = problem._range_at(impact_time)
+    powers = [(weights[m] * c, e) for m, own in terms.items() for c, e in own]
+    answer = compiled.forces_at(problem, template, name, powers, low, high, problem.depth_per_acceleration(impact_time))
+    if answer is None:
+        return None
+    (primal, dual, size, force, moment, violation), arrays = answer
+    forces, torsion, multipliers, acceleration, wrench, active, active_rows = arrays
+    joints = problem.torques.limited_joints if len(active_rows) else ()
+    certificate = Certificate(
+        primal=primal,
+        dual=dual,
+        balance_force=force,
+        balance_moment=moment,
+        limit_violation=violation,
+        at_friction=active[0],
+        at_least=active[1],
+        at_most=active[2],
+        at_torque=tuple(joints[j] for j, meets in zip(template.order, active_rows) if meets),
+        size=size,
+    )
+    return ForceSolution(
+        status=Status.OK,
+        problem=problem,
+        search="convex",
+        solver=name,
+        objective=weights,
+        impact_time=impact_time,
+        acceleration=acceleration,
+        multipliers=multipliers,
+        forces_c=forces,
+        torsion=torsion,
+        net_wrench=wrench,
+        certificate=certificate,
+        elapsed=time.perf_counter() - started,
+    )
 
 
 def warm_up() -> None:
-    """Load and compile the Newton method for grasp forces (extra ``fast``), so that ``solver="auto"`` uses it from now on.
+    """Load and compile the solvers made for grasp forces (extra ``fast``), so that ``solver="auto"`` uses them from now on.
 
-    Compiling takes some seconds once per machine (the result is cached on disk), loading a fraction of a second.
+    Compiling takes up to a minute once per machine (the result is cached on disk), loading about a second.
 
     Raises:
         ExtraMissing: numba is not installed.
     """
     try:
-        from pinograsp.forces import dual_newton
+        from pinograsp.forces import compiled
     except ImportError as error:
-        raise ExtraMissing(f"the compiled solver needs numba: pip install 'pinograsp[fast]' ({error})") from error
-    dual_newton.compile_now()
+        raise ExtraMissing(f"the compiled solvers need numba: pip install 'pinograsp[fast]' ({error})") from error
+    compiled.compile_now()
 
 
 def _backends(program: Program, solver: str) -> tuple[str, ...]:
     """The backends to ask, in order: the one asked for, then the general ones; every one takes what it can."""
     general = ("daqp", "clarabel") if program.k <= _DENSE_UP_TO else ("clarabel", "daqp")
     if solver == "auto":
-        compiled = sys.modules.get("pinograsp.forces.dual_newton")
-        if compiled is not None and compiled.applies(program):
-            solver = "newton"
-        else:
-            solver = general[0]
+        compiled = sys.modules.get("pinograsp.forces.compiled")
+        solver = (compiled.template_of(program).choice(solver) if compiled else "") or general[0]
     return tuple(dict.fromkeys((solver, *general)))
 
 
 def _answer(program: Program, name: str):
     if name == "clarabel":
         return solve_conic(program)
-    if name != "newton":
+    if name not in _COMPILED:
         return solve_dense(program, name)
-    if "pinograsp.forces.dual_newton" not in sys.modules:
+    if "pinograsp.forces.compiled" not in sys.modules:
         warm_up()
-    from pinograsp.forces.dual_newton import applies, solve_structured
+    from pinograsp.forces.compiled import solve_program
 
-    return solve_structured(program) if applies(program) else None
+    return solve_program(program, name)
 
 
 def solve_certified(
@@ -222,13 +271,11 @@ class _Checked:
 
     def size(self) -> float:
         """What the gap is measured against: the objective, where it does not vanish."""
-        usual = max(1.0, abs(self.program.constant))
-        total = abs(self.value + self.program.constant)
-        return _VANISHING * usual if total < _NOTHING * usual else total
+        return gap_size(self.value + self.program.constant, self.program.constant)
 
     def certificate(self, problem: ForceProblem) -> Certificate:
         """The certificate in the problem's units."""
-        near, program = 1e-6, self.program
+        near, program = NEAR, self.program
         F = self.x[program.d - 1 :: program.d]
         residual = self.residual * program.force_scale
         at_torque: tuple[str, ...] = ()

@@ -181,6 +181,14 @@ class ForceProblem:
         load = np.concatenate([weight, np.zeros(3)])
         return cls(contacts=contacts, load=load, gravity_o=gravity_o, **settings)
 
+    def with_load(self, load) -> ForceProblem:
+        """The same problem under another load (6,) [N, N m]: for loops where nothing else changes."""
+        changed = object.__new__(ForceProblem)
+        for name in ForceProblem.__slots__:
+            object.__setattr__(changed, name, getattr(self, name))
+        object.__setattr__(changed, "load", array_of("load", load, (6,)))
+        return changed
+
     @property
     def k(self) -> int:
         """Number of contacts."""
@@ -210,16 +218,18 @@ class ForceProblem:
         """Load (rows,) with moments divided by ``moment_length`` [N]."""
         return read_only(np.concatenate([self.load[:3], self.load[3:] / self.moment_length])[: self.rows])
 
+    def depth_per_acceleration(self, impact_time: float) -> float:
+        """Final depth per deceleration [s^2] for an impact at t_I [s]: tau^2 / 2 if constant (Eq. 24b)."""
+        return self.shape.depth_factor * (self.final_time - impact_time) ** 2
+
     def normal_force(self, acceleration, impact_time: float) -> np.ndarray:
         """F_n at t_F [N] for decelerations A [m/s^2] and an impact at t_I [s] (Eq. 26)."""
-        tau = self.final_time - impact_time
-        depth = np.asarray(acceleration, dtype=float) * (self.shape.depth_factor * tau**2)
+        depth = np.asarray(acceleration, dtype=float) * self.depth_per_acceleration(impact_time)
         return self.compliance.normal_force(depth)
 
     def acceleration(self, normal_force, impact_time: float) -> np.ndarray:
         """Deceleration A [m/s^2] that ends at these normal forces [N]: Eq. (26) solved for A."""
-        tau = self.final_time - impact_time
-        return self.compliance.depth(normal_force) / (self.shape.depth_factor * tau**2)
+        return self.compliance.depth(normal_force) / self.depth_per_acceleration(impact_time)
 
     def checked_impact_time(self, impact_time) -> float:
         """``impact_time`` as a number [s] below the final time, or :class:`InvalidInput`."""
@@ -241,8 +251,7 @@ class ForceProblem:
         return BY_CAP if capped else reason
 
     def _range_at(self, impact_time: float) -> tuple[float, float, str]:
-        tau = self.final_time - impact_time
-        depth = self.shape.depth_factor * tau**2
+        tau, depth = self.final_time - impact_time, self.depth_per_acceleration(impact_time)
         limits = {
             BY_ACCELERATION: self.acceleration_range[1] * depth,
             BY_SPEED: self.max_speed / (self.shape.speed_factor * tau) * depth,

@@ -27,6 +27,21 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces.problem import MEASURES, ForceProblem
 
 OBJECTIVES = (*MEASURES, "least_squares", "peak", "motor_heat")
+# Accepted answers: relative to the load (forces) and to the objective (gap).
+BALANCE = 1e-9
+VIOLATION = 1e-8
+GAP = 1e-6
+NEAR = 1e-6  # a limit met to this share is active
+# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load,
+# or none at all, cost the gap is measured against the other.
+_NOTHING, _VANISHING = 1e-5, 1e-2
+
+
+def gap_size(total: float, constant: float) -> float:
+    """What the gap of an objective ``total`` with that constant is measured against: itself, where it does not vanish."""
+    usual = max(1.0, abs(constant))
+    total = abs(total)
+    return _VANISHING * usual if total < _NOTHING * usual else total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

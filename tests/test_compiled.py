@@ -1,0 +1,285 @@
+"""The compiled solvers: the same answers as the general ones, the same checks, and what they hand over."""
+
+from __future__ import annotations
+
+import builtins
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinograsp as pg
+from pinograsp.contacts import Friction
+from pinograsp.errors import ExtraMissing, InvalidInput, Status
+from pinograsp.forces import ForceProblem, TorqueLimits, optimize_forces, optimize_grasp, warm_up
+
+MODELS = {
+    "pyramid": Friction(),
+    "pyramid, torsion": Friction(torsion=0.004),
+    "fine pyramid": Friction(edges=10),
+    "cone": Friction(model="cone", safety=1.1),
+    "cone, torsion": Friction(model="cone", torsion=0.004),
+    "soft": Friction(model="soft", torsion=0.004),
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    warm_up()
+    yield
+    # "auto" uses them only once they are loaded: leave the other tests as they are without them.
+    sys.modules.pop("pinograsp.forces.compiled", None)
+
+
+def grasps(contact_set, k, count, seed):
+    """Random contacts on a cylinder under random loads of about half of what they could hold."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.3, 0.3, k)
+        out = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(k)])
+        points = 0.03 * out + np.column_stack([np.zeros((k, 2)), rng.uniform(-0.03, 0.03, k)])
+        contacts = contact_set([(f"c{i}", "", p, -o, None) for i, (p, o) in enumerate(zip(points, out))])
+        load = np.append(rng.normal(size=3), 0.01 * rng.normal(size=3)) * rng.uniform(0.3, 2.0)
+        yield contacts, load
+
+
+def joint_limits(k, seed=0):
+    """Two joints of each contact's own, two that all contacts load; loose enough for the loads here."""
+    rng = np.random.default_rng(seed)
+    jacobian = np.zeros((k, 6, 2 * k + 2))
+    for i in range(k):
+        jacobian[i, :3, 2 * i : 2 * i + 2] = rng.uniform(-0.05, 0.05, (3, 2))
+    jacobian[:, :3, -2:] = rng.uniform(-0.05, 0.05, (k, 3, 2))
+    return TorqueLimits(jacobian=jacobian, bias=np.full(2 * k + 2, 0.01), limit=np.full(2 * k + 2, 0.15))
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("objective", ["work", "impulse", "least_squares", {"work": 1.0, "least_squares": 1e-3}])
+@pytest.mark.parametrize("k", [3, 8])
+@pytest.mark.parametrize("solver", ["newton", "interior", "interior, torque limits"])
+def test_same_optimum_as_the_general_method(contact_set, model, objective, k, solver):
+    solver, _, limited = solver.partition(",")
+    agreed = 0
+    for contacts, load in grasps(contact_set, k, 6, 10 * k):
+        torques = joint_limits(k) if limited else None
+        problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=MODELS[model], torques=torques)
+        slow = optimize_forces(problem, 0.85, objective=objective, solver="clarabel")
+        # The first call takes the program's path, the second one the compiled path as a whole.
+        for _ in range(2):
+            fast = optimize_forces(problem, 0.85, objective=objective, solver=solver)
+            assert fast.status is slow.status
+            if fast.status is Status.OK:
+                agreed += fast.solver == solver
+                assert fast.certificate.primal == pytest.approx(slow.certificate.primal, rel=2e-6)
+                assert fast.certificate.relative_gap <= 1e-6
+                assert fast.certificate.balance_force < 1e-9 and fast.certificate.limit_violation < 1e-8
+                assert fast.certificate.at_torque == slow.certificate.at_torque
+    if solver == "interior":
+        assert agreed >= 6
+    else:
+        separates = model != "fine pyramid" and not (model == "soft" and objective not in ("work", "impulse"))
+        assert (agreed >= 6) is separates
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("balance", ["wrench", "force"])
+def test_both_paths_write_the_same_record(contact_set, monkeypatch, model, balance):
+    """Whole compiled calls against the program's path with the same solver, field by field."""
+    from pinograsp.forces import optimize
+
+    for contacts, load in grasps(contact_set, 4, 3, 5):
+        problem = ForceProblem(
+            contacts=contacts, load=load, mu=[0.7, 0.6, 0.8, 0.7], friction=MODELS[model], balance=balance,
+            max_normal_force=[5.0, 6.0, 7.0, 50.0], torques=joint_limits(4),
+        )  # fmt: skip
+        objective = {"work": 1.0, "least_squares": 1e-3}
+        optimize_forces(problem, 0.85, objective=objective, solver="interior")
+        whole = optimize_forces(problem, 0.85, objective=objective, solver="interior")
+        with monkeypatch.context() as patch:
+            patch.setattr(optimize, "_compiled", lambda *_: None)
+            parts = optimize_forces(problem, 0.85, objective=objective, solver="interior")
+        assert whole.solver == parts.solver == "interior" and whole.status is parts.status is Status.OK
+        for name in ("acceleration", "multipliers", "forces_c", "torsion"):
+            assert getattr(whole, name) == pytest.approx(getattr(parts, name), rel=1e-5, abs=1e-6), name
+            assert not getattr(whole, name).flags.writeable
+        assert whole.net_wrench == pytest.approx(parts.net_wrench, abs=1e-9 if balance == "wrench" else 1e-6)
+        one, two = whole.certificate, parts.certificate
+        for name in ("at_friction", "at_least", "at_most"):
+            assert np.array_equal(getattr(one, name), getattr(two, name)), name
+        assert one.at_torque == two.at_torque and one.size == pytest.approx(two.size)
+        assert (one.primal, one.dual) == pytest.approx((two.primal, two.dual), rel=1e-9)
+        assert max(one.balance_force, one.balance_moment, one.limit_violation) < 1e-8
+
+
+def test_nothing_is_compiled_after_warming_up(contact_set):
+    """The first real call must not compile: numba compiles once per combination of argument types."""
+    from pinograsp.forces import compiled
+
+    known = {name: len(getattr(compiled, name).signatures) for name in ("answer", "whole")}
+    for model in MODELS.values():
+        for contacts, load in grasps(contact_set, 3, 2, 2):
+            for torques in (None, joint_limits(3)):
+                for cap in (None, 4.0):
+                    problem = ForceProblem(
+                        contacts=contacts, load=load, mu=0.7, friction=model, torques=torques, max_normal_force=cap
+                    )
+                    for objective in ("work", "impulse", "least_squares"):
+                        for t in (0.85, 0.9):
+                            optimize_forces(problem.with_load(0.9 * load), t, objective=objective)
+    assert known == {name: len(getattr(compiled, name).signatures) for name in known} == {"answer": 1, "whole": 1}
+
+
+def test_another_load(contact_set):
+    contacts, load = next(grasps(contact_set, 4, 1, 3))
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.7)
+    changed, made = problem.with_load(2 * load), ForceProblem(contacts=contacts, load=2 * load, mu=0.7)
+    assert np.array_equal(changed.load, made.load) and np.array_equal(problem.load, load)
+    assert optimize_forces(changed, 0.85).certificate.primal == pytest.approx(
+        optimize_forces(made, 0.85).certificate.primal, rel=1e-8
+    )
+    with pytest.raises(InvalidInput, match="load"):
+        problem.with_load([1.0, np.nan, 0, 0, 0, 0])
+
+
+def test_bounds_that_leave_no_room_go_to_the_general_method(contact_set):
+    contacts, load = next(grasps(contact_set, 4, 1, 3))
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"))
+    lo, hi = problem.normal_force_range(0.85)
+    for cap, status in ((lo * 0.5, Status.INFEASIBLE), (lo, Status.INFEASIBLE)):
+        found = optimize_forces(replace(problem, max_normal_force=cap), 0.85, solver="interior")
+        assert found.status is status
+
+
+def test_force_balance_and_many_contacts(contact_set):
+    for contacts, load in grasps(contact_set, 60, 2, 0):
+        for balance in ("force", "wrench"):
+            problem = ForceProblem(contacts=contacts, load=load, mu=0.5, balance=balance, friction=Friction(model="cone"))
+            found = optimize_forces(problem, 0.9, objective="least_squares", solver="newton")
+            assert found.status is Status.OK and found.solver == "newton"
+
+
+def test_auto_uses_them_only_where_they_apply(contact_set):
+    contacts, load = next(grasps(contact_set, 5, 1, 1))
+    settings = {"contacts": contacts, "load": load, "mu": 0.7}
+    problem = ForceProblem(**settings)
+    for _ in range(2):
+        assert optimize_forces(problem, 0.85).solver == "interior"
+        assert optimize_forces(problem, 0.85, objective="least_squares").solver == "newton"
+        assert optimize_forces(problem, 0.85, objective="peak").solver == "daqp"
+        assert optimize_forces(ForceProblem(**settings, friction=Friction(edges=8)), 0.85).solver == "interior"
+        limited = ForceProblem(**settings, torques=joint_limits(5))
+        assert optimize_forces(limited, 0.85).solver == "interior"
+        assert optimize_forces(limited, 0.85, objective="motor_heat").solver == "daqp"  # joints that all contacts load
+        # Asked for by name where they cannot work: the general method answers, and the record says so.
+        for solver in ("newton", "interior"):
+            assert optimize_forces(problem, 0.85, objective="peak", solver=solver).solver == "daqp"
+
+
+def test_infeasible_loads_are_proven(contact_set):
+    for contacts, load in grasps(contact_set, 4, 4, 7):
+        problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=Friction(model="cone"))
+        for solver in ("newton", "interior"):
+            found = optimize_forces(problem, 0.85, solver=solver)
+            assert found.status is Status.INFEASIBLE and found.infeasibility.margin > 0
+
+
+def test_interior_points_recognise_infeasible_loads(contact_set):
+    """Mostly without the general methods' help: the multipliers end as a certificate, and never as anything else."""
+    from pinograsp.forces.compiled import template_of
+    from pinograsp.forces.kernels import CONVERGED, INFEASIBLE, interior_point, powers_of
+    from pinograsp.forces.program import assemble
+
+    proven = 0
+    for contacts, load in grasps(contact_set, 4, 4, 7):
+        for model in MODELS.values():
+            problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=model)
+            terms = {"work": problem.energy_terms(0.85, "work")}
+            program = assemble(problem, {"work": 1.0}, terms, *problem.normal_force_range(0.85))
+            fixed = template_of(program)
+            x, y = np.empty((4, program.d)), np.empty(6)
+            code, _ = interior_point(
+                fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P, fixed.q,
+                *powers_of(np.array(program.powers), 1.0, 1.0), program.lo, program.hi, fixed.facets, fixed.n_round,
+                fixed.vertices, np.zeros(0), np.zeros(0), x, y,
+            )  # fmt: skip
+            assert code != CONVERGED
+            if code == INFEASIBLE:
+                proven += 1
+                assert program.excluded(y, np.zeros(0)) > 0
+    assert proven >= 18  # of 24
+
+
+def test_global_search_through_it(make_problem):
+    problem = make_problem(balance="wrench", measure="work", friction=Friction(model="cone"))
+    slow = optimize_grasp(problem, solver="daqp")
+    for solver in ("newton", "interior"):
+        fast = optimize_grasp(problem, solver=solver)
+        assert fast.certificate.primal == pytest.approx(slow.certificate.primal, rel=2e-6)
+        assert fast.certificate.relative_gap <= 1e-6
+
+
+def test_missing_numba_names_the_extra(monkeypatch):
+    for name in ("compiled", "kernels"):
+        monkeypatch.delitem(sys.modules, f"pinograsp.forces.{name}", raising=False)
+        monkeypatch.delattr(f"pinograsp.forces.{name}", raising=False)
+    plain = builtins.__import__
+
+    def without(name, *args, **kwargs):
+        if name == "numba" or name.startswith("numba."):
+            raise ImportError("No module named 'numba'")
+        return plain(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ExtraMissing, match=r"pinograsp\[fast\]"):
+        pg.warm_up()
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("limited", [False, True])
+def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
+    """Bound and Farkas bound of the compiled certificate, at points and multipliers that are far from any optimum."""
+    from pinograsp.forces.compiled import solve_program, template_of
+    from pinograsp.forces.kernels import bound_of, excluded, powers_of
+    from pinograsp.forces.program import assemble, weights_of
+
+    rng, compared = np.random.default_rng(0), 0
+    for contacts, load in grasps(contact_set, 4, 3, 3):
+        torques = joint_limits(4) if limited else None
+        problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=MODELS[model], torques=torques)
+        for objective in ("work", "impulse", "least_squares"):
+            weights = weights_of(objective, problem)
+            terms = {} if objective == "least_squares" else {objective: problem.energy_terms(0.85, objective)}
+            program = assemble(problem, weights, terms, *problem.normal_force_range(0.85))
+            fixed, k, d, r = template_of(program), program.k, program.d, len(program.R)
+            force, unit = program.force_scale, program.objective_scale
+            answer = solve_program(program, "interior")
+            if answer is None:  # infeasible
+                continue
+            compared += 1
+            x, y, w, (violation, gauge, residual, value, bound) = answer
+            plain = program.violations(x)
+            assert violation == pytest.approx(plain[0], abs=1e-12) and gauge == pytest.approx(plain[1])
+            assert residual == pytest.approx(plain[2], abs=1e-12)
+            assert value == pytest.approx(program.value(x)) and bound <= program.lower_bound(x, y, w) + 1e-6 * value
+            for _ in range(3):
+                x, y, w = rng.normal(size=(k, d)), rng.normal(size=6), rng.normal(size=r)
+                x[:, -1] = np.clip(np.exp(rng.normal(size=k)), program.lo, program.hi)
+                both = np.concatenate([y, w[fixed.order]])
+                limits = fixed.n_round, fixed.vertices, fixed.R_lo / force, fixed.R_hi / force, np.empty(d)
+                rows = fixed.rows, fixed.touched, fixed.counts, program.b
+                proof = excluded(both, *rows, program.lo, program.hi, *limits)
+                assert proof == pytest.approx(program.excluded(y, w), rel=1e-9)
+                quadratic = fixed.P * (force**2 / unit), fixed.q * (force / unit)
+                powers = powers_of(np.array(program.powers).reshape(-1, 2), 1.0, 1.0)
+                bound = bound_of(both, x, *rows, *quadratic, *powers, program.lo, program.hi, *limits)
+                if not program.powers:  # with them the tangents are each method's own choice
+                    assert bound == pytest.approx(program.lower_bound(x.ravel(), y, w), rel=1e-9)
+                for _ in range(20):
+                    x[:, -1] = rng.uniform(program.lo, np.minimum(program.hi, 3.0))
+                    u = rng.normal(size=(k, d - 1))
+                    x[:, :-1] = u * (rng.uniform(0, 1, k) * x[:, -1] / program.friction.gauge(u))[:, None]
+                    flat = x.ravel()
+                    lagrangian = program.value(flat) + y @ (program.A @ flat - program.b) + w @ (program.R @ flat)
+                    assert bound <= lagrangian - program.rows_at_their_limits(w) + 1e-9 * abs(bound)
+    assert compared >= 3
