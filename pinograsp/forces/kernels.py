@@ -57,6 +57,7 @@ _TO_BOUNDARY = 0.995
 _CENTRE = 0.3  # first product of slack and multiplier, of the objective, times the contacts
 _GROWN = 30.0  # multipliers beyond this share of the objective's size are tried as a certificate
 _PROVEN = 1e-9  # margin of a certificate, of the load
+_SHARP = 1e-9  # of the load or the largest F_n: answers that miss a limit by more are left to the general methods
 
 
 # -- dual Newton ------------------------------------------------------------------------------------------------------
@@ -666,19 +667,29 @@ def interior_point(B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_rou
             for r in range(m):
                 gap += y[r] * row[r]  # what it costs to mend the balance
             if gap <= _INTERIOR_GAP * size or (gap <= _CLOSED * size and (gap > 0.3 * last or off > _ROWS)):
-                # Rounding leaves some of the balance: mended in the barriers' metric, which spares what is at its limit.
+                # What rounding leaves of the rows is mended in the barriers' metric, which spares what is at its limit.
                 for r in range(m, n):
                     S[r, r] += 1.0 / weight_r[r - m]
                 _factor(S)
+                for r in range(n_limits):
+                    known_r[r] = (wr[0, r] * off_r[0, r]) / sr[0, r] - (wr[1, r] * off_r[1, r]) / sr[1, r]
                 for _ in range(2):
                     for r in range(n):
-                        dy[r] = row[r] if r < m else 0.0
+                        dy[r] = row[r] if r < m else known_r[r - m] / weight_r[r - m]
+                    for i in range(k):
+                        dx[i, :] = 0.0
+                        for h in range(counts[i, 0], counts[i, 1]):
+                            for j in range(d):
+                                dx[i, j] -= B[i, j, touched[i, h]] * known_r[touched[i, h] - m]
+                        _half_solve(H[i], dx[i])
+                        for h in range(counts[i, 0]):
+                            for j in range(d):
+                                dy[touched[i, h]] += T[i, h, j] * dx[i, j]
                     _half_solve(S, dy)
                     _back_solve(S, dy)
                     for r in range(m):
                         row[r] = -b[r]
                     for i in range(k):
-                        dx[i, :] = 0.0
                         for h in range(counts[i, 0]):
                             for j in range(d):
                                 dx[i, j] -= T[i, h, j] * dy[touched[i, h]]
@@ -687,6 +698,7 @@ def interior_point(B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_rou
                             x[i, j] += dx[i, j]
                             for r in range(m):
                                 row[r] += B[i, j, r] * x[i, j]
+                    known_r[:] = 0.0
                 return CONVERGED, step
             last = gap
         grown = 0.0
@@ -929,6 +941,11 @@ def answer(newton, strong, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, 
                 torque[touched[i, h] - m] += B[i, j, touched[i, h]] * x[i, j]
     for r in range(all_rows - m):
         violation = max(violation, max(torque[r] - R_hi[r], R_lo[r] - torque[r]))
+    most = 1.0
+    for i in range(k):
+        most = max(most, x[i, e])
+    if violation > _SHARP * most:
+        code = STALLED
     g = np.empty(d)
     bound = bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g)
     return code, violation, value, bound
