@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from pinograsp.cases import builtin_cases, load_case
 from pinograsp.cli import app
 from pinograsp.errors import CaseRejected
-from pinograsp.hands.load import urdf_folder
+from pinograsp.hands.catalogue import shipped_folder as urdf_folder
 
 REQUIRED = {
     "status", "impact_time_s", "normal_forces_N", "multipliers", "work_J", "impulse_Ns", "net_force_N", "net_moment_Nm",

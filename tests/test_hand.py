@@ -16,7 +16,7 @@ from conftest import POINTS
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import load_hand
 from pinograsp.hands.humanoid import case_study_pose, humanoid_hand
-from pinograsp.hands.load import urdf_folder
+from pinograsp.hands.catalogue import shipped_folder as urdf_folder
 from pinograsp.hands.xacro_guard import expand_xacro
 
 # Tables II and III once more, typed from the paper, in mm.
@@ -258,7 +258,7 @@ def test_dos_line_ends_and_leading_blank_lines_are_fine(tmp_path):
         (urdf(first="<inertial/>"), "needs both"),
         (urdf(limit=""), "no position limits"),
         (urdf(limit='<limit lower="1" upper="-1" effort="1" velocity="1"/>'), "not below"),
-        (urdf(kind="continuous"), "continuous"),
+        (urdf(kind="floating"), "no revolute or prismatic"),
         (urdf(kind="fixed"), "no revolute or prismatic"),
         (urdf(links='<link name="a"/>'), "defined 2 times"),
         (urdf(links='<link name="loose"/>'), "one root link"),
@@ -290,16 +290,6 @@ def test_missing_file_and_binary_file(tmp_path):
     path.write_bytes(bytes(range(256)))
     with pytest.raises(HandNotLoaded, match="text"):
         load_hand(path)
-
-
-def test_mimic_joints_are_noted(tmp_path):
-    more = '<link name="b">' + INERTIAL + "</link>"
-    joint = (
-        '<joint name="k" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/><mimic joint="j"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    )
-    hand = load_hand(write(tmp_path, urdf(links=more, joints=joint)))
-    assert any("mimics j" in note for note in hand.notes)
 
 
 def test_shipped_urdf_needs_no_mesh_to_load(tmp_path):

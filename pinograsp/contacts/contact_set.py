@@ -168,7 +168,7 @@ def contacts_at(
 
 def _links_of(finger, count: int, links: list[str] | None) -> list[str]:
     if links is None:
-        if count not in (1, 3) or count > finger.n:
+        if count not in (1, 3) or count > len(finger.links):
             raise InvalidInput(
                 f"finger '{finger.name}' has {count} contact points: say which links touch, "
                 f"links={{'{finger.name}': [...]}} from {', '.join(finger.links)}"

@@ -17,9 +17,11 @@ class Finger:
 
     Attributes:
         name: finger name.
-        joints: joint names, base to tip. links: the link each joint moves.
+        joints: moving joints, base to tip, coupled ones included. links: the link each joint moves.
         tip: frame at the fingertip (the outermost link fixed beyond the last joint).
-        joint_ids: Pinocchio joint indices. dofs: positions in q and v (one per joint).
+        joint_ids: Pinocchio joint indices, one per joint.
+        dofs: positions (n,) in q and v of the actuated joints that move the finger; fingers of coupled hands share them.
+        actuated: the names of those joints.
     """
 
     name: str
@@ -28,11 +30,17 @@ class Finger:
     tip: str
     joint_ids: tuple[int, ...]
     dofs: np.ndarray
+    actuated: tuple[str, ...]
 
     @property
     def n(self) -> int:
-        """Number of joints."""
-        return len(self.joints)
+        """Number of actuated joints."""
+        return len(self.dofs)
+
+    @property
+    def coupled(self) -> bool:
+        """Whether joints of the finger move together."""
+        return self.n < len(self.joints)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,15 +49,18 @@ class HandModel:
 
     Attributes:
         name: hand name. source: the file it came from.
-        model: Pinocchio model; its universe frame is the world o, the palm is fixed in it.
+        model: Pinocchio model; its universe frame is the world o, the palm is fixed in it. q and v are those of the
+            actuated joints: joints that follow others are Pinocchio's mimic joints.
+        geometry: collision geometry of palm and links.
         palm: link the fingers start from. fingers: in the order of the description.
         pose: oMh (4, 4), the hand's root frame in the world.
-        notes: what the caller should know (widened limits, ignored mimic joints...).
+        notes: what the caller should know (widened limits, coupled joints, missing meshes...).
     """
 
     name: str
     source: str
     model: pin.Model
+    geometry: pin.GeometryModel
     palm: str
     fingers: tuple[Finger, ...]
     pose: np.ndarray
@@ -57,13 +68,14 @@ class HandModel:
 
     @property
     def n(self) -> int:
-        """Number of joints of the whole model."""
+        """Number of actuated joints of the whole model."""
         return self.model.nv
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints in the order of q."""
-        return tuple(self.model.names[1:])
+        """Names of the actuated joints in the order of q."""
+        model = self.model
+        return tuple(model.names[j] for j in range(1, model.njoints) if model.joints[j].nv)
 
     @property
     def lower(self) -> np.ndarray:
@@ -77,7 +89,7 @@ class HandModel:
 
     @property
     def effort(self) -> np.ndarray:
-        """Effort limits (n,) [N m or N]."""
+        """Effort limits (n,) [N m or N]; 0 where the description has none."""
         return read_only(self.model.effortLimit)
 
     def finger(self, name: str) -> Finger:
@@ -85,6 +97,16 @@ class HandModel:
         names = [finger.name for finger in self.fingers]
         one_of(f"finger of hand '{self.name}'", name, names)
         return self.fingers[names.index(name)]
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity limits (n,) [rad/s or m/s]; 0 where the description has none."""
+        return read_only(self.model.velocityLimit)
+
+    @property
+    def mass(self) -> float:
+        """Mass of palm and fingers [kg]; of the palm only what the description gives."""
+        return float(sum(inertia.mass for inertia in self.model.inertias))
 
     def finger_mass(self, name: str) -> float:
         """Mass of a finger's moving links [kg]."""
@@ -97,6 +119,10 @@ class HandModel:
             finger = self.finger(name)
             q[finger.dofs] = array_of(f"joint angles of '{name}'", values, (finger.n,))
         return q
+
+    def is_prismatic(self, joint_id: int) -> bool:
+        """Whether a joint slides (its q in m, its effort in N) rather than turns."""
+        return self.model.joints[joint_id].shortname().startswith("JointModelP")
 
     def frame_placements(self, q, names) -> np.ndarray:
         """Placements oMf (len(names), 4, 4) of the named frames at ``q`` (n,) [rad]."""
@@ -116,14 +142,17 @@ class HandModel:
         if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(pose[:3, :3]) < 0:
             raise InvalidInput("hand pose: expected a homogeneous placement with an orthonormal right-handed rotation")
         move = pin.SE3(pose) * pin.SE3(self.pose).inverse()
-        model = self.model.copy()
+        model, geometry = self.model.copy(), self.geometry.copy()
         for j in range(1, model.njoints):
             if model.parents[j] == 0:
                 model.jointPlacements[j] = move * model.jointPlacements[j]
         for frame in list(model.frames)[1:]:
             if frame.parentJoint == 0:
                 frame.placement = move * frame.placement
-        return replace(self, model=model, pose=pose)
+        for one in geometry.geometryObjects:
+            if one.parentJoint == 0:
+                one.placement = move * one.placement
+        return replace(self, model=model, geometry=geometry, pose=pose)
 
     def with_limits(self, limits: dict[str, tuple[float, float]]) -> HandModel:
         """The same hand with the position limits of some joints replaced [rad]; each change is noted."""
@@ -145,11 +174,20 @@ class HandModel:
 
     def describe(self) -> str:
         """What was found: fingers, joints, links, limits, masses, as readable text."""
-        lines = [f"hand {self.name}: {self.n} joints, {len(self.fingers)} fingers on '{self.palm}' ({self.source})"]
+        model = self.model
+        lines = [
+            f"hand {self.name}: {self.n} joints, {len(self.fingers)} fingers on '{self.palm}', {self.mass:.3f} kg "
+            f"({self.source})"
+        ]
         for finger in self.fingers:
             lines.append(f"  {finger.name}: {1e3 * self.finger_mass(finger.name):.1f} g, tip '{finger.tip}'")
-            for joint, link, i in zip(finger.joints, finger.links, finger.dofs):
-                low, high = self.model.lowerPositionLimit[i], self.model.upperPositionLimit[i]
-                effort = self.model.effortLimit[i]
-                lines.append(f"    {joint} -> {link}: {low:+.3f} .. {high:+.3f} rad, effort {effort:g} N m")
+            for joint, link, j in zip(finger.joints, finger.links, finger.joint_ids):
+                i = model.joints[j].idx_v
+                if not model.joints[j].nv:
+                    lines.append(f"    {joint} -> {link}: follows {self.joint_names[i]}")
+                    continue
+                length, force = ("m", "N") if self.is_prismatic(j) else ("rad", "N m")
+                effort = f"{model.effortLimit[i]:g} {force}" if model.effortLimit[i] else "not given"
+                low, high = model.lowerPositionLimit[i], model.upperPositionLimit[i]
+                lines.append(f"    {joint} -> {link}: {low:+.3f} .. {high:+.3f} {length}, effort {effort}")
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])

@@ -120,7 +120,7 @@ def _finger_postures(hand, finger: Finger, contacts, reference, spread, samples)
         nearest = angles[min(range(len(angles)), key=lambda i: (np.sum(beyond[i] > _LIMIT_SLACK), beyond[i].max()))]
         over = [
             f"{joint} at {math.degrees(q):.1f} deg, limits {math.degrees(low):.1f}..{math.degrees(high):.1f}"
-            for joint, q, low, high in zip(finger.joints, nearest, lower, upper)
+            for joint, q, low, high in zip(finger.actuated, nearest, lower, upper)
             if q < low - _LIMIT_SLACK or q > high + _LIMIT_SLACK
         ]
         raise ContactNotReached(
@@ -155,7 +155,7 @@ def _why(hand: HandModel, finger: Finger, contacts: list[Contact]) -> str:
 
 def _planar_finger(hand: HandModel, finger: Finger) -> _PlanarFinger | None:
     """The finger's planar geometry, read from the model at zero angles; None where it has no such geometry."""
-    if finger.n < 2:
+    if finger.n < 2 or finger.coupled:
         return None
     data = hand.model.createData()
     zero = np.zeros(hand.n)
@@ -322,7 +322,7 @@ def _in_link_frames(hand: HandModel, finger: Finger, contacts, q_finger, lengths
 
 def _link_direction(hand: HandModel, finger: Finger, i: int) -> np.ndarray:
     """Unit vector along link i in its joint's frame: towards the next joint, or the fingertip."""
-    if i + 1 < finger.n:
+    if i + 1 < len(finger.links):
         along = hand.model.jointPlacements[finger.joint_ids[i + 1]].translation
     else:
         along = hand.model.frames[hand.frame_id(finger.tip)].placement.translation
@@ -337,7 +337,7 @@ def _numerical(hand: HandModel, finger: Finger, contacts, reference, spread, sam
     lengths = []
     for contact in contacts:
         i = finger.links.index(contact.link)
-        if contact.length is None and i + 1 < finger.n:
+        if contact.length is None and i + 1 < len(finger.links):
             lengths.append(np.linalg.norm(hand.model.jointPlacements[finger.joint_ids[i + 1]].translation) / 2)
         else:
             lengths.append(contact.length)

@@ -107,7 +107,7 @@ def press(
         ddq=read_only(np.gradient(out_dq, dt, axis=0, edge_order=2)),
         jacobians=read_only(jacobians),
         errors=read_only(errors),
-        limited=tuple(finger.joints[j] for j in sorted(limited)),
+        limited=tuple(finger.actuated[j] for j in sorted(limited)),
     )
 
 

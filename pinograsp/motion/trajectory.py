@@ -215,4 +215,4 @@ def _choose(hand, finger, candidates, paths, peaks) -> int:
 def _outside_limits(hand, finger, q) -> list[tuple[str, float]]:
     """Joints of the finger that leave their limits along q (m, n_f), and by how much [rad]."""
     beyond = np.maximum(hand.lower[finger.dofs] - q, q - hand.upper[finger.dofs]).max(axis=0)
-    return [(joint, float(by)) for joint, by in zip(finger.joints, beyond) if by > 1e-6]
+    return [(joint, float(by)) for joint, by in zip(finger.actuated, beyond) if by > 1e-6]
