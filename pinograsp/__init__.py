@@ -7,9 +7,10 @@ from importlib import import_module
 
 _HOMES = {
     "pinograsp.hands": ("HandModel", "load_hand"),
-    "pinograsp.objects": ("Cylinder", "Sphere"),
+    "pinograsp.objects": ("Box", "Capsule", "Cylinder", "Ellipsoid", "Mesh", "Sphere", "object_from"),
     "pinograsp.contacts": (
-        "Compliance", "Contact", "ContactSet", "DecelerationShape", "Friction", "PenetrationProfile", "contacts_at",
+        "Compliance", "Contact", "ContactSet", "DecelerationShape", "Friction", "PenetrationProfile", "close_hand",
+        "contacts_at",
     ),  # fmt: skip
     "pinograsp.forces": (
         "ForceProblem", "ForceSolution", "GridSpec", "TorqueLimits", "diagnose", "grid_search", "optimize_forces",

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.errors import GraspInfeasible, NoGrasp, PinograspError, Status
+from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp, PinograspError, Status
 
 app = typer.Typer(
     add_completion=False,
@@ -41,11 +41,28 @@ def _main(
 
 @app.command()
 def plan(
-    case: Annotated[str, typer.Argument(help="A built-in case ('paper') or a case file (YAML).")],
+    case: Annotated[
+        str | None, typer.Argument(help="A built-in case ('paper') or a case file (YAML); none: --hand and --object.")
+    ] = None,
+    hand: Annotated[str | None, typer.Option(help="With --object: a hand of the catalogue, or its file.")] = None,
+    object: Annotated[
+        str | None,
+        typer.Option(help="With --hand: what to hold, as cylinder:radius=0.02,height=0.12,mass=0.2 [m, kg]."),
+    ] = None,
+    root: Annotated[str | None, typer.Option(help="With --hand: link whose sub-tree is the hand.")] = None,
+    at: Annotated[
+        str | None, typer.Option(help="Object in the hand's frame, x,y,z[,roll,pitch,yaw] [m, deg]; default: searched.")
+    ] = None,
+    mu: Annotated[float, typer.Option(help="With --hand: friction coefficient.")] = 0.7,
+    friction: Annotated[str, typer.Option(help="With --hand: pyramid, cone or soft (torsion 5 mm).")] = "cone",
+    samples: Annotated[int, typer.Option(help="With --hand, without --at: placements to try.")] = 48,
+    seed: Annotated[int, typer.Option(help="With --hand, without --at: seed of the placements.")] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
-    search: Annotated[str | None, typer.Option(help="hybrid, paper, paper+qp (grids) or convex (certified optimum).")] = None,
+    search: Annotated[
+        str | None, typer.Option(help="hybrid, paper, paper+qp (grids) or convex (certified optimum).")
+    ] = None,
     balance: Annotated[str | None, typer.Option(help="force (the paper) or wrench (forces and moments).")] = None,
     measure: Annotated[str | None, typer.Option(help="impulse [N s] or work [J].")] = None,
     solver: Annotated[str | None, typer.Option(help="auto, daqp, proxqp, osqp, quadprog, piqp or clarabel.")] = None,
@@ -64,10 +81,20 @@ def plan(
       pinograsp plan paper --search convex --balance wrench --measure work --out runs/wrench
 
       pinograsp plan paper --set object.mass=1.1 --set friction.mu=0.8 --json
+
+      pinograsp plan --hand allegro_right --object cylinder:radius=0.02,height=0.12,mass=0.2
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     try:
-        _plan(case, out, options, changes, force, as_json)
+        if case is not None and hand is None and object is None:
+            _plan(case, out, options, changes, force, as_json)
+        elif case is None and hand is not None and object is not None:
+            if changes:
+                raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
+            placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed}
+            _plan_object(hand, object, root, placing, out, options, force, as_json)
+        else:
+            raise InvalidInput("expected either CASE, or --hand and --object")
     except PinograspError as error:
         if as_json:
             typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
@@ -86,7 +113,7 @@ def _status_of(error: PinograspError) -> str:
 
 def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None, force: bool, as_json: bool) -> None:
     from pinograsp.cases import load_case
-    from pinograsp.storage import check_folder, run_of, save_run
+    from pinograsp.storage import check_folder, run_of
 
     loaded = load_case(case, changes)
     chosen = {f"forces.{key}": value for key, value in options.items() if value is not None}
@@ -107,6 +134,101 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
         from pinograsp.cases.published import compare
 
         comparison = compare(loaded, planned)
+
+    _finish(run, comparison, folder, force, as_json)
+
+
+def _plan_object(hand, spec, root, placing: dict, out, options: dict, force: bool, as_json: bool) -> None:
+    """Place the hand, close it on the object, plan."""
+    from pinograsp.plan import plan_grasp
+    from pinograsp.storage import check_folder, run_of
+
+    folder = out if out is not None else _fresh_folder(f"{Path(hand).stem}-{spec.split(':')[0]}")
+    check_folder(folder, force)
+    closure, settings = _closed(hand, spec, root, placing, as_json)
+    chosen = {key: value for key, value in options.items() if value is not None}
+    solver, search = chosen.pop("solver", None), chosen.pop("search", None)
+    planned = plan_grasp(
+        closure.hand, closure, search=search, solver=solver, progress=False if as_json else None, **settings, **chosen
+    )
+    record = {"name": f"{hand}, {spec}", "hand": hand, "object": spec, "root": root, **placing}
+    _finish(run_of(planned, record), [], folder, force, as_json)
+
+
+def _closed(hand: str, spec: str, root: str | None, placing: dict, quiet: bool):
+    """The hand closed on an object, where it is said to be or at the best placement found; settings of the problem."""
+    from pinograsp.contacts import Friction, close_hand
+    from pinograsp.hands import load_hand
+    from pinograsp.objects import object_from
+    from pinograsp.placement import find_placements
+
+    loaded, thing = load_hand(hand, root=root), object_from(spec)
+    torsion = {"torsion": 5e-3} if placing["friction"] == "soft" else {}
+    settings = {"mu": placing["mu"], "friction": Friction(model=placing["friction"], **torsion)}
+    if placing["at"] is not None:
+        return close_hand(loaded, thing.placed(_pose(placing["at"]))), settings
+    found = find_placements(
+        loaded, thing, count=placing["samples"], seed=placing["seed"], progress=False if quiet else None, **settings
+    )
+    return found.best.closure, settings
+
+
+def _pose(text: str):
+    """A pose from x,y,z[,roll,pitch,yaw] in m and degrees."""
+    import numpy as np
+
+    from pinograsp.spatial import pose_of, rotation_rpy
+
+    try:
+        values = [float(value) for value in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (3, 6) or not np.all(np.isfinite(values)):
+        raise InvalidInput(f"--at: expected x,y,z or x,y,z,roll,pitch,yaw [m, deg], got '{text}'")
+    return pose_of(values[:3], rotation_rpy(*np.radians(values[3:])) if len(values) == 6 else None)
+
+
+@app.command()
+def close(
+    hand: Annotated[str, typer.Option(help="A hand of the catalogue, or its URDF, xacro or MJCF file.")],
+    object: Annotated[
+        str, typer.Option(help="What to close on, as cylinder:radius=0.02,height=0.12,mass=0.2 [m, kg].")
+    ],
+    root: Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand.")] = None,
+    at: Annotated[
+        str | None, typer.Option(help="Object in the hand's frame, x,y,z[,roll,pitch,yaw] [m, deg]; default: searched.")
+    ] = None,
+    mu: Annotated[float, typer.Option(help="Friction coefficient of the search.")] = 0.7,
+    friction: Annotated[
+        str, typer.Option(help="Friction of the search: pyramid, cone or soft (torsion 5 mm).")
+    ] = "cone",
+    samples: Annotated[int, typer.Option(help="Without --at: placements to try.")] = 48,
+    seed: Annotated[int, typer.Option(help="Without --at: seed of the placements.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Close a hand on an object: which links touch where, and what stops each joint.
+
+    Examples:
+
+      pinograsp close --hand allegro_right --object sphere:radius=0.03,mass=0.2 --at 0.08,0,0.07
+
+      pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
+    """
+    try:
+        placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed}
+        closure, _ = _closed(hand, object, root, placing, as_json)
+    except PinograspError as error:
+        if as_json:
+            typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
+        raise
+    typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
+    if not closure.touches:
+        raise typer.Exit(3)
+
+
+def _finish(run, comparison: list, folder: Path, force: bool, as_json: bool) -> None:
+    """Save a run with its report and figures, print it, and leave with its exit code."""
+    from pinograsp.storage import save_run
 
     def extras(path: Path) -> None:
         from pinograsp.report import markdown
@@ -132,7 +254,8 @@ def _keep_proof(error, loaded, folder: Path, force: bool) -> None:
 
     layout = {"hand": loaded.hand.source, "contacts": [contact.finger for contact in loaded.contacts]}
     run = run_of_failure(error, layout, loaded.settings())
-    save_run(run, folder, force=force, extras=lambda path: (path / "report.md").write_text(failure(run), encoding="utf-8"))
+    report = failure(run)
+    save_run(run, folder, force=force, extras=lambda path: (path / "report.md").write_text(report, encoding="utf-8"))
     typer.echo(f"the proof is written to {folder}: report.md, plan.json", err=True)
 
 
@@ -173,6 +296,62 @@ def _print(run, comparison, folder: Path) -> None:
     if run.summary["remedy"]:
         console.print(f"{run.summary['status']}: {run.summary['remedy']}")
     console.print(f"\nwritten to {folder}: report.md, plan.json, plan.npz and figures", soft_wrap=True)
+
+
+@app.command()
+def hands(
+    name: Annotated[
+        str | None, typer.Argument(help="A hand of the catalogue, or a URDF, xacro or MJCF file; none: the catalogue.")
+    ] = None,
+    root: Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand, on an arm or a robot.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """List the hands that need no file, or describe one: fingers, joints, limits, couplings, masses.
+
+    Examples:
+
+      pinograsp hands
+
+      pinograsp hands psyonic_left
+
+      pinograsp hands my_robot.urdf --root palm_link --json
+    """
+    from pinograsp.hands import load_hand
+    from pinograsp.hands.summary import record
+
+    try:
+        if name is None:
+            if root is not None:
+                raise InvalidInput("--root needs the NAME of a hand or file")
+            _list_hands(as_json)
+            return
+        hand = load_hand(name, root=root)
+    except PinograspError as error:
+        if as_json:
+            typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
+        raise
+    typer.echo(json.dumps(record(hand), allow_nan=False) if as_json else hand.describe())
+
+
+def _list_hands(as_json: bool) -> None:
+    from pinograsp.hands.summary import cells, overview
+
+    rows, problems = overview()
+    if as_json:
+        typer.echo(json.dumps({"hands": rows, "problems": problems}, allow_nan=False))
+        raise typer.Exit(2 if problems else 0)
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold")
+    for column in ("name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"):
+        number = column in ("joints", "moving", "mass [kg]")
+        table.add_column(column, justify="right" if number else "left", no_wrap=number or column == "name")
+    for row in rows:
+        table.add_row(*cells(row))
+    Console(width=None if sys.stdout.isatty() else 150, highlight=False, markup=False).print(table)
+    if problems:
+        raise InvalidInput("; ".join(problems))
 
 
 def main() -> None:

@@ -89,3 +89,22 @@ class GraspInfeasible(NoGrasp):
     def __init__(self, message: str, solution=None):
         self.solution = solution
         super().__init__(message)
+
+
+class PlacementNotFound(PinograspError):
+    """No sampled placement of the palm holds the object. Carries the ``search`` with the outcomes of its samples."""
+
+    def __init__(self, message: str, search):
+        super().__init__(message)
+        self.search = search
+
+
+class GeometryFailed(PinograspError):
+    """The distance between a link and the object could not be computed. ``link`` names it: its mesh is likely degenerate."""
+
+    def __init__(self, link: str, kind: str):
+        self.link = link
+        super().__init__(
+            f"the distance of link '{link}' ({kind}) from the object could not be computed: repair its mesh (slivers, "
+            "zero-area triangles) or give it a simpler collision geometry"
+        )

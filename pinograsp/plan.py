@@ -1,4 +1,4 @@
-"""From a hand and a force problem to a grasp plan: forces, then motion. The only file that knows the order."""
+"""From a hand and an object, or a force problem, to a grasp plan: contacts, forces, motion. The only file that knows the order."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pinograsp.contacts import Closure, close_hand
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
 from pinograsp.errors import GraspInfeasible, InvalidInput, Status
 from pinograsp.forces import (
@@ -22,6 +23,7 @@ from pinograsp.forces import (
 )
 from pinograsp.hands import HandModel
 from pinograsp.motion import Motion, MotionSpec, plan_motion, torque_limits
+from pinograsp.objects.body import Body
 
 # Rounds of force search and motion until the holding torques at the posture found are within their limits.
 _TORQUE_ROUNDS = 6
@@ -33,13 +35,15 @@ class GraspPlan:
 
     Attributes:
         hand: the hand. forces: the force search's record. motion: trajectory and torques.
-        elapsed: seconds per stage, ``{"forces": ..., "motion": ...}``.
+        elapsed: seconds per stage, ``{"forces": ..., "motion": ...}``, and ``"closing"`` where the hand was closed.
+        closure: how the contacts were found, or None where they were given.
     """
 
     hand: HandModel
     forces: ForceSolution
     motion: Motion
     elapsed: dict[str, float]
+    closure: Closure | None = None
 
     @property
     def problem(self) -> ForceProblem:
@@ -106,7 +110,8 @@ class GraspPlan:
             },
             "certificate": self._certificate(),
             "margins": self._margins(),
-            "notes": list(self.motion.notes),
+            "closing": None if self.closure is None else self.closure.summary(),
+            "notes": [*self.motion.notes, *(() if self.closure is None else self.closure.notes)],
             "elapsed_s": sum(self.elapsed.values()),
             "elapsed_by_stage_s": dict(self.elapsed),
         }
@@ -185,28 +190,34 @@ class GraspPlan:
 
 def plan_grasp(
     hand: HandModel,
-    problem: ForceProblem,
+    problem: ForceProblem | Closure | Body,
     *,
     grid: GridSpec | None = None,
-    search: str = "hybrid",
+    search: str | None = None,
     solver: str | None = None,
     objective: str | Mapping[str, float] | None = None,
     torque_limit=None,
     motion: MotionSpec | None = None,
     progress: bool | None = None,
+    **settings,
 ) -> GraspPlan:
     """Plan a grasp: least-energy contact forces, then the joint motion and torques with the least peak torque.
 
     Args:
         hand: the hand, placed in the world.
-        problem: contacts (of this hand), load, friction and limits.
+        problem: contacts (of this hand), load, friction and limits. Or an object: the hand is closed on it
+            (:func:`~pinograsp.contacts.close_hand`) to find the contacts. Or a closure of this hand.
         search: ``"convex"``: the certified global optimum (:func:`~pinograsp.forces.optimize_grasp`), with any friction
             model; or a grid, see :func:`~pinograsp.forces.grid_search`, which also explains ``grid`` and ``progress``.
+            Default: ``"hybrid"`` for a problem, ``"convex"`` for an object.
         solver: name of the solver; default: the search's own.
         objective: of the convex search; default: the problem's measure.
         torque_limit: the convex search keeps the holding torques at t_F within it: largest |torque| (n,) or one number
-            [N m], or ``"effort"`` for the hand's own effort limits. Default: torques are reported, not limited.
+            [N m], or ``"effort"`` for the hand's own effort limits. Default: torques are reported, not limited; for an
+            object within the effort limits of the joints that have one.
         motion: postures and sampling; see :class:`~pinograsp.motion.MotionSpec`.
+        **settings: of the problem where an object is given: ``mu`` (needed), ``friction``, ``max_depth``... as for
+            :meth:`~pinograsp.forces.ForceProblem.holding`.
 
     Returns:
         The plan with its status: ``OK``; ``UNBALANCED`` where the QP found that the paper's grid point balances only
@@ -219,6 +230,11 @@ def plan_grasp(
         ContactNotReached: a finger cannot reach its contact points.
     """
     started = time.perf_counter()
+    if not isinstance(problem, ForceProblem):
+        return _closed_plan(hand, problem, grid, search, solver, objective, torque_limit, motion, progress, settings)
+    if settings:
+        raise InvalidInput(f"{', '.join(settings)}: settings of a problem, expected with an object; this problem has its own")
+    search = search or "hybrid"
     if search == "convex":
         return _convex_plan(hand, problem, solver or "auto", objective, torque_limit, motion, progress, started)
     if objective is not None or torque_limit is not None:
@@ -230,6 +246,36 @@ def plan_grasp(
     moved = plan_motion(hand, forces, motion)
     elapsed = {"forces": found - started, "motion": time.perf_counter() - found}
     return GraspPlan(hand=hand, forces=forces, motion=moved, elapsed=elapsed)
+
+
+def _closed_plan(
+    hand, given, grid, search, solver, objective, torque_limit, motion, progress, settings
+) -> GraspPlan:
+    """Close the hand on an object, then plan with the contacts found."""
+    started = time.perf_counter()
+    if isinstance(given, Closure):
+        closure, hand = given, given.hand
+    elif isinstance(given, Body):
+        closure = close_hand(hand, given)
+    else:
+        raise InvalidInput(f"problem: expected a ForceProblem, a Closure or an object of pinograsp.objects, got {given!r}")
+    if "mu" not in settings:
+        raise InvalidInput("plan_grasp with an object: expected the friction coefficient, mu=...")
+    problem = ForceProblem.holding(closure.object, closure.contacts(), **settings)
+    search = search or "convex"
+    if torque_limit is None and search == "convex" and np.any(hand.effort > 0):
+        torque_limit = np.where(hand.effort > 0, hand.effort, np.inf)
+    if motion is None:
+        motion = MotionSpec(
+            start={finger.name: closure.start[finger.dofs] for finger in hand.fingers},
+            posture={finger.name: closure.q[finger.dofs] for finger in hand.fingers},
+        )
+    closing = time.perf_counter() - started
+    plan = plan_grasp(
+        hand, problem, grid=grid, search=search, solver=solver, objective=objective, torque_limit=torque_limit,
+        motion=motion, progress=progress,
+    )  # fmt: skip
+    return replace(plan, closure=closure, elapsed={"closing": closing, **plan.elapsed})
 
 
 def _convex_plan(hand, problem, solver, objective, torque_limit, motion, progress, started) -> GraspPlan:

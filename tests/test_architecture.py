@@ -14,11 +14,13 @@ PACKAGE = ROOT / "pinograsp"
 
 # The way of the data: a room imports only from itself and from rooms before it.
 ROOMS = [
-    "errors", "checks", "spatial", "hands", "objects", "contacts", "forces", "motion", "plan", "storage", "viz",
+    "errors", "checks", "spatial", "hands", "objects", "contacts", "forces", "motion", "placement", "plan", "storage", "viz",
     "cases", "report", "cli",
 ]  # fmt: skip
 OWNERS = {
-    "pinocchio": {"hands", "motion"},
+    "pinocchio": {"hands", "contacts", "motion", "placement"},
+    "coal": {"hands", "objects", "contacts"},
+    "trimesh": {"objects"},
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
     "qpsolvers": {"forces"},
@@ -30,7 +32,8 @@ OWNERS = {
     "ruamel": {"cases"},
     "typer": {"cli"},
     "rich": {"cli"},
-    "tqdm": {"forces"},
+    "tqdm": {"forces", "placement"},
+    "joblib": {"placement"},
 }
 # Rooms that must work without the solvers: pictures and reports of stored runs.
 WITHOUT_SOLVERS = ("storage", "viz", "report")

@@ -288,3 +288,96 @@ def test_package_imports_quickly_without_heavy_libraries(tmp_path):
     script = "import sys, pinograsp; print(sorted(m for m in ('pinocchio', 'qpsolvers', 'matplotlib') if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_catalogue_of_hands(command):
+    from pinograsp.hands.catalogue import CATALOGUE
+
+    code, out, err = command("hands")
+    assert code == 0 and err == "" and "Traceback" not in out
+    header, *rows = [line for line in out.splitlines() if line.strip()]
+    assert "mass [kg]" in header and "effort limits" in header
+    assert [row.split()[0] for row in rows] == list(CATALOGUE)
+    psyonic = next(row for row in rows if row.startswith(" psyonic_left"))
+    assert psyonic.rstrip().endswith("ring, pinky      1.2 to 6 N m") and psyonic.split()[6:9] == ["6", "10", "0.659"]
+    panda = next(row for row in rows if row.startswith(" panda"))
+    assert " ".join(panda.split()) == "panda Panda gripper 1 2 0.760 left, right 100 N"
+    assert next(row for row in rows if row.startswith(" romeo_left")).split()[-1] == "none"
+
+
+def test_the_catalogue_for_machines(command):
+    code, out, err = command("hands", "--json")
+    document = json.loads(out)
+    assert code == 0 and err == "" and document["problems"] == [] and len(document["hands"]) == 22
+    assert document["hands"][0] == {
+        "name": "humanoid", "title": "the paper's humanoid hand", "actuated_joints": 20, "moving_joints": 20,
+        "mass_kg": pytest.approx(0.437, abs=1e-3), "fingers": ["thumb", "index", "middle", "ring", "little"],
+        "effort": {"N m": [2.0, 2.0]},
+    }  # fmt: skip
+
+
+def test_one_hand_of_the_catalogue_or_a_file(command, tmp_path):
+    import own_hands
+
+    code, out, _ = command("hands", "psyonic_left")
+    assert code == 0 and "6 joints that move 4 more" in out and "note: joint Left_index_q2 follows" in out
+    own_hands.write(tmp_path, "parallel_gripper")
+    code, out, _ = command("hands", "parallel_gripper.urdf")
+    assert code == 0 and "left_slide -> left_jaw: +0.000 .. +0.040 m, effort 60 N" in out
+    code, out, err = command("hands", "parallel_gripper.urdf", "--json")
+    document = json.loads(out)
+    assert code == 0 and err == ""
+    assert document["joints"] == [
+        {"name": "left_slide", "type": "prismatic", "unit": "m", "lower": 0.0, "upper": 0.04, "effort_unit": "N",
+         "effort": 60.0, "velocity": 0.1}
+    ]  # fmt: skip
+    assert document["coupled"] == [{"name": "right_slide", "follows": "left_slide", "multiplier": 1.0, "offset": 0.0}]
+    assert [finger["tip"] for finger in document["fingers"]] == ["left_tip", "right_tip"]
+    assert document["mass_kg"] == pytest.approx(0.62) and document["palm"] == "palm"
+    code, out, _ = command("hands", "humanoid", "--root", "index_proximal", "--json")
+    assert code == 0 and [joint["name"] for joint in json.loads(out)["joints"]] == ["index_pip", "index_dip"]
+    code, out, _ = command("hands", "panda", "--root", "panda_leftfinger", "--json")
+    assert code == 2 and json.loads(out)["error"] == "HandNotLoaded"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["allegro_rigth"], "did you mean 'allegro_right'"),
+        (["gone.urdf"], "no such file"),
+        (["broken.urdf"], "well-formed"),
+        (["panda", "--root", "hand"], "root 'hand' is not a link"),
+        (["--root", "palm"], "--root needs the NAME"),
+    ],
+)
+def test_hands_that_cannot_be_shown(command, tmp_path, arguments, message):
+    (tmp_path / "broken.urdf").write_text("<robot>")
+    code, out, err = command("hands", *arguments)
+    assert code == 2 and out == "" and err.startswith("pinograsp: ") and message in err and "Traceback" not in err
+    code, out, _ = command("hands", *arguments, "--json")
+    assert code == 2 and json.loads(out)["status"] == "invalid_input" and message in json.loads(out)["message"]
+
+
+def test_a_hand_that_is_missing_does_not_hide_the_others(command, monkeypatch):
+    from pinograsp.hands import catalogue
+
+    monkeypatch.setattr(catalogue.importlib.metadata, "files", lambda _: [])
+    code, out, err = command("hands")
+    assert code == 2 and "humanoid" in out and "panda" not in out and "install version 6 or later" in err
+    code, out, _ = command("hands", "--json")
+    document = json.loads(out)
+    assert code == 2 and len(document["hands"]) == 1 and len(document["problems"]) == 21
+
+
+def test_the_catalogue_is_listed_within_seconds(tmp_path):
+    """A real process, cold: all hands, meshes and the masses of those without any."""
+    script = (
+        "import sys, time; from pinograsp.cli import main; sys.argv = ['pinograsp', 'hands']\n"
+        "start = time.process_time()\n"
+        "try: main()\nexcept SystemExit as stop: assert not stop.code\n"
+        "print('took', time.process_time() - start)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "so101" in done.stdout and float(done.stdout.rsplit("took", 1)[1]) < 10  # 2 s on a laptop
+    assert done.stderr == "" and list(tmp_path.iterdir()) == []

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from importlib.metadata import files
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 import yourdfpy
 from conftest import POINTS
+from own_hands import joint, link, robot
 
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import load_hand
-from pinograsp.hands.humanoid import case_study_pose, humanoid_hand
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
+from pinograsp.hands.humanoid import case_study_pose, humanoid_hand
 from pinograsp.hands.xacro_guard import expand_xacro
 
 # Tables II and III once more, typed from the paper, in mm.
@@ -91,10 +95,10 @@ def test_base_frames_equal_the_worked_out_table(hand):
 
 def test_phalanges_are_the_tables_ellipsoids(hand):
     for finger in hand.fingers:
-        for joint, axes, length in zip(finger.joint_ids[1:], AXES[finger.name], LENGTHS[finger.name]):
+        for joint_id, axes, length in zip(finger.joint_ids[1:], AXES[finger.name], LENGTHS[finger.name]):
             a, b, c = (1e-3 * v for v in axes)
             mass = 1160 * 4 / 3 * math.pi * a * b * c
-            inertia = hand.model.inertias[joint]
+            inertia = hand.model.inertias[joint_id]
             assert inertia.mass == pytest.approx(mass, rel=1e-12)
             assert np.abs(inertia.lever - [length / 2 * 1e-3, 0, 0]).max() < 1e-15
             # b along the flexion axis (z of the link), c perpendicular to both (y).
@@ -222,7 +226,9 @@ def test_finger_names_and_palm_can_be_given():
 INERTIAL = '<inertial><mass value="0.1"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>'
 
 
-def urdf(links="", joints="", first=INERTIAL, limit='<limit lower="-1" upper="1" effort="1" velocity="1"/>', kind="revolute"):
+def urdf(
+    links="", joints="", first=INERTIAL, limit='<limit lower="-1" upper="1" effort="1" velocity="1"/>', kind="revolute"
+):
     return f"""<?xml version="1.0"?><robot name="test">
       <link name="base"/><link name="a">{first}</link><link name="a_tip"/>{links}
       <joint name="j" type="{kind}"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>{limit}</joint>
@@ -262,8 +268,14 @@ def test_dos_line_ends_and_leading_blank_lines_are_fine(tmp_path):
         (urdf(kind="fixed"), "no revolute or prismatic"),
         (urdf(links='<link name="a"/>'), "defined 2 times"),
         (urdf(links='<link name="loose"/>'), "one root link"),
-        (urdf(joints='<joint name="k" type="fixed"><parent link="a"/><child link="ghost"/></joint>'), "unknown link 'ghost'"),
-        (urdf(joints='<joint name="k" type="fixed"><parent link="base"/><child link="a_tip"/></joint>'), "several parent"),
+        (
+            urdf(joints='<joint name="k" type="fixed"><parent link="a"/><child link="ghost"/></joint>'),
+            "unknown link 'ghost'",
+        ),
+        (
+            urdf(joints='<joint name="k" type="fixed"><parent link="base"/><child link="a_tip"/></joint>'),
+            "several parent",
+        ),
         (urdf()[:-20], "well-formed"),
         ("<robot name='x'/>", "no <link> found"),
         ("", "well-formed"),
@@ -297,3 +309,472 @@ def test_shipped_urdf_needs_no_mesh_to_load(tmp_path):
     assert load_hand(write(tmp_path, text)).n == 20
     assert Path(urdf_folder() / "meshes" / "unit_sphere.stl").is_file()
     assert yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False).validate()
+
+
+# -- what files are like -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_encodings_comments_and_namespaces(tmp_path, encoding):
+    text = urdf().replace("a_tip", "\u00e4_tip").replace('name="test"', 'name="test" xmlns="http://www.ros.org"')
+    text = text.replace("<robot", "<!-- a comment, by hand \u00fc -->\n<robot", 1).replace(
+        "</robot>", "<!-- end --></robot>"
+    )
+    if encoding == "latin-1":
+        text = text.replace('version="1.0"', 'version="1.0" encoding="ISO-8859-1"')
+    path = tmp_path / "hand.urdf"
+    path.write_bytes(("\n\n" if encoding == "utf-8" else "").encode() + text.replace("\n", "\r\n").encode(encoding))
+    assert load_hand(path).fingers[0].tip == "\u00e4_tip"
+
+
+def test_what_is_no_robot_is_said(tmp_path):
+    for text, message in (
+        ("<sdf version='1.6'><model/></sdf>", "found <sdf>"),
+        ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m"/></robot>', "ending .xacro"),
+    ):
+        with pytest.raises(HandNotLoaded, match=message):
+            load_hand(write(tmp_path, text))
+    with pytest.raises(HandNotLoaded, match="got the text of a description"):
+        load_hand(urdf())
+    for name in ("x" * 5000, "nul\0byte", "~nobody_at_all/hand.urdf", str(tmp_path), ""):
+        with pytest.raises(HandNotLoaded, match="no such file"):
+            load_hand(name)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"root": 5}, {"palm": ["base"]}, {"fingers": ["a"]}, {"limits": 3}, {"limits": {"j": None}}, {"pose": "up"}],
+)
+def test_arguments_of_the_wrong_kind(tmp_path, arguments):
+    with pytest.raises(InvalidInput):
+        load_hand(write(tmp_path, urdf()), **arguments)
+
+
+def test_joints_and_links_may_share_names(tmp_path):
+    """Frames are looked up among links first: in many hands a joint is called like another joint's link."""
+    text = robot(
+        "shared", link("base", 0.1, "box 1 1 1"), link("a", 0.1, "box 1 1 1"), link("b", 0.1, "box 1 1 1"),
+        joint("b", "base", "a", "0 0 1", "0 0 1", "-1 1 1 1"), joint("a", "a", "b", "0 0 1", "0 1 0", "-1 1 1 1"),
+    )  # fmt: skip
+    hand = load_hand(write(tmp_path, text))
+    assert hand.fingers[0].joints == ("b", "a") and hand.fingers[0].links == ("a", "b")
+    assert hand.frame_placements([0, 0], ["a", "b"])[:, 2, 3].tolist() == [1, 2]
+    assert hand.configuration({hand.fingers[0].name: [0.1, 0.2]}).tolist() == [0.1, 0.2]
+
+
+def test_the_roots_inertia_counts_and_moves_with_the_hand(tmp_path):
+    hand = load_hand(write(tmp_path, urdf().replace('<link name="base"/>', f'<link name="base">{INERTIAL}</link>')))
+    assert hand.mass == pytest.approx(0.2) and hand.model.inertias[0].mass == 0.1
+    pose = np.eye(4)
+    pose[:3, 3] = [1, 2, 3]
+    assert hand.placed(pose).model.inertias[0].lever.tolist() == [1, 2, 3]
+    assert hand.model.inertias[0].lever.tolist() == [0, 0, 0]
+    # A pose typed with few digits is taken as the nearest rotation; one that is none is refused.
+    rough = np.round(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), 7)
+    pose[:3, :3] = rough
+    R = hand.placed(pose).pose[:3, :3]
+    assert np.abs(R.T @ R - np.eye(3)).max() < 1e-15 and np.abs(R - rough).max() < 1e-7
+    pose[3] = [0, 0, 1, 1]
+    with pytest.raises(InvalidInput, match="last row"):
+        hand.placed(pose)
+
+
+def test_palm_joints_are_described_too(tmp_path):
+    text = robot(
+        "wristed", *(link(name, 0.1, "box 0.1 0.1 0.1") for name in ("arm", "palm", "a", "b")),
+        joint("wrist", "arm", "palm", "0 0 1", "0 0 1", "-1 1 0 1"),
+        joint("ja", "palm", "a", "0 0 1", "0 0 1", "0 1 2 1"),
+        joint("jb", "palm", "b", "0 0 1", "1 0 0", "0 0.1 0 1", kind="prismatic"),
+    )  # fmt: skip
+    text = load_hand(write(tmp_path, text)).describe()
+    assert "3 joints, 2 fingers on 'palm'" in text and "joints on no finger:" in text
+    assert "wrist: -1.000 .. +1.000 rad, effort not given" in text
+    assert "jb -> b: +0.000 .. +0.100 m, effort not given" in text
+    assert "note: no effort limit (none given, or 0): wrist, jb" in text
+
+
+# -- limits and joints of every kind -----------------------------------------------------------------------------------
+
+
+def test_limits_without_effort_or_velocity(tmp_path):
+    for limit, effort, velocity in (
+        ('<limit lower="-1" upper="1"/>', 0, 0),
+        ('<limit lower="-1" upper="1" effort="-3" velocity="nan"/>', 0, 0),
+        ('<limit lower="-1" upper="1" effort="inf" velocity="2"/>', 0, 2),
+        ('<limit lower=" -1e0 " upper="1" effort="2.5"/>', 2.5, 0),
+    ):
+        hand = load_hand(write(tmp_path, urdf(limit=limit)))
+        assert hand.effort.tolist() == [effort] and hand.velocity.tolist() == [velocity]
+        assert any("no effort limit" in note for note in hand.notes) == (not effort)
+        assert [hand.lower[0], hand.upper[0]] == [-1, 1]
+
+
+def test_continuous_joints_become_revolute(tmp_path):
+    for limit in ("", '<limit effort="3" velocity="1"/>'):
+        hand = load_hand(write(tmp_path, urdf(kind="continuous", limit=limit)))
+        assert hand.model.nq == 1 and [hand.lower[0], hand.upper[0]] == pytest.approx([-math.pi, math.pi])
+        assert any("continuous joints taken as revolute" in note and "j" in note for note in hand.notes)
+        assert hand.effort[0] == (3 if limit else 0)
+
+
+def test_axes_need_not_be_unit_vectors(tmp_path):
+    for kind in ("revolute", "prismatic"):
+        text = urdf(kind=kind)
+        hand, plain = (load_hand(write(tmp_path, text.replace("0 0 1", axis))) for axis in ("0 3 4", "0 0.6 0.8"))
+        tips = [one.frame_placements([0.5], ["a_tip"]) for one in (hand, plain)]
+        assert np.abs(tips[0] - tips[1]).max() < 1e-15
+
+
+def test_rotations_may_be_quaternions(tmp_path):
+    q = pin.Quaternion(pin.rpy.rpyToMatrix(0.1, -1.2, 2.5)).coeffs()
+    text = urdf().replace('xyz="0.1 0 0"', f'xyz="0.1 0 0" quat_xyzw="{" ".join(map(repr, (3 * q).tolist()))}"')
+    R = load_hand(write(tmp_path, text)).frame_placements([0.0], ["a_tip"])[0, :3, :3]
+    assert np.abs(R - pin.rpy.rpyToMatrix(0.1, -1.2, 2.5)).max() < 1e-15
+    with pytest.raises(HandNotLoaded, match="quat_xyzw=>: expected a rotation"):
+        load_hand(write(tmp_path, urdf().replace('xyz="0.1 0 0"', 'quat_xyzw="0 0 0 0"')))
+
+
+def on_an_arm(**parts):
+    """base - arm (joint shoulder, carries a floating joint and a planar one beside the hand) - palm - two fingers."""
+    text = {
+        "arm": joint("shoulder", "base", "arm", "0 0 1", "0 1 0", "-1 1 1 1"),
+        "arm_link": link("arm", 1, "box 0.1 0.1 1"),
+        "wrist": joint("wrist", "arm", "palm", "0 0.2 1", rpy="0.1 0.2 0.3"),
+        "palm": link("palm", 0.5, "box 0.1 0.1 0.1"),
+        "loose": link("loose") + joint("free", "base", "loose", "0 0 0").replace("fixed", "floating"),
+        "table": link("table") + joint("slip", "base", "table", "0 0 0").replace("fixed", "planar"),
+        "one": link("one", 0.1, "box 0.01 0.01 0.1") + joint("j1", "palm", "one", "0.1 0 0", "0 1 0", "-1 1 1 1"),
+        "two": link("two", 0.1, "box 0.01 0.01 0.1") + joint("j2", "palm", "two", "-0.1 0 0", "0 1 0", "-1 1 1 1"),
+        **parts,
+    }  # fmt: skip
+    return robot("arm_and_hand", link("base"), *text.values())
+
+
+def test_a_hand_on_an_arm_is_cut_out(tmp_path):
+    path = write(tmp_path, on_an_arm())
+    with pytest.raises(HandNotLoaded) as caught:
+        load_hand(path)
+    assert len(caught.value.problems) == 2
+    assert "joint 'free' floats freely: give root=" in str(caught.value) and "joint 'slip' is planar" in str(
+        caught.value
+    )
+    hand = load_hand(path, root="palm")
+    assert hand.palm == "palm" and hand.joint_names == ("j1", "j2") and hand.mass == pytest.approx(0.7)
+    assert hand.frame_placements([0, 0], ["palm", "one"])[:, :3, 3].tolist() == [[0, 0, 0], [0.1, 0, 0]]
+    assert any("the sub-tree of 'palm' is the hand: 3 of 7 links" in note for note in hand.notes)
+    # The robot's own root is a root as well; one finger is a hand; a leaf is none.
+    whole = load_hand(write(tmp_path, on_an_arm(loose="", table=""), "arm.urdf"), root="base")
+    assert whole.joint_names == ("shoulder", "j1", "j2") and whole.palm == "palm"
+    assert load_hand(path, root="arm").joint_names == ("j1", "j2")
+    with pytest.raises(HandNotLoaded, match="no revolute or prismatic joint beyond root 'one'"):
+        load_hand(path, root="one")
+    with pytest.raises(
+        HandNotLoaded, match="root 'hand' is not a link; links: base, arm, palm, loose, table, one, two"
+    ):
+        load_hand(path, root="hand")
+
+
+def test_what_is_wrong_elsewhere_does_not_matter_with_a_root(tmp_path):
+    broken = on_an_arm(
+        base2='<link name="second_root"/>', arm_link='<link name="arm"><inertial/></link>',
+        more='<link name="x"/><joint name="x" type="revolute"><parent link="base"/><child link="x"/></joint>',
+    )  # fmt: skip
+    path = write(tmp_path, broken)
+    assert load_hand(path, root="palm").n == 2
+    with pytest.raises(HandNotLoaded) as caught:
+        load_hand(path)
+    for words in ("one root link, found 2: base, second_root", "'arm': <inertial> needs both", "'x' has no position",
+                  "'free' floats", "'slip' is planar"):  # fmt: skip
+        assert words in str(caught.value)
+
+
+def fork(**changes):
+    """A palm with three fingers of one joint each, whose tips are told apart in three ways."""
+    parts = [link("palm", 0.5, "box 0.1 0.1 0.1")]
+    for i, name in enumerate(("f1", "f2", "f3")):
+        parts += [link(f"{name}_base", 0.1, "box 0.01 0.01 0.1"), link(f"{name}_pad"), link(f"{name}_end"),
+                  joint(name, "palm", f"{name}_base", f"{i} 0 0", "0 1 0", "-1 1 1 1"),
+                  joint(f"{name}_e", f"{name}_base", f"{name}_end", "0 0 0.1"),
+                  joint(f"{name}_p", f"{name}_base", f"{name}_pad", "0 0.01 0.05")]  # fmt: skip
+    return robot("fork", *parts).replace("f1_end", changes.get("end", "f1_end"))
+
+
+def test_fingertips(tmp_path):
+    assert [finger.tip for finger in load_hand(write(tmp_path, fork())).fingers] == ["f1_pad", "f2_pad", "f3_pad"]
+    # One called tip is the tip; one that is named is the tip whatever it is called.
+    assert load_hand(write(tmp_path, fork(end="f1_Tip"))).fingers[0].tip == "f1_Tip"
+    assert load_hand(write(tmp_path, fork(end="multiple"))).fingers[0].tip == "f1_pad"
+    hand = load_hand(write(tmp_path, fork()), fingers={"a": "f1_end", "b": "f2_base", "c": "f3_pad"})
+    assert [finger.tip for finger in hand.fingers] == ["f1_end", "f2_pad", "f3_pad"]
+    with pytest.raises(HandNotLoaded) as caught:
+        load_hand(write(tmp_path, fork()), fingers={"a": "f1_end", "b": "f9", "c": "palm"})
+    assert len(caught.value.problems) == 2 and "'b': link 'f9' is on no finger" in str(caught.value)
+
+
+def test_a_link_of_several_fingers_does_not_tell_them_apart(tmp_path):
+    parts = [link(name, 0.1, "box 0.1 0.1 0.1") for name in ("palm", "shared", "a", "b", "c")]
+    joints = [joint(f"j_{child}", parent, child, "0 0 1", "0 1 0", "-1 1 1 1")
+              for parent, child in (("palm", "shared"), ("shared", "a"), ("shared", "b"), ("palm", "c"))]  # fmt: skip
+    path = write(tmp_path, robot("forked", *parts, *joints))
+    assert [finger.name for finger in load_hand(path).fingers] == ["a", "b", "c"]
+    assert load_hand(path, fingers={"x": "a"}).fingers[0].joints == ("j_shared", "j_a")
+    with pytest.raises(HandNotLoaded, match="'shared' is on several fingers; name one of their tips: a, b"):
+        load_hand(path, fingers={"x": "shared"})
+
+
+def test_a_long_chain_needs_no_recursion(tmp_path):
+    n = 1200
+    parts = [link("l0"), *(link(f"l{i}", 0.1, "box 1 1 1") for i in range(1, n + 1))]
+    joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 0.01", "0 1 0" if i == n else "", "-1 1 1 1" if i == n else "")
+              for i in range(1, n + 1)]  # fmt: skip
+    assert load_hand(write(tmp_path, robot("chain", *parts, *joints))).fingers[0].tip == f"l{n}"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('name="j" type', 'type'), "1 <joint> without a name"),
+        (('<link name="a_tip"/>', '<link name="a_tip"/><link/>'), "1 <link> without a name"),
+        (('name="j" type', 'name="universe" type'), "joint 'universe': Pinocchio keeps that name"),
+        (('type="revolute"', ""), "joint 'j' is without a type"),
+        (('type="revolute"', 'type="planar"'), "joint 'j' is planar"),
+        (('xyz="0 0 1"', 'xyz="0 0 0"'), "joint 'j': <axis xyz=> is zero, expected a direction"),
+        (('xyz="0 0 1"', 'xyz="0 1"'), "joint 'j': <axis xyz=>: expected 3 finite numbers, got '0 1'"),
+        (('xyz="0.1 0 0"', 'xyz="0.1 nan 0"'), "joint 'tip': <origin xyz=>: expected 3 finite numbers"),
+        (('xyz="0.1 0 0"', 'xyz="0.1, 0, 0"'), "expected 3 finite numbers, got '0.1, 0, 0'"),
+        (('upper="1"', 'upper="one"'), "joint 'j': limits must be numbers"),
+        (('upper="1"', 'upper="inf"'), "lower limit -1 is not below upper inf"),
+        (('upper="1"', 'upper="-1"'), "lower limit -1 is not below upper -1"),
+        (('<mass value="0.1"/>', '<mass/>'), "link 'a': <inertial> lacks value"),
+        (('ixx="1e-5" ', ""), "link 'a': <inertial> lacks ixx"),
+        (('ixy="0"', 'ixy="1"'), "not positive semi-definite"),
+        (('ixy="0"', 'ixy="x"'), "link 'a': <inertia ixy=>: expected 1 finite number, got 'x'"),
+        (('<child link="a_tip"/>', ""), "joint 'tip' names the unknown link ''"),
+        (('<child link="a_tip"/>', '<child link="a"/>'), "link 'a' has several parent joints"),
+        (('<parent link="base"/>', '<parent link="a_tip"/>'), "hang on each other in a loop: a, a_tip"),
+    ],
+)  # fmt: skip
+def test_broken_parts_are_named(tmp_path, change, message):
+    assert change[0] in urdf()
+    with pytest.raises(HandNotLoaded) as caught:
+        load_hand(write(tmp_path, urdf().replace(*change)))
+    assert message in str(caught.value)
+
+
+def test_loops_beside_the_tree(tmp_path):
+    loop = "".join(f'<link name="{a}"/><joint name="{a}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
+                   for a, b in (("x", "y"), ("y", "x")))  # fmt: skip
+    with pytest.raises(HandNotLoaded, match="hang on each other in a loop: x, y"):
+        load_hand(write(tmp_path, urdf(joints=loop)))
+
+
+def test_problems_of_every_kind_come_in_one_error(tmp_path):
+    text = urdf(
+        links='<link name="a"/><link name="loose"/>', limit="",
+        first=INERTIAL.replace('ixx="1e-5"', 'ixx="-1"'),
+        joints='<joint name="m" type="revolute"><parent link="a"/><child link="ghost"/><axis xyz="0 0 0"/>'
+               '<limit lower="2" upper="1"/></joint>'
+               '<joint name="n" type="revolute"><parent link="a"/><child link="ghost"/>'
+               '<mimic joint="nobody"/></joint>',
+    )  # fmt: skip
+    with pytest.raises(HandNotLoaded) as caught:
+        load_hand(write(tmp_path, text))
+    problems = "; ".join(caught.value.problems)
+    for words in ("link 'a' is defined 2 times", "one root link", "unknown link 'ghost'", "'j' has no position limits",
+                  "<axis xyz=> is zero", "not below", "unknown joint 'nobody'", "semi-definite"):  # fmt: skip
+        assert words in problems
+
+
+# -- collision geometry and masses -------------------------------------------------------------------------------------
+
+
+def shaped(*geometries, first=INERTIAL):
+    """The smallest hand with these <geometry> contents on its link."""
+    collisions = "".join(f'<collision><origin xyz="0 0 {i}"/><geometry>{one}</geometry></collision>'
+                         for i, one in enumerate(geometries))  # fmt: skip
+    return urdf(first=first + collisions)
+
+
+def test_shapes_are_exact_and_several_per_link(tmp_path):
+    hand = load_hand(write(tmp_path, shaped(
+        '<box size="0.1 0.2 0.3"/>', '<sphere radius="0.1"/>', '<cylinder radius="0.1" length="0.4"/>',
+        '<capsule radius="0.1" length="0.4"/>')))  # fmt: skip
+    box, sphere, cylinder, capsule = (one.geometry for one in hand.geometry.geometryObjects)
+    assert isinstance(box, coal.Box) and box.halfSide.ravel().tolist() == [0.05, 0.1, 0.15]
+    assert isinstance(sphere, coal.Sphere) and sphere.radius == 0.1
+    assert isinstance(cylinder, coal.Cylinder) and (cylinder.radius, cylinder.halfLength) == (0.1, 0.2)
+    assert isinstance(capsule, coal.Capsule) and (capsule.radius, capsule.halfLength) == (0.1, 0.2)
+    assert [one.placement.translation[2] for one in hand.geometry.geometryObjects] == [0, 1, 2, 3]
+    assert [one.name for one in hand.geometry.geometryObjects] == ["a_0", "a_1", "a_2", "a_3"]
+
+
+def test_shapes_without_size_are_left_out_and_noted(tmp_path):
+    hand = load_hand(write(tmp_path, shaped('<box size="0 0 0"/>', '<sphere radius="-1"/>', '<cone radius="1"/>', "",
+                                            '<cylinder radius="1"/>', '<sphere radius="0.1"/>')))  # fmt: skip
+    assert len(hand.geometry.geometryObjects) == 1
+    note = next(note for note in hand.notes if note.startswith("shapes left out"))
+    assert note.count("a (") == 5 and "no shape that is known" in note
+    assert any("no collision geometry" in note for note in load_hand(write(tmp_path, urdf())).notes)
+
+
+def meshes(folder, *names):
+    block = trimesh.creation.box((0.02, 0.03, 0.05))
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        block.export(folder / name)
+
+
+FOUND = {
+    "package://my_hand/meshes/a.stl": "my_hand/meshes/a.stl",
+    "package:///my_hand/meshes/a.stl": "my_hand/meshes/a.stl",
+    "package://other_name/meshes/a.stl": "my_hand/meshes/a.stl",
+    "model://my_hand/meshes/a.stl": "my_hand/meshes/a.stl",
+    "../meshes/a.stl": "my_hand/meshes/a.stl",
+    "..\\meshes\\a.stl": "my_hand/meshes/a.stl",
+    "my meshes/b one.stl": "my_hand/urdf/my meshes/b one.stl",
+    "my%20meshes/b%20one.stl": "my_hand/urdf/my meshes/b one.stl",
+    "file://{folder}/my_hand/meshes/a.stl": "my_hand/meshes/a.stl",
+    "{folder}/my_hand/meshes/a.stl": "my_hand/meshes/a.stl",
+    "package://elsewhere/c.obj": "share/elsewhere/c.obj",
+}
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_meshes_are_found(tmp_path, monkeypatch, name):
+    monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join([str(tmp_path / "share"), "", "/nowhere"]))
+    meshes(tmp_path, FOUND[name])
+    folder = tmp_path / "my_hand" / "urdf"
+    folder.mkdir(parents=True, exist_ok=True)
+    mesh = f'<mesh filename="{name.format(folder=tmp_path)}" scale="1 2 1"/>'
+    hand = load_hand(write(folder, shaped(mesh)))
+    (one,) = hand.geometry.geometryObjects
+    assert Path(one.meshPath) == tmp_path / FOUND[name] and one.meshScale.tolist() == [1, 2, 1]
+    assert np.abs(np.ptp(one.geometry.vertices(), axis=0) - [0.02, 0.06, 0.05]).max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["gone.stl", "package://nobody/x.stl", "package://", "", ".", "C:\\meshes\\a.stl", "x" * 3000, "http://a/b.stl"],
+)
+def test_missing_meshes_are_left_out_and_noted(tmp_path, name):
+    hand = load_hand(write(tmp_path, shaped(f'<mesh filename="{name}"/>', '<sphere radius="0.1"/>')))
+    assert len(hand.geometry.geometryObjects) == 1
+    assert any("meshes not found" in note and f"a ({name})" in note for note in hand.notes)
+
+
+BROKEN_MESHES = {
+    "empty.stl": b"", "noise.stl": bytes(range(256)), "cut.stl": b"solid x\nfacet normal 0 0 1\n outer loop\n",
+    "short.stl": b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 100, "bad.obj": b"v 0 0\nf 1 2 3",
+    "far.obj": b"v 0 0 0\nf 1 2 9\n",
+    "empty.dae": b"<COLLADA/>", "unknown.xyz": b"1 2 3", "nan.obj": b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "points.obj": b"v 0 0 0\nv 1 0 0\n", "none.obj": b"",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN_MESHES)
+def test_broken_meshes_are_left_out_and_noted(tmp_path, name):
+    (tmp_path / name).write_bytes(BROKEN_MESHES[name])
+    hand = load_hand(write(tmp_path, shaped(f'<mesh filename="{name}"/>', '<sphere radius="0.1"/>')))
+    assert [type(one.geometry).__name__ for one in hand.geometry.geometryObjects] == ["Sphere"]
+    assert any("meshes that cannot be read" in note and name in note for note in hand.notes)
+
+
+def test_a_changed_mesh_is_read_again(tmp_path):
+    meshes(tmp_path, "a.stl")
+    path = write(tmp_path, shaped('<mesh filename="a.stl"/>'))
+    assert np.ptp(load_hand(path).geometry.geometryObjects[0].geometry.vertices()[:, 2]) == pytest.approx(0.05)
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "a.stl")
+    os.utime(tmp_path / "a.stl", ns=(1, 1))
+    assert np.ptp(load_hand(path).geometry.geometryObjects[0].geometry.vertices()[:, 2]) == pytest.approx(1.0)
+
+
+def test_ellipsoids_are_exact_only_where_the_mesh_is_the_unit_sphere(tmp_path):
+    mesh = '<mesh filename="unit_sphere.stl" scale="0.1 -0.2 0.3"/>'
+    for radius, kind in ((None, coal.Ellipsoid), (1.0, coal.Ellipsoid), (0.5, coal.BVHModelOBBRSS)):
+        if radius:
+            trimesh.creation.icosphere(radius=radius).export(tmp_path / "unit_sphere.stl")
+            os.utime(tmp_path / "unit_sphere.stl", ns=(int(1e9 * radius),) * 2)
+        (one,) = load_hand(write(tmp_path, shaped(mesh))).geometry.geometryObjects
+        assert isinstance(one.geometry, kind)
+        if kind is coal.Ellipsoid:
+            assert one.geometry.radii.ravel().tolist() == [0.1, 0.2, 0.3] and one.meshPath == ""
+
+
+NOTHING = INERTIAL.replace('"0.1"', '"0"').replace("1e-5", "0")
+
+
+@pytest.mark.parametrize("first", ["", NOTHING])
+def test_masses_are_filled_in_from_shapes(tmp_path, first):
+    """1000 kg/m^3: a box of 2 x 3 x 5 cm is 30 g; a sphere of 1 cm beside it 4.19 g."""
+    hand = load_hand(write(tmp_path, shaped('<box size="0.02 0.03 0.05"/>', '<sphere radius="0.01"/>', first=first)))
+    inertia = hand.model.inertias[1]
+    box, ball = 0.03, 4 / 3 * math.pi * 1e-6 * 1000
+    assert inertia.mass == pytest.approx(box + ball, rel=1e-12)
+    assert inertia.lever[2] == pytest.approx(ball / (box + ball), rel=1e-12)
+    assert inertia.inertia[2, 2] == pytest.approx(box / 12 * (0.02**2 + 0.03**2) + 0.4 * ball * 1e-4, rel=1e-9)
+    assert any("taken from the geometry at 1000 kg/m^3: j 34.2 g" in note for note in hand.notes)
+
+
+def test_a_mass_that_was_forgotten_is_not_guessed(tmp_path):
+    """A description without any masses gets them from its shapes; one that has some is missing one."""
+    text = on_an_arm(loose="", table="")
+    start = text.index("<inertial>", text.index('<link name="one"'))
+    text = text[:start] + text[text.index("</inertial>", start) + len("</inertial>") :]
+    with pytest.raises(HandNotLoaded, match="link 'one' moves but has no <inertial>: torques would be wrong"):
+        load_hand(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("mesh", ["closed", "inside out", "open", "mirrored"])
+def test_masses_of_meshes(tmp_path, mesh):
+    """A ring is a ring however its faces are turned; one that is not closed counts as its hull."""
+    body = trimesh.creation.annulus(0.01, 0.03, 0.02)
+    body.apply_transform(trimesh.transformations.compose_matrix(angles=[0.1, 0.2, 0.3], translate=[0.1, 0.2, 0.3]))
+    solid = body.convex_hull if mesh == "open" else body.copy()
+    if mesh == "inside out":
+        body.invert()
+    if mesh == "open":
+        body.update_faces(np.arange(len(body.faces)) > 1)
+    body.export(tmp_path / "a.stl")
+    scale = "-1 1 1" if mesh == "mirrored" else "1 1 1"
+    inertia = load_hand(write(tmp_path, shaped(f'<mesh filename="a.stl" scale="{scale}"/>', first=""))).model.inertias[
+        1
+    ]
+    exact = 0.02 * math.pi * (0.03**2 - (0.0 if mesh == "open" else 0.01**2))
+    assert inertia.mass == pytest.approx(1000 * exact, rel=1e-2)  # a ring of 32 edges
+    assert inertia.mass == pytest.approx(1000 * solid.volume, rel=1e-5)  # files hold single precision
+    mirror = np.diag([-1.0, 1, 1]) if mesh == "mirrored" else np.eye(3)
+    assert np.abs(inertia.lever - mirror @ solid.center_mass).max() < 1e-7
+    expected = mirror @ (1000 * solid.moment_inertia) @ mirror
+    assert np.abs(inertia.inertia - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_links_that_nothing_gives_a_mass(tmp_path):
+    meshes(tmp_path, "a.stl")
+    (tmp_path / "broken.stl").write_bytes(b"")
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    flat.export(tmp_path / "flat.stl")
+    for name in ("broken.stl", "flat.stl", "gone.stl"):
+        with pytest.raises(HandNotLoaded, match="joint 'j' moves no mass at all"):
+            load_hand(write(tmp_path, shaped(f'<mesh filename="{name}"/>', first="")))
+    assert load_hand(write(tmp_path, shaped('<mesh filename="a.stl"/>', first=""))).mass == pytest.approx(
+        0.03, rel=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b'<?xml version="1.0" encoding="latin-1"?><robot name="\xe4"/>',
+        b'<robot name="\xe4\xff"/>',
+        "<robot/>".encode("utf-16"),
+        b'<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m"><xacro:m/></xacro:macro>'
+        b"<xacro:m/></robot>",
+        b'<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="hand.xacro"/></robot>',
+        b'<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property value="1"/></robot>', b"",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("trusted", [False, True])
+def test_xacro_files_that_break_xacro(tmp_path, content, trusted):
+    (tmp_path / "hand.xacro").write_bytes(content)
+    with pytest.raises(HandNotLoaded, match="xacro could not expand it"):
+        load_hand(tmp_path / "hand.xacro", trusted=trusted)

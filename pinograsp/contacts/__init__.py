@@ -1,11 +1,22 @@
 """Contacts: frames and grasp map, the compliant contact law and its energies."""
 
+from pinograsp.contacts.clearance import PALM, clearance, link_centre
+from pinograsp.contacts.closing import close_hand
+from pinograsp.contacts.closure import Closure, Touch
 from pinograsp.contacts.compliance import Compliance, PenetrationProfile, energy_terms, impulse_energy, work_energy
 from pinograsp.contacts.contact_set import Contact, ContactSet, contacts_at
 from pinograsp.contacts.deceleration import DecelerationShape
 from pinograsp.contacts.friction import FRICTION_MODELS, Friction
+from pinograsp.contacts.synergy import open_and_closed
 
 __all__ = [
+    "PALM",
+    "Closure",
+    "Touch",
+    "clearance",
+    "close_hand",
+    "link_centre",
+    "open_and_closed",
     "FRICTION_MODELS",
     "Compliance",
     "Contact",

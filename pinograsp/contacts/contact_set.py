@@ -23,6 +23,7 @@ class Contact:
         length: distance of the contact point from the link's joint [m] (l_c of Eq. 3); None where the contact phase
             determines it.
         distance: signed distance of the point from the object's surface [m], negative inside.
+        point_l: the link's point that touches, in its joint's frame (3,) [m]; None: on the line along the link, at ``length``.
     """
 
     finger: str
@@ -31,6 +32,7 @@ class Contact:
     rotation_oc: np.ndarray
     length: float | None
     distance: float
+    point_l: np.ndarray | None = None
 
     @property
     def normal_o(self) -> np.ndarray:
@@ -40,10 +42,16 @@ class Contact:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactSet:
-    """k contacts on one object whose centre of mass is at ``com_o`` (3,) [m]. Iterates over :class:`Contact`."""
+    """k contacts on one object. Iterates over :class:`Contact`.
+
+    Attributes:
+        com_o: the object's centre of mass (3,) [m].
+        posture: of the hand that touches there (n,) [rad]; None where the contact phase is to find it.
+    """
 
     contacts: tuple[Contact, ...]
     com_o: np.ndarray
+    posture: np.ndarray | None = None
     # What was computed from these contacts (grasp maps and what solvers make of them): it lives as long as they do.
     _derived: dict = field(init=False, repr=False, default_factory=dict)
 
@@ -58,9 +66,13 @@ class ContactSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """A label per contact: the finger's name, with the link where a finger has several contacts."""
+        """A label per contact: the finger's name, with the link where a finger has several contacts, and a number where
+        a link has."""
         fingers = [c.finger for c in self.contacts]
-        return tuple(f"{c.finger}/{c.link}" if fingers.count(c.finger) > 1 else c.finger for c in self.contacts)
+        names = [f"{c.finger}/{c.link}" if fingers.count(c.finger) > 1 else c.finger for c in self.contacts]
+        return tuple(
+            f"{name} {names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)
+        )
 
     @property
     def points_o(self) -> np.ndarray:

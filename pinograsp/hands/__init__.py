@@ -1,4 +1,4 @@
-"""Hands: description (DH tables, URDF, xacro) to :class:`HandModel`."""
+"""Hands: description (DH tables, URDF, xacro, MJCF) to :class:`HandModel`."""
 
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import Finger, HandModel

@@ -14,8 +14,10 @@ class Entry:
     """Where a hand is described: ``file`` below the robots of ``example-robot-data``, or shipped with this package.
 
     Attributes:
-        root: link whose sub-tree is the hand. palm, fingers: as :func:`~pinograsp.hands.load.load_hand` takes them, where
-            the tree alone does not tell.
+        title: what it is, in words.
+        shipped: whether ``file`` comes with this package.
+        root: link whose sub-tree is the hand. palm, fingers: as :func:`~pinograsp.hands.load.load_hand` takes them,
+            where the tree alone does not tell.
     """
 
     file: str
@@ -44,7 +46,8 @@ CATALOGUE: dict[str, Entry] = {
     }),
     **_sides(lambda side: {
         f"g1_{side}": Entry(
-            file="g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf", title=f"Unitree G1, three-fingered hand, {side}",
+            file="g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf",
+            title=f"Unitree G1, three-fingered hand, {side}",
             root=f"{side}_hand_palm_link",
             fingers={finger: f"{side}_hand_{finger}_{2 if finger == 'thumb' else 1}_link"
                      for finger in ("thumb", "middle", "index")}),

@@ -1,63 +1,146 @@
-"""Collision geometry of a hand: primitives, meshes, and exact ellipsoids where a URDF scales the unit sphere."""
+"""Collision geometry of a hand: exact primitives, ellipsoids among them, and meshes; masses and inertias of shapes."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
+import functools
+import os
+from dataclasses import dataclass
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-_UNIT_SPHERE = "unit_sphere.stl"
-_DENSITY = 1000.0  # [kg/m^3] of links without mass: most of a hand is lighter than its hull, so this is on the heavy side
+# [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
+_DENSITY = 1000.0
 
 
-def collision_geometry(model: pin.Model, text: str, notes: list[str]) -> pin.GeometryModel:
-    """The collision geometry of prepared URDF text (mesh files absolute); files that cannot be read are left out and noted.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """A shape that can touch something.
 
-    URDF has no ellipsoid. A mesh called ``unit_sphere.stl`` with a scale stands for one and becomes the exact shape.
+    Attributes:
+        link: the link it is fixed to. placement: in the link's frame.
+        kind: box, sphere, cylinder, capsule, ellipsoid or mesh.
+        size: edges of a box; radius of a sphere; radius and length (of the cylindrical part) of a cylinder or capsule;
+            semi-axes of an ellipsoid [m]; scale of a mesh.
+        path: file of a mesh.
     """
-    robot = ElementTree.fromstring(text)
-    broken = []
-    for link in robot.findall("link"):
-        for element in link.findall("collision"):
-            mesh = element.find("geometry/mesh")
-            if mesh is not None and not mesh.get("filename").endswith(_UNIT_SPHERE) and not _readable(mesh.get("filename")):
-                link.remove(element)
-                broken.append(f"{link.get('name')} ({mesh.get('filename')})")
+
+    link: str
+    placement: pin.SE3
+    kind: str
+    size: tuple[float, ...]
+    path: str = ""
+
+
+PRIMITIVES = {
+    "box": coal.Box,
+    "sphere": coal.Sphere,
+    "cylinder": coal.Cylinder,
+    "capsule": coal.Capsule,
+    "ellipsoid": coal.Ellipsoid,
+}
+
+
+def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) -> pin.GeometryModel:
+    """Collision geometry at the links' frames; meshes that cannot be read are left out and noted."""
+    geometry, broken = pin.GeometryModel(), []
+    frames = {frame.name: (i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY}
+    counts: dict[str, int] = {}
+    for shape in shapes:
+        made = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
+        if made is None:
+            broken.append(f"{shape.link} ({shape.path})")
+            continue
+        frame, link = frames[shape.link]
+        i = counts[shape.link] = counts.get(shape.link, -1) + 1
+        one = pin.GeometryObject(f"{shape.link}_{i}", link.parentJoint, frame, link.placement * shape.placement, made)
+        if shape.kind == "mesh":
+            one.meshPath, one.meshScale = shape.path, np.array(shape.size)
+        geometry.addGeometryObject(one)
     if broken:
         notes.append(f"meshes that cannot be read, so these links cannot touch anything: {', '.join(broken)}")
-    geometry = pin.buildGeomFromUrdfString(
-        model, ElementTree.tostring(robot, encoding="unicode"), pin.GeometryType.COLLISION
-    )
-    for one in geometry.geometryObjects:
-        if one.meshPath.endswith(_UNIT_SPHERE):
-            one.geometry = coal.Ellipsoid(np.abs(one.meshScale).astype(float))
-            one.meshPath, one.meshScale = "", np.ones(3)
     return geometry
 
 
-def _readable(path: str) -> bool:
+@functools.lru_cache(maxsize=64)
+def _read(path: str, scale: tuple[float, ...], changed: int):
     try:
-        return coal.MeshLoader().load(path, np.ones(3)).num_vertices > 0
+        mesh = coal.MeshLoader().load(path, np.array(scale, dtype=float))
     except (ValueError, RuntimeError):
-        return False
+        return None
+    usable = mesh.num_vertices > 0 and mesh.num_tris > 0 and np.all(np.isfinite(mesh.vertices()))
+    return mesh if usable else None
 
 
-def fill_masses(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) -> None:
-    """Give moving links that have no mass, nor any link beyond them, the mass of their collision geometry; noted."""
-    filled = []
-    for j in range(1, model.njoints):
-        subtree = [i for i in range(1, model.njoints) if j in model.supports[i]]
-        if sum(model.inertias[i].mass for i in subtree) > 0:
+def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)):
+    """A mesh as coal's bounding-volume tree, kept until its file changes; None where there is none that is usable."""
+    return _read(path, scale, os.stat(path).st_mtime_ns)
+
+
+def solid(shape, density: float) -> pin.Inertia | None:
+    """Mass and inertia of a shape filled evenly [kg/m^3], of the hull of an open mesh; None without volume."""
+    open_mesh = isinstance(shape, coal.BVHModelBase) and not _closed(shape)
+    for body in (None if open_mesh else shape, _hull(shape)):
+        volume = 0.0 if body is None else body.computeVolume()
+        if not (np.isfinite(volume) and abs(volume) > 0):
             continue
-        for i in subtree:
-            for one in geometry.geometryObjects:
-                if one.parentJoint == i and (volume := abs(one.geometry.computeVolume())) > 0:
-                    inertia = _DENSITY * np.array(one.geometry.computeMomentofInertiaRelatedToCOM())
-                    own = pin.Inertia(_DENSITY * volume, np.array(one.geometry.computeCOM()).ravel(), inertia)
-                    model.inertias[i] = model.inertias[i] + one.placement.act(own)
-            if model.inertias[i].mass > 0:
-                filled.append(f"{model.names[i]} {1e3 * model.inertias[i].mass:.1f} g")
+        # A mesh turned inside out has negative volume, and negative inertia with it.
+        inertia = np.sign(volume) * density * np.array(body.computeMomentofInertiaRelatedToCOM())
+        inertia = 0.5 * (inertia + inertia.T)
+        moments = np.linalg.eigvalsh(inertia) if np.all(np.isfinite(inertia)) else np.array([-1.0])
+        if moments[0] > 0 and moments[0] + moments[1] > moments[2] * (1 - 1e-9):
+            return pin.Inertia(density * abs(volume), np.array(body.computeCOM()).ravel(), inertia)
+    return None
+
+
+def _closed(mesh) -> bool:
+    """Whether every edge of a mesh borders two triangles, once in each direction."""
+    triangles = np.array([[t[0], t[1], t[2]] for t in map(mesh.tri_indices, range(mesh.num_tris))])
+    _, same = np.unique(mesh.vertices(), axis=0, return_inverse=True)  # files repeat a vertex for every triangle
+    triangles = same.ravel()[triangles]
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    there, back = (np.sort(pair @ [len(same), 1]) for pair in (edges, edges[:, ::-1]))
+    return bool(np.array_equal(there, back) and np.all(np.diff(there)))
+
+
+def _hull(shape):
+    """Convex hull of a mesh; None for other shapes, and for meshes without volume."""
+    if not isinstance(shape, coal.BVHModelBase):
+        return None
+    try:
+        shape.buildConvexHull(True, "Qt")
+    except (ValueError, RuntimeError):
+        return None
+    return shape.convex
+
+
+def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[str], notes: list[str]) -> list[str]:
+    """Give links without inertia the mass of their collision geometry; noted.
+
+    These are those moved by the joints ``unweighed``, and those that have no mass, nor any link beyond them.
+
+    Returns the joints that move no mass even so.
+    """
+
+    def moved(joint: int) -> float:
+        return sum(model.inertias[i].mass for i in model.subtrees[joint])
+
+    wanted = {model.getJointId(joint) for joint in unweighed}
+    for j in range(1, model.njoints):
+        if moved(j) <= 0:
+            wanted.update(model.subtrees[j])
+    filled = []
+    for j in sorted(wanted):
+        for one in geometry.geometryObjects:
+            if one.parentJoint == j and (own := solid(one.geometry, _DENSITY)) is not None:
+                model.inertias[j] = model.inertias[j] + one.placement.act(own)
+        if model.inertias[j].mass > 0:
+            filled.append(f"{model.names[j]} {1e3 * model.inertias[j].mass:.1f} g")
     if filled:
         notes.append(f"no masses given, taken from the geometry at {_DENSITY:g} kg/m^3: {', '.join(filled)}")
+    return [
+        name for j, name in enumerate(model.names)
+        if j and (moved(j) <= 0 or (name in unweighed and model.inertias[j].mass <= 0))
+    ]  # fmt: skip

@@ -1,22 +1,24 @@
-"""From a name or a file to a :class:`HandModel`: URDF, xacro or MJCF in; fingers found from the tree and the geometry."""
+"""From a name or a file to a :class:`HandModel`: URDF, xacro or MJCF in; fingers found from tree and geometry."""
 
 from __future__ import annotations
 
-import contextlib
-import io
+import codecs
+import difflib
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.errors import HandNotLoaded
+from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import mjcf
 from pinograsp.hands.catalogue import CATALOGUE, file_of
-from pinograsp.hands.coupling import in_order
+from pinograsp.hands.elements import is_file, parse
 from pinograsp.hands.geometry import collision_geometry, fill_masses
 from pinograsp.hands.model import Finger, HandModel
-from pinograsp.hands.tree import Joint, find_fingers, tip_of
-from pinograsp.hands.urdf import prepare
+from pinograsp.hands.tree import find_fingers, tip_of
+from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
 
 
@@ -33,18 +35,20 @@ def load_hand(
 ) -> HandModel:
     """Load a hand by name or from a file.
 
-    Joints that mimic others are reduced to the joints that move them: q, torques and Jacobians are those of the actuated
-    joints.
+    Joints that mimic others are reduced to the joints that move them: q, torques and Jacobians are those of the
+    actuated joints.
 
     Args:
-        source: a name of :data:`~pinograsp.hands.catalogue.CATALOGUE` (``pinograsp hands`` lists them), or the path of a
-            ``.urdf``, ``.xacro`` or MJCF ``.xml`` file.
+        source: a name of :data:`~pinograsp.hands.catalogue.CATALOGUE` (``pinograsp hands`` lists them), or the path of
+            a ``.urdf``, ``.xacro`` or MJCF ``.xml`` file.
         pose: oMh (4, 4), the hand's root frame in the world; identity by default.
-        root: link whose sub-tree is the hand, where it sits on an arm or a whole robot; its frame is the hand's root frame.
+        root: link whose sub-tree is the hand, where it sits on an arm or a whole robot; its frame is the hand's root
+            frame.
         palm: link the fingers start from; by default the first link at which moving chains part.
-        fingers: names to use, ``{finger name: a link of its outermost part}``; by default every chain from the palm
-            to a leaf that has geometry, named after what its links have in common.
-        limits: position limits that replace the file's, ``{joint: (lower, upper)}`` [rad]; noted on the model.
+        fingers: names to use, ``{finger name: a link of its outermost part}``, which is the fingertip if it is fixed
+            beyond the last joint; by default every chain from the palm to a leaf that has geometry, named after what
+            its links have in common.
+        limits: position limits that replace the file's, ``{joint: (lower, upper)}`` [rad or m]; noted on the model.
         trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_guard`).
         **xacro_args: values of the xacro file's arguments.
 
@@ -52,70 +56,94 @@ def load_hand(
         HandNotLoaded: the file is missing or broken; all problems found are listed.
         InvalidInput: a name or a limit given here does not fit the hand.
     """
+    _check_arguments(root=(root, str), palm=(palm, str), fingers=(fingers, Mapping), limits=(limits, Mapping))
     name = str(source)
     if name in CATALOGUE:
         path, entry = file_of(name), CATALOGUE[name]
         root, palm, fingers = root or entry.root, palm or entry.palm, fingers or entry.fingers
     else:
-        path = Path(source)
-    if not path.is_file():
-        raise HandNotLoaded(
-            name, f"no such file; expected a .urdf, .xacro or MJCF .xml file, or one of: {', '.join(CATALOGUE)}"
-        )
-    if path.suffix == ".xacro":
+        path = _file(name)
+    if path.suffix.lower() == ".xacro":
         text = expand_xacro(path, xacro_args, trusted=trusted)
     elif xacro_args:
         raise HandNotLoaded(name, f"arguments {', '.join(xacro_args)} given, but only xacro files take arguments")
     else:
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise HandNotLoaded(name, f"cannot be read as text: {error}") from error
-    if mjcf.is_mjcf(text):
-        title, model, geometry, joints, links, notes = mjcf.read(name, path, root)
+        text = _text(name, path)
+    folder = path.resolve().parent
+    robot = parse(name, text)
+    if robot.tag == "mujoco":
+        robot, problems, notes = mjcf.to_urdf(name, robot, path.resolve(), root)
+        prepared = prepare(name, robot, folder, None, problems, notes)
     else:
-        title, model, geometry, joints, links, notes = _from_urdf(name, text, path, root)
-    hand = _hand_model(name, title, model, geometry, joints, links, notes, palm, fingers)
+        prepared = prepare(name, robot, folder, root)
+    hand = _hand_model(name, prepared, palm, fingers)
     if limits:
         hand = hand.with_limits(limits)
     return hand if pose is None else hand.placed(pose)
 
 
-def _from_urdf(source: str, text: str, path: Path, root: str | None):
-    prepared = prepare(source, text, path.resolve().parent, root)
-    text, names = in_order(source, prepared.text)
+def _check_arguments(**arguments) -> None:
+    for name, (value, kind) in arguments.items():
+        if value is not None and not isinstance(value, kind):
+            wanted = "a link name" if kind is str else "a mapping"
+            raise InvalidInput(f"{name}: expected {wanted}, got {value!r}")
+
+
+def _file(name: str) -> Path:
+    """The file called ``name``, which is no name of the catalogue."""
+    if "<" in name and "\n" in name:
+        raise HandNotLoaded(name[:40], "expected the path of a file, got the text of a description: write it to a file")
     try:
-        with contextlib.redirect_stderr(io.StringIO()):
-            model = pin.buildModelFromXML(text, True)
-            geometry = collision_geometry(model, text, prepared.notes)
+        path = Path(name).expanduser()
+    except RuntimeError:  # nobody's home
+        path = Path(name)
+    if is_file(path):
+        return path
+    near = difflib.get_close_matches(name, CATALOGUE, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise HandNotLoaded(
+        name, f"no such file; expected a .urdf, .xacro or MJCF .xml file, or one of: {', '.join(CATALOGUE)}{hint}"
+    )
+
+
+def _text(name: str, path: Path) -> str:
+    """Text of an XML file, in the encoding that it declares."""
+    try:
+        content = path.read_bytes()
+        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return content.decode("utf-16")
+        declared = re.match(rb"\s*<\?xml[^>]*encoding=[\"']([A-Za-z0-9._-]+)", content)
+        return content.decode(declared[1].decode() if declared else "utf-8-sig")
+    except (OSError, UnicodeDecodeError, LookupError) as error:
+        raise HandNotLoaded(name, f"cannot be read as text: {error}") from error
+
+
+def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[str, str] | None) -> HandModel:
+    notes = list(prepared.notes)
+    try:
+        model = pin.buildModelFromXML(prepared.text, True)
     except (ValueError, RuntimeError) as error:
         raise HandNotLoaded(source, f"Pinocchio cannot build a model: {error}") from error
     for j, joint in enumerate(model.names):
-        model.names[j] = names.get(joint, joint)
+        model.names[j] = prepared.aliases.get(joint, joint)
     for frame in model.frames:
-        frame.name = names.get(frame.name, frame.name)
-    robot = prepared.robot
-    joints = [Joint(name=j.name, type=j.type, parent=j.parent, child=j.child) for j in robot.joints]
-    notes = [
-        f"joint {j.name} follows {j.mimic.joint}: {j.mimic.multiplier:g} times its position"
-        + (f" + {j.mimic.offset:g}" if j.mimic.offset else "")
-        for j in robot.joints
-        if j.mimic is not None
-    ]
-    return robot.name, model, geometry, joints, [link.name for link in robot.links], [*prepared.notes, *notes]
-
-
-def _hand_model(source, title, model, geometry, joints, links, notes, palm, names) -> HandModel:
-    fill_masses(model, geometry, notes)
-    for j in range(1, model.njoints):
-        subtree = [i for i in range(1, model.njoints) if j in model.supports[i]]
-        if sum(model.inertias[i].mass for i in subtree) <= 0:
-            raise HandNotLoaded(source, f"joint '{model.names[j]}' moves no mass at all: give its links a mass")
+        if frame.type != pin.FrameType.BODY:
+            frame.name = prepared.aliases.get(frame.name, frame.name)
+    armature = model.armature.copy()
+    for joint, value in prepared.armatures.items():
+        armature[model.joints[model.getJointId(joint)].idx_v] = value
+    model.armature = armature
+    geometry = collision_geometry(model, prepared.shapes, notes)
+    if not geometry.ngeoms:
+        notes.append("no collision geometry: nothing of this hand can touch")
+    if massless := fill_masses(model, geometry, prepared.unweighed, notes):
+        problems = [f"joint '{joint}' moves no mass at all: give its links a mass" for joint in massless]
+        raise HandNotLoaded(source, problems)
     solid = {model.frames[one.parentFrame].name for one in geometry.geometryObjects}
-    palm, chains = find_fingers(source, joints, links, solid.__contains__, palm, names)
+    palm, chains = find_fingers(source, prepared.joints, prepared.links, solid.__contains__, palm, names)
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
     return HandModel(
-        name=title, source=source, model=model, geometry=geometry, palm=palm, fingers=fingers, pose=np.eye(4),
+        name=prepared.name, source=source, model=model, geometry=geometry, palm=palm, fingers=fingers, pose=np.eye(4),
         notes=tuple(notes),
     )  # fmt: skip
 

@@ -1,11 +1,12 @@
-"""Hands described in MuJoCo's XML: read by Pinocchio, completed and checked here."""
+"""Hands described in MuJoCo's XML, turned into the URDF that says the same; that is checked and built like any other.
+
+Bodies become links, under their names. A body with several joints, or with a joint that is not at its origin, gets a
+link without mass per such joint, called ``body:joint``.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
-import tempfile
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -13,201 +14,314 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.tree import Joint
+from pinograsp.hands.elements import is_file, written
+from pinograsp.hands.geometry import PRIMITIVES, read_mesh, solid
+from pinograsp.hands.mjcf_drives import couplings_of, effort_limits
+from pinograsp.hands.mjcf_source import Source, turned_to
 
-_KINDS = {"JointModelR": "revolute", "JointModelP": "prismatic"}
-
-
-def is_mjcf(text: str) -> bool:
-    """Whether a text is MJCF: its outermost element is ``<mujoco>``."""
-    try:
-        return ElementTree.fromstring(text.strip()).tag == "mujoco"
-    except ElementTree.ParseError:
-        return False
+_DENSITY = "1000"  # [kg/m^3], MuJoCo's
+_TYPES = {"hinge": "revolute", "slide": "prismatic", "free": "floating"}
+_MACROS = ("attach", "replicate", "composite", "flexcomp")
+_HALF = {"box": 2.0, "cylinder": 2.0, "capsule": 2.0}  # MuJoCo gives half lengths
 
 
-def read(source: str, path: Path, root: str | None):
-    """Name, model, collision geometry, joints, links and notes of an MJCF file, as :func:`~pinograsp.hands.load_hand` needs.
+def to_urdf(
+    name: str, element: ElementTree.Element, path: Path, root: str | None
+) -> tuple[ElementTree.Element, list[str], list[str]]:
+    """URDF of an MJCF file, problems and notes.
 
-    Bodies are links. Equality constraints between two joints become mimic joints where they are linear; force ranges of
-    motors, position and general actuators become effort limits. With ``root``, only that body and what it carries.
+    Equality constraints between two joints become mimic joints where they are linear; force ranges of actuators, and
+    control ranges of motors, become effort limits. With ``root``, only that body and what it carries.
 
     Raises:
-        HandNotLoaded: with all problems found.
+        HandNotLoaded: there is no worldbody, or no body called ``root``.
     """
-    element = ElementTree.fromstring(path.read_text(encoding="utf-8").strip())
-    notes: list[str] = []
-    if root is not None:
-        _cut_out(source, element, path.resolve().parent, root, notes)
-    with tempfile.TemporaryDirectory() as folder:
-        if root is not None:
-            path = Path(folder) / path.name
-            ElementTree.ElementTree(element).write(path)
-        try:
-            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-                model = pin.buildModelFromMJCF(str(path))
-                geometry = pin.buildGeomFromMJCF(model, str(path), pin.GeometryType.COLLISION)
-        except Exception as error:  # Pinocchio raises what its parsers raise
-            raise HandNotLoaded(source, f"Pinocchio cannot read this MJCF: {error}") from error
-    problems = _joint_problems(model)
-    if problems:
-        raise HandNotLoaded(source, problems)
-    joints, links = _tree(model)
-    model, coupled = _couple(source, model, element)
-    _effort_limits(model, element, notes)
-    notes += coupled
-    return element.get("model") or path.stem, model, geometry, joints, links, notes
+    reader = _Reader(Source(element, path), path)
+    reader.read(name, root)
+    return reader.robot, reader.source.problems, reader.notes
 
 
-def _cut_out(source: str, element, folder: Path, root: str, notes: list[str]) -> None:
-    """Keep the body ``root`` and what it carries, with its frame at the world's origin."""
-    world = element.find("worldbody")
-    ancestors = _path_to(world, root) if world is not None else None
-    if ancestors is None:
-        bodies = [body.get("name", "") for body in element.iter("body")]
-        raise HandNotLoaded(source, f"root '{root}' is not a body; bodies: {', '.join(filter(None, bodies))}")
-    hand = ancestors[-1]
-    inherited = [body.get("childclass") for body in ancestors if body.get("childclass")]
-    for key in [key for key in hand.attrib if key not in ("name", "childclass")]:
-        del hand.attrib[key]  # its placement in the robot
-    if inherited:
-        hand.set("childclass", inherited[-1])
-    for joint in [child for child in hand if child.tag in ("joint", "freejoint")]:
-        hand.remove(joint)
-    world[:] = [hand]
-    joints = {joint.get("name") for joint in hand.iter("joint")}
-    for group in ("equality", "actuator", "tendon", "sensor", "contact", "keyframe"):
-        for part in element.findall(group):
-            for one in list(part):
-                if not (group in ("equality", "actuator") and {one.get("joint"), one.get("joint1")} & joints):
-                    part.remove(one)
-    compiler = element.find("compiler")
-    if compiler is None:
-        compiler = ElementTree.SubElement(element, "compiler")
-    for key in ("meshdir", "assetdir"):
-        if key == "meshdir" or compiler.get(key):
-            compiler.set(key, str((folder / compiler.get(key, compiler.get("assetdir", ""))).resolve()))
-    notes.append(f"the sub-tree of '{root}' is the hand: {len(joints)} joints")
+class _Reader:
+    def __init__(self, source: Source, path: Path):
+        self.source = source
+        self.notes: list[str] = []
+        self.robot = ElementTree.Element("robot", name=source.element.get("model") or path.stem)
+        self.joints: dict[str, dict[str, str]] = {}
+        self.made: dict[str, ElementTree.Element] = {}
+        self.links: list[str] = []
+        self.meshes = {}
+        for mesh in source.element.findall("asset/mesh"):
+            given = source.attributes(mesh)
+            self.meshes[given.get("name") or Path(given.get("file", "").replace("\\", "/")).stem] = given
+        self.left_out: list[str] = []
+        self.weightless: list[str] = []
+        self.springs: list[str] = []
 
-
-def _path_to(body, name: str) -> list | None:
-    """The bodies from ``body`` (left out) down to the one called ``name``."""
-    for child in body.findall("body"):
-        if child.get("name") == name:
-            return [child]
-        further = _path_to(child, name)
-        if further is not None:
-            return [child, *further]
-    return None
-
-
-def _kind(joint) -> str:
-    name = joint.shortname()
-    return next((kind for start, kind in _KINDS.items() if name.startswith(start) and joint.nq == 1), name)
-
-
-def _joint_problems(model: pin.Model) -> list[str]:
-    problems = []
-    for j in range(1, model.njoints):
-        name, kind = model.names[j], _kind(model.joints[j])
-        if kind not in _KINDS.values():
-            problems.append(
-                f"joint '{name}' is {kind}: only hinge and slide joints with one degree of freedom each are supported; "
-                "a free body needs root= at the hand's palm"
-            )
-            continue
-        i = model.joints[j].idx_q
-        low, high = model.lowerPositionLimit[i], model.upperPositionLimit[i]
-        if not (math.isfinite(low) and math.isfinite(high) and low < high and high - low < 1e3):
-            problems.append(f"joint '{name}' has no position limits: give it range= (and limited=, or autolimits)")
-    return problems
-
-
-def _effort_limits(model: pin.Model, element, notes: list[str]) -> None:
-    """Force ranges of the actuators that drive a joint directly, times their gear."""
-    defaults = {
-        (d.get("class", "main"), actuator.tag): actuator.attrib
-        for d in element.iter("default")
-        for actuator in d
-        if actuator.tag in ("motor", "position", "velocity", "general")
-    }
-    limits = {}
-    for actuator in element.findall("actuator/*"):
-        values = {**defaults.get((actuator.get("class", "main"), actuator.tag), {}), **actuator.attrib}
-        span = values.get("forcerange") or (values.get("ctrlrange") if actuator.tag == "motor" else None)
-        if values.get("joint") and span:
-            gear = float(values.get("gear", "1").split()[0])
-            limits[values["joint"]] = abs(gear) * max(abs(float(v)) for v in span.split())
-    without = []
-    effort = model.effortLimit.copy()
-    for j in range(1, model.njoints):
-        i, name = model.joints[j].idx_v, model.names[j]
-        if not model.joints[j].nv:
-            continue
-        own = effort[i] if 0 < effort[i] < 1e6 else 0.0
-        effort[i] = limits.get(name, own)
-        if not effort[i]:
-            without.append(name)
-    model.effortLimit = effort
-    model.velocityLimit = np.where(model.velocityLimit < 1e6, model.velocityLimit, 0.0)
-    if without:
-        notes.append(f"no effort limit (none given, or 0): {', '.join(without)}")
-
-
-def _tree(model: pin.Model) -> tuple[list[Joint], list[str]]:
-    """Joints and links (bodies), from the frames' parents; held joints and sites are passed over."""
-    kinds = pin.FrameType
-    links = [frame.name for frame in model.frames if frame.type == kinds.BODY]
-    moved = {model.frames[model.getFrameId(name, kinds.JOINT)].name for name in model.names[1:]}
-
-    def above(index: int):
-        """The nearest body or moving joint that carries a frame; the world is the body "universe"."""
-        while True:
-            index = model.frames[index].parentFrame
-            if not index or model.frames[index].type == kinds.BODY or model.frames[index].name in moved:
-                return index
-
-    def body_above(index: int) -> str:
-        index = above(index)
-        while index and model.frames[index].type != kinds.BODY:
-            index = above(index)
-        return model.frames[index].name if index else "universe"
-
-    joints = []
-    for link in links:
-        index = model.getFrameId(link, kinds.BODY)
-        carrier = model.frames[above(index)]
-        if carrier.type == kinds.JOINT and carrier.name in moved:
-            joint = model.joints[model.getJointId(carrier.name)]
-            parent = body_above(model.getFrameId(carrier.name, kinds.JOINT))
-            joints.append(Joint(name=carrier.name, type=_kind(joint), parent=parent, child=link))
+    def read(self, name: str, root: str | None) -> None:
+        worlds = self.source.element.findall("worldbody")
+        if not worlds:
+            raise HandNotLoaded(name, [*self.source.problems, "no <worldbody> found: expected a model with bodies"])
+        if root is None:
+            ElementTree.SubElement(self.robot, "link", name="world")
+            bodies = [body for world in worlds for body in self._body(world, "world", world.get("childclass"))]
         else:
-            joints.append(Joint(name=f"fixed {link}", type="fixed", parent=carrier.name, child=link))
-    links.insert(0, "universe")
-    return joints, links
+            bodies = self._sub_tree(name, worlds, root)
+        waiting = bodies[::-1]
+        while waiting:
+            body, childclass, parent, at = waiting.pop()
+            waiting += reversed(self._jointed_body(body, childclass, parent, at))
+        couplings = couplings_of(self.source, self.joints, self.links, self.notes)
+        for coupled, coupling in couplings.items():
+            mimic = ElementTree.SubElement(self.made[coupled], "mimic", joint=coupling.followed)
+            mimic.attrib.update(multiplier=repr(coupling.factor), offset=repr(coupling.offset))
+        for joint, limit in effort_limits(self.source, self.joints, couplings, self.notes).items():
+            if (element := self.made[joint].find("limit")) is not None:
+                element.set("effort", repr(limit))
+        if self.left_out:
+            self.notes.append(f"geoms left out: {', '.join(self.left_out)}")
+        if self.weightless:
+            self.notes.append(f"geoms whose mass is not known count without: {', '.join(self.weightless)}")
+        if self.springs:
+            self.notes.append(f"springs are left out, torques are without them: {', '.join(self.springs)}")
+        for setting in ("settotalmass", "balanceinertia"):
+            if self.source.compiler.get(setting, "false") not in ("false", "-1"):
+                self.notes.append(f"the compiler's {setting} is not applied")
+
+    def _sub_tree(self, name: str, worlds, root: str) -> list:
+        """Read the body ``root``, its frame as the origin; its children are returned."""
+        waiting = [
+            (body, inherited)
+            for world in worlds
+            for body, inherited, _ in self.source.contents(world, world.get("childclass"))
+            if body.tag == "body"
+        ]
+        names = []
+        for body, inherited in waiting:
+            names.append(body.get("name", ""))
+            if body.get("name") == root:
+                below = self._body(body, self._link(root), body.get("childclass", inherited))
+                self.notes.append(f"the sub-tree of '{root}' is the hand: {len(list(body.iter('body')))} bodies")
+                return below
+            inner = self.source.contents(body, body.get("childclass", inherited))
+            waiting += [(child, own) for child, own, _ in inner if child.tag == "body"]
+        raise HandNotLoaded(name, f"root '{root}' is not a body; bodies: {', '.join(filter(None, names))}")
+
+    # -- bodies and joints ---------------------------------------------------------------------------------------------
+
+    def _link(self, name: str) -> str:
+        ElementTree.SubElement(self.robot, "link", name=name)
+        self.links.append(name)
+        return name
+
+    def _jointed_body(self, body, childclass: str | None, parent: str, at: pin.SE3) -> list:
+        """A body, with the joints by which its parent carries it; its children are returned."""
+        name = body.get("name") or f"body {len(self.links) + 1}"
+        childclass = body.get("childclass", childclass)
+        at = at * self.source.placement({"name": name, **body.attrib})
+        joints = [(child, own, frame) for child, own, frame in self.source.contents(body, childclass)
+                  if child.tag in ("joint", "freejoint")]  # fmt: skip
+        for i, (joint, own, frame) in enumerate(joints):
+            given = self.source.attributes(joint, own)
+            if joint.tag == "freejoint":
+                given["type"] = "free"
+            given["name"] = given.get("name") or f"{name} joint" + (f" {i + 1}" if len(joints) > 1 else "")
+            before, after, axis = self._around(given, frame)
+            last = i + 1 == len(joints) and np.array_equal(after.homogeneous, np.eye(4))
+            child = self._link(name if last else f"{name}:{given['name']}")
+            if not last:
+                _inertial(self.robot[-1], pin.Inertia.Zero())
+            self._joint(given, parent, child, at * before, axis)
+            parent, at = child, after
+        if parent != name:
+            self._link(name)
+            _joint(self.robot, f"fixed {name}", "fixed", parent, name, at)
+        return self._body(body, name, childclass)
+
+    def _around(self, given: dict[str, str], frame: pin.SE3) -> tuple[pin.SE3, pin.SE3, np.ndarray]:
+        """Placements of the joint in the body before it and of the body in the joint after it, and the axis."""
+        axis = frame.rotation @ self.source.direction(given, self.source.numbers(given, "axis", "0 0 1", 3))
+        (ref,) = self.source.numbers(given, "ref", "0")
+        kind = given.get("type", "hinge")
+        if kind == "slide":
+            return pin.SE3(np.eye(3), -ref * axis), pin.SE3.Identity(), axis
+        if kind != "hinge":
+            return pin.SE3.Identity(), pin.SE3.Identity(), axis
+        anchor = frame.act(self.source.numbers(given, "pos", "0 0 0", 3))
+        turn = pin.AngleAxis(-float(ref) * self._unit(kind), axis).toRotationMatrix()
+        return pin.SE3(turn, anchor), pin.SE3(np.eye(3), -anchor), axis
+
+    def _unit(self, kind: str) -> float:
+        return math.pi / 180 if kind == "hinge" and self.source.degrees else 1.0
+
+    def _joint(self, given: dict[str, str], parent: str, child: str, at: pin.SE3, axis: np.ndarray) -> None:
+        name, kind = given["name"], given.get("type", "hinge")
+        made = _joint(self.robot, name, _TYPES.get(kind, f"a {kind} joint"), parent, child, at)
+        self.joints[name], self.made[name] = given, made
+        if kind not in ("hinge", "slide"):
+            return
+        ElementTree.SubElement(made, "axis", xyz=written(axis))
+        if self.source.limited(given, "limited", "range"):
+            low, high = self.source.numbers(given, "range", "0 0", 2) * self._unit(kind)
+            ElementTree.SubElement(made, "limit", lower=repr(float(low)), upper=repr(float(high)))
+        dynamics = {"damping": "damping", "friction": "frictionloss", "armature": "armature"}
+        values = {key: self.source.numbers(given, theirs, "0", 1, 3)[0] for key, theirs in dynamics.items()}
+        ElementTree.SubElement(made, "dynamics", {key: repr(float(value)) for key, value in values.items()})
+        if self.source.numbers(given, "stiffness", "0", 1, 3).any():
+            self.springs.append(name)
+
+    # -- masses and shapes ---------------------------------------------------------------------------------------------
+
+    def _body(self, body, link: str, childclass: str | None) -> list:
+        """Fill the link of a body; its child bodies are returned."""
+        element = next(one for one in reversed(self.robot) if one.tag == "link" and one.get("name") == link)
+        children, geoms, own = [], pin.Inertia.Zero(), None
+        low, high = self.source.numbers(self.source.compiler, "inertiagrouprange", "0 5", 2)
+        from_geoms = self.source.compiler.get("inertiafromgeom", "auto")
+        use_geoms = from_geoms == "true" or (from_geoms == "auto" and body.find("inertial") is None)
+        for child, inherited, at in self.source.contents(body, childclass):
+            if child.tag == "body":
+                children.append((child, inherited, link, at))
+            elif child.tag == "inertial" and from_geoms != "true":
+                if own is not None:
+                    self.source.problem(f"body '{link}' has several <inertial>")
+                own = self._given_inertia(child, link, at)
+            elif child.tag == "geom":
+                given = self.source.attributes(child, inherited)
+                inertia = self._geom(element, given, at, use_geoms and body.tag == "body")
+                if inertia is not None and low <= self.source.numbers(given, "group", "0")[0] <= high:
+                    geoms = geoms + inertia
+            elif child.tag in _MACROS:
+                self.source.problem(f"body '{link}': <{child.tag}> is not supported; save what MuJoCo makes of it")
+        if own is None and use_geoms and geoms.mass > 0:
+            own = geoms
+        if own is not None:
+            _inertial(element, own)
+        return children
+
+    def _given_inertia(self, element, link: str, frame: pin.SE3) -> pin.Inertia | None:
+        given = {"name": link, **element.attrib}
+        at = frame * self.source.placement(given)
+        (mass,) = self.source.numbers(given, "mass", "0")
+        if "fullinertia" in given:
+            xx, yy, zz, xy, xz, yz = self.source.numbers(given, "fullinertia", "0 0 0 0 0 0", 6)
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        else:
+            inertia = np.diag(self.source.numbers(given, "diaginertia", "0 0 0", 3))
+        if mass < 0 or np.linalg.eigvalsh(inertia).min() < -1e-9 * max(np.abs(inertia).max(), 1e-12):
+            self.source.problem(f"body '{link}': mass must be >= 0 and the inertia positive, got mass {mass:g}")
+            return None
+        return at.act(pin.Inertia(float(mass), np.zeros(3), inertia))
+
+    def _geom(self, link, given: dict[str, str], frame: pin.SE3, wants_mass: bool) -> pin.Inertia | None:
+        """Add a geom that collides to its link; its mass and inertia in the body's frame, where they are wanted."""
+        where = f"{link.get('name')} ({given.get('name', given.get('type', 'sphere'))})"
+        kind = given.get("type", "sphere")
+        collides = any(given.get(key, "1").strip() != "0" for key in ("contype", "conaffinity"))
+        if kind == "mesh":
+            at, kind, size, path = self._mesh(given)
+        elif kind in PRIMITIVES and "mesh" not in given:
+            at, size, path = *self._primitive(given, kind), ""
+        else:  # planes, height fields, primitives fitted to meshes...
+            if collides:
+                self.left_out.append(where)
+            if wants_mass and kind not in ("plane", "hfield"):
+                self.weightless.append(where)
+            return None
+        at = frame * at
+        if not all(size) or (kind != "mesh" and min(size) <= 0):
+            self.source.problem(f"geom of {where}: size must be positive, got {' '.join(f'{one:g}' for one in size)}")
+            return None
+        if collides:
+            _collision(link, at, kind, size, path)
+        return self._geom_inertia(given, where, at, kind, size, path) if wants_mass else None
+
+    def _geom_inertia(self, given, where: str, at: pin.SE3, kind: str, size, path: str) -> pin.Inertia | None:
+        mass = self.source.numbers(given, "mass", "-1")[0]
+        (density,) = self.source.numbers(given, "density", _DENSITY)
+        if mass == 0 or (mass < 0 and density == 0):
+            return None
+        if kind == "mesh":
+            shape = read_mesh(path, tuple(size)) if is_file(Path(path)) else None
+        else:
+            shape = PRIMITIVES[kind](*size)
+        inertia = None if shape is None else solid(shape, density if mass < 0 else 1.0)
+        if inertia is None:
+            self.weightless.append(where)
+            return None
+        if mass > 0:
+            inertia = pin.Inertia(float(mass), inertia.lever, inertia.inertia * float(mass) / inertia.mass)
+        return at.act(inertia)
+
+    def _primitive(self, given: dict[str, str], kind: str) -> tuple[pin.SE3, list[float]]:
+        size = [*self.source.numbers(given, "size", "0", 1, 3), 0.0, 0.0][:3]
+        if kind == "sphere" or "fromto" not in given:
+            at = self.source.placement(given)
+        else:
+            ends = self.source.numbers(given, "fromto", "0 0 0 0 0 1", 6)
+            along = ends[:3] - ends[3:]
+            at = pin.SE3(turned_to(self.source.direction(given, along)), 0.5 * (ends[3:] + ends[:3]))
+            half = 0.5 * float(np.linalg.norm(along))
+            size = [size[0], half] if kind in ("capsule", "cylinder") else [size[0], size[0], half]
+        if kind in ("capsule", "cylinder"):
+            return at, [float(size[0]), 2.0 * float(size[1])]
+        return at, [float(one) * _HALF.get(kind, 1.0) for one in size[: 1 if kind == "sphere" else 3]]
+
+    def _mesh(self, given: dict[str, str]) -> tuple[pin.SE3, str, list[float], str]:
+        """Placement, kind, scale and file of a mesh geom."""
+        mesh = self.meshes.get(given.get("mesh", ""), {})
+        if not mesh:
+            known = ", ".join(self.meshes) or "none"
+            self.source.problem(f"a geom names the unknown mesh '{given.get('mesh', '')}'; meshes: {known}")
+        compiler = self.source.compiler
+        file = mesh.get("file", "").replace("\\", "/")
+        if compiler.get("strippath", "false") == "true":
+            file = file.split("/")[-1]
+        path = self.source.folder / compiler.get("meshdir", compiler.get("assetdir", "")) / file
+        origin = self.source.placement({"pos": mesh.get("refpos", "0 0 0"), "quat": mesh.get("refquat", "1 0 0 0")})
+        scale = self.source.numbers(mesh, "scale", "1 1 1", 3)
+        turned = not np.allclose(origin.rotation, np.eye(3), atol=1e-12)
+        if turned and np.ptp(scale) > 0:
+            self.source.problem(
+                f"mesh '{given.get('mesh', '')}': refquat= works with one scale for all directions only"
+            )
+        # MuJoCo scales last: scale * R^T (v - p).
+        at = pin.SE3(origin.rotation.T, -scale * (origin.rotation.T @ origin.translation))
+        return self.source.placement(given) * at, "mesh", scale.tolist(), str(path) if file else ""
 
 
-def _couple(source: str, model: pin.Model, element) -> tuple[pin.Model, list[str]]:
-    """Equality constraints joint1 = c0 + c1 joint2 as mimic joints."""
-    coupled, problems = [], []
-    for constraint in element.findall("equality/joint"):
-        follower, followed = constraint.get("joint1", ""), constraint.get("joint2")
-        if not all(model.existJointName(name) for name in (follower, followed or "")):
-            continue  # outside the hand, or a joint held still
-        offset, factor, *rest = [float(v) for v in constraint.get("polycoef", "0 1 0 0 0").split()] + [0.0] * 5
-        if any(rest) or factor == 0:
-            problems.append(f"joint '{follower}' follows '{followed}' by a curve {constraint.get('polycoef')}: not linear")
-            continue
-        one, other = model.getJointId(followed), model.getJointId(follower)
-        if one > other:
-            one, other, factor, offset = other, one, 1 / factor, -offset / factor
-        try:
-            model = pin.transformJointIntoMimic(model, one, other, factor, offset)
-        except ValueError as error:
-            problems.append(f"joint '{follower}' cannot follow '{followed}': {error}")
-            continue
-        coupled.append(f"joint {model.names[other]} follows {model.names[one]}: {factor:g} times its position"
-                       + (f" + {offset:g}" if offset else ""))  # fmt: skip
-    if problems:
-        raise HandNotLoaded(source, problems)
-    return model, coupled
+# -- URDF elements -----------------------------------------------------------------------------------------------------
+
+
+def _origin(element, at: pin.SE3) -> None:
+    ElementTree.SubElement(
+        element, "origin", xyz=written(at.translation), rpy=written(pin.rpy.matrixToRpy(at.rotation))
+    )
+
+
+def _joint(robot, name: str, kind: str, parent: str, child: str, at: pin.SE3):
+    made = ElementTree.SubElement(robot, "joint", name=name, type=kind)
+    _origin(made, at)
+    ElementTree.SubElement(made, "parent", link=parent)
+    ElementTree.SubElement(made, "child", link=child)
+    return made
+
+
+def _inertial(link, inertia: pin.Inertia) -> None:
+    made = ElementTree.SubElement(link, "inertial")
+    _origin(made, pin.SE3(np.eye(3), inertia.lever))
+    ElementTree.SubElement(made, "mass", value=repr(float(inertia.mass)))
+    I = inertia.inertia
+    values = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(I[i, j])) for i in range(3) for j in range(i, 3)}
+    ElementTree.SubElement(made, "inertia", values)
+
+
+def _collision(link, at: pin.SE3, kind: str, size, path: str) -> None:
+    made = ElementTree.SubElement(link, "collision")
+    _origin(made, at)
+    shape = ElementTree.SubElement(ElementTree.SubElement(made, "geometry"), kind)
+    if kind == "mesh":
+        shape.attrib.update(filename=path, scale=written(size))
+    elif kind in ("box", "ellipsoid"):
+        shape.set("size", written(size))
+    else:
+        shape.attrib.update(zip(("radius", "length"), map(repr, size)))

@@ -9,6 +9,8 @@ import pinocchio as pin
 
 from pinograsp.checks import array_of, one_of, read_only
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.coupling import Coupling
+from pinograsp.spatial import pose_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,7 +22,7 @@ class Finger:
         joints: moving joints, base to tip, coupled ones included. links: the link each joint moves.
         tip: frame at the fingertip (the outermost link fixed beyond the last joint).
         joint_ids: Pinocchio joint indices, one per joint.
-        dofs: positions (n,) in q and v of the actuated joints that move the finger; fingers of coupled hands share them.
+        dofs: positions (n,) in q and v of the actuated joints that move the finger; coupled fingers share them.
         actuated: the names of those joints.
     """
 
@@ -92,6 +94,18 @@ class HandModel:
         """Effort limits (n,) [N m or N]; 0 where the description has none."""
         return read_only(self.model.effortLimit)
 
+    @property
+    def couplings(self) -> dict[str, Coupling]:
+        """By coupled joint, the actuated joint that moves it and how."""
+        model, names, couplings = self.model, self.joint_names, {}
+        for j in range(1, model.njoints):
+            if not model.joints[j].nv:
+                mimic = model.joints[j].extract()
+                couplings[model.names[j]] = Coupling(
+                    followed=names[mimic.idx_v], factor=float(mimic.scaling), offset=float(mimic.offset)
+                )
+        return couplings
+
     def finger(self, name: str) -> Finger:
         """The finger called ``name``; :class:`InvalidInput` lists the names there are."""
         names = [finger.name for finger in self.fingers]
@@ -122,7 +136,15 @@ class HandModel:
 
     def is_prismatic(self, joint_id: int) -> bool:
         """Whether a joint slides (its q in m, its effort in N) rather than turns."""
-        return self.model.joints[joint_id].shortname().startswith("JointModelP")
+        joint = self.model.joints[joint_id]
+        if joint.shortname() == "JointModelMimic":  # its own type is told in its text alone
+            return "Mimicking joint type: JointModelP" in str(joint.extract())
+        return joint.shortname().startswith("JointModelP")
+
+    def ratio(self, joint_id: int) -> float:
+        """How far a joint moves for each unit of the actuated joint that it follows; 1 for an actuated joint."""
+        joint = self.model.joints[joint_id]
+        return float(joint.extract().scaling) if joint.shortname() == "JointModelMimic" else 1.0
 
     def frame_placements(self, q, names) -> np.ndarray:
         """Placements oMf (len(names), 4, 4) of the named frames at ``q`` (n,) [rad]."""
@@ -131,9 +153,11 @@ class HandModel:
         return np.array([data.oMf[self.frame_id(name)].homogeneous for name in names])
 
     def frame_id(self, name: str) -> int:
-        """Pinocchio's index of a frame; unlike ``getFrameId`` it refuses names that do not exist."""
-        if not self.model.existFrame(name):
-            one_of(f"frame of hand '{self.name}'", name, [frame.name for frame in self.model.frames])
+        """Pinocchio's index of a frame, of the link where a joint has the same name; unknown names are refused."""
+        for kind in (pin.FrameType.BODY, pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
+            if self.model.existFrame(name, kind):
+                return self.model.getFrameId(name, kind)
+        one_of(f"frame of hand '{self.name}'", name, [frame.name for frame in self.model.frames])
         return self.model.getFrameId(name)
 
     def placed(self, pose) -> HandModel:
@@ -141,11 +165,17 @@ class HandModel:
         pose = array_of("hand pose", pose, (4, 4))
         if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(pose[:3, :3]) < 0:
             raise InvalidInput("hand pose: expected a homogeneous placement with an orthonormal right-handed rotation")
+        if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
+            raise InvalidInput(f"hand pose: expected the last row 0 0 0 1, got {pose[3].tolist()}")
+        if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-12:
+            U, _, V = np.linalg.svd(pose[:3, :3])  # typed with few digits: the nearest rotation
+            pose = read_only(pose_of(pose[:3, 3], U @ V))
         move = pin.SE3(pose) * pin.SE3(self.pose).inverse()
         model, geometry = self.model.copy(), self.geometry.copy()
         for j in range(1, model.njoints):
             if model.parents[j] == 0:
                 model.jointPlacements[j] = move * model.jointPlacements[j]
+        model.inertias[0] = move.act(model.inertias[0])
         for frame in list(model.frames)[1:]:
             if frame.parentJoint == 0:
                 frame.placement = move * frame.placement
@@ -155,7 +185,7 @@ class HandModel:
         return replace(self, model=model, geometry=geometry, pose=pose)
 
     def with_limits(self, limits: dict[str, tuple[float, float]]) -> HandModel:
-        """The same hand with the position limits of some joints replaced [rad]; each change is noted."""
+        """The same hand with the position limits of some joints replaced [rad or m]; each change is noted."""
         model, notes = self.model.copy(), list(self.notes)
         lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
         for joint, bounds in limits.items():
@@ -164,10 +194,12 @@ class HandModel:
             if not low < high:
                 raise InvalidInput(f"limits of '{joint}': expected lower < upper, got {low:g} and {high:g}")
             i = self.joint_names.index(joint)
-            notes.append(
-                f"limits of {joint} set to {np.degrees(low):g}..{np.degrees(high):g} deg "
-                f"(the hand's own: {np.degrees(lower[i]):g}..{np.degrees(upper[i]):g} deg)"
+            slides = self.is_prismatic(model.getJointId(joint))
+            new, old = (
+                f"{ends[0]:g}..{ends[1]:g} m" if slides else f"{np.degrees(ends[0]):g}..{np.degrees(ends[1]):g} deg"
+                for ends in ((low, high), (lower[i], upper[i]))
             )
+            notes.append(f"limits of {joint} set to {new} (the hand's own: {old})")
             lower[i], upper[i] = low, high
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         return replace(self, model=model, notes=tuple(notes))
@@ -175,19 +207,27 @@ class HandModel:
     def describe(self) -> str:
         """What was found: fingers, joints, links, limits, masses, as readable text."""
         model = self.model
-        lines = [
-            f"hand {self.name}: {self.n} joints, {len(self.fingers)} fingers on '{self.palm}', {self.mass:.3f} kg "
-            f"({self.source})"
-        ]
+        coupled = model.njoints - 1 - self.n
+        joints = f"{self.n} joint{'s' * (self.n != 1)}"
+        if coupled:
+            joints += f" that move{'s' * (self.n == 1)} {coupled} more"
+        fingers = f"{len(self.fingers)} finger{'s' * (len(self.fingers) != 1)}"
+        lines = [f"hand {self.name}: {joints}, {fingers} on '{self.palm}', {self.mass:.3f} kg ({self.source})"]
         for finger in self.fingers:
             lines.append(f"  {finger.name}: {1e3 * self.finger_mass(finger.name):.1f} g, tip '{finger.tip}'")
-            for joint, link, j in zip(finger.joints, finger.links, finger.joint_ids):
-                i = model.joints[j].idx_v
-                if not model.joints[j].nv:
-                    lines.append(f"    {joint} -> {link}: follows {self.joint_names[i]}")
-                    continue
-                length, force = ("m", "N") if self.is_prismatic(j) else ("rad", "N m")
-                effort = f"{model.effortLimit[i]:g} {force}" if model.effortLimit[i] else "not given"
-                low, high = model.lowerPositionLimit[i], model.upperPositionLimit[i]
-                lines.append(f"    {joint} -> {link}: {low:+.3f} .. {high:+.3f} {length}, effort {effort}")
+            lines += [f"    {joint} -> {link}: {self._bounds(j)}"
+                      for joint, link, j in zip(finger.joints, finger.links, finger.joint_ids)]  # fmt: skip
+        on_fingers = {j for finger in self.fingers for j in finger.joint_ids}
+        if others := [j for j in range(1, model.njoints) if j not in on_fingers]:
+            lines.append("  joints on no finger:")
+            lines += [f"    {model.names[j]}: {self._bounds(j)}" for j in others]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def _bounds(self, joint_id: int) -> str:
+        """Limits of a joint with their units, or what it follows."""
+        model, i = self.model, self.model.joints[joint_id].idx_v
+        if coupling := self.couplings.get(model.names[joint_id]):
+            return f"follows {coupling}"
+        length, force = ("m", "N") if self.is_prismatic(joint_id) else ("rad", "N m")
+        effort = f"{model.effortLimit[i]:g} {force}" if model.effortLimit[i] else "not given"
+        return f"{model.lowerPositionLimit[i]:+.3f} .. {model.upperPositionLimit[i]:+.3f} {length}, effort {effort}"

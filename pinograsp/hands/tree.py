@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,7 +23,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """A moving joint of a finger, and the links fixed to its child, innermost first."""
+    """A moving joint of a finger, and the links fixed to its child; on the last part the fingertip comes last."""
 
     joint: Joint
     fixed: tuple[str, ...] = ()
@@ -52,87 +53,124 @@ def find_fingers(
     Raises:
         HandNotLoaded: unknown links, or no moving chain.
     """
-    below = {link: [] for link in links}
-    for joint in joints:
-        below[joint.parent].append(joint)
-    tree = _Tree(below)
+    tree = _Tree(joints, links)
     if palm is None:
-        palm = tree.palm({joint.child for joint in joints})
-    elif palm not in below:
-        raise HandNotLoaded(source, f"palm '{palm}' is not a link; links: {', '.join(below)}")
-    chains = [chain for joint in below[palm] if tree.moves(joint) for chain in tree.chains(joint, [])]
+        palm = tree.palm()
+    elif palm not in tree.below:
+        raise HandNotLoaded(source, f"palm '{palm}' is not a link; links: {', '.join(links)}")
+    chains = [chain for joint in tree.below[palm] if tree.moves(joint) for chain in tree.chains(joint)]
     if not chains:
         raise HandNotLoaded(source, f"no moving chain starts at palm '{palm}'")
     if names is None:
         # Levers of a linkage and free axles carry no geometry: nothing for an object to touch.
         touching = [chain for chain in chains if any(touches(link) for part in chain for link in part.links)] or chains
         return palm, dict(zip(_names(touching), touching))
-    chosen = {}
+    chosen, problems = {}, []
     for name, link in names.items():
-        matching = [chain for chain in chains if any(link in part.links for part in chain)]
+        # A link near the palm may belong to several chains; on the outermost part it belongs to one.
+        matching = [chain for chain in chains if link in chain[-1].links] or [
+            chain for chain in chains if any(link in part.links for part in chain)
+        ]
+        tips = ", ".join(tip_of(chain) for chain in matching or chains)
         if not matching:
-            tips = ", ".join(tip_of(chain) for chain in chains)
-            raise HandNotLoaded(source, f"finger '{name}': link '{link}' is on no finger; fingertips: {tips}")
-        chosen[name] = matching[0]
+            problems.append(f"finger '{name}': link '{link}' is on no finger; fingertips: {tips}")
+        elif len(matching) > 1:
+            problems.append(f"finger '{name}': link '{link}' is on several fingers; name one of their tips: {tips}")
+        else:
+            chosen[name] = _with_tip(matching[0], link)
+    if problems:
+        raise HandNotLoaded(source, problems)
     return palm, chosen
 
 
 def tip_of(chain: list[Part]) -> str:
-    """The outermost link fixed beyond the last joint."""
+    """The link fixed outermost beyond the last joint."""
     return chain[-1].links[-1]
 
 
+def _with_tip(chain: list[Part], link: str) -> list[Part]:
+    """The chain with ``link`` as its tip, where it is fixed beyond the last joint."""
+    last = chain[-1]
+    if link not in last.fixed:
+        return chain
+    return [*chain[:-1], Part(joint=last.joint, fixed=(*(other for other in last.fixed if other != link), link))]
+
+
 class _Tree:
-    def __init__(self, below: dict[str, list[Joint]]):
-        self.below = below
+    """Links and joints below them; nothing is recursive, so a chain may be as long as it likes."""
+
+    def __init__(self, joints: list[Joint], links: list[str]):
+        self.below: dict[str, list[Joint]] = {link: [] for link in links}
+        for joint in joints:
+            self.below[joint.parent].append(joint)
+        children = {joint.child for joint in joints}
+        self.root = next(link for link in links if link not in children)
+        outward = [self.root]
+        for link in outward:
+            outward += [joint.child for joint in self.below[link]]
+        self._moving: set[str] = set()  # links that carry a moving joint, themselves or further out
+        self._parting: set[str] = set()  # links at which moving chains part, themselves or further out
+        for link in reversed(outward):
+            further = [joint for joint in self.below[link] if self.moves(joint)]
+            if further:
+                self._moving.add(link)
+            if len(further) > 1 or any(joint.child in self._parting for joint in further):
+                self._parting.add(link)
 
     def moves(self, joint: Joint) -> bool:
         """Whether the joint moves, or any beyond it."""
-        return joint.type in MOVING or any(self.moves(child) for child in self.below[joint.child])
+        return joint.type in MOVING or joint.child in self._moving
 
-    def parts(self, joint: Joint) -> bool:
-        """Whether moving chains part beyond the joint."""
-        further = [child for child in self.below[joint.child] if self.moves(child)]
-        return len(further) > 1 or any(self.parts(child) for child in further)
-
-    def palm(self, children: set[str]) -> str:
-        palm = next(link for link in self.below if link not in children)
-        while len(parting := [joint for joint in self.below[palm] if self.moves(joint)]) == 1:
+    def palm(self) -> str:
+        palm = self.root
+        while len(further := [joint for joint in self.below[palm] if self.moves(joint)]) == 1:
             # A single finger has no parting: its palm is the last link before the first moving joint.
-            if parting[0].type in MOVING and not self.parts(parting[0]):
+            if further[0].type in MOVING and further[0].child not in self._parting:
                 break
-            palm = parting[0].child
+            palm = further[0].child
         return palm
 
-    def chains(self, joint: Joint, chain: list[Part]):
+    def chains(self, joint: Joint):
         """Yield every chain through ``joint`` to a leaf."""
-        if joint.type in MOVING:
-            chain = [*chain, Part(joint=joint)]
-        elif chain:
-            chain = [*chain[:-1], Part(joint=chain[-1].joint, fixed=(*chain[-1].fixed, joint.child))]
-        further = [child for child in self.below[joint.child] if self.moves(child)]
-        if further:
-            for child in further:
-                yield from self.chains(child, chain)
-            return
-        # Beyond the last joint only fixed links remain: follow them to the outermost.
-        tips = self.below[joint.child]
-        while tips and chain:
-            last = chain[-1]
-            chain = [*chain[:-1], Part(joint=last.joint, fixed=(*last.fixed, tips[-1].child))]
-            tips = self.below[tips[-1].child]
-        yield chain
+        waiting: list[tuple[Joint, list[Part]]] = [(joint, [])]
+        while waiting:
+            joint, chain = waiting.pop()
+            if joint.type in MOVING:
+                chain = [*chain, Part(joint=joint, fixed=self.fixed_to(joint.child))]
+            further = [child for child in self.below[joint.child] if self.moves(child)]
+            waiting += [(child, chain) for child in reversed(further)]
+            if not further:
+                yield chain
+
+    def fixed_to(self, link: str) -> tuple[str, ...]:
+        """Links fixed to ``link``, directly or through others, the tip last: one called so, else the last leaf."""
+        found, leaves, waiting = [], [], [link]
+        while waiting:
+            one = waiting.pop()
+            if one != link:
+                found.append(one)
+            held = [joint.child for joint in self.below[one] if joint.type not in MOVING]
+            waiting += reversed(held)
+            if not held and one != link:
+                leaves.append(one)
+        if not leaves:
+            return ()
+        tip = next((leaf for leaf in leaves if re.search(r"tip(?![a-z])", leaf.lower())), leaves[-1])
+        return (*(one for one in found if one != tip), tip)
 
 
 def _names(chains: list[list[Part]]) -> list[str]:
     """The common prefix of each finger's links, where that tells the fingers apart; else the fingertip's name."""
-    names = []
-    for chain in chains:
-        links = [part.joint.child for part in chain] + [tip_of(chain)]
-        prefix = links[0]
-        while not all(link.startswith(prefix) for link in links):
-            prefix = prefix[:-1]
-        names.append(prefix.rstrip("_-. 0123456789"))
-    if len(set(names)) < len(names) or not all(names):
-        names = [tip_of(chain) for chain in chains]
-    return names
+    prefixes = [_common_start([*(part.joint.child for part in chain), tip_of(chain)]) for chain in chains]
+    for ending in ("_-. 0123456789", "_-. "):
+        names = [prefix.rstrip(ending) for prefix in prefixes]
+        if all(names) and len(set(names)) == len(names):
+            return names
+    return [tip_of(chain) for chain in chains]
+
+
+def _common_start(texts: list[str]) -> str:
+    start = texts[0]
+    while not all(text.startswith(start) for text in texts):
+        start = start[:-1]
+    return start

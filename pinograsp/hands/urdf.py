@@ -1,180 +1,269 @@
-"""URDF text made ready for Pinocchio: a sub-tree cut out, files found, couplings resolved, every problem listed at once."""
+"""URDF made ready for Pinocchio: a sub-tree cut out, files found, couplings resolved, every problem listed at once."""
 
 from __future__ import annotations
 
-import io
-import logging
 import math
-import os
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from pinograsp.errors import HandNotLoaded
+from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrowed, resolve
+from pinograsp.hands.elements import drop, end_of, named, numbers, written
+from pinograsp.hands.geometry import Shape
+from pinograsp.hands.shapes import shapes_of
+from pinograsp.hands.tree import MOVING, Joint
 
-MOVING = ("revolute", "prismatic")
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+# How many numbers an attribute holds, by element.
+_NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(_MOMENTS, 1),
+    "mimic": {"multiplier": 1, "offset": 1},
+    "dynamics": {"damping": 1, "friction": 1, "armature": 1},
+}
 
 
 @dataclass(slots=True)
 class Prepared:
-    """URDF text that Pinocchio reads as meant.
+    """A description checked and completed.
 
     Attributes:
-        text: the description. robot: yourdfpy's reading of it.
+        name: of the hand. text: URDF for Pinocchio, without geometry.
+        aliases: the names of joints in ``text``, by which Pinocchio orders them, and their own.
+        joints, links: of the tree. shapes: what can touch.
+        unweighed: joints that move links without inertia. armatures: inertia of the motors [kg m^2], by actuated joint.
         notes: what was changed or left out, for the user.
     """
 
-    text: str
-    robot: object
+    name: str
+    text: str = ""
+    aliases: dict[str, str] = field(default_factory=dict)
+    joints: list[Joint] = field(default_factory=list)
+    links: list[str] = field(default_factory=list)
+    shapes: list[Shape] = field(default_factory=list)
+    unweighed: list[str] = field(default_factory=list)
+    armatures: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
-def prepare(source: str, text: str, folder: Path, root: str | None = None) -> Prepared:
-    """Check and complete a URDF.
+def prepare(
+    source: str, robot: ElementTree.Element, folder: Path, root: str | None = None, problems=(), notes=()
+) -> Prepared:
+    """Check and complete a URDF; ``robot`` is changed.
 
     Args:
-        source: what to call it in errors. text: the URDF. folder: relative mesh paths start there.
+        source: what to call it in errors. robot: the URDF. folder: relative mesh paths start there.
         root: link whose sub-tree is the hand; None: everything.
+        problems, notes: found before, to be listed with the others.
 
     Raises:
         HandNotLoaded: with all problems found.
     """
-    try:
-        robot = ElementTree.fromstring(text.lstrip("\ufeff").strip())
-    except ElementTree.ParseError as error:
-        raise HandNotLoaded(source, f"not well-formed XML: {error}") from error
-    problems, notes = _tree_problems(robot), []
+    problems, notes = list(problems), list(notes)
+    outside = _cut_out(source, robot, root, notes) if root is not None else set()
+    for _, joint in named(robot, "joint"):
+        if joint.get("type") == "fixed":  # it follows nothing and needs no axis
+            drop(joint, "mimic", "limit", "axis")
+    broken = _tree_problems(robot, root)
+    unreadable = _number_problems(robot)
+    limits, joint_problems = _limits(robot, notes)
+    couplings, mimic_problems = _couplings(robot, outside, notes)
+    unweighed, weightless = ([], []) if broken else _unweighed(robot)
+    problems += broken + unreadable + joint_problems + mimic_problems + _inertia_problems(robot) + weightless
     if problems:
         raise HandNotLoaded(source, problems)
-    if root is not None:
-        _cut_out(source, robot, root, notes)
-    problems += _joint_problems(robot, notes) + _resolve_mimics(robot, notes)
-    _find_meshes(robot, folder, notes)
-    text = ElementTree.tostring(robot, encoding="unicode")
-    read = _read(source, text, problems)
-    problems += _inertia_problems(read)
-    if problems:
-        raise HandNotLoaded(source, problems)
-    return Prepared(text=text, robot=read, notes=notes)
+    joints = [Joint(name=name, type=joint.get("type"), parent=end_of(joint, "parent"), child=end_of(joint, "child"))
+              for name, joint in named(robot, "joint")]  # fmt: skip
+    order = in_order(joints, couplings)
+    couplings, limits = led_from_the_front(order, couplings, narrowed(limits, couplings, notes), notes)
+    without = [joint.name for joint in joints if joint.name in limits and not limits[joint.name].effort]
+    if without:
+        notes.append(f"no effort limit (none given, or 0): {', '.join(without)}")
+    notes += [f"joint {joint.name} follows {couplings[joint.name]}"
+              for joint in joints if joint.name in couplings]  # fmt: skip
+    prepared = Prepared(name=robot.get("name") or Path(source).stem, joints=joints, notes=notes)
+    prepared.links = [name for name, _ in named(robot, "link")]
+    prepared.shapes = shapes_of(robot, folder, notes)
+    prepared.unweighed = unweighed
+    prepared.armatures = _armatures(robot, couplings)
+    prepared.aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
+    prepared.text = _text(robot, couplings, limits, {own: alias for alias, own in prepared.aliases.items()})
+    return prepared
 
 
-def _read(source: str, text: str, problems: list[str]):
-    import yourdfpy
-
-    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # it logs what it raises; we raise it
-    try:
-        urdf = yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False, build_scene_graph=False)
-        urdf.validate()
-    except Exception as error:  # yourdfpy raises what its parsers raise: AttributeError, KeyError, ValueError...
-        problems.append(f"not a URDF that yourdfpy can read: {error!r}")
-        raise HandNotLoaded(source, problems) from error
-    problems += [str(getattr(error, "msg", error)) for error in urdf.errors]
-    return urdf.robot
+# -- the tree ----------------------------------------------------------------------------------------------------------
 
 
-def _name(element, tag: str) -> str:
-    found = element.find(tag)
-    return "" if found is None else found.get("link", "")
+def _cut_out(source: str, robot, root: str, notes: list[str]) -> set[str]:
+    """Keep the links and joints below ``root`` only; the names of the joints outside."""
+    links = [name for name, _ in named(robot, "link")]
+    if root not in links:
+        raise HandNotLoaded(source, f"root '{root}' is not a link; links: {', '.join(links)}")
+    kept = _reached(robot, root)
+    outside = {name for name, joint in named(robot, "joint") if end_of(joint, "parent") not in kept}
+    for name, link in named(robot, "link"):
+        if name not in kept:
+            robot.remove(link)
+    for _, joint in named(robot, "joint"):
+        if end_of(joint, "parent") not in kept:
+            robot.remove(joint)
+    notes.append(f"the sub-tree of '{root}' is the hand: {len(kept)} of {len(links)} links")
+    return outside
 
 
-def _tree_problems(robot) -> list[str]:
-    links = [link.get("name", "") for link in robot.findall("link")]
+def _reached(robot, root: str) -> set[str]:
+    """The links below ``root``, itself included."""
+    below: dict[str, list[str]] = {}
+    for _, joint in named(robot, "joint"):
+        below.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
+    reached, waiting = {root}, [root]
+    while waiting:
+        further = set(below.get(waiting.pop(), [])) - reached
+        reached |= further
+        waiting += further
+    return reached
+
+
+def _tree_problems(robot, root: str | None) -> list[str]:
+    links = [name for name, _ in named(robot, "link")]
     joints = robot.findall("joint")
     if not links:
         return ["no <link> found: expected a <robot> with links and joints"]
-    problems = [f"{kind} '{name}' is defined {names.count(name)} times" for kind, names in (
-        ("link", links), ("joint", [joint.get("name", "") for joint in joints])
-    ) for name in sorted(set(names)) if names.count(name) > 1]  # fmt: skip
-    children = [_name(joint, "child") for joint in joints]
+    problems = []
+    for kind, names in (("link", links), ("joint", [name for name, _ in named(robot, "joint")])):
+        if not all(names):
+            problems.append(f"{names.count('')} <{kind}> without a name")
+        repeated = sorted({name for name in names if name and names.count(name) > 1})
+        problems += [f"{kind} '{name}' is defined {names.count(name)} times" for name in repeated]
+        if kind == "joint" and "universe" in names:
+            problems.append("joint 'universe': Pinocchio keeps that name for the world, choose another")
+    children = [end_of(joint, "child") for joint in joints]
     for joint in joints:
         problems += [
             f"joint '{joint.get('name')}' names the unknown link '{link}'"
-            for link in (_name(joint, "parent"), _name(joint, "child"))
+            for link in (end_of(joint, "parent"), end_of(joint, "child"))
             if link not in links
         ]
-    problems += [f"link '{name}' has several parent joints" for name in sorted(set(children)) if children.count(name) > 1]
+    twice = sorted({name for name in children if children.count(name) > 1})
+    problems += [f"link '{name}' has several parent joints" for name in twice]
     roots = [name for name in links if name not in children]
     if len(roots) != 1:
-        problems.append(f"expected one root link, found {len(roots)}: {', '.join(roots) or 'a loop'}")
+        found = ", ".join(roots) or "every link has a parent, which is a loop"
+        problems.append(f"expected one root link, found {len(roots)}: {found}")
+    elif not problems:
+        reached = _reached(robot, roots[0])
+        if loose := [name for name in links if name not in reached]:
+            problems.append(f"links that hang on each other in a loop: {', '.join(loose)}")
     if not any(joint.get("type") in (*MOVING, "continuous") for joint in joints):
-        problems.append("no revolute or prismatic joint: expected a hand that moves")
+        where = f" beyond root '{root}'" if root else ""
+        problems.append(f"no revolute or prismatic joint{where}: expected a hand that moves")
     return problems
 
 
-def _cut_out(source: str, robot, root: str, notes: list[str]) -> None:
-    """Keep the links and joints below ``root`` only."""
-    links = [link.get("name") for link in robot.findall("link")]
-    if root not in links:
-        raise HandNotLoaded(source, f"root '{root}' is not a link; links: {', '.join(links)}")
-    kept, below = {root}, True
-    while below:
-        below = {
-            _name(joint, "child")
-            for joint in robot.findall("joint")
-            if _name(joint, "parent") in kept and _name(joint, "child") not in kept
-        }
-        kept |= below
-    for link in robot.findall("link"):
-        if link.get("name") not in kept:
-            robot.remove(link)
-    for joint in robot.findall("joint"):
-        if _name(joint, "parent") not in kept:
-            robot.remove(joint)
-    for element in list(robot):
-        if element.tag not in ("link", "joint", "material"):  # transmissions, sensors and plugins of the whole robot
-            robot.remove(element)
-    notes.append(f"the sub-tree of '{root}' is the hand: {len(kept)} of {len(links)} links")
+# -- numbers, limits, couplings ----------------------------------------------------------------------------------------
 
 
-def _joint_problems(robot, notes: list[str]) -> list[str]:
-    """Check joint types and limits; complete what Pinocchio insists on."""
-    problems, without = [], {"effort": [], "velocity": []}
-    for joint in robot.findall("joint"):
-        name, kind = joint.get("name"), joint.get("type")
-        limit = joint.find("limit")
+def _number_problems(robot) -> list[str]:
+    """Attributes that are not the numbers they should be; those of shapes are looked at with the shapes."""
+    problems = []
+    for tag in ("link", "joint"):
+        for name, element in named(robot, tag):
+            drop(element, "visual")
+            for part in element.iter():
+                problems += [f"{tag} '{name}': {problem}" for problem in _as_rpy(part)]
+                for key, count in _NUMBERS.get(part.tag, {}).items():
+                    if part.get(key) is None:
+                        continue
+                    try:
+                        values = numbers(part, key, count)
+                    except ValueError as error:
+                        problems.append(f"{tag} '{name}': <{part.tag} {key}=>: {error}")
+                        continue
+                    part.set(key, written(values))
+                    if part.tag == "axis" and not any(values):
+                        problems.append(f"{tag} '{name}': <axis xyz=> is zero, expected a direction")
+    return problems
+
+
+def _as_rpy(origin) -> list[str]:
+    """Turn a quaternion (x, y, z, w) of an <origin> into angles."""
+    text = origin.get("quat_xyzw") if origin.tag == "origin" else None
+    if text is None:
+        return []
+    try:
+        quaternion = pin.Quaternion(np.array(numbers(origin, "quat_xyzw", 4)))
+        if quaternion.norm() == 0:
+            raise ValueError("expected a rotation, got zeros")
+    except ValueError as error:
+        return [f"<origin quat_xyzw=>: {error}"]
+    origin.set("rpy", written(pin.rpy.matrixToRpy(quaternion.normalized().matrix())))
+    del origin.attrib["quat_xyzw"]
+    return []
+
+
+def _limits(robot, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
+    """Limits of the moving joints, and the problems with them and with joint types."""
+    limits, problems, continuous = {}, [], []
+    for name, joint in named(robot, "joint"):
+        kind, limit = joint.get("type"), joint.find("limit")
+        given = {} if limit is None else limit.attrib
+        coupled = joint.find("mimic") is not None
         if kind == "continuous":
             joint.set("type", "revolute")
-            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
-            limit.set("lower", str(-math.pi))
-            limit.set("upper", str(math.pi))
-            notes.append(f"joint {name} is continuous: taken as revolute between -180 and 180 deg")
+            given = {**given, "lower": repr(-math.pi), "upper": repr(math.pi)}
+            if coupled:
+                continue  # it turns as far as what it follows
+            continuous.append(name)
+        elif kind == "floating":
+            problems.append(f"joint '{name}' floats freely: give root= the hand's palm, or fix it")
+            continue
         elif kind not in (*MOVING, "fixed"):
-            problems.append(f"joint '{name}' is {kind}: only revolute, prismatic and fixed joints are supported")
+            problems.append(
+                f"joint '{name}' is {kind or 'without a type'}: only revolute, continuous, prismatic and fixed joints "
+                "are supported"
+            )
+            continue
         if joint.get("type") not in MOVING:
             continue
-        bounds = [] if limit is None else [limit.get("lower"), limit.get("upper")]
-        if limit is None or None in bounds:
-            problems.append(f"joint '{name}' has no position limits: give it <limit lower= upper=>")
-            continue
         try:
-            lower, upper = map(float, bounds)
-            for key in without:
-                if not float(limit.get(key, "0")) > 0:
-                    limit.set(key, "0")
-                    if joint.find("mimic") is None:
-                        without[key].append(name)
+            lower, upper = (float(given[side]) if side in given else math.nan for side in ("lower", "upper"))
+            most = {key: float(given.get(key, "0")) for key in ("effort", "velocity")}
         except ValueError:
-            problems.append(f"joint '{name}': limits must be numbers, got {limit.attrib}")
+            problems.append(f"joint '{name}': limits must be numbers, got {given}")
             continue
-        if not (lower < upper and math.isfinite(lower) and math.isfinite(upper)):
+        most = {key: value if value > 0 and math.isfinite(value) else 0.0 for key, value in most.items()}
+        sound = lower < upper and math.isfinite(lower) and math.isfinite(upper)
+        if sound:
+            limits[name] = Limits(lower=lower, upper=upper, **most)
+        elif coupled:
+            continue  # what it follows bounds it
+        elif "lower" not in given or "upper" not in given:
+            problems.append(f"joint '{name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=)")
+        else:
             problems.append(f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}")
-    for key, names in without.items():
-        if names and key == "effort":
-            notes.append(f"no effort limit (none given, or 0): {', '.join(names)}")
-    return problems
+    if continuous:
+        notes.append(f"continuous joints taken as revolute between -180 and 180 deg: {', '.join(continuous)}")
+    return limits, problems
 
 
-def _resolve_mimics(robot, notes: list[str]) -> list[str]:
-    """Make every mimic joint follow an actuated joint directly; the others become independent or fixed."""
-    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
+def _couplings(robot, outside: set[str], notes: list[str]) -> tuple[dict[str, Coupling], list[str]]:
+    """Couplings of the mimic joints to joints that follow none, and the problems with them."""
+    joints = dict(named(robot, "joint"))
     problems, couplings = [], {}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
         if mimic is None:
             continue
         followed = mimic.get("joint", "")
+        if followed in outside:
+            problems.append(f"joint '{name}' mimics '{followed}', which root= leaves out: choose a root with both")
+            continue
         if followed not in joints:
             # Exporters add a prefix to the joints and forget it here.
             near = [other for other in joints if followed and other.endswith(followed) and other != name]
@@ -185,106 +274,109 @@ def _resolve_mimics(robot, notes: list[str]) -> list[str]:
             notes.append(f"joint {name} mimics '{followed}', which does not exist: taken as {same[0]}")
             followed = same[0]
         try:
-            couplings[name] = (followed, float(mimic.get("multiplier", 1.0)), float(mimic.get("offset", 0.0)))
+            (factor,), (offset,) = numbers(mimic, "multiplier", 1, "1"), numbers(mimic, "offset", 1, "0")
         except ValueError:
-            problems.append(f"joint '{name}': mimic multiplier and offset must be numbers, got {mimic.attrib}")
-    for name in couplings:
-        followed, factor, offset = couplings[name]
-        seen = {name}
-        while followed in couplings and followed not in seen:
-            seen.add(followed)
-            followed, further, more = couplings[followed]
-            factor, offset = factor * further, factor * more + offset
-        mimic = joints[name].find("mimic")
-        if followed in seen:
-            problems.append(f"joint '{name}' mimics itself through {', '.join(sorted(seen))}: one of them must be free")
-        elif joints[followed].get("type") not in MOVING:
-            problems.append(f"joint '{name}' mimics '{followed}', which is {joints[followed].get('type')}")
-        elif factor == 0:
-            problems.append(f"joint '{name}' mimics '{followed}' with multiplier 0: make it a fixed joint")
-        else:
-            mimic.attrib.update(joint=followed, multiplier=repr(factor), offset=repr(offset))
-            _narrow(joints[followed], joints[name], factor, offset, notes)
-    return problems
+            continue  # listed with the other numbers
+        couplings[name] = Coupling(followed=followed, factor=factor, offset=offset)
+    direct, more = resolve(couplings, {name: joint.get("type") for name, joint in joints.items()})
+    return direct, problems + more
 
 
-def _narrow(actuated, coupled, factor: float, offset: float, notes: list[str]) -> None:
-    """Limits of a coupled joint bound the joint that moves it."""
-    own, limit = coupled.find("limit"), actuated.find("limit")
-    if own is None or limit is None or None in (own.get("lower"), own.get("upper")):
-        return
-    ends = sorted((float(own.get(side)) - offset) / factor for side in ("lower", "upper"))
-    lower, upper = float(limit.get("lower")), float(limit.get("upper"))
-    low, high = max(lower, ends[0]), min(upper, ends[1])
-    if high - low < 0.5 * (upper - lower):
-        # Limits of coupled joints are often copied without their sign; half the range lost is no range meant.
-        notes.append(f"limits of {coupled.get('name')} do not fit what {actuated.get('name')} makes it do: ignored")
-    elif (low, high) != (lower, upper):
-        limit.set("lower", repr(low))
-        limit.set("upper", repr(high))
-        notes.append(f"limits of {actuated.get('name')} narrowed to {low:.4g}..{high:.4g} by {coupled.get('name')}")
+def _armatures(robot, couplings: dict[str, Coupling]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for name, joint in named(robot, "joint"):
+        dynamics = joint.find("dynamics")
+        value = 0.0 if dynamics is None else float(dynamics.get("armature", "0"))
+        if joint.get("type") in MOVING and value > 0:
+            coupling = couplings.get(name, Coupling(followed=name, factor=1.0, offset=0.0))
+            found[coupling.followed] = found.get(coupling.followed, 0.0) + coupling.factor**2 * value
+    return found
 
 
-def _find_meshes(robot, folder: Path, notes: list[str]) -> None:
-    """Replace mesh names by absolute paths; geometry whose file is missing is left out."""
-    missing = []
-    for link in robot.findall("link"):
-        for kind in ("visual", "collision"):
-            for element in link.findall(kind):
-                mesh = element.find("geometry/mesh")
-                if mesh is None:
-                    continue
-                path = mesh_path(mesh.get("filename", ""), folder)
-                if path is None:
-                    link.remove(element)
-                    if kind == "collision":
-                        missing.append(f"{link.get('name')} ({mesh.get('filename')})")
-                else:
-                    mesh.set("filename", str(path))
-    if missing:
-        notes.append(f"meshes not found, so these links cannot touch anything: {', '.join(missing)}")
-
-
-def mesh_path(name: str, folder: Path) -> Path | None:
-    """The file that ``package://``, ``file://``, absolute or relative ``name`` means, or None."""
-    name = name.replace("\\", "/")
-    if name.startswith("file://"):
-        name = name[len("file://") :]
-    if "://" in name:
-        name = name.split("://", 1)[1].lstrip("/")
-        packages = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
-        # Beside the file's own package, then where ROS looks, then the package's folder under another name.
-        places = [*(above / name for above in (folder, *folder.parents)), *(p / name for p in packages)]
-        inside = name.split("/", 1)[-1]
-        places += [above / inside for above in (folder, *list(folder.parents)[:3])]
-        places += [p.parent / name for p in packages]
-    else:
-        places = [Path(name) if Path(name).is_absolute() else folder / name]
-    return next((place.resolve() for place in places if place.is_file()), None)
+# -- masses ------------------------------------------------------------------------------------------------------------
 
 
 def _inertia_problems(robot) -> list[str]:
     problems = []
-    links = {link.name: link for link in robot.links}
-    for joint in robot.joints:
-        if joint.type in MOVING and _bodies_without_inertial(robot, links, joint.child):
-            problems.append(f"link '{joint.child}' moves but has no <inertial>: torques would be wrong, add one")
-    for link in robot.links:
-        if link.inertial is None:
+    for name, link in named(robot, "link"):
+        inertial = link.find("inertial")
+        if inertial is None:
             continue
-        mass, inertia = link.inertial.mass, link.inertial.inertia
+        mass, inertia = inertial.find("mass"), inertial.find("inertia")
         if mass is None or inertia is None:
-            problems.append(f"link '{link.name}': <inertial> needs both <mass> and <inertia>")
-        elif not (np.isfinite(mass) and mass >= 0 and np.all(np.isfinite(inertia))):
-            problems.append(f"link '{link.name}': mass and inertia must be finite and mass >= 0, got mass {mass}")
-        elif np.linalg.eigvalsh(inertia).min() < -1e-9 * max(np.abs(inertia).max(), 1e-12):
-            problems.append(f"link '{link.name}': inertia matrix is not positive semi-definite")
+            problems.append(f"link '{name}': <inertial> needs both <mass> and <inertia>")
+            continue
+        wanted = [(mass, "value"), *((inertia, key) for key in _MOMENTS)]
+        if lacking := [key for element, key in wanted if element.get(key) is None]:
+            problems.append(f"link '{name}': <inertial> lacks {', '.join(lacking)}")
+            continue
+        try:
+            value, xx, xy, xz, yy, yz, zz = (numbers(element, key, 1)[0] for element, key in wanted)
+        except ValueError:
+            continue  # listed with the other numbers
+        matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if value < 0:
+            problems.append(f"link '{name}': mass must be >= 0, got {value:g}")
+        if np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.abs(matrix).max(), 1e-12):
+            problems.append(f"link '{name}': inertia matrix is not positive semi-definite")
     return problems
 
 
-def _bodies_without_inertial(robot, links, link: str) -> bool:
-    """Whether neither the link nor anything fixed to it carries an <inertial> element."""
-    if link not in links or links[link].inertial is not None:
-        return False
-    fixed = [j.child for j in robot.joints if j.parent == link and j.type == "fixed"]
-    return all(_bodies_without_inertial(robot, links, child) for child in fixed)
+def _unweighed(robot) -> tuple[list[str], list[str]]:
+    """Joints that move links without any <inertial>, and problems where masses cannot be taken from shapes.
+
+    A description that gives no masses at all gets them from its shapes. One that forgets some is refused.
+    """
+    links = dict(named(robot, "link"))
+    held: dict[str, list[str]] = {}
+    for _, joint in named(robot, "joint"):
+        if joint.get("type") not in MOVING:
+            held.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
+    joints, unsaid, shapeless, moving = [], [], [], 0
+    for name, joint in named(robot, "joint"):
+        if joint.get("type") not in MOVING:
+            continue
+        moving += 1
+        together = [end_of(joint, "child")]
+        for link in together:
+            together += held.get(link, [])
+        if any(links[link].find("inertial") is not None for link in together):
+            continue
+        joints.append(name)
+        unsaid.append(together[0])
+        if all(links[link].find("collision") is None for link in together):
+            shapeless.append(together[0])
+    if len(joints) == moving:
+        why = ", nor <collision> to take it from"
+    else:
+        shapeless, why = unsaid, ""
+    problem = f"moves but has no <inertial>{why}: torques would be wrong, add one"
+    return joints, [f"link '{one}' {problem}" for one in shapeless]
+
+
+# -- for Pinocchio -----------------------------------------------------------------------------------------------------
+
+
+def _text(robot, couplings: dict[str, Coupling], limits: dict[str, Limits], aliases: dict[str, str]) -> str:
+    """URDF with what Pinocchio needs and no more: one of each element per joint, one inertial per link."""
+    out = ElementTree.Element("robot", name=robot.get("name") or "hand")
+    for name, link in named(robot, "link"):
+        made = ElementTree.SubElement(out, "link", name=name)
+        if link.find("inertial") is not None:
+            made.append(link.find("inertial"))
+    for name, joint in named(robot, "joint"):
+        made = ElementTree.SubElement(out, "joint", name=aliases.get(name, name), type=joint.get("type"))
+        made.extend(part for tag in ("origin", "parent", "child", "axis") if (part := joint.find(tag)) is not None)
+        if joint.get("type") in MOVING:
+            own = limits.get(name, Limits(lower=-1.0, upper=1.0))  # those of a coupled joint are not used
+            ElementTree.SubElement(made, "limit", {
+                key: repr(getattr(own, key)) for key in ("lower", "upper", "effort", "velocity")})  # fmt: skip
+        if name in couplings:
+            one = couplings[name]
+            ElementTree.SubElement(
+                made, "mimic", joint=aliases[one.followed], multiplier=repr(one.factor), offset=repr(one.offset)
+            )
+        elif joint.find("dynamics") is not None:
+            given = joint.find("dynamics").attrib
+            ElementTree.SubElement(made, "dynamics", {k: given[k] for k in ("damping", "friction") if k in given})
+    return ElementTree.tostring(out, encoding="unicode")

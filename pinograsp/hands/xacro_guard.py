@@ -45,8 +45,11 @@ def expand_xacro(path: str | Path, mappings: dict[str, object] | None = None, *,
         complaints = io.StringIO()
         with contextlib.redirect_stderr(complaints):  # xacro prints its warnings; they belong in the error, if any
             document = xacro.process_file(str(path), mappings=texts)
-    except (OSError, xacro.XacroException, xml.parsers.expat.ExpatError) as error:
-        raise HandNotLoaded(path, f"xacro could not expand it: {error}") from error
+    except HandNotLoaded:
+        raise
+    except Exception as error:  # xacro raises its own, the XML parser's, and whatever an expression raises
+        problem = "it includes or calls itself without end" if isinstance(error, RecursionError) else error
+        raise HandNotLoaded(path, f"xacro could not expand it: {problem}") from error
     for node in list(document.childNodes):  # xacro's banner carries the path it was given: not reproducible
         if node.nodeType == node.COMMENT_NODE:
             document.removeChild(node)

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import array_of, number, read_only
-from pinograsp.contacts import Contact, ContactSet
+from pinograsp.contacts import PALM, Contact, ContactSet
 from pinograsp.errors import ContactNotReached, InvalidInput
 from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.jacobian import point_jacobian
@@ -91,13 +91,54 @@ def contact_postures(
     reference = {
         name: array_of(f"reference angles of '{name}'", angles, (hand.finger(name).n,))
         for name, angles in (reference or {}).items()
+        if name != PALM
     }
     result = {}
-    for name in dict.fromkeys(contact.finger for contact in contacts):
-        finger = hand.finger(name)
-        own = [contact for contact in contacts if contact.finger == name]
-        result[name] = _finger_postures(hand, finger, own, reference.get(name), spread, samples)
+    for finger, which in moving_groups(hand, contacts):
+        own = [contacts[i] for i in which]
+        if contacts.posture is not None and all(contact.point_l is not None for contact in own):
+            result[finger.name] = ContactPostures(
+                finger=finger.name,
+                angles=read_only(contacts.posture[None, finger.dofs]),
+                points_l=read_only([[contact.point_l for contact in own]]),
+                method="closing",
+            )
+        else:
+            result[finger.name] = _finger_postures(hand, finger, own, reference.get(finger.name), spread, samples)
     return result
+
+
+def moving_groups(hand: HandModel, contacts: ContactSet) -> list[tuple[Finger, list[int]]]:
+    """Touching fingers with the indices of their contacts; those that share actuators as one. The palm does not move."""
+    groups: list[tuple[list[Finger], list[int]]] = []
+    for i, contact in enumerate(contacts):
+        if contact.finger == PALM:
+            continue
+        finger = hand.finger(contact.finger)
+        shared = [group for group in groups if any(np.intersect1d(finger.dofs, one.dofs).size for one in group[0])]
+        for group in shared:
+            groups.remove(group)
+        fingers = list(dict.fromkeys([*(one for group in shared for one in group[0]), finger]))
+        groups.append((fingers, sorted([*(j for group in shared for j in group[1]), i])))
+    return [(_joined(fingers), which) for fingers, which in groups]
+
+
+def _joined(fingers: list[Finger]) -> Finger:
+    """Fingers that share actuators, as one."""
+    if len(fingers) == 1:
+        return fingers[0]
+    parts = dict.fromkeys(part for one in fingers for part in zip(one.joints, one.links, one.joint_ids))
+    joints, links, ids = zip(*parts)
+    actuated = dict.fromkeys(pair for one in fingers for pair in zip(one.dofs.tolist(), one.actuated))
+    return Finger(
+        name=" + ".join(one.name for one in fingers),
+        joints=joints,
+        links=links,
+        tip=fingers[0].tip,
+        joint_ids=ids,
+        dofs=np.array([dof for dof, _ in actuated]),
+        actuated=tuple(name for _, name in actuated),
+    )
 
 
 def _finger_postures(hand, finger: Finger, contacts, reference, spread, samples) -> ContactPostures:
@@ -105,7 +146,8 @@ def _finger_postures(hand, finger: Finger, contacts, reference, spread, samples)
     given = reference is not None
     if not given:  # nothing to sample around: the whole range, in steps of a few degrees
         reference, samples = np.clip(np.zeros(finger.n), lower, upper), max(samples, 61)
-    planar = _planar_finger(hand, finger)
+    on_axis = all(contact.point_l is None for contact in contacts)
+    planar = _planar_finger(hand, finger) if on_axis else None
     if planar is not None:
         angles, points = _closed_form(hand, finger, planar, contacts, reference, spread if given else None, samples)
         method = "closed form"
@@ -341,7 +383,10 @@ def _numerical(hand: HandModel, finger: Finger, contacts, reference, spread, sam
             lengths.append(np.linalg.norm(hand.model.jointPlacements[finger.joint_ids[i + 1]].translation) / 2)
         else:
             lengths.append(contact.length)
-    locals_ = [l * _link_direction(hand, finger, finger.links.index(c.link)) for c, l in zip(contacts, lengths)]
+    locals_ = [
+        l * _link_direction(hand, finger, finger.links.index(c.link)) if c.point_l is None else c.point_l
+        for c, l in zip(contacts, lengths)
+    ]
     lower, upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
     sampled = min(1, finger.n - 1)
     around = np.linspace(-spread, spread, samples) if spread is not None and samples > 1 else [0.0]
@@ -363,7 +408,10 @@ def _numerical(hand: HandModel, finger: Finger, contacts, reference, spread, sam
             if np.linalg.norm(error) < REACHED / 10:
                 break
             damping = 1e-3 * min(1.0, np.linalg.norm(error) / 0.01)  # vanishes with the error: quadratic at the end
-            step = J.T @ np.linalg.solve(J @ J.T + damping**2 * np.eye(len(error)), error)
+            # By singular values: contacts may ask for more than the joints can give, and joints may move no contact.
+            U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
+            gains = np.divide(sigma, sigma**2 + damping**2, out=np.zeros_like(sigma), where=sigma > 1e-9 * sigma[0])
+            step = Vt.T @ (gains * (U.T @ error))
             q[finger.dofs] = np.clip(q[finger.dofs] + step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-12)), lower, upper)
         found = q[finger.dofs].copy()
         new = all(np.abs(found - other).max() > 1e-6 for other in angles)

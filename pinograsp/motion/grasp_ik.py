@@ -22,6 +22,8 @@ from pinograsp.motion.jacobian import contact_jacobian
 # hundredth of a phalanx. Away from singularities the inverse is exact.
 _NEAR_SINGULAR = 5e-4
 _MAX_DAMPING = 5e-4
+_BARELY = 2e-3  # [m] the same for closed grasps: joints that move a contact less than this per radian are no help
+_SLOWLY = 0.1
 _LIMIT_SLACK = 1e-9  # [rad]
 
 
@@ -32,7 +34,8 @@ class FingerMotion:
     Attributes:
         q, dq, ddq: (m, n_f) [rad, rad/s, rad/s^2].
         jacobians: contact Jacobians (m, c, 6, n_f), linear velocity of the contact point first, world axes.
-        errors: distance of each contact point from its target (m, c) [m].
+        errors: distance of each contact point from its target (m, c) [m]; of a closed grasp its part along the normal.
+        slips: what is left of that distance across the normal (m, c) [m]; zero where ``errors`` holds all of it.
         limited: names of joints that were stopped by their limits.
     """
 
@@ -41,6 +44,7 @@ class FingerMotion:
     ddq: np.ndarray
     jacobians: np.ndarray
     errors: np.ndarray
+    slips: np.ndarray
     limited: tuple[str, ...]
 
 
@@ -56,6 +60,7 @@ def press(
     *,
     feedback: bool = True,
     euler: bool = False,
+    normals_first: bool = False,
 ) -> FingerMotion:
     """Move a finger's contact points along their inward normals by ``profile``.
 
@@ -67,6 +72,8 @@ def press(
         times: samples (m,) [s] from t_I to t_F, evenly spaced.
         feedback: correct the position error (closed loop). euler: the plain forward step of Eq. (18).
             ``feedback=False, euler=True`` is the paper's scheme, kept to show its drift.
+        normals_first: all contacts at once, their motion along the normals before the one across: for fingers that have
+            fewer joints than their contacts ask for, or whose joints move together.
     """
     times = array_of("times", times, (None,))
     if times.size < 3:
@@ -74,14 +81,14 @@ def press(
     dt = times[1] - times[0]
     normals = np.array([contact.normal_o for contact in contacts])
     origins = np.array([contact.point_o for contact in contacts])
-    chain = _Chain(hand, finger, contacts, points_l)
+    chain = _Chain(hand, finger, contacts, points_l, normals if normals_first else None)
     q = np.array(array_of("start", start, (finger.n,)))
     m, c, n = times.size, len(contacts), finger.n
     middle = (times[:-1] + times[1:]) / 2
     depth, rate = profile.depth(times)[:, which], profile.rate(times)[:, which]
     half_rate = profile.rate(middle)[:, which]
     out_q, out_dq = np.empty((m, n)), np.empty((m, n))
-    jacobians, errors = np.empty((m, c, 6, n)), np.empty((m, c))
+    jacobians, errors, slips = np.empty((m, c, 6, n)), np.empty((m, c)), np.zeros((m, c))
     limited: set[int] = set()
     # What is corrected in one step: never faster than the contact's own impact, so that a path that cannot be followed
     # (a singular posture, too few joints) does not drive the joints wild.
@@ -90,10 +97,17 @@ def press(
         points, J = chain.at(q)
         error = origins + depth[i][:, None] * normals - points
         correction = error / dt * (1.0 if feedback else 0.0)
+        if normals_first:
+            # Slip that the joints cannot undo is no reason to shake them: it is worked off over some ten samples.
+            along_n = np.einsum("cx,cx->c", correction, normals)[:, None] * normals
+            correction = along_n + _SLOWLY * (correction - along_n)
         correction *= np.minimum(1.0, fastest / np.maximum(np.linalg.norm(correction, axis=1, keepdims=True), 1e-300))
         dq, stopped = chain.rates(q, J, rate[i][:, None] * normals + correction, dt)
         limited |= stopped
         out_q[i], out_dq[i], jacobians[i], errors[i] = q, dq, J, np.linalg.norm(error, axis=1)
+        if normals_first:
+            along = np.einsum("cx,cx->c", error, normals)
+            errors[i], slips[i] = np.abs(along), np.linalg.norm(error - along[:, None] * normals, axis=1)
         if i == m - 1:
             break
         if not euler:
@@ -107,6 +121,7 @@ def press(
         ddq=read_only(np.gradient(out_dq, dt, axis=0, edge_order=2)),
         jacobians=read_only(jacobians),
         errors=read_only(errors),
+        slips=read_only(slips),
         limited=tuple(finger.actuated[j] for j in sorted(limited)),
     )
 
@@ -114,14 +129,14 @@ def press(
 class _Chain:
     """One finger's contact points and Jacobians at a configuration, and its damped least-squares rates."""
 
-    def __init__(self, hand: HandModel, finger: Finger, contacts: list[Contact], points_l: np.ndarray):
+    def __init__(self, hand: HandModel, finger: Finger, contacts: list[Contact], points_l: np.ndarray, normals=None):
         self.model, self.data = hand.model, hand.model.createData()
         self.dofs = finger.dofs
         self.lower, self.upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
         self.q = np.zeros(hand.n)
         ends = [finger.links.index(contact.link) for contact in contacts]
         self.joints = [finger.joint_ids[end] for end in ends]
-        self.points_l = points_l
+        self.points_l, self.normals = points_l, normals
         self.parts = [slice(a, b) for a, b in zip([0, *(e + 1 for e in ends[:-1])], [e + 1 for e in ends])]
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -135,11 +150,14 @@ class _Chain:
     def rates(self, q, J, velocities, dt) -> tuple[np.ndarray, set[int]]:
         """Joint rates (n_f,) for contact-point velocities (c, 3) (Eqs. 17a, 17b), and the joints stopped at a limit."""
         dq, stopped = np.zeros(len(q)), set()
-        for contact, part in enumerate(self.parts):
+        for contact, part in enumerate(self.parts if self.normals is None else [slice(0, len(q))]):
             velocity = velocities[contact] - J[contact][:3, : part.start] @ dq[: part.start]
             free = np.arange(part.start, part.stop)
             while free.size:
-                step = _damped_least_squares(J[contact][:3, free], velocity)
+                if self.normals is None:
+                    step = _damped_least_squares(J[contact][:3, free], velocity)
+                else:
+                    step = self.along_normals_first(J[:, :3, free], velocities)
                 after = q[free] + step * dt
                 beyond = (after < self.lower[free] - _LIMIT_SLACK) | (after > self.upper[free] + _LIMIT_SLACK)
                 if not beyond.any():
@@ -151,9 +169,23 @@ class _Chain:
         return dq, stopped
 
 
-def _damped_least_squares(J: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    def along_normals_first(self, J: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+        """Rates that give the contacts (c, 3, n) their speeds along the normals, and with what freedom is left the others."""
+        across = velocities - np.einsum("cx,cx->c", velocities, self.normals)[:, None] * self.normals
+        normal = np.einsum("cx,cxn->cn", self.normals, J)
+        step = _damped_least_squares(normal, np.einsum("cx,cx->c", velocities, self.normals), _BARELY)
+        tangential = J - self.normals[:, :, None] * normal[:, None, :]
+        rows = tangential.reshape(-1, J.shape[2])
+        null = np.eye(J.shape[2]) - np.linalg.pinv(normal, rcond=1e-3) @ normal
+        free = rows @ null
+        left = across.ravel() - rows @ step
+        # Damped: freedom that hardly moves a contact is not worth wild joints.
+        return step + null @ np.linalg.solve(free.T @ free + _BARELY**2 * np.eye(J.shape[2]), free.T @ left)
+
+
+def _damped_least_squares(J: np.ndarray, velocity: np.ndarray, near: float = _NEAR_SINGULAR) -> np.ndarray:
     U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
     damping = 0.0
-    if sigma[-1] < _NEAR_SINGULAR:
-        damping = _MAX_DAMPING**2 * (1 - (sigma[-1] / _NEAR_SINGULAR) ** 2)
+    if sigma[-1] < near:
+        damping = (_MAX_DAMPING * near / _NEAR_SINGULAR) ** 2 * (1 - (sigma[-1] / near) ** 2)
     return Vt.T @ (sigma / (sigma**2 + damping) * (U.T @ velocity))

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import array_of
-from pinograsp.contacts import ContactSet
+from pinograsp.contacts import PALM, ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimits
 from pinograsp.hands import HandModel
@@ -25,7 +25,8 @@ def inverse_dynamics(hand: HandModel, q, dq, ddq, *, gravity_o=(0.0, 0.0, -9.81)
     if not np.array_equal(model.gravity.linear, gravity_o):
         model = model.copy()
         model.gravity.linear = array_of("gravity", gravity_o, (3,))
-    return pin.rneaInParallel(1, pin.ModelPool(model, 1), q.T, dq.T, ddq.T).T  # one call, no loop in Python
+    tau = pin.rneaInParallel(1, pin.ModelPool(model, 1), q.T, dq.T, ddq.T)  # one call, no loop in Python
+    return tau.reshape(hand.n, -1).T  # flat where there is one joint
 
 
 def contact_torques(jacobians, wrenches_o) -> np.ndarray:
@@ -70,6 +71,8 @@ def torque_limits(
     for i, contact in enumerate(contacts):
         if not contact.link:
             raise InvalidInput("torque limits: expected contacts of a hand; these were made without one (hand=None)")
+        if contact.finger == PALM:
+            continue  # it does not move
         finger = hand.finger(contact.finger)
         joint = finger.joint_ids[finger.links.index(contact.link)]
         point = data.oMi[joint].actInv(contact.point_o + depth[i] * contact.normal_o)

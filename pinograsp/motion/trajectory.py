@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.checks import number, one_of, read_only
+from pinograsp.contacts import PALM
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import HandModel
 from pinograsp.motion.approach import STARTS, approach
-from pinograsp.motion.contact_ik import contact_postures
+from pinograsp.motion.contact_ik import contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 
@@ -60,7 +61,8 @@ class Motion:
         q, dq, ddq: (m, n) [rad, rad/s, rad/s^2]. torques: (m, n) [N m].
         forces_o: contact forces on the object (m, k, 3), world axes [N].
         contact_velocities: velocities of the contact points J dq (m, k, 3) [m/s], zero before the impact.
-        tracking_error: largest distance of each contact point from its path (k,) [m].
+        tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the normal.
+        slip: largest distance across the normal, of a closed grasp whose joints cannot follow it (k,) [m].
         postures: number of contact-phase postures tried per finger. peak_torque: infinity norm of ``torques`` [N m].
     """
 
@@ -75,6 +77,7 @@ class Motion:
     forces_o: np.ndarray
     contact_velocities: np.ndarray
     tracking_error: np.ndarray
+    slip: np.ndarray
     postures: dict[str, int]
     peak_torque: float
 
@@ -114,18 +117,19 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
     m, impact = before.size + after.size - 1, before.size - 1
     q, dq, ddq = np.tile(start, (m, 1)), np.zeros((m, hand.n)), np.zeros((m, hand.n))
     contact_part = np.zeros((m, hand.n))
-    velocities, tracking = np.zeros((m, problem.k, 3)), np.zeros(problem.k)
+    velocities, tracking, slip = np.zeros((m, problem.k, 3)), np.zeros(problem.k), np.zeros(problem.k)
     notes: list[str] = list(hand.notes)
     clean = on_path = True
-    for name, found in postures.items():
-        finger = hand.finger(name)
-        which = [i for i, contact in enumerate(contacts) if contact.finger == name]
-        own = [contacts[i] for i in which]
+    for finger, which in moving_groups(hand, contacts):
+        found, own = postures[finger.name], [contacts[i] for i in which]
+        closed = found.method == "closing"
         candidates = [
-            press(hand, finger, own, angles, points, profile, which, after)
+            press(hand, finger, own, angles, points, profile, which, after, normals_first=closed)
             for angles, points in zip(found.angles, found.points_l)
         ]
         paths = [_with_approach(c, before, start[finger.dofs], spec) for c in candidates]
+        if closed:
+            paths = [_gentler(hand, finger, c, p, before, start[finger.dofs], spec, notes) for c, p in zip(candidates, paths)]
         torques = [contact_torques(c.jacobians, wrenches_o[:, which]) for c in candidates]
         peaks = _peak_torques(hand, finger.dofs, paths, torques, start, impact, gravity_o)
         chosen = _choose(hand, finger, candidates, paths, peaks)
@@ -133,14 +137,15 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
         q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path
         contact_part[impact:, finger.dofs] = torques[chosen]
         velocities[impact:, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
-        tracking[which] = motion.errors.max(axis=0)
+        tracking[which], slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
         outside = _outside_limits(hand, finger, path[0])
         notes += [f"{joint} was stopped by its limit in the grasp phase" for joint in motion.limited]
         notes += [f"{joint} leaves its limits by {math.degrees(by):.2f} deg in the approach" for joint, by in outside]
         clean &= not motion.limited and not outside
         on_path &= bool(tracking[which].max() <= _TRACKED)
+    busy = {int(i) for finger, _ in moving_groups(hand, contacts) for i in finger.dofs}
     for name, angles in (spec.posture or {}).items():
-        if name not in postures:  # an idle finger, on its own path to its own posture
+        if not busy.intersection(hand.finger(name).dofs.tolist()):  # an idle finger, on its own path to its own posture
             finger = hand.finger(name)
             zero = np.zeros(finger.n)
             times = np.concatenate([before[:-1], after])
@@ -165,25 +170,49 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
         forces_o=read_only(np.concatenate([np.zeros((impact, problem.k, 3)), forces_o])),
         contact_velocities=read_only(velocities),
         tracking_error=read_only(tracking),
+        slip=read_only(slip),
         postures={name: len(found.angles) for name, found in postures.items()},
         peak_torque=float(np.abs(total).max()),
     )
 
 
 def _of_touching(contacts, posture) -> dict[str, np.ndarray]:
-    touching = {contact.finger for contact in contacts}
+    touching = {contact.finger for contact in contacts if contact.finger != PALM}
     return {name: angles for name, angles in (posture or {}).items() if name in touching}
 
 
-def _with_approach(motion: FingerMotion, before, start, spec: MotionSpec):
-    """(q, dq, ddq) of one finger over both phases; the sample at t_I is the grasp phase's."""
+def _gentler(hand, finger, motion: FingerMotion, path, before, start, spec: MotionSpec, notes: list[str]):
+    """The path with joints that leave their limits on the way arriving without the grasp phase's acceleration.
+
+    Joints that start and end near a limit have no room to swing back for it. The jump of the acceleration is noted.
+    """
+    beyond = [finger.actuated.index(joint) for joint, _ in _outside_limits(hand, finger, path[0])]
+    if not beyond:
+        return path
+    share = np.ones(finger.n)
+    share[beyond] = 0.0
+    other = _with_approach(motion, before, start, spec, share)
+    left = dict(_outside_limits(hand, finger, other[0]))
+    before_ = dict(_outside_limits(hand, finger, path[0]))
+    share[[i for i in beyond if left.get(finger.actuated[i], 0.0) >= before_[finger.actuated[i]]]] = 1.0
+    mended = [finger.actuated[i] for i in beyond if share[i] == 0.0]
+    if mended:
+        notes.append(f"the acceleration of {', '.join(mended)} jumps at impact: no room within the limits to build it up")
+    return _with_approach(motion, before, start, spec, share)
+
+
+def _with_approach(motion: FingerMotion, before, start, spec: MotionSpec, share=1.0):
+    """(q, dq, ddq) of one finger over both phases; the sample at t_I is the grasp phase's.
+
+    ``share`` of the grasp phase's acceleration, by joint, is there at the end of the approach.
+    """
     rise = approach(
         before,
         before[-1],
         start,
         motion.q[0],
         motion.dq[0],
-        motion.ddq[0],
+        share * motion.ddq[0],
         acceleration_at_start=spec.acceleration_at_start,
     )
     return tuple(np.concatenate([a[:-1], b]) for a, b in zip(rise, (motion.q, motion.dq, motion.ddq)))

@@ -1,5 +1,8 @@
-"""Objects to be grasped: shape, mass, inertia, surface projection."""
+"""Objects to be grasped: shape, mass, inertia, surface projection and curvature, collision geometry."""
 
-from pinograsp.objects.shapes import Cylinder, Sphere
+from pinograsp.objects.ellipsoid import Ellipsoid
+from pinograsp.objects.mesh import Mesh
+from pinograsp.objects.primitives import Box, Capsule, Cylinder, Sphere
+from pinograsp.objects.spec import object_from
 
-__all__ = ["Cylinder", "Sphere"]
+__all__ = ["Box", "Capsule", "Cylinder", "Ellipsoid", "Mesh", "Sphere", "object_from"]

@@ -1,0 +1,159 @@
+"""Where a hand's collision geometry is, and how far from an object or from itself (distances by coal)."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.checks import array_of
+from pinograsp.errors import GeometryFailed
+from pinograsp.hands import HandModel
+
+PALM = "palm"
+_FAR = 1e3  # [m] farther than any hand from its object: coal failed
+_TILT = 1e-3  # [rad] tilt that tells the corners of a flat contact
+_PATCH = 1e-3  # [m] corners nearer to each other are one: curved bodies of up to a metre's radius touch at a point
+
+
+class HandPart:
+    """One collision geometry of the hand: where it is, and how fast it can come closer."""
+
+    def __init__(self, hand: HandModel, one: pin.GeometryObject, names: dict[int, tuple[str, str]]):
+        model = hand.model
+        self.geometry, self.joint, self.placement = one.geometry, one.parentJoint, one.placement
+        # What is fixed to a finger's link is part of it.
+        own = model.frames[one.parentFrame].name
+        self.finger, self.link = (PALM, hand.palm) if not one.parentJoint else names.get(one.parentJoint, ("", own))
+        one.geometry.computeLocalAABB()
+        centre = one.placement.act(np.array(one.geometry.aabb_center))
+        reach = float(np.linalg.norm(centre)) + one.geometry.aabb_radius
+        # Bound of the speed of any of its points per unit rate of each actuated joint.
+        self.reach = np.zeros(hand.n)
+        j = one.parentJoint
+        while j:
+            joint = model.joints[j]
+            ratio = abs(hand.ratio(j))
+            self.reach[joint.idx_v] += ratio * (1.0 if hand.is_prismatic(j) else reach)
+            if hand.is_prismatic(j):
+                reach += ratio * max(abs(hand.lower[joint.idx_v]), abs(hand.upper[joint.idx_v]))
+            reach += float(np.linalg.norm(model.jointPlacements[j].translation))
+            j = model.parents[j]
+
+
+class Distances:
+    """Signed distances of the hand's geometry to an object at a posture."""
+
+    def __init__(self, hand: HandModel, object):
+        self.model, self.data = hand.model, hand.model.createData()
+        self.object, self.shape = object, object.collision_geometry
+        self.request, self.plain, self.result = coal.DistanceRequest(), coal.DistanceRequest(), coal.DistanceResult()
+        self.request.enable_signed_distance = self.plain.enable_signed_distance = True
+        self.request.gjk_tolerance = 1e-12
+        self.request.gjk_max_iterations = 1000
+        self.request.epa_tolerance = 1e-9
+        self.put(np.clip(np.zeros(hand.n), hand.lower, hand.upper))
+
+    def put(self, q: np.ndarray, object=None) -> None:
+        """Move the hand to the posture q (n,), and the object where another copy of it is."""
+        pin.forwardKinematics(self.model, self.data, q)
+        if object is not None:
+            self.object = object
+        pose = self.object.pose
+        self.pose = coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
+
+    def of(self, part: HandPart) -> tuple[float, np.ndarray]:
+        """Distance [m] and the part's nearest point (3,) in the world."""
+        return self.at(part, self.pose)
+
+    def at(self, part: HandPart, object_pose) -> tuple[float, np.ndarray]:
+        """The same with the object at another pose (coal's)."""
+        placed = self.data.oMi[part.joint] * part.placement
+        pose = coal.Transform3s(placed.rotation, placed.translation)
+        moved = coal.Transform3s(object_pose)
+        for attempt in range(6):
+            request = self.request if attempt % 2 == 0 else self.plain
+            self.result.clear()
+            distance = coal.distance(part.geometry, pose, self.shape, moved, request, self.result)
+            point = np.array(self.result.getNearestPoint1())
+            if np.isfinite(point).all() and abs(distance) < _FAR:
+                return distance, point
+            # At its finest tolerance coal can lose itself on slivers of a mesh: coarser, then from a hair's breadth aside.
+            moved.setTranslation(object_pose.getTranslation() + 1e-7 * np.array([attempt, 1.0, -attempt]))
+        raise GeometryFailed(part.link, type(part.geometry).__name__)
+
+    def surface(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The object's surface point nearest to a point (3,), and the inward normal there (3,)."""
+        surface, normal, _ = self.object.project(point[None])
+        return surface[0], normal[0]
+
+    def patch(self, part: HandPart, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """Corners (p, 3) of the area on which a part touches, one point where it is curved.
+
+        Tilted a little about the point, flat bodies touch at one corner of their common area after the other.
+        """
+        x = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+        x /= np.linalg.norm(x)
+        y = np.cross(normal, x)
+        corners = [point]
+        pose = np.array(self.object.pose)
+        for turn in 0.3 + np.arange(8) * np.pi / 4:  # askew: along an edge any of its points would do
+            tilt = pin.exp3(_TILT * (np.cos(turn) * x + np.sin(turn) * y))
+            moved = coal.Transform3s(tilt @ pose[:3, :3], point + tilt @ (pose[:3, 3] - point) + 1e-4 * normal)
+            _, corner = self.at(part, moved)
+            corner = corner - normal * (normal @ (corner - point))
+            if min(np.linalg.norm(corner - other) for other in corners) > _PATCH:
+                corners.append(corner)
+        # The point itself is some point of a flat area: its corners say more.
+        return np.array(corners[1:] if len(corners) > 2 else corners)
+
+
+def link_centre(hand: HandModel, data, joint: int) -> np.ndarray:
+    """Centre of the geometry that a joint carries (3,) in the world [m]; its origin where it carries none."""
+    own = [one for one in hand.geometry.geometryObjects if one.parentJoint == joint]
+    for one in own:
+        one.geometry.computeLocalAABB()
+    centres = [data.oMi[joint].act(one.placement.act(np.array(one.geometry.aabb_center))) for one in own]
+    return np.mean(centres, axis=0) if centres else np.array(data.oMi[joint].translation)
+
+
+def clearance(hand: HandModel, object, q) -> float:
+    """Least signed distance of the hand's geometry at q (n,) from the object [m]; negative where they overlap."""
+    distances = Distances(hand, object)
+    distances.put(array_of("q", q, (hand.n,)))
+    return min(distances.of(HandPart(hand, one, {}))[0] for one in hand.geometry.geometryObjects)
+
+
+def _near(model: pin.Model, inner: int, outer: int) -> bool:
+    """Whether ``outer`` comes within two joints after ``inner`` in one chain: such links overlap by design."""
+    for _ in range(2):
+        outer = model.parents[outer]
+        if outer == inner:
+            return True
+        if not outer:
+            return False
+    return False
+
+
+def self_collisions(hand: HandModel, start: np.ndarray, q: np.ndarray) -> tuple[tuple[str, str], ...]:
+    """Pairs of links, not within two joints of each other in one chain, that overlap at q but not at ``start``."""
+    model, objects = hand.model, list(hand.geometry.geometryObjects)
+    data, request = model.createData(), coal.CollisionRequest()
+
+    def overlapping(posture) -> set[tuple[str, str]]:
+        pin.forwardKinematics(model, data, posture)
+        placed = [data.oMi[one.parentJoint] * one.placement for one in objects]
+        poses = [coal.Transform3s(p.rotation, p.translation) for p in placed]
+        found = set()
+        for a, one in enumerate(objects):
+            for b in range(a):
+                i, j = objects[b].parentJoint, one.parentJoint
+                if i == j or _near(model, i, j) or _near(model, j, i):
+                    continue
+                result = coal.CollisionResult()
+                if coal.collide(objects[b].geometry, poses[b], one.geometry, poses[a], request, result):
+                    found.add(tuple(model.frames[o.parentFrame].name for o in (objects[b], one)))
+        return found
+
+    after = overlapping(q)
+    return tuple(sorted(after - overlapping(start))) if after else ()

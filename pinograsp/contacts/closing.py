@@ -1,0 +1,326 @@
+"""Closing a hand on an object: the first touch of every link, found by continuous collision detection.
+
+All joints follow a path from an open to a closed posture. The distance of a link's geometry to the object shrinks at most
+at the speed of the link's fastest point, which the joints' rates and the link's reach bound; so the path can be followed in
+steps that no touch is missed in (conservative advancement, Mirtich 1996; distances by coal). What touches stops every joint
+that would press it on; the joints beyond it go on, until none moves.
+
+Jaws that share an actuator cannot stop one by one. With them the object is not held still: jaws that go on push it along
+their normals, without friction, until it is caged between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import nnls
+
+from pinograsp.checks import array_of, read_only
+from pinograsp.contacts.clearance import PALM, Distances, HandPart, self_collisions
+from pinograsp.contacts.closure import Closure, Touch
+from pinograsp.contacts.synergy import open_and_closed
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
+
+TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes are exact to 1e-9
+_CREEP = 2e-7  # [m] least advance: what passes the object this close is taken to touch it
+_OPEN = 1e-9  # [m] an overlap beyond rounding: the start posture is no start
+_PUSH = 0.01  # first share of the path that jaws push the object at once; quartered where it cannot yield
+_RATHER_MOVED = 3.0  # a turn counts for as much as a move of its rim times this: what jaws push slides, and turns to fit
+_LEVERAGE = 10.0  # what is pushed moves at most this much farther than the jaws: more is squirting out of them
+_CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
+_PUSHES, _CUTS = 200, 30  # pushes at most, and points that the object makes way for after each
+
+
+def close_hand(
+    hand: HandModel,
+    object,
+    *,
+    start: Mapping[str, np.ndarray] | np.ndarray | None = None,
+    target: Mapping[str, np.ndarray] | np.ndarray | None = None,
+    palm: bool = True,
+    fingers=None,
+    fixed: bool = False,
+) -> Closure:
+    """Close ``hand`` on ``object`` until nothing moves any more.
+
+    Every joint moves from ``start`` to ``target`` in the same share of the way (the paper's Table IV). A link that touches
+    stops the joints that carry it; joints beyond go on. Coupled joints stop together.
+
+    Args:
+        hand: placed in the world. object: a shape of :mod:`pinograsp.objects`, held still.
+        start, target: postures, ``{finger: angles (n_f,)}`` [rad] (others at their default) or q (n,). Default: the synergy
+            of :func:`open_and_closed`, which works for any hand.
+        palm: whether what does not move can be touched.
+        fingers: names of those that close; default: all. The others stay at ``start``.
+        fixed: hold the object still even where fingers share an actuator: then the first of them that touches stops all.
+
+    Raises:
+        InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
+    """
+    if not hand.geometry.ngeoms:
+        raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
+    opened, closed = open_and_closed(hand, object) if start is None or target is None else (None, None)
+    opened = _posture(hand, "start", start, opened)
+    closed = _posture(hand, "target", target, closed)
+    if fingers is not None:
+        moving = {int(i) for name in fingers for i in hand.finger(name).dofs}
+        closed = np.where(np.isin(np.arange(hand.n), sorted(moving)), closed, opened)
+    beyond = [
+        joint for joint, q, low, high in zip(hand.joint_names, opened, hand.lower, hand.upper)
+        if not low - 1e-9 <= q <= high + 1e-9
+    ]  # fmt: skip
+    if beyond:
+        raise InvalidInput(f"start: expected angles within the joint limits, {', '.join(beyond)} is not")
+    closing = _Closing(hand, object, opened, closed, palm)
+    closing.approach()
+    if not fixed:
+        closing.push()
+    return closing.result()
+
+
+def _posture(hand: HandModel, name: str, given, default) -> np.ndarray:
+    if given is None:
+        return np.array(default)
+    if not isinstance(given, Mapping):
+        return np.array(array_of(name, given, (hand.n,)))
+    q = np.zeros(hand.n) if default is None else np.array(default)
+    for finger, angles in given.items():
+        chain = hand.finger(finger)
+        q[chain.dofs] = array_of(f"{name} of '{finger}'", angles, (chain.n,))
+    return q
+
+
+class _Closing:
+    """The state of a hand that closes: posture, joints that still move, what touches."""
+
+    def __init__(self, hand: HandModel, object, start: np.ndarray, target: np.ndarray, palm: bool):
+        self.hand, self.object, self.start, self.target = hand, object, start, target
+        names = {
+            j: (finger.name, link)
+            for finger in reversed(hand.fingers)
+            for j, link in zip(finger.joint_ids, finger.links)
+        }
+        parts = [HandPart(hand, one, names) for one in hand.geometry.geometryObjects]
+        self.parts = [part for part in parts if palm or part.finger != PALM]
+        self.distances = Distances(hand, object)
+        self.q, self.at = start.copy(), 0.0
+        self.rate = target - start
+        self.tops = np.where(self.rate > 0, hand.upper, hand.lower)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.minimum(1.0, (self.tops - start) / self.rate)
+        self.ends = np.where(self.rate == 0, 0.0, share)
+        self.moving = self.rate != 0
+        self.touches: list[Touch] = []
+        self.stops: dict[str, str] = {}
+        self.events = [(0.0, start.copy())]
+        self.given = object
+        self.at_touch: dict[str, np.ndarray] = {}
+        users = [sum(i in finger.dofs for finger in hand.fingers) for i in range(hand.n)]
+        # Actuators that several fingers share, or the only finger's, which has the palm to press against.
+        self.shared = {i for i, n in enumerate(users) if n > 1 or len(hand.fingers) == 1}
+
+    @property
+    def touched(self) -> set[str]:
+        return {touch.link for touch in self.touches}
+
+    def approach(self) -> None:
+        """Follow the path with the object held still."""
+        self.distances.put(self.q)
+        gaps = np.empty(len(self.parts))
+        for i, part in enumerate(self.parts):
+            gaps[i], point = self.distances.of(part)
+            if gaps[i] < -(_OPEN if part.joint else 1e-6):
+                raise InvalidInput(
+                    f"start: '{part.link}' of hand '{self.hand.name}' overlaps the object by {-1e3 * gaps[i]:.3g} mm: open "
+                    "the hand further, or move one of them"
+                )
+            if gaps[i] <= (TOUCH if part.joint else 1e-6) and part.link not in self.touched:
+                self.touch(part, gaps[i], point)
+        while self.moving.any():
+            moving, touched = self.moving, self.touched
+            rates = np.abs(self.rate[moving])
+            speeds = np.array([0.0 if part.link in touched else rates @ part.reach[moving] for part in self.parts])
+            # To the nearest event that could happen: a part's gap closed at its fastest, or a joint's end.
+            with np.errstate(divide="ignore", invalid="ignore"):
+                waits = np.where(speeds > 0, np.maximum(gaps - 0.5 * TOUCH, _CREEP) / speeds, np.inf)
+            first, limit = int(np.argmin(waits)), float((self.ends[moving] - self.at).min())
+            step = min(waits[first], limit)
+            self.at += step
+            self.q[moving] += step * self.rate[moving]
+            gaps -= step * speeds
+            if limit <= waits[first]:
+                self.end_joints()
+            else:
+                self.distances.put(self.q)
+                gaps[first], point = self.distances.of(self.parts[first])
+                if gaps[first] <= TOUCH:
+                    self.touch(self.parts[first], gaps[first], point)
+                    for i in np.flatnonzero(gaps <= 1e-6):
+                        if self.parts[i].link not in self.touched:  # at the same time, as far as can be told
+                            gaps[i], point = self.distances.of(self.parts[i])
+                            if gaps[i] <= 2 * TOUCH:
+                                self.touch(self.parts[i], gaps[i], point)
+
+    def end_joints(self) -> None:
+        """Stop the joints that are at the end of their path or at their limit."""
+        for i in np.flatnonzero(self.moving & (self.ends <= self.at + 1e-12)):
+            self.moving[i] = False
+            self.q[i] = self.start[i] + self.ends[i] * self.rate[i]
+            at_limit = abs(self.q[i] - self.tops[i]) <= 1e-9
+            self.stops[self.hand.joint_names[i]] = "joint limit" if at_limit else "end of path"
+        self.events.append((self.at, self.q.copy()))
+
+    def touch(self, part: HandPart, gap: float, point: np.ndarray) -> None:
+        """Note a touch and stop the joints that carry the part."""
+        surface, normal = self.distances.surface(point)
+        patch = self.distances.patch(part, point, normal)
+        if len(patch) > 1:
+            point = patch.mean(axis=0)
+            surface, _ = self.distances.surface(point)
+        local = self.distances.data.oMi[part.joint].actInv(point)
+        self.touches.append(
+            Touch(
+                finger=part.finger, link=part.link, joint_id=part.joint, at=float(self.at), point_o=read_only(surface),
+                normal_o=read_only(normal), gap=float(gap), point_l=read_only(local), length=float(np.linalg.norm(local)),
+                patch_o=read_only(patch),
+            )
+        )  # fmt: skip
+        self.at_touch[part.finger] = self.q.copy()
+        for i in np.flatnonzero((part.reach > 0) & self.moving):
+            self.moving[i] = False
+            self.stops[self.hand.joint_names[i]] = f"touch of {part.link}"
+        self.events.append((self.at, self.q.copy()))
+
+    def push(self) -> None:
+        """Go on with actuators that several fingers share, the object yielding, until it is caged."""
+        stopped = {name for name, reason in self.stops.items() if reason.startswith("touch")}
+        shared = np.array([i in self.shared and name in stopped for i, name in enumerate(self.hand.joint_names)])
+        if not shared.any():
+            return
+        parts = [part for part in self.parts if not part.joint or (part.reach[shared] > 0).any() or part.link in self.touched]
+        q, at, body, step = self.q.copy(), self.at, self.object, _PUSH
+        speeds = np.array([float(np.abs(self.rate[shared]) @ part.reach[shared]) for part in parts])
+        gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: what is far off is not looked at
+        for _ in range(_PUSHES):
+            if step * speeds.max() < 0.1 * TOUCH:
+                break
+            step = min(step, float(self.ends[shared].max()) - at)
+            if step <= 0:
+                break
+            trial = q.copy()
+            trial[shared] += step * self.rate[shared]
+            yielded = self.yielded(parts, trial, body, gaps - step * speeds, _LEVERAGE * step * speeds.max() + TOUCH)
+            if yielded is None:
+                step /= 4
+            else:
+                q, at, (body, gaps), step = trial, at + step, yielded, min(2 * step, _PUSH)
+                if np.linalg.norm(body.com_o - self.object.com_o) > 4 * body.bounding_radius:
+                    break  # pushed out of the hand
+        self.distances.put(q, body)
+        found = [(*self.distances.of(part), part) for part in parts]
+        if len({part.finger for gap, _, part in found if gap <= _CAGED}) < 2:
+            return  # nothing to hold it against: it was only pushed away, so it is left where it was first touched
+        self.q, self.at, self.touches, self.object = q, at, [], body
+        # One jaw may keep a hair's breadth while the others cage the object.
+        for gap, point, part in sorted(found, key=lambda one: one[0]):
+            if gap <= _CAGED and part.link not in self.touched:
+                self.touch(part, gap, point)
+        if not (self.ends[shared] > at + 1e-12).any():
+            for i in np.flatnonzero(shared):
+                self.stops[self.hand.joint_names[i]] = "joint limit"
+        self.events.append((at, q.copy()))
+
+    def yielded(self, parts, q: np.ndarray, body, gaps: np.ndarray, far: float):
+        """The object out of the way of every part of the hand at q, moved and turned as little as possible; None: it cannot.
+
+        ``gaps`` are lower bounds of the parts' distances from ``body``; new ones are returned as well. It moves by ``far`` [m]
+        at most.
+        """
+        gaps, given = gaps.copy(), body
+        points, exact = np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool)
+        arm = _RATHER_MOVED * body.bounding_radius
+        motion, rows, sides = np.zeros(6), [], []  # translation, and turn times the arm; rows @ motion >= sides
+        for _ in range(_CUTS):
+            self.distances.put(q, body)
+            while True:
+                worst = int(np.argmin(gaps))
+                if gaps[worst] >= 0.0:
+                    return body, gaps
+                if exact[worst]:
+                    break
+                gaps[worst], points[worst] = self.distances.of(parts[worst])
+                exact[worst] = True
+            # Every touched point asks for room along its normal; the least motion that gives it to all met so far.
+            surface, normal = self.distances.surface(points[worst])
+            rows.append(np.concatenate([normal, np.cross(surface - body.com_o, normal) / arm]))
+            sides.append(0.5 * TOUCH - gaps[worst] + rows[-1] @ motion)
+            new = _least_motion(np.array(rows), np.array(sides))
+            if new is None or np.linalg.norm(new[:3]) + np.linalg.norm(new[3:]) * body.bounding_radius / arm > far:
+                return None  # squeezed between parts that press against each other, or out of their reach
+            gaps -= np.linalg.norm(new[:3] - motion[:3]) + np.linalg.norm(new[3:] - motion[3:]) * body.bounding_radius / arm
+            exact[:] = False
+            motion = new
+            pose = np.array(given.pose)
+            pose[:3, :3] = pin.exp3(motion[3:] / arm) @ pose[:3, :3]
+            pose[:3, 3] += motion[:3]
+            body = given.placed(pose)
+        return None
+
+    def result(self) -> Closure:
+        """The record; fingers that found nothing to touch are where they started, out of the others' way."""
+        self.events.append((max(self.at, self.events[-1][0]), self.q.copy()))
+        # What went on beyond a finger's last touch without meeting anything goes back to where it was then.
+        for finger in self.hand.fingers:
+            last = self.at_touch.get(finger.name)
+            for i in finger.dofs if last is not None else ():
+                if not self.stops.get(self.hand.joint_names[i], "").startswith("touch") and i not in self.shared:
+                    self.q[i] = last[i]
+        notes = [f"'{touch.link}' touches, but belongs to no finger" for touch in self.touches if not touch.finger]
+        touching = {touch.finger for touch in self.touches}
+        busy = {int(i) for finger in self.hand.fingers if finger.name in touching for i in finger.dofs}
+        idle = [finger for finger in self.hand.fingers if finger.name not in touching]
+        for finger in idle:
+            away = [i for i in finger.dofs if int(i) not in busy]
+            self.q[away] = self.start[away]
+        if idle:
+            notes.append(f"without contact, so left open: {', '.join(finger.name for finger in idle)}")
+        pushed = np.array(self.object.pose) @ np.linalg.inv(self.given.pose)
+        if self.object is not self.given:
+            moved = ", ".join(f"{1e3 * v:.2f}" for v in self.object.com_o - self.given.com_o)
+            turned = np.degrees(np.linalg.norm(pin.log3(pushed[:3, :3])))
+            notes.append(f"the object was pushed by ({moved}) mm and turned by {turned:.2f} deg by fingers that cannot stop one by one")
+        return Closure(
+            hand=self.hand,
+            object=self.object,
+            q=read_only(self.q),
+            start=read_only(self.start),
+            target=read_only(self.target),
+            touches=tuple(self.touches),
+            stops=self.stops,
+            events=(read_only([s for s, _ in self.events]), read_only([p for _, p in self.events])),
+            self_collisions=self_collisions(self.hand, self.start, self.q),
+            pushed=read_only(pushed),
+            notes=tuple(notes),
+        )
+
+
+def _moved(pose: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    pose = np.array(pose)
+    pose[:3, 3] += shift
+    return pose
+
+
+def _least_motion(rows: np.ndarray, sides: np.ndarray) -> np.ndarray | None:
+    """Least m with rows @ m >= sides, or None (Lawson and Hanson's least distance programming)."""
+    scale = max(float(np.abs(sides).max()), 1e-12)
+    E = np.vstack([rows.T, sides / scale])
+    target = np.zeros(len(E))
+    target[-1] = 1.0
+    u, left = nnls(E, target)
+    residual = E @ u - target
+    if left < 1e-7:
+        return None
+    return -residual[:-1] / residual[-1] * scale

@@ -1,0 +1,148 @@
+"""The record of a closed hand: which links touch an object, where, and what stopped each joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.checks import read_only
+from pinograsp.contacts.clearance import PALM
+from pinograsp.contacts.contact_set import Contact, ContactSet
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
+from pinograsp.spatial import tangent_frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Touch:
+    """The first touch of a link.
+
+    Attributes:
+        finger: its name; ``"palm"``; or "" for moving links of no finger. link: the link. joint_id: Pinocchio's index of the
+            joint that carries it (0: the palm).
+        at: share of the path at which it happened (0 open, 1 closed).
+        point_o: on the object's surface, world (3,) [m]. normal_o: inward unit normal (3,). gap: distance left [m].
+        point_l: the link's own point in its joint's frame (3,) [m].
+        length: l_c, distance of that point from the link's joint [m].
+        patch_o: corners (p, 3) of the area that touches, where both are flat [m]; else the point alone. ``point_o`` and
+            ``point_l`` are then their mean.
+    """
+
+    finger: str
+    link: str
+    joint_id: int
+    at: float
+    point_o: np.ndarray
+    normal_o: np.ndarray
+    gap: float
+    point_l: np.ndarray
+    length: float
+    patch_o: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Closure:
+    """A hand closed on an object.
+
+    Attributes:
+        hand, object: what was closed on what; the object where jaws that share an actuator have pushed it. q: posture when nothing moves any more (n,) [rad].
+        start, target: ends of the path (n,) [rad].
+        touches: in the order they happened. Fingers without any are at ``start``. stops: ``{joint: reason}``, ``"touch of <link>"``, ``"joint limit"`` or
+            ``"end of path"``.
+        events: shares of the path (e,) and postures (e, n) at the start, at every touch and at the end: the motion is
+            piecewise linear in between.
+        self_collisions: pairs of links that overlap in the end and did not at the start.
+        pushed: motion (4, 4) of the object in the world by jaws that share an actuator; identity if none.
+        notes: what the caller should know.
+    """
+
+    hand: HandModel
+    object: object
+    q: np.ndarray
+    start: np.ndarray
+    target: np.ndarray
+    touches: tuple[Touch, ...]
+    stops: dict[str, str]
+    events: tuple[np.ndarray, np.ndarray]
+    self_collisions: tuple[tuple[str, str], ...]
+    pushed: np.ndarray
+    notes: tuple[str, ...]
+
+    def contacts(self, *, gravity_o=(0.0, 0.0, -9.81), palm: bool = True, patches: bool = True) -> ContactSet:
+        """The touches as contacts, base to tip by finger, with the posture they belong to.
+
+        Args:
+            gravity_o: orients the tangent axes. palm: with the palm's contact. patches: a contact at every corner of a flat
+                area; else one in its middle.
+
+        Raises:
+            InvalidInput: nothing touches.
+        """
+        order = {finger.name: i for i, finger in enumerate(self.hand.fingers)} | {PALM: len(self.hand.fingers)}
+        own = [touch for touch in self.touches if touch.finger and (palm or touch.finger != PALM)]
+        if not own:
+            raise InvalidInput("this closure touches nothing: there are no contacts (see stops and notes)")
+        own.sort(key=lambda touch: (order[touch.finger], touch.joint_id))
+        contacts = []
+        for touch in own:
+            from_o = self.touch_frame(touch)
+            for point in touch.patch_o if patches else touch.point_o[None]:
+                local = from_o.actInv(point)
+                contacts.append(
+                    Contact(
+                        finger=touch.finger,
+                        link=touch.link,
+                        point_o=read_only(point),
+                        rotation_oc=read_only(tangent_frame(touch.normal_o, gravity_o)),
+                        length=float(np.linalg.norm(local)),
+                        distance=0.0,
+                        point_l=read_only(local),
+                    )
+                )
+        return ContactSet(contacts=tuple(contacts), com_o=read_only(self.object.com_o), posture=self.q)
+
+    def summary(self) -> dict:
+        """The closure as plain values, for files and machines."""
+        return {
+            "hand": self.hand.name,
+            "hand_pose": np.asarray(self.hand.pose).tolist(),
+            "object_pose": np.asarray(self.object.pose).tolist(),
+            "pushed": np.asarray(self.pushed).tolist(),
+            "q": dict(zip(self.hand.joint_names, self.q.tolist())),
+            "touches": [
+                {
+                    "finger": touch.finger,
+                    "link": touch.link,
+                    "at": touch.at,
+                    "point_o": touch.point_o.tolist(),
+                    "normal_o": touch.normal_o.tolist(),
+                    "length": touch.length,
+                    "corners": len(touch.patch_o),
+                }
+                for touch in self.touches
+            ],
+            "stops": dict(self.stops),
+            "self_collisions": [list(pair) for pair in self.self_collisions],
+            "notes": list(self.notes),
+        }
+
+    def touch_frame(self, touch: Touch) -> pin.SE3:
+        """Placement in the world of the joint that carries a touching link."""
+        data = self.hand.model.createData()
+        pin.forwardKinematics(self.hand.model, data, np.array(self.q))
+        return data.oMi[touch.joint_id].copy()
+
+    def describe(self) -> str:
+        """Contacts, stops and notes as readable text."""
+        lines = [f"{self.hand.name} closed: {len(self.touches)} contacts"]
+        for touch in self.touches:
+            point = ", ".join(f"{1e3 * v:.2f}" for v in touch.point_o)
+            lines.append(
+                f"  {touch.finger or '(no finger)'}/{touch.link} at ({point}) mm, l_c {1e3 * touch.length:.2f} mm, "
+                f"{100 * touch.at:.1f} % of the way"
+            )
+        lines += [f"  {joint} stopped: {reason}" for joint, reason in self.stops.items()]
+        lines += [f"  self-collision: {one} and {two}" for one, two in self.self_collisions]
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])

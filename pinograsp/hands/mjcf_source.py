@@ -1,0 +1,186 @@
+"""What an MJCF file says of an element: included files, the compiler's settings, default classes, frames, numbers."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.hands.elements import is_file
+
+# All actuators are one kind to MuJoCo, with one set of defaults; the shortcuts set the gain and bias that make them.
+_FORCES = {"biastype": "none", "gaintype": "fixed", "gainprm": "1"}
+_SERVOS = {"biastype": "affine"}
+_OTHERS = ("position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor")
+_SHORTCUTS = {"motor": _FORCES, "general": {}, **dict.fromkeys(_OTHERS, _SERVOS)}
+_ORIENTATIONS = frozenset({"quat", "axisangle", "euler", "xyaxes", "zaxis"})
+_AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
+
+
+class Source:
+    """An MJCF file.
+
+    Attributes:
+        element: its outermost element, included files put in place. folder: of the file.
+        compiler: settings. problems: collected while reading.
+    """
+
+    def __init__(self, element: ElementTree.Element, path: Path):
+        self.element, self.folder, self.problems = element, path.parent, []
+        self._include(element, path, {path})
+        self.compiler: dict[str, str] = {}
+        for one in element.findall("compiler"):
+            self.compiler.update(one.attrib)
+        self.degrees = self.compiler.get("angle", "degree") != "radian"
+        self.autolimits = self.compiler.get("autolimits", "true") == "true"
+        self._defaults: dict[str, dict[str, dict[str, str]]] = {"main": {}}
+        for one in element.findall("default"):
+            self._read_defaults(one, one.get("class", "main"), {})
+            self._defaults["main"] = self._defaults[one.get("class", "main")]
+
+    def _include(self, element: ElementTree.Element, path: Path, above: set[Path]) -> None:
+        waiting = [element]
+        while waiting:
+            parent = waiting.pop()
+            for child in list(parent):
+                if child.tag != "include":
+                    waiting.append(child)
+                    continue
+                place = list(parent).index(child)
+                parent.remove(child)
+                name = child.get("file", "")
+                found = next((one.resolve() for one in (path.parent / name, self.folder / name) if is_file(one)), None)
+                if found is None or found in above:
+                    self.problems.append(f"<include file='{name}'>: {'includes itself' if found else 'no such file'}")
+                    continue
+                try:
+                    included = ElementTree.fromstring(found.read_bytes())
+                except (OSError, ElementTree.ParseError, ValueError, LookupError) as error:
+                    self.problems.append(f"<include file='{name}'>: {error}")
+                    continue
+                self._include(included, found, above | {found})
+                parent[place:place] = list(included)
+
+    def _read_defaults(self, element, name: str, inherited: dict[str, dict[str, str]]) -> None:
+        own = self._defaults.setdefault(name, {})
+        for tag, attributes in inherited.items():
+            own[tag] = _merged(attributes, own.get(tag, {}))
+        nested = []
+        for child in element:
+            if child.tag == "default":
+                nested.append(child)
+            elif child.tag in _SHORTCUTS:
+                own["actuator"] = _merged(own.get("actuator", {}), {**_SHORTCUTS[child.tag], **child.attrib})
+            else:
+                own[child.tag] = _merged(own.get(child.tag, {}), child.attrib)
+        for child in nested:
+            if child.get("class"):
+                self._read_defaults(child, child.get("class"), own)
+            else:
+                self.problems.append("<default> inside another needs class=")
+
+    def attributes(self, element, childclass: str | None = None, tag: str | None = None) -> dict[str, str]:
+        """Attributes of an element, completed by the defaults that its class has for ``tag`` (default: its own)."""
+        name = element.get("class") or childclass or "main"
+        if name not in self._defaults:
+            self.problem(f"<{element.tag} name='{element.get('name', '')}'>: unknown default class '{name}'")
+            name = "main"
+        tag, shortcut = tag or element.tag, {}
+        if tag in _SHORTCUTS:
+            tag, shortcut = "actuator", _SHORTCUTS[tag]
+        return _merged(self._defaults[name].get(tag, {}), {**shortcut, **element.attrib})
+
+    def problem(self, text: str) -> None:
+        if text not in self.problems:
+            self.problems.append(text)
+
+    def numbers(self, attributes: dict[str, str], key: str, default: str, least: int = 1, most: int | None = None):
+        """Between ``least`` and ``most`` (default: ``least``) finite numbers of an attribute; the default and a problem
+        where there are others."""
+        try:
+            values = [float(value) for value in attributes.get(key, default).split()]
+        except ValueError:
+            values = []
+        if not (least <= len(values) <= (most or least) and all(map(math.isfinite, values))):
+            wanted = f"{least}" if (most or least) == least else f"{least} to {most}"
+            where, given = attributes.get("name", ""), attributes.get(key)
+            self.problem(f"'{where}': {key}= expects {wanted} finite numbers, got '{given}'")
+            values = [float(value) for value in default.split()]
+        return np.array(values)
+
+    def limited(self, attributes: dict[str, str], flag: str, key: str) -> bool:
+        """Whether a range applies: told by a flag or, where that is left open, by the range being there."""
+        told = attributes.get(flag, "auto")
+        if told == "auto" and self.autolimits and key in attributes:
+            low, high = self.numbers(attributes, key, "0 0", 2)
+            return bool(low < high)
+        return told == "true"
+
+    def placement(self, attributes: dict[str, str]) -> pin.SE3:
+        """Position and orientation, in whichever way the latter is given."""
+        return pin.SE3(self._rotation(attributes), self.numbers(attributes, "pos", "0 0 0", 3))
+
+    def _rotation(self, attributes: dict[str, str]) -> np.ndarray:
+        unit = math.pi / 180 if self.degrees else 1.0
+        if "euler" in attributes:
+            R = np.eye(3)
+            for axis, angle in zip(self.compiler.get("eulerseq", "xyz"), self.numbers(attributes, "euler", "0 0 0", 3)):
+                turn = _turned(_AXES.get(axis.lower(), _AXES["x"]), angle * unit)
+                R = R @ turn if axis.islower() else turn @ R  # lower case: about axes that turn along
+            return R
+        if "axisangle" in attributes:
+            *axis, angle = self.numbers(attributes, "axisangle", "0 0 1 0", 4)
+            return _turned(self.direction(attributes, axis), angle * unit)
+        if "xyaxes" in attributes:
+            values = self.numbers(attributes, "xyaxes", "1 0 0 0 1 0", 6)
+            x = self.direction(attributes, values[:3])
+            y = self.direction(attributes, values[3:] - x * (x @ values[3:]))
+            return np.column_stack([x, y, np.cross(x, y)])
+        if "zaxis" in attributes:
+            return turned_to(self.direction(attributes, self.numbers(attributes, "zaxis", "0 0 1", 3)))
+        w, x, y, z = self.numbers(attributes, "quat", "1 0 0 0", 4)
+        if w == x == y == z == 0:
+            self.problem(f"'{attributes.get('name', '')}': quat= is zero, expected a rotation")
+            w = 1.0
+        return pin.Quaternion(w, x, y, z).normalized().matrix()
+
+    def direction(self, attributes: dict[str, str], vector) -> np.ndarray:
+        length = float(np.linalg.norm(vector))
+        if length < 1e-12:
+            self.problem(f"'{attributes.get('name', '')}': an axis is zero, expected a direction")
+            return np.array(_AXES["z"])
+        return np.asarray(vector) / length
+
+    def contents(self, body, childclass: str | None):
+        """Yield what a body holds, as (element, default class, placement in the body), frames resolved."""
+        waiting = [(child, childclass, pin.SE3.Identity()) for child in reversed(list(body))]
+        while waiting:
+            child, inherited, at = waiting.pop()
+            if child.tag == "frame":
+                own = child.get("childclass", child.get("class", inherited))
+                at = at * self.placement(child.attrib)
+                waiting += [(inner, own, at) for inner in reversed(list(child))]
+            else:
+                yield child, inherited, at
+
+
+def _merged(attributes: dict[str, str], over: dict[str, str]) -> dict[str, str]:
+    """Attributes with others over them; an orientation replaces one that is given in another way."""
+    if not _ORIENTATIONS.isdisjoint(over):
+        attributes = {key: value for key, value in attributes.items() if key not in _ORIENTATIONS}
+    return {**attributes, **over}
+
+
+def turned_to(direction: np.ndarray) -> np.ndarray:
+    """The least rotation that turns z to a unit vector."""
+    axis = np.cross(_AXES["z"], direction)
+    sine = float(np.linalg.norm(axis))
+    axis = axis / sine if sine > 1e-12 else np.array(_AXES["x"])
+    return _turned(axis, math.atan2(sine, direction[2]))
+
+
+def _turned(axis, angle: float) -> np.ndarray:
+    return pin.AngleAxis(float(angle), np.asarray(axis, dtype=float)).toRotationMatrix()

@@ -1,0 +1,95 @@
+"""Collision shapes of a URDF, and the mesh files its names mean."""
+
+from __future__ import annotations
+
+import os
+import urllib.parse
+from pathlib import Path
+
+import numpy as np
+
+from pinograsp.hands.elements import is_file, named, numbers, placement_of
+from pinograsp.hands.geometry import Shape, read_mesh
+
+_UNIT_SPHERE = "unit_sphere.stl"
+# Attributes that give the size of a shape, in the order coal takes them.
+_SIZES = {
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "ellipsoid": {"size": 3},
+    "mesh": {"scale": 3},
+}
+
+
+def shapes_of(robot, folder: Path, notes: list[str]) -> list[Shape]:
+    """Collision shapes; those without size and those whose file is missing are left out and noted.
+
+    URDF has no ellipsoid. A mesh called ``unit_sphere.stl`` with a scale stands for one and becomes the exact shape.
+    """
+    shapes, missing, void = [], [], []
+    for name, link in named(robot, "link"):
+        for collision in link.findall("collision"):
+            element = next((one for one in collision.findall("geometry/*") if one.tag in _SIZES), None)
+            if element is None:
+                void.append(f"{name} (no shape that is known)")
+                continue
+            kind, path = element.tag, None
+            try:
+                sizes = [numbers(element, key, count, "1 1 1" if key == "scale" else None)
+                         for key, count in _SIZES[kind].items()]  # fmt: skip
+            except ValueError as error:
+                void.append(f"{name} (<{kind}>: {error})")
+                continue
+            size = tuple(value for group in sizes for value in group)
+            if not all(value != 0 if kind == "mesh" else value > 0 for value in size):
+                void.append(f"{name} (<{kind}> of size {' '.join(f'{value:g}' for value in size)})")
+                continue
+            if kind == "mesh":
+                filename = element.get("filename", "")
+                path = mesh_path(filename, folder)
+                called = filename.replace("\\", "/").split("/")[-1]
+                if called == _UNIT_SPHERE and (path is None or _is_unit_sphere(path)):
+                    kind, size, path = "ellipsoid", tuple(map(abs, size)), ""
+                elif path is None:
+                    missing.append(f"{name} ({filename})")
+                    continue
+            shapes.append(
+                Shape(link=name, placement=placement_of(collision), kind=kind, size=size, path=str(path or ""))
+            )
+    if missing:
+        notes.append(f"meshes not found, so these links cannot touch anything: {', '.join(missing)}")
+    if void:
+        notes.append(f"shapes left out: {', '.join(void)}")
+    return shapes
+
+
+def _is_unit_sphere(path: Path) -> bool:
+    mesh = read_mesh(str(path))
+    return mesh is not None and bool(np.all(np.abs(np.linalg.norm(mesh.vertices(), axis=1) - 1.0) < 1e-3))
+
+
+def mesh_path(name: str, folder: Path) -> Path | None:
+    """The file that ``package://``, ``file://``, absolute or relative ``name`` means, or None."""
+    name = name.replace("\\", "/")
+    spellings = [name, plain] if (plain := urllib.parse.unquote(name)) != name else [name]
+    for one in spellings:
+        for place in _places(one, folder):
+            if is_file(place):
+                return place.resolve()
+    return None
+
+
+def _places(name: str, folder: Path):
+    if name.startswith("file://"):
+        name = name[len("file://") :]
+    if "://" not in name:
+        return [Path(name) if Path(name).is_absolute() else folder / name]
+    name = name.split("://", 1)[1].lstrip("/")
+    packages = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+    # Beside the file's own package, then where ROS looks, then the package's folder under another name.
+    places = [*(above / name for above in (folder, *folder.parents)), *(p / name for p in packages)]
+    inside = name.split("/", 1)[-1]
+    places += [above / inside for above in (folder, *list(folder.parents)[:3])]
+    return [*places, *(p.parent / name for p in packages)]

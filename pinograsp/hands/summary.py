@@ -1,0 +1,77 @@
+"""Hands as plain data: one of them in full, and the catalogue as a table."""
+
+from __future__ import annotations
+
+from pinograsp.errors import HandNotLoaded
+from pinograsp.hands.catalogue import CATALOGUE
+from pinograsp.hands.load import load_hand
+from pinograsp.hands.model import HandModel
+
+
+def record(hand: HandModel) -> dict:
+    """Joints with limits and units, couplings, fingers, masses and notes of a hand: numbers and texts only."""
+    joints = []
+    for i, name in enumerate(hand.joint_names):
+        slides = hand.is_prismatic(hand.model.getJointId(name))
+        joints.append({
+            "name": name, "type": "prismatic" if slides else "revolute", "unit": "m" if slides else "rad",
+            "lower": float(hand.lower[i]), "upper": float(hand.upper[i]), "effort_unit": "N" if slides else "N m",
+            "effort": float(hand.effort[i]) or None, "velocity": float(hand.velocity[i]) or None,
+        })  # fmt: skip
+    return {
+        "name": hand.name,
+        "source": hand.source,
+        "palm": hand.palm,
+        "mass_kg": hand.mass,
+        "joints": joints,
+        "coupled": [
+            {"name": name, "follows": one.followed, "multiplier": one.factor, "offset": one.offset}
+            for name, one in hand.couplings.items()
+        ],
+        "fingers": [
+            {"name": finger.name, "tip": finger.tip, "joints": list(finger.joints), "links": list(finger.links),
+             "actuated": list(finger.actuated), "mass_kg": hand.finger_mass(finger.name)}
+            for finger in hand.fingers
+        ],
+        "notes": list(hand.notes),
+    }  # fmt: skip
+
+
+def overview() -> tuple[list[dict], list[str]]:
+    """One row per hand of the catalogue, and what is wrong with those that cannot be loaded."""
+    rows, problems = [], []
+    for name, entry in CATALOGUE.items():
+        try:
+            hand = load_hand(name)
+        except HandNotLoaded as error:  # one that is not there does not hide the others
+            problems.append(str(error))
+            continue
+        rows.append({
+            "name": name, "title": entry.title, "actuated_joints": hand.n,
+            "moving_joints": hand.n + len(hand.couplings), "mass_kg": round(hand.mass, 6),
+            "fingers": [finger.name for finger in hand.fingers], "effort": _effort_ranges(hand),
+        })  # fmt: skip
+    return rows, problems
+
+
+def _effort_ranges(hand: HandModel) -> dict[str, list[float]]:
+    """Least and largest effort limit by unit; joints without one are left out."""
+    ranges: dict[str, list[float]] = {}
+    for joint, effort in zip(hand.joint_names, hand.effort.tolist()):
+        if effort:
+            unit = "N" if hand.is_prismatic(hand.model.getJointId(joint)) else "N m"
+            low, high = ranges.get(unit, (effort, effort))
+            ranges[unit] = [min(low, effort), max(high, effort)]
+    return ranges
+
+
+def cells(row: dict) -> list[str]:
+    """A row of the overview as text: name, title, joints, moving joints, mass [kg], fingers, effort limits."""
+    efforts = [
+        f"{low:g} {unit}" if low == high else f"{low:g} to {high:g} {unit}"
+        for unit, (low, high) in row["effort"].items()
+    ]
+    return [
+        row["name"], row["title"], str(row["actuated_joints"]), str(row["moving_joints"]), f"{row['mass_kg']:.3f}",
+        ", ".join(row["fingers"]), ", ".join(efforts) or "none",
+    ]  # fmt: skip

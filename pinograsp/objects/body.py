@@ -1,0 +1,130 @@
+"""What every solid has: mass, pose, and its surface seen from the world."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pinograsp.checks import array_of, number, read_only
+from pinograsp.errors import InvalidInput
+
+# Nearer than this to a centre, an axis or a mid-plane [m], no direction to the surface is preferred over another;
+# nearer than this to an edge, no curvature is. Far above rounding for things of a metre, far below any tolerance.
+NO_DIRECTION = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Body:
+    """A homogeneous solid; its body frame b sits at the centre of mass.
+
+    Attributes:
+        mass: [kg]. density: [kg/m^3]. Give one of the two; the other follows. Both are accepted where they agree, so
+            records can be copied; to copy one with another size, set what is not to be kept to None.
+        pose: oMb (4, 4), the body frame in the world [m].
+    """
+
+    mass: float = None  # a number once the constructor is done
+    density: float = None
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+
+    def __post_init__(self):
+        self._set(pose=_checked_pose(self.pose))
+        self._check_shape()
+        name, mass, density = self._name, self.mass, self.density
+        if mass is None and density is None:
+            raise InvalidInput(f"{name}: expected mass= [kg] or density= [kg/m^3], got neither: give one of them")
+        volume = number(f"{name} volume", self.volume, above=0, unit="m^3")
+        if mass is not None:
+            mass = number(f"{name} mass", mass, above=0, unit="kg")
+        if density is not None:
+            density = number(f"{name} density", density, above=0, unit="kg/m^3")
+        if mass is not None and density is not None and abs(mass - density * volume) > 1e-9 * mass:
+            raise InvalidInput(
+                f"{name}: expected mass= or density=, got both, and they disagree ({mass:g} kg, but {density:g} kg/m^3 "
+                f"makes {density * volume:g} kg): give one of them"
+            )
+        self._set(
+            mass=number(f"{name} mass", density * volume, above=0, unit="kg") if mass is None else mass,
+            density=mass / volume if density is None else density,
+        )
+
+    def _set(self, **values) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _check_lengths(self, *names: str) -> None:
+        self._set(**{name: number(f"{self._name} {name}", getattr(self, name), above=0, unit="m") for name in names})
+
+    @property
+    def _name(self) -> str:
+        return type(self).__name__.lower()
+
+    @property
+    def com_o(self) -> np.ndarray:
+        """Centre of mass (3,) in the world [m]."""
+        return self.pose[:3, 3]
+
+    @property
+    def inertia_b(self) -> np.ndarray:
+        """Rotational inertia (3, 3) about the centre of mass, body axes [kg m^2]."""
+        return read_only(self.mass * self._inertia_per_mass)
+
+    def placed(self, pose) -> Body:
+        """The same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
+        moved = copy.copy(self)
+        moved._set(pose=_checked_pose(pose))
+        return moved
+
+    def project(self, points_o) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].
+
+        The distance is negative inside. Beyond an edge, a rim or a corner the nearest point lies on it and the normal
+        points at it. Where neighbouring faces are equally near, one of them is taken.
+
+        Raises:
+            InvalidInput: a point without a nearest surface point, within 1e-9 m of a centre, an axis or a mid-plane,
+                where the nearest ones lie in opposite directions.
+        """
+        surface, outward, distance = self._nearest_b(self._local(points_o))
+        return surface @ self.pose[:3, :3].T + self.com_o, -outward @ self.pose[:3, :3].T, distance
+
+    def curvature(self, points_o) -> tuple[np.ndarray, np.ndarray]:
+        """Principal curvatures (k, 2) [1/m], smaller first, and the direction (k, 3) of the first, in the world.
+
+        At the surface points nearest to ``points_o`` (k, 3) [m]; positive where the solid is convex. The direction is
+        a unit vector in the tangent plane, any one of them where the two curvatures are equal.
+
+        Raises:
+            InvalidInput: as in :meth:`project`, or a point on an edge, a rim or a corner, where the curvature is
+                infinite.
+        """
+        surface, outward, _ = self._nearest_b(self._local(points_o))
+        curvatures, first = self._curvature_b(surface, outward)
+        return curvatures, first @ self.pose[:3, :3].T
+
+    def _local(self, points_o) -> np.ndarray:
+        return (array_of("points", points_o, (None, 3)) - self.com_o) @ self.pose[:3, :3]
+
+    def _refuse(self, where: np.ndarray, points_b: np.ndarray, complaint: str) -> None:
+        """Raise the complaint about the first of the points (k, 3) for which ``where`` (k,) holds."""
+        if np.any(where):
+            point = points_b[np.argmax(where)] @ self.pose[:3, :3].T + self.com_o
+            raise InvalidInput(f"{complaint} (at {(1e3 * point).round(3).tolist()} mm in the world)")
+
+
+def tangents(normals: np.ndarray) -> np.ndarray:
+    """Two orthonormal directions (k, 3, 2) across each unit normal (k, 3)."""
+    aside = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, aside)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(normals, first)], axis=2)
+
+
+def _checked_pose(pose) -> np.ndarray:
+    pose = array_of("pose", pose, (4, 4))
+    rotation = pose[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+        raise InvalidInput("pose: expected a homogeneous placement with an orthonormal right-handed rotation")
+    return pose

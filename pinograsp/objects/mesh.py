@@ -1,0 +1,192 @@
+"""Solids bounded by triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pinograsp.checks import array_of, frozen, number, one_of, read_only
+from pinograsp.errors import InvalidInput
+from pinograsp.objects.body import Body
+from pinograsp.objects.mesh_checks import closed_surface, collision_model, convex_surface
+from pinograsp.objects.triangles import TriangleSurface
+
+_FORMATS = (".stl", ".obj", ".ply", ".glb", ".off")
+# Default radius of the curvature fit, in typical heights of the triangles: smaller radii see the facets, larger ones
+# more than the curvature at the point. Of 2.5 to 6, this has the smallest largest error on spheres and ellipsoids.
+_FIT_HEIGHTS = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mesh(Body):
+    """A solid bounded by a closed surface of triangles, or the convex hull of one.
+
+    The body frame is moved to the centre of mass and keeps the axes in which the vertices were given. To put the frame
+    of the file at oMf: ``mesh.placed(oMf @ np.linalg.inv(mesh.file_frame_b))``.
+
+    Vertices within 1e-8 m are made one; a mesh that is inside out is turned round, which ``notes`` tells. Surfaces that
+    are open, wound both ways, without volume, or of parts that meet are refused, unless the hull is asked for. A part
+    that crosses itself is not noticed.
+
+    :meth:`project`: on a face the normal is the face's. On an edge or a corner it is the direction between the point
+    and its nearest surface point, and for a point on the edge itself the mean of the faces' that meet there (weighted
+    by their angles).
+
+    Attributes:
+        vertices: (n, 3) in the body frame [m]; given in any frame.
+        faces: (m, 3) indices into the vertices, counter-clockwise seen from outside.
+        convex: whether to take the convex hull.
+        file_frame_b: bMf (4, 4), the frame in which the vertices were given, in the body frame [m].
+        notes: what was changed in the surface.
+        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    convex: bool = False
+    # Given again when a record is copied with changes: the vertices are then in the body frame already.
+    file_frame_b: np.ndarray = field(default_factory=lambda: np.eye(4))
+    notes: tuple[str, ...] = ()
+    # What was computed from the surface (mass properties, search tree, collision model): it lives as long as they do.
+    _derived: dict = field(init=False, repr=False, default_factory=dict)
+
+    @classmethod
+    def load(
+        cls, path, *, scale: float = 1.0, mass: float | None = None, density: float | None = None, convex: bool = False,
+        pose=None,
+    ) -> Mesh:  # fmt: skip
+        """The mesh in a file: STL, OBJ, PLY, GLB or OFF; the parts of a scene make one solid.
+
+        Args:
+            path: the file. scale: metres per unit of the file (0.001 for millimetres).
+            mass, density, convex, pose: see the class.
+
+        Raises:
+            InvalidInput: no such file, not a mesh, or one that is refused (see the class).
+        """
+        import trimesh
+
+        if not isinstance(path, str | Path):
+            raise InvalidInput(f"mesh file: expected a path, got {path!r}")
+        path = Path(path)
+        scale = number("mesh scale", scale, above=0)
+        if not path.is_file():
+            raise InvalidInput(f"mesh file: expected an existing file, got '{path}': check the path")
+        one_of(f"format of mesh file '{path}'", path.suffix.lower(), _FORMATS)
+        try:
+            read = trimesh.load(path, force="mesh", process=False)
+            vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces)
+        except Exception as error:  # the readers raise whatever comes of a broken file
+            format = path.suffix[1:].upper()
+            raise InvalidInput(f"mesh file '{path}': expected a readable {format} mesh, got {error!r}") from error
+        try:
+            return cls(
+                vertices=scale * vertices,
+                faces=faces,
+                mass=mass,
+                density=density,
+                convex=convex,
+                **({} if pose is None else {"pose": pose}),
+            )
+        except InvalidInput as error:
+            raise InvalidInput(f"mesh file '{path}': {error}") from None
+
+    def _check_shape(self):
+        from trimesh.triangles import mass_properties
+
+        if not isinstance(self.convex, bool | np.bool_):
+            raise InvalidInput(f"mesh convex: expected True or False, got {self.convex!r}")
+        notes = ()
+        if self.convex:
+            vertices, faces = convex_surface(self.vertices, self.faces)
+        else:
+            vertices, faces, notes = closed_surface(self.vertices, self.faces)
+        # Integrals over a far-off origin would lose digits: first to the middle, then to the centre of mass.
+        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        centre = middle + mass_properties((vertices - middle)[faces], skip_inertia=True).center_mass
+        vertices = vertices - centre
+        properties = mass_properties(vertices[faces], center_mass=np.zeros(3))
+        file_frame_b = np.array(array_of("file frame", self.file_frame_b, (4, 4)))
+        file_frame_b[:3, 3] -= centre
+        self._derived.update(volume=float(properties.volume), inertia=properties.inertia / properties.volume)
+        self._set(
+            vertices=read_only(vertices),
+            faces=read_only(faces),
+            convex=bool(self.convex),
+            file_frame_b=frozen(file_frame_b),
+            notes=(*self.notes, *notes),
+        )
+
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        return self._derived["volume"]
+
+    @property
+    def _inertia_per_mass(self) -> np.ndarray:
+        return self._derived["inertia"]
+
+    @property
+    def bounding_radius(self) -> float:
+        """Largest distance of a surface point from the centre of mass [m]."""
+        return float(np.linalg.norm(self.vertices, axis=1).max())
+
+    @property
+    def collision_geometry(self):
+        """A ``coal.Convex`` of a convex hull, otherwise a ``coal.BVHModelOBBRSS``, in the body frame.
+
+        The latter is a surface: a body inside it does not collide.
+        """
+        if "collision" not in self._derived:
+            model = collision_model(self.vertices, self.faces)
+            if self.convex:
+                model.buildConvexRepresentation(False)
+                model = model.convex
+            self._derived["collision"] = model
+        return self._derived["collision"]
+
+    @property
+    def _surface(self) -> TriangleSurface:
+        if "surface" not in self._derived:
+            self._derived["surface"] = TriangleSurface(self.vertices, self.faces)
+        return self._derived["surface"]
+
+    def curvature(self, points_o, radius: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Principal curvatures (k, 2) [1/m], smaller first, and the direction (k, 3) of the first, in the world.
+
+        Estimated at the surface points nearest to ``points_o`` (k, 3) [m] from a quadratic fitted to the surface within
+        ``radius`` [m], by default three times the height of the triangles (over their longest sides; the median by
+        area). On spheres and ellipsoids both are then within 2 % of the larger curvature where the triangles' height is
+        a tenth of the smallest radius of curvature, within 4 % where it is a fifth. An edge shows as a curvature of
+        about one over the radius.
+
+        Raises:
+            InvalidInput: as in :meth:`project`, a point on a sharp edge or tip, or a radius not above zero.
+        """
+        if radius is None:
+            if "radius" not in self._derived:
+                heights, areas = self._surface.heights, self._surface.areas
+                order = np.argsort(heights)
+                median = np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2)
+                self._derived["radius"] = float(_FIT_HEIGHTS * heights[order[min(median, len(order) - 1)]])
+            radius = self._derived["radius"]
+        radius = number("radius of the curvature fit", radius, above=0, unit="m")
+        surface, outward, _ = self._nearest_b(self._local(points_o))
+        curvatures, first = self._surface.curvature(surface, outward, radius)
+        self._refuse(
+            np.isnan(curvatures[:, 0]),
+            surface,
+            "a sharp edge or tip of the mesh has no tangent plane, so no curvature: move the point off it",
+        )
+        return curvatures, first @ self.pose[:3, :3].T
+
+    def _nearest_b(self, local):
+        surface, outward, distance, opposite = self._surface.nearest(local)
+        self._refuse(
+            opposite,
+            local,
+            "a point between two opposite sides of the mesh has no nearest surface point: move it to the surface",
+        )
+        return surface, outward, distance

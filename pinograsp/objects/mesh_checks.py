@@ -1,0 +1,195 @@
+"""From any triangles to a closed surface that bounds one solid, or to an explanation of why they do not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinograsp.checks import array_of
+from pinograsp.errors import InvalidInput
+from pinograsp.objects.triangles import TriangleSurface
+
+# A solid whose volume is less than this part of its bounding cube is a sheet: millions of times thinner than wide.
+_SHEET = 1e-12
+# Vertices whose spread across is less than this part of that along lie in one plane, as far as Qhull can tell.
+_FLAT = 1e-9
+_HULL = "or take its convex hull: convex=True"
+
+
+def convex_surface(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and outward faces of the convex hull."""
+    import trimesh
+
+    vertices, _ = _merged(vertices, faces)
+    spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    if spread[2] <= _FLAT * spread[0]:
+        raise InvalidInput(
+            f"mesh: expected vertices around a volume, got {len(vertices)} in one plane or line: check the file"
+        )
+    hull = trimesh.convex.convex_hull(vertices)
+    return np.array(hull.vertices), np.array(hull.faces)
+
+
+def closed_surface(vertices, faces) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Vertices, faces wound outwards, and notes of what was changed.
+
+    Raises:
+        InvalidInput: holes, edges with more than two faces, faces wound both ways, no volume, overlapping parts.
+    """
+    vertices, faces = _merged(vertices, faces)
+    _check_edges(vertices, faces)
+    label = _parts(len(vertices), faces)
+    count = label.max() + 1
+    volumes = np.array([_volume(vertices, faces[label[faces[:, 0]] == part]) for part in range(count)])
+    outward = np.where(_depths(vertices, faces, label, count) % 2 == 0, volumes > 0, volumes < 0)
+    if outward.all():
+        return vertices, faces, ()
+    if not outward.any():
+        return vertices, faces[:, ::-1].copy(), ("the mesh was inside out: its faces were turned round",)
+    part = int(np.argmin(outward))
+    raise InvalidInput(
+        f"mesh: expected parts wound outwards and cavities wound inwards, got part {part + 1} of {count} (at "
+        f"{_place(vertices[label == part][0])}) the other way round, or one solid inside another: turn or remove that "
+        f"part (trimesh: part.invert()), {_HULL}"
+    )
+
+
+def collision_model(vertices: np.ndarray, faces: np.ndarray):
+    """The surface as a ``coal.BVHModelOBBRSS``."""
+    import coal
+
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    model.addVertices(vertices)
+    model.addTriangles(faces.astype(np.int64))
+    model.endModel()
+    return model
+
+
+def _merged(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
+    """Checked arrays, with vertices at the same place made one and without faces that then have no three corners."""
+    import trimesh
+
+    if np.size(vertices) == 0 or np.size(faces) == 0:
+        raise InvalidInput(
+            "mesh: expected vertices (n, 3) and faces (m, 3), got an empty mesh: check that the file holds triangles"
+        )
+    vertices = _numbers("mesh vertices", vertices)
+    indices = _numbers("mesh faces", faces)
+    faces = indices.astype(np.int64)
+    if np.any(faces != indices) or faces.min() < 0 or faces.max() >= len(vertices):
+        raise InvalidInput(
+            f"mesh faces: expected whole numbers from 0 to {len(vertices) - 1}, one per corner, got values from "
+            f"{indices.min():g} to {indices.max():g}"
+        )
+    merged = trimesh.Trimesh(vertices, faces, process=True)
+    vertices, faces = np.array(merged.vertices), np.array(merged.faces, dtype=np.int64)
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    used, faces = np.unique(faces, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    if len(used) < 4:
+        raise InvalidInput(
+            "mesh: expected at least four corners that differ by more than 1e-8 m, got "
+            f"{len(used)}: are the units right? (scale=0.001 for millimetres)"
+        )
+    return vertices[used], faces
+
+
+def _numbers(name: str, value) -> np.ndarray:
+    """A finite array (any, 3); its message stays short however many numbers came."""
+    try:
+        wrong = ~np.isfinite(np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{name}: expected numbers of shape (any, 3), got something else") from None
+    if np.any(wrong):
+        raise InvalidInput(f"{name}: expected finite numbers, got {wrong.sum()} that are not")
+    return array_of(name, value, (None, 3))
+
+
+def _check_edges(vertices: np.ndarray, faces: np.ndarray) -> None:
+    n = len(vertices)
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    edges, index, counts = np.unique(low * n + high, return_inverse=True, return_counts=True)
+    balance = np.bincount(index.ravel(), weights=np.where(start < end, 1, -1))
+
+    def first(which) -> str:
+        return _place(vertices[list(divmod(int(edges[np.argmax(which)]), n))].mean(axis=0))
+
+    if np.any(counts == 1):
+        raise InvalidInput(
+            f"mesh: expected a watertight surface, got {np.sum(counts == 1)} open edges of {len(edges)} (the first at "
+            f"{first(counts == 1)}): close the holes (trimesh.repair.fill_holes, MeshLab, Blender), {_HULL}"
+        )
+    if np.any(counts != 2):
+        raise InvalidInput(
+            f"mesh: expected two faces at every edge, got {np.sum(counts != 2)} edges with more (the first at "
+            f"{first(counts != 2)}): remove double and internal faces (MeshLab, Blender; trimesh: "
+            f"mesh.update_faces(mesh.unique_faces())), {_HULL}"
+        )
+    if np.any(balance != 0):
+        raise InvalidInput(
+            f"mesh: expected faces wound one way, got {np.sum(balance != 0)} edges where neighbours disagree (the "
+            f"first at {first(balance != 0)}): make them agree (trimesh.repair.fix_winding, MeshLab, Blender), {_HULL}"
+        )
+
+
+def _place(point: np.ndarray) -> str:
+    return f"{(1e3 * point).round(3).tolist()} mm"
+
+
+def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Signed volume [m^3]; raises where there is none."""
+    used = np.unique(faces)
+    centre = vertices[used].mean(axis=0)
+    volume = float(np.linalg.det(vertices[faces] - centre).sum() / 6)
+    if abs(volume) <= _SHEET * np.ptp(vertices[used], axis=0).max() ** 3:
+        raise InvalidInput(
+            f"mesh: expected a surface around a volume, got {abs(volume):.3g} m^3 at {_place(centre)}: give the sheet "
+            "a thickness, or mend the surface if it crosses itself"
+        )
+    return volume
+
+
+def _parts(count: int, faces: np.ndarray) -> np.ndarray:
+    """Number (n,) of the connected part each vertex belongs to."""
+    from scipy.sparse import coo_array  # slow to import, and only meshes need it
+    from scipy.sparse.csgraph import connected_components
+
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    return connected_components(coo_array((np.ones(len(start)), (start, end)), shape=(count, count)), directed=False)[1]
+
+
+def _depths(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, count: int) -> np.ndarray:
+    """In how many other parts each part lies (count,): an even number for solids, an odd one for cavities.
+
+    Raises:
+        InvalidInput: parts whose surfaces meet.
+    """
+    depths = np.zeros(count, dtype=int)
+    if count == 1:
+        return depths
+    import coal
+
+    members = [vertices[label == part] for part in range(count)]
+    low, high = np.array([v.min(axis=0) for v in members]), np.array([v.max(axis=0) for v in members])
+    numbers = np.empty(len(vertices), dtype=np.int64)  # of each vertex within its part
+    for part in range(count):
+        numbers[label == part] = np.arange(len(members[part]))
+    of_part = [numbers[faces[label[faces[:, 0]] == part]] for part in range(count)]
+    models, surfaces, here = {}, {}, coal.Transform3s.Identity()
+    meet = np.all((low[:, None] <= high) & (low <= high[:, None]), axis=2)
+    for i, j in np.argwhere(np.triu(meet, 1)):
+        for part in (i, j):
+            if part not in models:
+                models[part] = collision_model(members[part], of_part[part])
+                surfaces[part] = TriangleSurface(members[part], of_part[part])
+        result = coal.CollisionResult()
+        if coal.collide(models[i], here, models[j], here, coal.CollisionRequest(), result):
+            where = result.getContact(0).pos
+            raise InvalidInput(
+                f"mesh: expected parts that do not touch each other, got parts {i + 1} and {j + 1} of {count} meeting "
+                f"at {_place(where)}: unite them (trimesh.boolean.union, Blender), {_HULL}"
+            )
+        for inner, outer in ((i, j), (j, i)):
+            depths[inner] += abs(surfaces[outer].winding_number(members[inner][:1])[0]) > 0.5
+    return depths

@@ -1,0 +1,269 @@
+"""Spheres, cylinders, capsules and boxes. Axes of revolution are the body's z axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from pinograsp.checks import array_of
+from pinograsp.errors import InvalidInput
+from pinograsp.objects.body import NO_DIRECTION, Body, tangents
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sphere(Body):
+    """A solid sphere.
+
+    Attributes:
+        radius: [m].
+        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+    """
+
+    radius: float
+
+    def _check_shape(self):
+        self._check_lengths("radius")
+
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        return 4 / 3 * pi * self.radius * self.radius * self.radius
+
+    @property
+    def _inertia_per_mass(self) -> np.ndarray:
+        return 0.4 * self.radius**2 * np.eye(3)
+
+    @property
+    def bounding_radius(self) -> float:
+        """Largest distance of a surface point from the centre of mass [m]."""
+        return self.radius
+
+    @property
+    def collision_geometry(self):
+        """A ``coal.Sphere`` in the body frame."""
+        import coal
+
+        return coal.Sphere(self.radius)
+
+    def _nearest_b(self, local):
+        radial = np.linalg.norm(local, axis=1)
+        self._refuse(
+            radial < NO_DIRECTION,
+            local,
+            "a point at the sphere's centre has no nearest surface point: move it to the surface",
+        )
+        outward = local / radial[:, None]
+        return self.radius * outward, outward, radial - self.radius
+
+    def _curvature_b(self, surface, outward):
+        return np.full((len(surface), 2), 1 / self.radius), tangents(outward)[:, :, 0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cylinder(Body):
+    """A solid cylinder about its body z axis.
+
+    Attributes:
+        radius: [m]. height: [m].
+        mass, density, pose: see :class:`~pinograsp.objects.body.Body`; the body frame is half-way up.
+    """
+
+    radius: float
+    height: float
+
+    def _check_shape(self):
+        self._check_lengths("radius", "height")
+
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        return pi * self.radius * self.radius * self.height
+
+    @property
+    def _inertia_per_mass(self) -> np.ndarray:
+        across = (3 * self.radius**2 + self.height**2) / 12
+        return np.diag([across, across, self.radius**2 / 2])
+
+    @property
+    def bounding_radius(self) -> float:
+        """Largest distance of a surface point from the centre of mass [m]."""
+        return float(np.hypot(self.radius, self.height / 2))
+
+    @property
+    def collision_geometry(self):
+        """A ``coal.Cylinder`` in the body frame."""
+        import coal
+
+        return coal.Cylinder(self.radius, self.height)
+
+    def _nearest_b(self, local):
+        radial = np.linalg.norm(local[:, :2], axis=1)
+        beyond_side, beyond_cap = radial - self.radius, np.abs(local[:, 2]) - self.height / 2
+        on_side = beyond_side >= beyond_cap
+        self._refuse(
+            (radial < NO_DIRECTION) & on_side,
+            local,
+            "a point on the cylinder's axis has no nearest side point: move it to the surface",
+        )
+        self._refuse(
+            (np.abs(local[:, 2]) < NO_DIRECTION) & ~on_side,
+            local,
+            "a point half-way between the cylinder's caps has no nearest cap: move it to the surface",
+        )
+        outward = np.zeros_like(local)
+        outward[:, :2] = local[:, :2] / np.maximum(radial, NO_DIRECTION)[:, None]
+        cap = np.column_stack([0 * radial, 0 * radial, np.where(local[:, 2] < 0, -1.0, 1.0)])
+        rim = (beyond_side > 0) & (beyond_cap > 0)
+        distance = np.where(rim, np.hypot(beyond_side, beyond_cap), np.maximum(beyond_side, beyond_cap))
+        normal = np.where(on_side[:, None], outward, cap)
+        # The quotient blends the side's and the cap's directions in proportion to how far the point is beyond each.
+        blend = beyond_side[:, None] * outward + beyond_cap[:, None] * cap
+        normal = np.where(rim[:, None], blend / np.where(rim, distance, 1.0)[:, None], normal)
+        return local - distance[:, None] * normal, normal, distance
+
+    def _curvature_b(self, surface, outward):
+        beyond_side = np.linalg.norm(surface[:, :2], axis=1) - self.radius
+        beyond_cap = np.abs(surface[:, 2]) - self.height / 2
+        self._refuse(
+            np.minimum(beyond_side, beyond_cap) > -NO_DIRECTION,
+            surface,
+            "the cylinder's rim has no finite curvature: move the point off the rim",
+        )
+        side = beyond_side > beyond_cap
+        curvatures = np.zeros((len(surface), 2))
+        curvatures[side, 1] = 1 / self.radius
+        return curvatures, np.where(side[:, None], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Capsule(Body):
+    """A solid cylinder about its body z axis with a half-sphere on each end.
+
+    Attributes:
+        radius: [m]. length: of the cylindrical part, between the centres of the half-spheres [m].
+        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+    """
+
+    radius: float
+    length: float
+
+    def _check_shape(self):
+        self._check_lengths("radius", "length")
+
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        return pi * self.radius * self.radius * (self.length + 4 / 3 * self.radius)
+
+    @property
+    def _inertia_per_mass(self) -> np.ndarray:
+        r, l = self.radius, self.length
+        middle = l / (l + 4 / 3 * r)  # the cylindrical part's share of the volume
+        across = middle * (3 * r**2 + l**2) / 12 + (1 - middle) * (0.4 * r**2 + l**2 / 4 + 3 / 8 * l * r)
+        return np.diag([across, across, middle * r**2 / 2 + (1 - middle) * 0.4 * r**2])
+
+    @property
+    def bounding_radius(self) -> float:
+        """Largest distance of a surface point from the centre of mass [m]."""
+        return self.length / 2 + self.radius
+
+    @property
+    def collision_geometry(self):
+        """A ``coal.Capsule`` in the body frame."""
+        import coal
+
+        return coal.Capsule(self.radius, self.length)
+
+    def _nearest_b(self, local):
+        axis = np.zeros_like(local)
+        axis[:, 2] = np.clip(local[:, 2], -self.length / 2, self.length / 2)
+        radial = np.linalg.norm(local - axis, axis=1)
+        self._refuse(
+            radial < NO_DIRECTION,
+            local,
+            "a point on the capsule's axis has no nearest surface point: move it to the surface",
+        )
+        outward = (local - axis) / radial[:, None]
+        return axis + self.radius * outward, outward, radial - self.radius
+
+    def _curvature_b(self, surface, outward):
+        side = np.abs(surface[:, 2]) <= self.length / 2
+        curvatures = np.full((len(surface), 2), 1 / self.radius)
+        curvatures[side, 0] = 0.0
+        return curvatures, np.where(side[:, None], [0.0, 0.0, 1.0], tangents(outward)[:, :, 0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Box(Body):
+    """A solid box along the body axes.
+
+    Attributes:
+        size: full edge lengths (3,) [m].
+        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+    """
+
+    size: np.ndarray
+
+    def _check_shape(self):
+        self._set(size=positive_lengths("box size", self.size))
+
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        return float(np.prod(self.size))
+
+    @property
+    def _inertia_per_mass(self) -> np.ndarray:
+        squares = self.size**2
+        return np.diag(squares.sum() - squares) / 12
+
+    @property
+    def bounding_radius(self) -> float:
+        """Largest distance of a surface point from the centre of mass [m]."""
+        return float(np.linalg.norm(self.size) / 2)
+
+    @property
+    def collision_geometry(self):
+        """A ``coal.Box`` in the body frame."""
+        import coal
+
+        return coal.Box(*self.size)
+
+    def _nearest_b(self, local):
+        half, each = self.size / 2, np.arange(len(local))
+        beyond = np.abs(local) - half
+        axis = beyond.argmax(axis=1)
+        inside = beyond[each, axis] <= 0
+        self._refuse(
+            inside & (np.abs(local[each, axis]) < NO_DIRECTION),
+            local,
+            "a point half-way between two faces of the box has no nearest face: move it to the surface",
+        )
+        face = np.zeros_like(local)
+        face[each, axis] = np.where(local[each, axis] < 0, -1.0, 1.0)
+        gap = np.maximum(beyond, 0.0) * np.sign(local)
+        distance = np.where(inside, beyond[each, axis], np.linalg.norm(gap, axis=1))
+        outward = np.where(inside[:, None], face, gap / np.where(inside, 1.0, distance)[:, None])
+        surface = np.clip(local, -half, half)
+        surface[each[inside], axis[inside]] = (face * half)[inside, axis[inside]]
+        return surface, outward, distance
+
+    def _curvature_b(self, surface, outward):
+        on_faces = np.abs(surface) > self.size / 2 - NO_DIRECTION
+        self._refuse(
+            on_faces.sum(axis=1) > 1,
+            surface,
+            "the edges and corners of the box have no finite curvature: move the point off the edge",
+        )
+        # Along the first body axis that lies in the face.
+        return np.zeros((len(surface), 2)), np.eye(3)[on_faces.argmin(axis=1)]
+
+
+def positive_lengths(name: str, value) -> np.ndarray:
+    """Three lengths > 0 (3,) [m], or :class:`InvalidInput`."""
+    lengths = array_of(name, value, (3,))
+    if np.any(lengths <= 0):
+        raise InvalidInput(f"{name}: expected three lengths > 0 [m], got {lengths.tolist()}")
+    return lengths

@@ -1,0 +1,229 @@
+"""Where to put the palm: placements sampled around an object, closed, and ranked by certified energy and load margin."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import joblib
+import numpy as np
+import pinocchio as pin
+from tqdm import tqdm
+
+from pinograsp.checks import number
+from pinograsp.contacts import Closure, clearance, close_hand, link_centre, open_and_closed
+from pinograsp.errors import PlacementNotFound, Status
+from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
+from pinograsp.hands import HandModel
+from pinograsp.motion import torque_limits
+
+_ALIGNED = 0.7  # share of the samples whose object axes are aligned with the hand's
+_TILT = 0.15  # [rad] noise on aligned orientations
+_BACKWARDS = 8  # steps that take an overlapping object out of the open hand
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Placement:
+    """One placement of the palm that holds the object.
+
+    Attributes:
+        pose: oMh (4, 4), the hand's root frame in the world.
+        closure: the hand closed there. forces: certified least-cost forces, at the impact time of the search.
+        energy: their objective. load_margin: largest multiple of the load that can be held at that impact time.
+    """
+
+    pose: np.ndarray
+    closure: Closure
+    forces: ForceSolution
+    energy: float
+    load_margin: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlacementSearch:
+    """What a placement search found.
+
+    Attributes:
+        placements: best first. tried: number of samples. outcomes: how many of them ended how.
+        interrupted: whether it was stopped (Ctrl-C): the placements are those found until then.
+    """
+
+    placements: tuple[Placement, ...]
+    tried: int
+    outcomes: dict[str, int]
+    interrupted: bool
+
+    @property
+    def best(self) -> Placement:
+        """The first; :class:`PlacementNotFound` where there is none."""
+        if not self.placements:
+            counts = ", ".join(f"{count} {what}" for what, count in self.outcomes.items())
+            raise PlacementNotFound(f"no placement of {self.tried} holds the object: {counts}", self)
+        return self.placements[0]
+
+
+def find_placements(
+    hand: HandModel,
+    object,
+    *,
+    count: int = 64,
+    seed: int = 0,
+    margin: float = 1.2,
+    torque_limit: str | float | None = "effort",
+    impact_time: float = 0.9,
+    jobs: int = -1,
+    progress: bool | None = None,
+    **settings,
+) -> PlacementSearch:
+    """Sample placements of ``hand`` around ``object``, close it in each, and rank what holds.
+
+    A sample puts the object's centre of mass between the half-closed fingertips and the palm, in a random or aligned
+    orientation, and moves it away from the palm where the open hand would overlap it. The object stays; the hand is placed.
+
+    Args:
+        count: samples. seed: of the random numbers; the result does not depend on ``jobs``.
+        margin: placements that hold a smaller multiple of the load come after all others.
+        torque_limit: ``"effort"``: within the hand's effort limits (joints without one are not limited); a number [N m]; None.
+        impact_time: t_I of the forces that rank the placements [s].
+        jobs: processes (joblib); -1: all cores; hands with coupled joints take one. progress: bar on stderr: None (on a terminal), True or False.
+        **settings: of :class:`~pinograsp.forces.ForceProblem` (mu, friction, ...).
+
+    Returns:
+        Placements by: enough load margin first, then least energy.
+    """
+    count = int(number("count", count, at_least=1))
+    number("margin", margin, at_least=0)
+    if hand.couplings:
+        jobs = 1  # Pinocchio's mimic joints do not survive the way to another process (4.1)
+    seeds = np.random.SeedSequence(int(seed)).spawn(count)
+    task = joblib.delayed(_try)
+    work = (task(hand, object, s, torque_limit, impact_time, settings) for s in seeds)
+    found, outcomes, tried, interrupted = [], {}, 0, False
+    bar = tqdm(total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False)
+    try:
+        for outcome, placement in joblib.Parallel(n_jobs=jobs, return_as="generator")(work):
+            tried += 1
+            bar.update()
+            outcomes[outcome] = outcomes.get(outcome, 0) + 1
+            if placement is not None:
+                found.append(placement)
+    except KeyboardInterrupt:
+        interrupted = True
+    bar.close()
+    found.sort(key=lambda one: (one.load_margin < margin, one.energy if one.load_margin >= margin else -one.load_margin))
+    return PlacementSearch(placements=tuple(found), tried=tried, outcomes=outcomes, interrupted=interrupted)
+
+
+def _try(hand: HandModel, object, seed, torque_limit, impact_time, settings) -> tuple[str, Placement | None]:
+    sample = _sample(hand, object, np.random.default_rng(seed))
+    if sample is None:
+        return "the open hand overlaps the object", None
+    placed, opened, closed = sample
+    closure = close_hand(placed, object, start=opened, target=closed)
+    if closure.self_collisions:
+        return "fingers collide with each other", None
+    return hold(closure, torque_limit=torque_limit, impact_time=impact_time, **settings)
+
+
+def hold(closure: Closure, *, torque_limit=None, impact_time=0.9, **settings) -> tuple[str, Placement | None]:
+    """Forces that hold a closed hand's object, as a placement; and the outcome in words."""
+    touching = [touch for touch in closure.touches if touch.finger]
+    if len(touching) < 2:
+        return "fewer than two contacts", None
+    # Where the jaws have pushed the object, the hand goes instead: the object's place is given.
+    closure = _hand_moved(closure)
+    contacts = closure.contacts()
+    problem = problem_of(closure.hand, closure.object, contacts, torque_limit, **settings)
+    forces = optimize_forces(problem, impact_time)
+    if forces.status is not Status.OK:
+        return f"forces {forces.status}", None
+    return "holds", Placement(
+        pose=closure.hand.pose,
+        closure=closure,
+        forces=forces,
+        energy=forces.certificate.primal,
+        load_margin=1.0 + load_margin(problem, problem.load, impact_time=impact_time),
+    )
+
+
+def problem_of(hand: HandModel, object, contacts, torque_limit, **settings) -> ForceProblem:
+    """The problem of holding an object with a closed hand, torques limited at the posture of the contacts."""
+    problem = ForceProblem.holding(object, contacts, **settings)
+    if torque_limit is None:
+        return problem
+    limit = np.where(hand.effort > 0, hand.effort, np.inf) if torque_limit == "effort" else torque_limit
+    return replace(
+        problem, torques=torque_limits(hand, contacts, contacts.posture, limit=limit, gravity_o=problem.gravity_o)
+    )
+
+
+def _hand_moved(closure: Closure) -> Closure:
+    """The same closure with the hand moved back instead of the object pushed."""
+    back = pin.SE3(np.array(closure.pushed)).inverse()
+    if np.allclose(back.homogeneous, np.eye(4), atol=0, rtol=0):
+        return closure
+    touches = tuple(
+        replace(
+            touch,
+            point_o=back.act(touch.point_o),
+            normal_o=back.rotation @ touch.normal_o,
+            patch_o=touch.patch_o @ back.rotation.T + back.translation,
+        )
+        for touch in closure.touches
+    )
+    return replace(
+        closure,
+        hand=closure.hand.placed((back * pin.SE3(np.array(closure.hand.pose))).homogeneous),
+        object=closure.object.placed((back * pin.SE3(np.array(closure.object.pose))).homogeneous),
+        touches=touches,
+        pushed=np.eye(4),
+    )
+
+
+def _sample(hand: HandModel, object, rng) -> tuple[HandModel, np.ndarray, np.ndarray] | None:
+    """The hand placed so that the object lies in its grasp, with an open and a closed posture; None where it overlaps."""
+    data = hand.model.createData()
+    low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
+    pin.framesForwardKinematics(hand.model, data, low + rng.uniform(0.3, 0.7) * (high - low))
+    tips = np.array([link_centre(hand, data, finger.joint_ids[-1]) for finger in hand.fingers])
+    palm = link_centre(hand, data, 0)
+    out = tips.mean(axis=0) - palm
+    length = max(float(np.linalg.norm(out)), 1e-3)
+    approach = out / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
+    across = tips[0] - (tips[1:].mean(axis=0) if len(tips) > 1 else palm)
+    across = across - approach * (approach @ across)
+    if np.linalg.norm(across) < 1e-6:
+        across = np.cross(approach, np.eye(3)[int(np.argmin(np.abs(approach)))])
+    across /= np.linalg.norm(across)
+    if rng.random() < _ALIGNED:
+        frame = np.column_stack([across, np.cross(approach, across), approach])
+        rotation = frame @ _AXES[rng.integers(len(_AXES))] @ pin.exp3(rng.normal(scale=_TILT * rng.random(), size=3))
+    else:
+        rotation = pin.exp3(np.pi * rng.uniform() ** (1 / 3) * _unit(rng.normal(size=3)))
+    # Between palm and fingertips: fingertip grasps at the far end, power grasps at the near one.
+    at = palm + out * rng.uniform(0.3, 1.1) + rng.normal(scale=0.05 * length, size=3)
+    for _ in range(_BACKWARDS):
+        # oMh = oMb (wMb)^-1 wMh, with w the world in which the hand is placed now.
+        pose = pin.SE3(np.array(object.pose)) * pin.SE3(rotation, at).inverse() * pin.SE3(np.array(hand.pose))
+        placed = hand.placed(pose.homogeneous)
+        opened, closed = open_and_closed(placed, object)
+        if clearance(placed, object, opened) > 0:
+            return placed, opened, closed
+        at = at + approach * 0.3 * object.bounding_radius
+    return None
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v)
+
+
+def _rotations_of_a_cube() -> list[np.ndarray]:
+    signed = (
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+    )
+    return [turn for turn in signed if np.linalg.det(turn) > 0]
+
+
+_AXES = _rotations_of_a_cube()

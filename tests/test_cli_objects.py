@@ -1,0 +1,53 @@
+"""The commands that take a hand and an object: ``close`` and ``plan --hand --object``."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+BALL = "sphere:radius=0.03,mass=0.2"
+
+
+def test_close_says_what_touches_where(command):
+    code, out, _ = command("close", "--hand", "allegro_right", "--object", BALL, "--at", "0.08,0,0.07")
+    assert code == 0 and "contacts" in out and "stopped: touch of" in out
+    code, out, _ = command("close", "--hand", "allegro_right", "--object", BALL, "--at", "0.08,0,0.07,0,0,30", "--json")
+    found = json.loads(out)
+    assert code == 0 and len(found["q"]) == 16 and found["touches"]
+    for touch in found["touches"]:
+        assert np.linalg.norm(np.array(touch["point_o"]) - [0.08, 0, 0.07]) == pytest.approx(0.03, abs=1e-6)
+
+
+def test_close_without_contacts_and_with_bad_input(command):
+    code, out, _ = command("close", "--hand", "allegro_right", "--object", BALL, "--at", "1,0,0")
+    assert code == 3 and "0 contacts" in out
+    for options, message in (
+        (["--hand", "allegro_right", "--object", "ball:radius=0.03,mass=0.2"], "ball"),
+        (["--hand", "nobody", "--object", BALL], "no such file"),
+        (["--hand", "allegro_right", "--object", BALL, "--at", "1,2"], "--at: expected x,y,z"),
+        (["--hand", "allegro_right", "--object", BALL, "--at", "0,0,0.05"], "overlaps"),
+    ):
+        code, _, err = command("close", *options)
+        assert code == 2 and message in err, options
+
+
+def test_plan_from_hand_and_object(command, tmp_path):
+    code, out, err = command(
+        "plan", "--hand", "allegro_right", "--object", "cylinder:radius=0.02,height=0.12,mass=0.2", "--samples", "24",
+        "--out", "run", "--json",
+    )  # fmt: skip
+    planned = json.loads(out)
+    assert code in (0, 3), err
+    assert planned["search"] == "convex" and planned["certificate"]["relative_gap"] <= 1e-6
+    assert planned["closing"]["touches"] and planned["status"] in ("ok", "joint_limit", "not_tracked")
+    assert (tmp_path / "run" / "report.md").is_file() and (tmp_path / "run" / "plan.npz").is_file()
+
+
+def test_plan_takes_a_case_or_a_hand_with_an_object(command):
+    for options in (["paper", "--hand", "panda"], ["--hand", "panda"], ["--object", BALL], []):
+        code, _, err = command("plan", *options)
+        assert code == 2 and "either CASE, or --hand and --object" in err
+    code, _, err = command("plan", "--hand", "panda", "--object", BALL, "--set", "friction.mu=1")
+    assert code == 2 and "--set changes a case" in err

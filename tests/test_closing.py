@@ -1,0 +1,290 @@
+"""Closing a hand: first touches against closed forms and dense sampling, stops, coupled jaws, flat contacts, the paper's grasp."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pinograsp.cases import load_case
+from pinograsp.contacts import PALM, Friction, clearance, close_hand, open_and_closed
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.hands import load_hand
+from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
+from pinograsp.objects import Box, Cylinder, Sphere
+from pinograsp.plan import plan_grasp
+
+INERTIAL = '<inertial><mass value="0.05"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def link(name, geometry="", at="0 0 0"):
+    collision = f'<collision><origin xyz="{at}"/><geometry>{geometry}</geometry></collision>' if geometry else ""
+    return f'<link name="{name}">{INERTIAL}{collision}</link>'
+
+
+def joint(name, parent, child, at="0 0 0", axis="0 -1 0", kind="revolute", limits="0 2", more=""):
+    lower, upper = limits.split()
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>'
+        f'<axis xyz="{axis}"/><limit lower="{lower}" upper="{upper}" effort="5" velocity="5"/>{more}</joint>'
+    )
+
+
+def write(tmp_path, *parts):
+    path = tmp_path / "hand.urdf"
+    path.write_text(f'<robot name="test">{"".join(parts)}</robot>')
+    return path
+
+
+def at(*position):
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    return pose
+
+
+@pytest.fixture
+def two_links(tmp_path):
+    """A finger in the x-z plane: two links of 50 and 40 mm, balls of 6 and 5 mm at their ends; flexion towards +z."""
+    return load_hand(
+        write(
+            tmp_path,
+            link("palm", '<box size="0.04 0.06 0.02"/>', "-0.03 0 0"),
+            link("inner", '<sphere radius="0.006"/>', "0.05 0 0"),
+            link("outer", '<sphere radius="0.005"/>', "0.04 0 0"),
+            joint("j1", "palm", "inner"),
+            joint("j2", "inner", "outer", "0.05 0 0"),
+        )
+    )
+
+
+def first_meeting(length, ball, radius, centre):
+    """Angle at which a ball at the end of an arm from the origin first meets a ball: law of cosines, from angle 0 on."""
+    distance, towards = np.hypot(*centre), np.arctan2(centre[1], centre[0])
+    cosine = (length**2 + distance**2 - (ball + radius) ** 2) / (2 * length * distance)
+    return towards - np.arccos(cosine)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_ball_on_ball(two_links, seed):
+    """Both links straight: the outer ball is at 90 mm. Touch angle and point in closed form."""
+    rng = np.random.default_rng(seed)
+    radius, angle = rng.uniform(0.008, 0.02), rng.uniform(0.7, 1.4)
+    centre = (0.09 + rng.uniform(-0.5, 0.5) * radius) * np.array([np.cos(angle), np.sin(angle)])
+    ball = Sphere(radius=radius, mass=0.1, pose=at(centre[0], 0, centre[1]))
+    closure = close_hand(two_links, ball, start=np.zeros(2), target=[1.9, 0.0])
+    expected = first_meeting(0.09, 0.005, radius, centre)
+    touch = closure.touches[0]
+    assert touch.link == "outer" and closure.stops == {"j1": "touch of outer"}
+    assert closure.q[0] == pytest.approx(expected, abs=1e-6 / 0.09)
+    assert touch.at == pytest.approx(expected / 1.9, abs=1e-5)
+    own = 0.09 * np.array([np.cos(expected), 0, np.sin(expected)])
+    normal = (np.array([centre[0], 0, centre[1]]) - own) / (radius + 0.005)
+    assert np.linalg.norm(touch.point_o - (own + 0.005 * normal)) < 1e-6
+    assert touch.normal_o == pytest.approx(normal, abs=1e-4)
+    assert np.linalg.norm(touch.point_l - (np.array([0.04, 0, 0]) + 0.005 * np.array(
+        [[np.cos(expected), 0, np.sin(expected)], [0, 1, 0], [-np.sin(expected), 0, np.cos(expected)]]) @ normal)) < 1e-6  # fmt: skip
+
+
+def test_inner_touch_stops_the_joints_below_and_the_outer_goes_on(two_links):
+    ball = Sphere(radius=0.015, mass=0.1, pose=at(0.045, 0, 0.032))
+    closure = close_hand(two_links, ball, start=np.zeros(2), target=[1.9, 1.9])
+    assert [touch.link for touch in closure.touches] == ["inner", "outer"]
+    assert closure.stops == {"j1": "touch of inner", "j2": "touch of outer"}
+    assert closure.touches[0].at < closure.touches[1].at
+    assert clearance(two_links, ball, closure.q) == pytest.approx(0, abs=1e-6)
+    # The inner joint stayed where it touched: its ball meets the object's in closed form.
+    knuckle = 0.05 * np.array([np.cos(closure.q[0]), 0, np.sin(closure.q[0])])
+    assert np.linalg.norm(knuckle - ball.com_o) == pytest.approx(0.021, abs=1e-6)
+    shares, postures = closure.events
+    assert np.all(np.diff(shares) >= 0) and np.array_equal(postures[-1], closure.q)
+    contacts = closure.contacts()
+    assert contacts.names == tuple(f"{closure.hand.fingers[0].name}/{name}" for name in ("inner", "outer"))
+    assert np.array_equal(contacts.posture, closure.q)
+
+
+def test_joint_limits_and_objects_out_of_reach(two_links):
+    far = Sphere(radius=0.01, mass=0.1, pose=at(0.3, 0, 0.3))
+    closure = close_hand(two_links, far, start=np.zeros(2), target=[3.0, 1.0])
+    assert closure.touches == () and closure.stops == {"j1": "joint limit", "j2": "end of path"}
+    assert "left open" in closure.notes[0]
+    with pytest.raises(InvalidInput, match="touches nothing"):
+        closure.contacts()
+
+
+def test_bad_starts_are_refused(two_links):
+    ball = Sphere(radius=0.015, mass=0.1, pose=at(0.09, 0, 0.001))
+    with pytest.raises(InvalidInput, match=r"'outer' .* overlaps the object by .* mm"):
+        close_hand(two_links, ball, start=np.zeros(2), target=[1.0, 1.0])
+    with pytest.raises(InvalidInput, match="within the joint limits, j1"):
+        close_hand(two_links, ball, start=[-1.0, 0.0], target=[1.0, 1.0])
+    with pytest.raises(InvalidInput, match="shape"):
+        close_hand(two_links, ball, start=np.zeros(3), target=np.zeros(3))
+    with pytest.raises(InvalidInput, match="finger"):
+        close_hand(two_links, ball, start={"nobody": [0.0]}, target=np.zeros(2))
+
+
+def test_palm_contact_at_the_start(two_links):
+    ball = Sphere(radius=0.01, mass=0.1, pose=at(-0.03, 0, 0.02 + 5e-7))
+    closure = close_hand(two_links, ball, start=np.zeros(2), target=[0.5, 0.0])
+    assert [touch.finger for touch in closure.touches] == [PALM]
+    assert closure.touches[0].point_o == pytest.approx([-0.03, 0, 0.01], abs=1e-6)
+    assert closure.touches[0].normal_o == pytest.approx([0, 0, 1], abs=1e-6)
+    assert close_hand(two_links, ball, start=np.zeros(2), target=[0.5, 0.0], palm=False).touches == ()
+
+
+@pytest.fixture(scope="module")
+def allegro():
+    return load_hand("allegro_right")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_touch_is_missed(allegro, seed):
+    """Against dense sampling of the path: no link was in the object earlier, and none is inside in the end."""
+    rng = np.random.default_rng(seed)
+    ball = Sphere(radius=rng.uniform(0.02, 0.035), mass=0.2, pose=at(0.08, *rng.uniform(-0.02, 0.02, 1), 0.07))
+    start, target = open_and_closed(allegro, ball)
+    if clearance(allegro, ball, start) <= 0:
+        pytest.skip("the open hand overlaps this one")
+    closure = close_hand(allegro, ball, start=start, target=target)
+    assert closure.touches
+    first = min(touch.at for touch in closure.touches)
+    for share in np.linspace(0, first, 60)[:-1]:
+        assert clearance(allegro, ball, start + share * (target - start)) > -2e-7
+    shares, postures = closure.events
+    for a, b in zip(postures[:-1], postures[1:]):
+        for share in np.linspace(0, 1, 8):
+            assert clearance(allegro, ball, a + share * (b - a)) > -1e-6
+    for touch in closure.touches:
+        assert abs(touch.gap) <= 2e-7
+        surface, normal, _ = ball.project(touch.point_o[None])
+        assert np.linalg.norm(surface[0] - touch.point_o) < 1e-9 and normal[0] @ touch.normal_o > 1 - 1e-9
+
+
+def test_moving_hand_and_object_together_changes_nothing(allegro):
+    ball = Sphere(radius=0.03, mass=0.2, pose=at(0.08, 0, 0.07))
+    still = close_hand(allegro, ball)
+    move = pin.SE3(pin.exp3(np.array([0.3, -1.2, 0.7])), np.array([0.4, -0.2, 1.1]))
+    moved = close_hand(
+        allegro.placed(move.homogeneous @ allegro.pose), Sphere(radius=0.03, mass=0.2, pose=move.homogeneous @ ball.pose)
+    )
+    assert moved.q == pytest.approx(still.q, abs=1e-9)
+    assert [touch.link for touch in moved.touches] == [touch.link for touch in still.touches]
+    for one, two in zip(still.touches, moved.touches):
+        assert move.act(one.point_o) == pytest.approx(two.point_o, abs=1e-7)
+        assert two.at == pytest.approx(one.at, abs=1e-9) and two.length == pytest.approx(one.length, abs=1e-7)
+
+
+def ellipsoid_beside_cylinder(semi_axes, placement, radius):
+    """Distance of an ellipsoid from a z cylinder's side through the origin, by its support function along the best direction."""
+    from scipy.optimize import minimize_scalar
+
+    def gap(angle):
+        n = np.array([np.cos(angle), np.sin(angle), 0.0])
+        return -(n @ placement.translation - np.linalg.norm(semi_axes * (placement.rotation.T @ n)))
+
+    coarse = min(np.linspace(-np.pi, np.pi, 721), key=gap)
+    best = minimize_scalar(gap, bounds=(coarse - 0.02, coarse + 0.02), method="bounded", options={"xatol": 1e-12})
+    n = np.array([np.cos(best.x), np.sin(best.x), 0.0])
+    return -best.fun - radius, radius * n
+
+
+def test_table_iv_alone_gives_the_papers_grasp():
+    """Phalanges as exact ellipsoids on the cylinder: touches against the closed form, contacts beside the published ones."""
+    case = load_case("paper", {"forces.balance": "wrench"})
+    hand, cylinder = case.load_hand(), case.make_object()
+    target = {finger: np.radians(FINAL_ANGLES_DEG[finger]) for finger in ("thumb", "index", "middle")}
+    closure = close_hand(hand, cylinder, start=np.zeros(hand.n), target=target)
+    data = hand.model.createData()
+    pin.forwardKinematics(hand.model, data, closure.q)
+    axis = cylinder.com_o * [1, 1, 0]
+    for touch in closure.touches:
+        one = next(g for g in hand.geometry.geometryObjects if g.parentJoint == touch.joint_id)
+        placed = data.oMi[touch.joint_id] * one.placement
+        placed.translation = placed.translation - axis
+        gap, point = ellipsoid_beside_cylinder(np.array(one.geometry.radii), placed, cylinder.radius)
+        assert 0 <= gap < 1e-6
+        assert np.linalg.norm(touch.point_o[:2] - axis[:2] - point[:2]) < 1e-6
+    published = case.make_contacts(hand)
+    off = {name: np.linalg.norm(touch.point_o - p) for name, p in zip(published.names, published.points_o)
+           for touch in closure.touches if touch.finger == name}  # fmt: skip
+    # The thumb's flank meets the cylinder 2.8 mm from the published point, which its tip reaches only 1.3 mm inside.
+    assert off == pytest.approx({"thumb": 2.797e-3, "index": 0.364e-3, "middle": 0.836e-3}, abs=2e-5)
+    plan = plan_grasp(hand, closure, mu=0.7, measure="work")
+    assert plan.forces.status is Status.OK and plan.forces.certificate.relative_gap <= 1e-6
+    assert plan.motion.status in (Status.OK, Status.JOINT_LIMIT)
+    assert plan.motion.tracking_error.max() < 1e-6 and plan.closure is closure
+
+
+def jaws(tmp_path, mimic=True, pads='<box size="0.02 0.004 0.03"/>'):
+    """A parallel gripper: jaws slide along y, pads face each other, 80 mm open."""
+    follow = '<mimic joint="left_slide" multiplier="1"/>' if mimic else ""
+    return load_hand(
+        write(
+            tmp_path,
+            link("palm", '<box size="0.06 0.12 0.02"/>', "0 0 -0.01"),
+            link("left", pads, "0 0.042 0.03"),
+            link("right", pads, "0 -0.042 0.03"),
+            joint("left_slide", "palm", "left", axis="0 -1 0", kind="prismatic", limits="0 0.04"),
+            joint("right_slide", "palm", "right", axis="0 1 0", kind="prismatic", limits="0 0.04", more=follow),
+        )
+    )
+
+
+@pytest.mark.parametrize("off", [0.0, 0.007, -0.012])
+def test_jaws_on_one_actuator_push_the_object_between_them(tmp_path, off):
+    hand = jaws(tmp_path)
+    assert hand.n == 1
+    ball = Sphere(radius=0.02, mass=0.1, pose=at(0, off, 0.03))
+    closure = close_hand(hand, ball)
+    assert {touch.finger for touch in closure.touches} == {finger.name for finger in hand.fingers}
+    # Caged half-way between the jaws, each of which has gone 40 mm - 20 mm.
+    assert closure.q[0] == pytest.approx(0.02, abs=2e-6)
+    assert closure.object.com_o == pytest.approx([0, 0, 0.03], abs=2e-6)
+    assert closure.pushed[:3, 3] == pytest.approx([0, -off, 0], abs=2e-6)
+    fixed = close_hand(hand, ball, fixed=True)
+    assert len(fixed.touches) == (2 if off == 0 else 1) and np.array_equal(fixed.object.pose, ball.pose)
+    # Jaws with actuators of their own need no pushing.
+    apart = close_hand(jaws(tmp_path, mimic=False), ball)
+    assert len(apart.touches) == 2 and np.array_equal(apart.pushed, np.eye(4))
+    assert sorted(apart.q) == pytest.approx(sorted([0.02 - off, 0.02 + off]), abs=1e-6)
+
+
+def test_a_turned_box_is_turned_flat_and_touches_with_its_faces(tmp_path):
+    turned = at(0, 0.003, 0.03)
+    turned[:3, :3] = pin.exp3(np.array([0, 0, 0.1]))
+    turned[2, 3] += 0.01  # clear of the palm
+    box = Box(size=(0.05, 0.03, 0.06), mass=0.1, pose=turned)
+    closure = close_hand(jaws(tmp_path), box)
+    assert closure.q[0] == pytest.approx(0.04 - 0.015, abs=1e-5)
+    assert abs(closure.object.pose[0, 1]) < 1e-4  # square between the pads
+    contacts = closure.contacts()
+    assert len(contacts) == 8  # four corners on each side
+    across = np.abs(contacts.points_o - closure.object.com_o)
+    assert across[:, 1] == pytest.approx(0.015, abs=2e-5)
+    assert across[:, 0] == pytest.approx(0.01, abs=1e-3)
+    # The pads reach from 15 to 45 mm above the palm, the box from 10 to 70 mm.
+    assert sorted(set(contacts.points_o[:, 2].round(4))) == [0.015, 0.045]
+    assert len(closure.contacts(patches=False)) == 2
+    assert len(set(contacts.names)) == 8
+
+
+def test_plans_on_closed_grippers(tmp_path):
+    """From hand and object alone to a certified, torque-limited plan; what one actuator cannot do is said."""
+    hand = jaws(tmp_path)
+    box = Box(size=(0.03, 0.03, 0.05), mass=0.1, pose=at(0, 0, 0.03))
+    plan = plan_grasp(hand, box, mu=0.6, friction=Friction(safety=1.1))
+    assert plan.forces.status is Status.OK and plan.problem.balance == "wrench"
+    certificate = plan.forces.certificate
+    assert certificate.relative_gap <= 1e-6 and certificate.balance_force < 1e-8 and certificate.balance_moment < 1e-8
+    assert np.abs(plan.motion.torques[-1]).max() <= 5.0 * (1 + 1e-6)
+    assert plan.elapsed.keys() >= {"closing", "forces", "motion"}
+    with pytest.raises(InvalidInput, match="friction coefficient, mu="):
+        plan_grasp(hand, box)
+    with pytest.raises(InvalidInput, match="expected a ForceProblem, a Closure or an object"):
+        plan_grasp(hand, "box", mu=0.5)
+
+
+def test_rounder_pads_touch_at_a_point(tmp_path):
+    closure = close_hand(jaws(tmp_path, pads='<sphere radius="0.002"/>'), Cylinder(
+        radius=0.02, height=0.05, mass=0.1, pose=at(0, 0, 0.03)))  # fmt: skip
+    assert len(closure.contacts()) == 2 and all(len(touch.patch_o) == 1 for touch in closure.touches)

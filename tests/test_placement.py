@@ -1,0 +1,83 @@
+"""Palm placement: what is found holds, whatever the number of processes; the ranking; how failures are told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pinograsp.contacts import Friction, clearance
+from pinograsp.errors import InvalidInput, PlacementNotFound, Status
+from pinograsp.hands import load_hand
+from pinograsp.objects import Cylinder, Sphere
+from pinograsp.placement import find_placements
+from pinograsp.plan import plan_grasp
+
+SETTINGS = {"mu": 0.7, "friction": Friction(model="soft", torsion=0.005), "progress": False}
+
+
+@pytest.fixture(scope="module")
+def allegro():
+    return load_hand("allegro_right")
+
+
+@pytest.fixture(scope="module")
+def ball():
+    pose = np.eye(4)
+    pose[:3, 3] = [0.3, -0.1, 0.5]
+    return Sphere(radius=0.03, mass=0.15, pose=pose)
+
+
+@pytest.fixture(scope="module")
+def found(allegro, ball):
+    return find_placements(allegro, ball, count=16, seed=3, jobs=1, **SETTINGS)
+
+
+def test_placements_hold_what_they_say(found, ball):
+    assert found.tried == 16 == sum(found.outcomes.values()) and not found.interrupted
+    assert len(found.placements) == found.outcomes["holds"] >= 2
+    for placement in found.placements:
+        closure, forces = placement.closure, placement.forces
+        assert np.array_equal(closure.object.pose, ball.pose)  # the object stays, the hand is placed
+        assert np.array_equal(closure.hand.pose, placement.pose)
+        assert clearance(closure.hand, ball, closure.q) > -1e-6
+        assert forces.status is Status.OK and forces.problem.balance == "wrench"
+        assert forces.certificate.balance_force < 1e-8 and forces.certificate.balance_moment < 1e-8
+        torque = forces.problem.torques.torques(
+            np.einsum("kij,kj->ki", forces.problem.contacts.rotations_oc, forces.forces_c),
+            forces.torsion[:, None] * forces.problem.contacts.rotations_oc[:, :, 2],
+        )
+        assert np.all(np.abs(torque) <= closure.hand.effort * (1 + 1e-6))
+        assert placement.energy == forces.certificate.primal and placement.load_margin >= 1
+    enough = [p for p in found.placements if p.load_margin >= 1.2]
+    assert found.placements[: len(enough)] == tuple(enough)
+    assert [p.energy for p in enough] == sorted(p.energy for p in enough)
+
+
+def test_the_result_depends_on_the_seed_alone(allegro, ball, found):
+    again = find_placements(allegro, ball, count=16, seed=3, jobs=2, **SETTINGS)
+    assert again.outcomes == found.outcomes
+    assert [p.energy for p in again.placements] == pytest.approx([p.energy for p in found.placements], rel=1e-6)
+    other = find_placements(allegro, ball, count=4, seed=4, jobs=1, **SETTINGS)
+    assert [p.energy for p in other.placements] != [p.energy for p in found.placements][: len(other.placements)]
+
+
+def test_the_best_placement_can_be_planned(found):
+    plan = plan_grasp(found.best.closure.hand, found.best.closure, mu=0.7, friction=Friction(model="soft", torsion=0.005))
+    assert plan.forces.status is Status.OK and plan.forces.certificate.relative_gap <= 1e-6
+    assert plan.motion.tracking_error.max() < 1e-6
+
+
+def test_hands_with_coupled_joints_are_placed():
+    gripper = load_hand("panda")
+    search = find_placements(gripper, Sphere(radius=0.02, mass=0.1), count=6, jobs=2, **SETTINGS)
+    assert search.tried == 6 and search.best.load_margin > 1
+
+
+def test_no_placement_says_why(allegro):
+    heavy = Cylinder(radius=0.03, height=0.1, mass=500.0)
+    search = find_placements(allegro, heavy, count=3, jobs=1, **SETTINGS)
+    assert search.placements == ()
+    with pytest.raises(PlacementNotFound, match="no placement of 3 holds the object: .*"):
+        _ = search.best
+    with pytest.raises(InvalidInput, match="count"):
+        find_placements(allegro, heavy, count=0, **SETTINGS)
