@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from pinograsp.checks import number
 from pinograsp.contacts import Closure, clearance, close_hand, link_centre, open_and_closed
-from pinograsp.errors import PlacementNotFound, Status
+from pinograsp.errors import PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
 from pinograsp.motion import torque_limits
@@ -119,7 +119,10 @@ def _try(hand: HandModel, object, seed, torque_limit, impact_time, settings) -> 
     if sample is None:
         return "the open hand overlaps the object", None
     placed, opened, closed = sample
-    closure = close_hand(placed, object, start=opened, target=closed)
+    try:
+        closure = close_hand(placed, object, start=opened, target=closed)
+    except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
+        return "the hand could not be closed", None
     if closure.self_collisions:
         return "fingers collide with each other", None
     return hold(closure, torque_limit=torque_limit, impact_time=impact_time, **settings)

@@ -199,8 +199,8 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
             fixed = template_of(program)
             x, y = np.empty((4, program.d)), np.empty(6)
             code, _ = interior_point(
-                fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P, fixed.q,
-                *powers_of(np.array(program.powers), 1.0, 1.0), program.lo, program.hi, fixed.facets, fixed.n_round,
+                *fixed.components, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P, fixed.q,
+                *powers_of(np.array(program.powers), 1.0, 1.0), program.lo, program.hi, fixed.n_round,
                 fixed.vertices, np.zeros(0), np.zeros(0), x, y,
             )  # fmt: skip
             assert code != CONVERGED
@@ -272,7 +272,7 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
                 assert proof == pytest.approx(program.excluded(y, w), rel=1e-9)
                 quadratic = fixed.P * (force**2 / unit), fixed.q * (force / unit)
                 powers = powers_of(np.array(program.powers).reshape(-1, 2), 1.0, 1.0)
-                bound = bound_of(both, x, *rows, *quadratic, *powers, program.lo, program.hi, *limits)
+                bound, _ = bound_of(both, x, *rows, *quadratic, *powers, program.lo, program.hi, *limits)
                 if not program.powers:  # with them the tangents are each method's own choice
                     assert bound == pytest.approx(program.lower_bound(x.ravel(), y, w), rel=1e-9)
                 for _ in range(20):

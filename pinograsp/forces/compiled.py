@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 
-from pinograsp.checks import frozen
 from pinograsp.forces.kernels import CONVERGED, answer, powers_of, whole
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import BALANCE, GAP, NEAR, VIOLATION, Program, gap_size
@@ -27,6 +26,7 @@ class Template:
         rows: the balance's, torque rows of several contacts, torque rows of one. order: of the torque rows in the program.
         P (k, d, d), q (k, d), constant, R_lo, R_hi: in newtons and the objective's unit. largest: diagonal entry of P.
         separates: whether the Newton method applies. strong: whether the objective is strongly convex by itself.
+        arguments: what :func:`pinograsp.forces.kernels.whole` takes of it, in its order.
     """
 
     def __init__(self, program: Program):
@@ -52,6 +52,7 @@ class Template:
         self.radii = np.ones(d - 1)
         if friction.model == "pyramid":
             self.radii[:2] = np.sqrt(0.5)
+        self.components = self._by_component(program)
         self.P, coupled = np.zeros((k, d, d)), False
         if program.P is not None:
             P = (program.P * (weight / force**2)).reshape(k, d, k, d)
@@ -71,6 +72,25 @@ class Template:
                 own.shape[1] == 0 or bool(np.all(np.ptp(own, axis=1) <= 1e-12 * own.max()))
             )
         self.correction = np.linalg.pinv(program.A, rcond=1e-10)  # of a residual of the balance
+        self.arguments = (
+            self.strong, *self.components, self.rows, self.touched, self.counts, self.schur, self.P, self.q, self.constant,
+            self.largest, self.facets, self.n_round, self.vertices, self.radii, self.R_lo, self.R_hi, self.correction,
+        )  # fmt: skip
+
+    def _by_component(self, program: Program) -> tuple[np.ndarray, ...]:
+        """A, G, used and own of :func:`pinograsp.forces.kernels.interior_point`: neighbours in memory are contacts."""
+        k, d, n = program.k, program.d, self.schur
+        A = np.zeros((n + -n % 3, d * k))
+        A[:n] = self.rows[:, :, :n].transpose(2, 1, 0).reshape(n, -1)
+        alone = self.counts[:, 1] - self.counts[:, 0]
+        facets = np.repeat(self.facets[:, :, None], k, axis=2)
+        limits = np.concatenate([facets, np.zeros((1 + alone.max(), d, k))])
+        limits[len(facets), -1] = 1.0
+        own = np.full((alone.max(), k), -1)
+        for i in range(k):
+            own[: alone[i], i] = at = self.touched[i, self.counts[i, 0] : self.counts[i, 1]]
+            limits[len(facets) + 1 : len(facets) + 1 + alone[i], :, i] = self.rows[i][:, at].T
+        return A, limits, np.any(limits != 0.0, axis=2), own
 
     def choice(self, solver: str) -> str:
         """The compiled solver for a request, or "" where none applies."""
@@ -102,7 +122,7 @@ def solve_program(program: Program, name: str) -> tuple | None:
     coefs, exps = powers_of(np.array(program.powers).reshape(-1, 2), 1.0, 1.0)
     x, y, gauge, residual = np.empty((k, d)), np.empty(fixed.rows.shape[2]), np.empty(k), np.empty(m)
     code, violation, value, bound = answer(
-        newton, fixed.strong, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P * (force**2 / weight),
+        newton, fixed.strong, *fixed.components, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P * (force**2 / weight),
         fixed.q * (force / weight), coefs, exps, program.lo, program.hi, fixed.facets, fixed.n_round, fixed.vertices,
         fixed.radii, fixed.R_lo / force, fixed.R_hi / force, fixed.correction, x, y, gauge, residual,
     )  # fmt: skip
@@ -132,7 +152,7 @@ def forces_at(problem: ForceProblem, template: Template, solver: str, terms, low
         [N]; and read-only forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2), acceleration (k,) [m/s^2], wrench (6,),
         active limits (3, k) at friction, least and largest F_n, and active torque rows (r,) in the template's order.
     """
-    k, r = problem.k, len(template.R_lo)
+    k, r = template.q.shape[0], template.R_lo.shape[0]
     fixed = problem._assembled.get("record")
     if fixed is None:
         widths = np.ones((k, problem.friction.d))
@@ -141,17 +161,13 @@ def forces_at(problem: ForceProblem, template: Template, solver: str, terms, low
             widths, np.array(problem.contacts.G), np.array(problem.contacts.rotations_oc[:, :, 2], order="C"), problem.pyramid,
         )  # fmt: skip
     arrays = (
-        np.empty((k, 3)), np.empty(k), np.empty((k, 2)), np.empty(k), np.empty(6),
-        np.empty((3, k), dtype=np.bool_), np.empty(r, dtype=np.bool_),
+        np.empty((k, 3)), np.empty(k), np.empty((k, 2)), np.empty(k), np.empty(6), np.empty((3, k), bool), np.empty(r, bool),
     )  # fmt: skip
     caps = problem.max_normal_force
     law = problem.compliance
     numbers = whole(
-        solver == "newton", template.strong, template.rows, template.touched, template.counts, template.schur, template.P,
-        template.q, template.constant, template.largest, template.facets, template.n_round, template.vertices,
-        template.radii, template.R_lo, template.R_hi, template.correction, np.array(problem.load), problem.moment_length,
-        np.array(terms).reshape(-1, 2), low, high, _NO_CAPS if caps is None else np.array(caps), *fixed, law.stiffness, law.exponent,
-        depth_per_A, NEAR, *arrays,
+        solver == "newton", *template.arguments, problem.load.copy(), problem.moment_length, np.array(terms).reshape(-1, 2),
+        low, high, _NO_CAPS if caps is None else caps.copy(), *fixed, law.stiffness, law.exponent, depth_per_A, NEAR, *arrays,
     )  # fmt: skip
     code, violation, most, value, bound, constant, force, moment, scale, unit = numbers
     bound = max(bound, -constant)  # no objective is negative
@@ -165,7 +181,7 @@ def forces_at(problem: ForceProblem, template: Template, solver: str, terms, low
     if not certified:
         return None
     for array in arrays:
-        frozen(array)
+        array.setflags(write=False)
     primal, dual = (value + constant) * unit, (min(bound, value) + constant) * unit
     moment *= scale * problem.moment_length
     return (primal, dual, size * unit, force * scale, moment, max(violation, 0.0) * scale), arrays
@@ -177,7 +193,8 @@ def compile_now() -> None:
     B, touched, counts = np.zeros((k, d, m)), np.arange(m)[None], np.array([[m, m]])
     B[0, :, :3] = np.eye(3)
     cone = (np.zeros((0, d)), 2, np.zeros((0, 2)), np.ones(d - 1), np.zeros(0), np.zeros(0), np.zeros((k * d, m)))
-    strong = (False, True, B, touched, counts, m)
+    components = np.zeros((m, k * d)), np.ones((1, d, k)), np.ones((1, d), dtype=np.bool_), np.zeros((0, k), dtype=np.int64)
+    strong = (False, True, *components, B, touched, counts, m)
     P, q, terms, ones = np.ones((k, 1, 1)) * np.eye(d), np.zeros((k, d)), np.ones((1, 2)), np.ones(k)
     x, y, gauge, residual = np.ones((k, d)), np.zeros(m), np.zeros(k), np.zeros(m)
     coefs, exps = powers_of(terms, 1.0, 1.0)

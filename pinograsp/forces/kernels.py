@@ -50,11 +50,13 @@ _NEWTON_GAP = 1e-7
 _BALANCED = 1e-12  # residual of the balance, of the load
 # Interior points.
 _STEPS = 60
-_INTERIOR_GAP = 1e-9  # of the objective, where the certificate ends the search
+_INTERIOR_GAP = 1e-8  # of the objective, where the certificate ends the search
 _CLOSED = 1e-7  # where it may end because rounding stops its progress
 _ROWS = 1e-9  # residual of balance and torque rows, of the load
-_TO_BOUNDARY = 0.995
+_TO_BOUNDARY, _TO_CONE = 0.999, 0.98  # share of the way to the boundary of polyhedral and of second-order cones
+_START = 0.6  # first F_n, of the load over the root of the number of contacts
 _CENTRE = 0.3  # first product of slack and multiplier, of the objective, times the contacts
+_LEAST_CENTRE = 1e-3  # of the mean product, which keeps products near each other: far apart they cost the last digits
 _GROWN = 30.0  # multipliers beyond this share of the objective's size are tried as a certificate
 _PROVEN = 1e-9  # margin of a certificate, of the load
 _SHARP = 1e-9  # of the load or the largest F_n: answers that miss a limit by more are left to the general methods
@@ -151,7 +153,7 @@ def _evaluate(y, AT, b, q, lo, hi, coefs, exps, w, radii, n_round, c, x, slopes,
 
 @njit(**FLAGS)
 def _hessian(AT, c, x, slopes, w, radii, n_round, H, v):
-    """Generalised Hessian (m, m) of -D."""
+    """Generalised Hessian (m, m) of -D, its upper triangle."""
     k, d, m = AT.shape
     e = d - 1
     H[:] = 0.0
@@ -169,7 +171,7 @@ def _hessian(AT, c, x, slopes, w, radii, n_round, H, v):
             for j in range(n_round):
                 for r in range(m):
                     t = AT[i, j, r] * around
-                    for s in range(r + 1):
+                    for s in range(r, m):
                         H[r, s] += t * AT[i, j, s]
             if saturated:
                 # Less the radial part: along it the force stays on the cone.
@@ -180,7 +182,7 @@ def _hessian(AT, c, x, slopes, w, radii, n_round, H, v):
                     v[r] -= radial
                 for r in range(m):
                     t = (AT[i, e, r] - v[r]) * around
-                    for s in range(r + 1):
+                    for s in range(r, m):
                         H[r, s] -= t * (AT[i, e, s] - v[s])
         for j in range(n_round, e):
             if abs(c[i, j]) > w[i, j] * radii[j] * F:
@@ -190,44 +192,13 @@ def _hessian(AT, c, x, slopes, w, radii, n_round, H, v):
             else:
                 for r in range(m):
                     t = AT[i, j, r] / w[i, j]
-                    for s in range(r + 1):
+                    for s in range(r, m):
                         H[r, s] += t * AT[i, j, s]
         if slopes[i] > 0:
             for r in range(m):
                 t = v[r] / slopes[i]
-                for s in range(r + 1):
+                for s in range(r, m):
                     H[r, s] += t * v[s]
-
-
-@njit(**FLAGS)
-def _solve_spd(H, g, step):
-    """Cholesky of the lower triangle of H (in place, pivots floored) and step = H^-1 g."""
-    m = g.shape[0]
-    largest = 0.0
-    for r in range(m):
-        largest = max(largest, H[r, r])
-    floor = 1e-14 * largest + 1e-300
-    for r in range(m):
-        pivot = H[r, r] + floor
-        for s in range(r):
-            pivot -= H[r, s] * H[r, s]
-        pivot = np.sqrt(max(pivot, floor))
-        H[r, r] = pivot
-        for i in range(r + 1, m):
-            t = H[i, r]
-            for s in range(r):
-                t -= H[i, s] * H[r, s]
-            H[i, r] = t / pivot
-    for r in range(m):
-        t = g[r]
-        for s in range(r):
-            t -= H[r, s] * step[s]
-        step[r] = t / H[r, r]
-    for r in range(m - 1, -1, -1):
-        t = step[r]
-        for s in range(r + 1, m):
-            t -= H[s, r] * step[s]
-        step[r] = t / H[r, r]
 
 
 @njit(**FLAGS)
@@ -246,7 +217,9 @@ def _newton(y, AT, b, q, lo, hi, coefs, exps, w, radii, n_round, x, tolerance, s
         if size <= tolerance:
             return evaluations
         _hessian(AT, c, x, slopes, w, radii, n_round, H, v)
-        _solve_spd(H, residual, step)
+        _factor(H)
+        step[:] = residual
+        _solve(H, step)
         start = 0.0
         for r in range(m):
             start += residual[r] * step[r]
@@ -283,65 +256,35 @@ def _newton(y, AT, b, q, lo, hi, coefs, exps, w, radii, n_round, x, tolerance, s
 
 
 @njit(**FLAGS)
-def _gap(y, AT, q, p, lo, hi, coefs, exps, radii, n_round, x):
-    """Duality gap of x and y in the problem without proximal weights, and the size of the objective."""
-    k, d, m = AT.shape
-    e = d - 1
-    gap, value = 0.0, 0.0
-    g = np.empty(d)
-    for i in range(k):
-        F = x[i, e]
-        for j in range(d):
-            total = q[i, j] + p[i, j] * x[i, j]
-            value += (q[i, j] + 0.5 * p[i, j] * x[i, j]) * x[i, j]
-            for r in range(m):
-                total += AT[i, j, r] * y[r]
-            g[j] = total
-        for a in range(coefs.shape[0]):
-            power = coefs[a] * F ** (exps[0] * exps[1 + a])
-            g[e] += power
-            value += power * F / (1.0 + exps[0] * exps[1 + a])
-        s = g[e]
-        round_ = 0.0
-        for j in range(n_round):
-            round_ += g[j] * g[j]
-            gap += g[j] * x[i, j]
-        s -= np.sqrt(round_)
-        for j in range(n_round, e):
-            s -= radii[j] * abs(g[j])
-            gap += g[j] * x[i, j]
-        gap += g[e] * F - min(lo[i] * s, hi[i] * s)
-    return gap, abs(value)
-
-
-@njit(**FLAGS)
-def dual_newton(y, AT, b, q, p, lo, hi, coefs, exps, radii, n_round, weight, x):
+def dual_newton(y, AT, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, radii, weight, x):
     """Proximal passes until the duality gap closes; y and x are start and result. Evaluations, negative on failure.
 
-    Shapes: y (m,), AT (k, d, m), b (m,), q and p (k, d), lo and hi (k,), radii (d - 1,), x (k, d). phi' is the sum of
-    coefs[a] F^(exps[0] exps[1 + a]) with coefs (a,) and exps (1 + a,), the latter whole numbers from the second on.
+    Shapes as in :func:`interior_point`; AT (k, d, m) has no torque rows, P (k, d, d) is diagonal; radii (d - 1,).
     ``weight`` 0: the objective is strongly convex by itself.
     """
     k, d, m = AT.shape
-    w, shifted = np.empty((k, d)), np.empty((k, d))
+    w, shifted, g = np.empty((k, d)), np.empty((k, d)), np.empty(d)
     total = 0
     for stage in range(_PASSES if weight > 0 else 1):
         for i in range(k):
             for j in range(d):
-                w[i, j] = p[i, j] + weight
+                w[i, j] = P[i, j, j] + weight
                 shifted[i, j] = q[i, j] - weight * x[i, j]
         used = _newton(y, AT, b, shifted, lo, hi, coefs, exps, w, radii, n_round, x, _BALANCED, 60)
         total += abs(used)
         if used < 0:
             return -total
-        gap, size = _gap(y, AT, q, p, lo, hi, coefs, exps, radii, n_round, x)
-        if gap <= _NEWTON_GAP * max(size, 1e-12):
+        bound, value = bound_of(y, x, AT, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g)
+        if value - bound <= _NEWTON_GAP * max(abs(value), 1e-12):
             return total
         weight = max(weight * _SHRINK, _LEAST_WEIGHT)
     return total
 
 
 # -- interior points --------------------------------------------------------------------------------------------------
+#
+# Vectors over all contacts are stored by component, v[j k + i] for component j of contact i, matrices in the same order, so
+# that the innermost loops run over contacts next to each other in memory.
 
 
 @njit(**FLAGS)
@@ -375,148 +318,330 @@ def _factor(H):
             H[r, c] *= scale
         for i in range(r + 1, n):
             t = H[r, i]
-            if t != 0.0:
-                for c in range(i, n):
-                    H[i, c] -= t * H[r, c]
+            for c in range(i, n):
+                H[i, c] -= t * H[r, c]
 
 
 @njit(**FLAGS)
-def _half_solve(U, v):
-    """v <- U'^-1 v."""
+def _solve(U, v):
+    """v <- (U'U)^-1 v with U from :func:`_factor`."""
     n = v.shape[0]
     for r in range(n):
         t = v[r] * U[r, r]
         v[r] = t
         for c in range(r + 1, n):
             v[c] -= t * U[r, c]
-
-
-@njit(**FLAGS)
-def _back_solve(U, v):
-    """v <- U^-1 v."""
-    for r in range(v.shape[0] - 1, -1, -1):
+    for r in range(n - 1, -1, -1):
         t = v[r]
-        for c in range(r + 1, v.shape[0]):
+        for c in range(r + 1, n):
             t -= U[r, c] * v[c]
         v[r] = t * U[r, r]
 
 
 @njit(**FLAGS)
-def _to_cone(u, du, F, dF, n):
-    """Largest step up to 1e3 that keeps (u, F) + t (du, dF) in the cone |u| <= F; u is the first n components."""
-    a, b, c = dF * dF, F * dF, F * F
-    for j in range(n):
-        a -= du[j] * du[j]
-        b -= u[j] * du[j]
-        c -= u[j] * u[j]
+def _factor_contacts(H):
+    """:func:`_factor` for every contact's block of H (d, d, k); d is 3 or 4."""
+    d, _, k = H.shape
+    for i in range(k):
+        a, b, c = H[0, 0, i], H[1, 1, i], H[2, 2, i]
+        floor = 1e-15 * max(max(a, b), c) + 1e-300
+        a = 1.0 / np.sqrt(max(a, floor))
+        ab, ac = H[0, 1, i] * a, H[0, 2, i] * a
+        b = 1.0 / np.sqrt(max(b - ab * ab, floor))
+        bc = (H[1, 2, i] - ab * ac) * b
+        c = 1.0 / np.sqrt(max(c - ac * ac - bc * bc, floor))
+        H[0, 0, i], H[1, 1, i], H[2, 2, i], H[0, 1, i], H[0, 2, i], H[1, 2, i] = a, b, c, ab, ac, bc
+        if d == 4:
+            ae = H[0, 3, i] * a
+            be = (H[1, 3, i] - ab * ae) * b
+            ce = (H[2, 3, i] - ac * ae - bc * be) * c
+            rest = H[3, 3, i] - ae * ae - be * be - ce * ce
+            H[0, 3, i], H[1, 3, i], H[2, 3, i] = ae, be, ce
+            H[3, 3, i] = 1.0 / np.sqrt(max(rest, max(floor, 1e-15 * H[3, 3, i])))
+
+
+@njit(**FLAGS)
+def _half_solve(U, rows, out):
+    """out[h] = U'^-1 rows[h] for the contacts' factors U and every row (n, d k)."""
+    d, _, k = U.shape
+    for i in range(k):
+        a, b, c = U[0, 0, i], U[1, 1, i], U[2, 2, i]
+        ab, ac, bc = U[0, 1, i], U[0, 2, i], U[1, 2, i]
+        for h in range(rows.shape[0]):
+            s = rows[h, i] * a
+            t = (rows[h, k + i] - ab * s) * b
+            u = (rows[h, 2 * k + i] - ac * s - bc * t) * c
+            out[h, i], out[h, k + i], out[h, 2 * k + i] = s, t, u
+            if d == 4:
+                rest = rows[h, 3 * k + i] - U[0, 3, i] * s - U[1, 3, i] * t - U[2, 3, i] * u
+                out[h, 3 * k + i] = rest * U[3, 3, i]
+
+
+@njit(**FLAGS)
+def _back_solve(U, v):
+    """v <- U^-1 v for the contacts' factors U; v (1, d k)."""
+    d, _, k = U.shape
+    for i in range(k):
+        s, t, u = v[0, i], v[0, k + i], v[0, 2 * k + i]
+        if d == 4:
+            w = v[0, 3 * k + i] * U[3, 3, i]
+            v[0, 3 * k + i] = w
+            s, t, u = s - U[0, 3, i] * w, t - U[1, 3, i] * w, u - U[2, 3, i] * w
+        u *= U[2, 2, i]
+        t = (t - U[1, 2, i] * u) * U[1, 1, i]
+        v[0, i], v[0, k + i], v[0, 2 * k + i] = (s - U[0, 1, i] * t - U[0, 2, i] * u) * U[0, 0, i], t, u
+
+
+@njit(**FLAGS)
+def _add_products(A, v, out):
+    """out += A v; the number of rows is a multiple of three."""
+    for r in range(0, A.shape[0], 3):
+        a, b, c = 0.0, 0.0, 0.0
+        for l in range(A.shape[1]):
+            t = v[0, l]
+            a, b, c = a + A[r, l] * t, b + A[r + 1, l] * t, c + A[r + 2, l] * t
+        out[r], out[r + 1], out[r + 2] = out[r] + a, out[r + 1] + b, out[r + 2] + c
+
+
+@njit(**FLAGS)
+def _add_combination(A, y, sign, out):
+    """out += sign A' y; the number of rows is a multiple of three."""
+    for r in range(0, A.shape[0], 3):
+        a, b, c = sign * y[r], sign * y[r + 1], sign * y[r + 2]
+        for l in range(A.shape[1]):
+            out[0, l] += A[r, l] * a + A[r + 1, l] * b + A[r + 2, l] * c
+
+
+@njit(**FLAGS)
+def _gram(T, S):
+    """S = T T', its upper triangle, in blocks of three rows and columns."""
+    for r in range(0, T.shape[0], 3):
+        for c in range(r, T.shape[0], 3):
+            a0, a1, a2, b0, b1, b2, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for l in range(T.shape[1]):
+                a, b, g = T[r, l], T[r + 1, l], T[r + 2, l]
+                s, t, u = T[c, l], T[c + 1, l], T[c + 2, l]
+                a0, a1, a2 = a0 + a * s, a1 + a * t, a2 + a * u
+                b0, b1, b2 = b0 + b * s, b1 + b * t, b2 + b * u
+                c0, c1, c2 = c0 + g * s, c1 + g * t, c2 + g * u
+            S[r, c], S[r, c + 1], S[r, c + 2] = a0, a1, a2
+            S[r + 1, c], S[r + 1, c + 1], S[r + 1, c + 2] = b0, b1, b2
+            S[r + 2, c], S[r + 2, c + 1], S[r + 2, c + 2] = c0, c1, c2
+
+
+# Limits with slacks: least <= G x <= most with coefficients G (limits of a contact, d, k): facets, which have no upper side, F_n,
+# torque rows of one contact. Torque rows of several contacts, ``shared``, follow as rows by themselves.
+
+
+@njit(**FLAGS)
+def _limits_along(G, used, shared, v, out):
+    """out = G v. ``used`` (limits of a contact, d): whether a component enters."""
+    _, d, k = G.shape
+    e = (d - 1) * k
+    for a in range(G.shape[0]):
+        for i in range(k):
+            out[a * k + i] = G[a, d - 1, i] * v[0, e + i]
+        for j in range(d - 1):
+            if used[a, j]:
+                for i in range(k):
+                    out[a * k + i] += G[a, j, i] * v[0, j * k + i]
+    out[G.shape[0] * k :] = 0.0
+    _add_products(shared, v, out[G.shape[0] * k :])
+
+
+@njit(**FLAGS)
+def _add_limits(G, used, v, out):
+    """out += G' v, but for torque rows of several contacts."""
+    _, d, k = G.shape
+    for a in range(G.shape[0]):
+        for j in range(d):
+            if used[a, j]:
+                for i in range(k):
+                    out[0, j * k + i] += G[a, j, i] * v[a * k + i]
+
+
+@njit(**FLAGS)
+def _add_weighted_limits(G, used, w, H):
+    """H += G' diag(w) G, but for torque rows of several contacts."""
+    _, d, k = G.shape
+    for a in range(G.shape[0]):
+        for j in range(d):
+            for c in range(j, d):
+                if used[a, j] and used[a, c]:
+                    for i in range(k):
+                        H[j, c, i] += G[a, j, i] * G[a, c, i] * w[a * k + i]
+
+
+@njit(**FLAGS)
+def _both_sides(v, sign, one_sided, out):
+    """Per limit the entry of its lower side and sign times that of its upper one, which facets do not have."""
+    other = out.shape[0] - one_sided
+    for l in range(one_sided):
+        out[l] = v[l]
+    for l in range(one_sided, out.shape[0]):
+        out[l] = v[l] + sign * v[l + other]
+
+
+# Vectors of second-order cones are tuples (u, u, u or 0, head).
+
+
+@njit(**FLAGS)
+def _in_cone(v, i, k, n_round):
+    """Contact i's components of v (1, d k) that a second-order cone bounds."""
+    return v[0, i], v[0, k + i], v[0, 2 * k + i] if n_round == 3 else 0.0, v[0, v.shape[1] - k + i]
+
+
+@njit(**FLAGS)
+def _row(v, i):
+    """Row i of v (k, 4)."""
+    return v[i, 0], v[i, 1], v[i, 2], v[i, 3]
+
+
+@njit(**FLAGS)
+def _to_cone(v, dv, step):
+    """The largest step up to ``step`` that keeps v + step dv in the cone."""
+    a = dv[3] * dv[3] - dv[0] * dv[0] - dv[1] * dv[1] - dv[2] * dv[2]
+    b = v[3] * dv[3] - v[0] * dv[0] - v[1] * dv[1] - v[2] * dv[2]
+    c = v[3] * v[3] - v[0] * v[0] - v[1] * v[1] - v[2] * v[2]
+    if v[3] + step * dv[3] > 0.0 and c + step * (2.0 * b + step * a) > 0.0:
+        return step
     # Least positive root of a t^2 + 2 b t + c, c > 0.
     root = b * b - a * c
-    if root < 0.0 or (b >= 0.0 and a >= 0.0):
-        step = 1e3
-    else:
-        step = c / (-b + np.sqrt(root)) if -b + np.sqrt(root) > 0.0 else 1e3
-    return step if dF >= 0.0 else min(step, -F / dF)
+    if root >= 0.0 and (b < 0.0 or a < 0.0):
+        root = np.sqrt(root) - b
+        if root > 0.0:
+            step = min(step, c / root)
+    return min(step, -v[3] / dv[3]) if dv[3] < 0.0 else step
 
 
 @njit(**FLAGS)
-def _scaling(u, F, z, bar):
-    """Nesterov and Todd's scaling of (u, F) and its multiplier z: fills bar (n + 1,), the head last, and returns eta."""
-    n = bar.shape[0] - 1
-    ss, zz, sz = F * F, z[n] * z[n], F * z[n]
-    for j in range(n):
-        ss -= u[j] * u[j]
-        zz -= z[j] * z[j]
-        sz += u[j] * z[j]
-    ss, zz = np.sqrt(max(ss, 1e-300)), np.sqrt(max(zz, 1e-300))
-    gamma = np.sqrt(0.5 * (1.0 + sz / (ss * zz)))
-    for j in range(n):
-        bar[j] = (u[j] / ss - z[j] / zz) / (2.0 * gamma)
-    bar[n] = (F / ss + z[n] / zz) / (2.0 * gamma)
-    return np.sqrt(ss / zz)
+def _scaling(s, z):
+    """Nesterov and Todd's scaling (vector, size) of a cone's vector and its multiplier."""
+    ss = np.sqrt(max(s[3] * s[3] - s[0] * s[0] - s[1] * s[1] - s[2] * s[2], 1e-300))
+    zz = np.sqrt(max(z[3] * z[3] - z[0] * z[0] - z[1] * z[1] - z[2] * z[2], 1e-300))
+    sz = s[0] * z[0] + s[1] * z[1] + s[2] * z[2] + s[3] * z[3]
+    half = 0.5 / np.sqrt(0.5 * (1.0 + sz / (ss * zz)))
+    a, b = half / ss, half / zz
+    return (a * s[0] - b * z[0], a * s[1] - b * z[1], a * s[2] - b * z[2], a * s[3] + b * z[3]), np.sqrt(ss / zz)
 
 
 @njit(**FLAGS)
-def _scaled(bar, eta, v, out, inverse):
-    """out = W v, or W^-1 v; vectors (n + 1,) with the head last."""
-    n = bar.shape[0] - 1
-    sign = -1.0 if inverse else 1.0
-    along = 0.0
-    for j in range(n):
-        along += bar[j] * v[j]
-    factor = sign * v[n] + along / (1.0 + bar[n])
-    scale = 1.0 / eta if inverse else eta
-    for j in range(n):
-        out[j] = scale * (v[j] + factor * bar[j])
-    out[n] = scale * (bar[n] * v[n] + sign * along)
+def _scaled(bar, scale, v, sign):
+    """W v for sign 1, W^-1 v for sign -1 and the inverse scale."""
+    along = bar[0] * v[0] + bar[1] * v[1] + bar[2] * v[2]
+    t = sign * v[3] + along / (1.0 + bar[3])
+    head = scale * (bar[3] * v[3] + sign * along)
+    return scale * (v[0] + t * bar[0]), scale * (v[1] + t * bar[1]), scale * (v[2] + t * bar[2]), head
+
+
+@njit(**FLAGS)
+def _scale_cones(x, zc, n_round, bar, eta, H):
+    """Scalings of all cones and their Hessians, added to H; returns the sum of the complementarity."""
+    d, _, k = H.shape
+    comp = 0.0
+    for i in range(k):
+        s, z = _in_cone(x, i, k, n_round), _row(zc, i)
+        w, size = _scaling(s, z)
+        bar[i, 0], bar[i, 1], bar[i, 2], bar[i, 3], eta[i] = w[0], w[1], w[2], w[3], size
+        comp += s[0] * z[0] + s[1] * z[1] + s[2] * z[2] + s[3] * z[3]
+        scale = 1.0 / (size * size)
+        t = 2.0 * scale
+        for a in range(n_round):
+            for c in range(a, n_round):
+                H[a, c, i] += t * w[a] * w[c]
+            H[a, a, i] += scale
+            H[a, d - 1, i] -= t * w[a] * w[3]
+        H[d - 1, d - 1, i] += t * w[3] * w[3] - scale
+    return comp
+
+
+@njit(**FLAGS)
+def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
+    """Steps of the cones' multipliers for the step dx; the largest step up to alpha. The predictor leaves its Jordan products
+    in ``centring``."""
+    k = eta.shape[0]
+    for i in range(k):
+        w, v, z = _row(bar, i), _in_cone(dx, i, k, n_round), _row(zc, i)
+        scale = 1.0 / eta[i]
+        ds = _scaled(w, scale, v, -1.0)
+        back = _scaled(w, scale, ds, -1.0)
+        c = _row(centring, i)  # nothing in the predictor
+        dz = (c[0] - z[0] - back[0], c[1] - z[1] - back[1], c[2] - z[2] - back[2], c[3] - z[3] - back[3])
+        if not corrector:
+            t = _scaled(w, eta[i], dz, 1.0)
+            for j in range(3):
+                centring[i, j] = ds[3] * t[j] + t[3] * ds[j]
+            centring[i, 3] = ds[0] * t[0] + ds[1] * t[1] + ds[2] * t[2] + ds[3] * t[3]
+        dzc[i, 0], dzc[i, 1], dzc[i, 2], dzc[i, 3] = dz
+        alpha = _to_cone(z, dz, _to_cone(_in_cone(x, i, k, n_round), v, alpha))
+    return alpha
+
+
+@njit(**FLAGS)
+def _centre_cones(zc, bar, eta, centre, centring):
+    """Jordan products p in ``centring`` become W^-1 (lambda \\ (centre e - p)), lambda = W z."""
+    for i in range(eta.shape[0]):
+        w, p = _row(bar, i), _row(centring, i)
+        v = _scaled(w, eta[i], _row(zc, i), 1.0)
+        det = v[3] * v[3] - v[0] * v[0] - v[1] * v[1] - v[2] * v[2]
+        t = v[3] * (centre - p[3]) + v[0] * p[0] + v[1] * p[1] + v[2] * p[2]
+        t /= max(det, 1e-300)
+        c = ((-p[0] - t * v[0]) / v[3], (-p[1] - t * v[1]) / v[3], (-p[2] - t * v[2]) / v[3], t)
+        c = _scaled(w, 1.0 / eta[i], c, -1.0)
+        centring[i, 0], centring[i, 1], centring[i, 2], centring[i, 3] = c
+
+
+@njit(**FLAGS)
+def _to_boundary(v, dv, alpha):
+    """The largest step up to alpha that keeps v + alpha dv at least 0."""
+    for l in range(v.shape[0]):
+        if v[l] + alpha * dv[l] < 0.0:
+            alpha = -v[l] / dv[l]
+    return alpha
 
 
 @njit(**FLAGS)
 def support(g, n_round, vertices):
     """max of g . u over U (:class:`~pinograsp.contacts.Friction`); vertices (e, 2) of the polygon, (0, 2) without one."""
-    e = g.shape[0] - 1
-    first, total = n_round, 0.0
-    if n_round > 0:
-        for j in range(n_round):
-            total += g[j] * g[j]
-        total = np.sqrt(total)
-    else:
-        first = 2
-        total = -np.inf
-        for v in range(vertices.shape[0]):
-            total = max(total, vertices[v, 0] * g[0] + vertices[v, 1] * g[1])
-    for j in range(first, e):
+    total = 0.0 if n_round > 0 else -np.inf
+    for j in range(n_round):
+        total += g[j] * g[j]
+    total = np.sqrt(total) if n_round > 0 else total
+    for v in range(vertices.shape[0] if n_round == 0 else 0):
+        total = max(total, vertices[v, 0] * g[0] + vertices[v, 1] * g[1])
+    for j in range(max(n_round, 2), g.shape[0] - 1):
         total += abs(g[j])
     return total
 
 
 @njit(**FLAGS)
-def _rows_at_their_limits(y, b, R_lo, R_hi):
-    """What balance and torque rows add to any bound that the multipliers y prove."""
-    m = b.shape[0]
-    total = 0.0
+def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g):
+    """Lower bound of the objective that y proves with tangents near x, ``Program.lower_bound`` compiled, and the objective at x.
+
+    g (d,) is scratch.
+    """
+    k, d, n = B.shape
+    m, e, total, value = b.shape[0], d - 1, 0.0, 0.0
     for r in range(m):
         total -= y[r] * b[r]
     for r in range(R_lo.shape[0]):
         total -= max(y[m + r] * R_hi[r], y[m + r] * R_lo[r])
-    return total
-
-
-@njit(**FLAGS)
-def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g):
-    """Farkas bound of the multipliers y = [balance; torque rows], ``Program.excluded`` compiled. g (d,) is scratch."""
-    k, d, n = B.shape
-    total = _rows_at_their_limits(y, b, R_lo, R_hi)
-    for i in range(k):
-        for j in range(d):
-            t = 0.0
-            for h in range(counts[i, 1]):
-                t += B[i, j, touched[i, h]] * y[touched[i, h]]
-            g[j] = t
-        s = g[d - 1] - support(g, n_round, vertices)
-        total += min(lo[i] * s, hi[i] * s)
-    return total
-
-
-@njit(**FLAGS)
-def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g):
-    """Lower bound of the objective that y proves with tangents near x, ``Program.lower_bound`` compiled. g (d,) is scratch."""
-    k, d, n = B.shape
-    e = d - 1
-    total = _rows_at_their_limits(y, b, R_lo, R_hi)
     for i in range(k):
         for j in range(d):
             t = 0.0
             for c in range(d):
                 t += P[i, j, c] * x[i, c]
             total -= 0.5 * t * x[i, j]
+            value += (q[i, j] + 0.5 * t) * x[i, j]
             t += q[i, j]
             for h in range(counts[i, 1]):
                 t += B[i, j, touched[i, h]] * y[touched[i, h]]
             g[j] = t
         s = g[e] - support(g, n_round, vertices)
         if coefs.shape[0] > 0:
-            F = min(max(x[i, e], lo[i]), hi[i])
+            F = max(x[i, e], 1e-300)
             t, first, second = phi(F, coefs, exps)
+            value += t
             if second > 0.0:
                 # A tangent of phi nearer to its minimiser proves more where F lies between its bounds.
                 F = min(max(F - (s + first) / second, max(lo[i], 0.5 * F)), hi[i])
@@ -524,333 +649,234 @@ def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, ve
             s += first
             total += t - first * F
         total += min(lo[i] * s, hi[i] * s)
-    return total
+    return total, value
 
 
 @njit(**FLAGS)
-def interior_point(B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, R_lo, R_hi, x, y):
+def _newton_step(T, H, S, G, used, sides, weights, multipliers, row, dx, dy):
+    """dx, the right-hand side without limits on entry, becomes the step of x; dy that of the rows' multipliers.
+
+    ``sides``: the limits' part, lower less upper side; row: residual of the balance.
+    """
+    m, at = row.shape[0], G.shape[0] * G.shape[2] - row.shape[0]
+    _add_limits(G, used, sides, dx)
+    _half_solve(H, dx, dx)
+    for r in range(dy.shape[0]):
+        dy[r] = row[r] if r < m else (-sides[at + r] - multipliers[r]) / weights[at + r]
+    _add_products(T, dx, dy)
+    _solve(S, dy)
+    _add_combination(T, dy, -1.0, dx)
+    _back_solve(H, dx)
+
+
+@njit(**FLAGS)
+def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g):
+    """Farkas bound of the multipliers y = [balance; torque rows], ``Program.excluded`` compiled. g (d,) is scratch."""
+    k, d, n = B.shape
+    P, x, none = np.zeros((k, d, d)), np.zeros((k, d)), np.zeros(0)
+    return bound_of(y, x, B, touched, counts, b, P, x, none, none, lo, hi, n_round, vertices, R_lo, R_hi, g)[0]
+
+
+@njit(**FLAGS)
+def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, x, y):
     """Minimise over the cones; x (k, d) and y (m + r,) are the results. (CONVERGED, STALLED or INFEASIBLE, steps).
 
-    Shapes: B (k, d, m + r) the rows: balance (m), torque rows that several contacts enter, torque rows of one contact alone;
-    n: how many of them are not of one contact alone; touched (k, m + r): the rows that a contact enters in that order, the
-    first counts[i, 0] below n, counts[i, 1] in all; b (m,); P (k, d, d); q (k, d); lo < hi (k,); C (f, d) facets of the
-    friction cone, C x_i >= 0; n_round components that a second-order cone bounds; vertices (e, 2) of the polygon; R_lo < R_hi
+    Shapes: A (n rounded up to a multiple of three, d k) balance (m) and torque rows that several contacts enter, n in all, by
+    component; G (f + 1 + g, d, k) limits: facets of the friction cone, F_n, torque rows of one contact; used (f + 1 + g, d):
+    components that enter them; own (g, k): where in B the latter are, -1 for none; B (k, d, m + r) all rows; touched
+    (k, m + r): the rows that a contact enters, the first counts[i, 0] below n, counts[i, 1] in all; b (m,); P (k, d, d);
+    q (k, d); lo < hi (k,); n_round components that a second-order cone bounds; vertices (e, 2) of the polygon; R_lo < R_hi
     (r,). phi' is the sum of coefs[a] F^(exps[0] exps[1 + a]) with coefs (a,) and exps (1 + a,), whole numbers from the
     second on. Infeasible: y is a Farkas certificate.
     """
     k, d, all_rows = B.shape
-    m = b.shape[0]
-    n_limits, f, e, c1 = all_rows - m, C.shape[0], d - 1, n_round + 1
-    H, T = np.empty((k, d, d)), np.empty((k, n, d))
-    S, row = np.empty((n, n)), np.empty(all_rows)
-    grad, dx, rhs = np.empty((k, d)), np.empty((k, d)), np.empty(d)
-    dy = np.empty(n)
-    # Slacks s and multipliers z of facets and bounds, products of their predictor's steps.
-    s, z, dz, product = np.empty((k, f + 2)), np.empty((k, f + 2)), np.empty((k, f + 2)), np.zeros((k, f + 2))
-    # Multipliers of the second-order cones, their centring term, scaling points.
-    zc, dzc, centring = np.zeros((k, c1)), np.zeros((k, c1)), np.zeros((k, c1))
-    bar, eta = np.empty((k, c1)), np.empty(k)
-    v1, v2, v3 = np.empty(c1), np.empty(c1), np.empty(c1)
-    # Torque rows: slacks, multipliers, their steps and products, [upper; lower].
-    sr, wr, dsr, dwr = np.empty((2, n_limits)), np.empty((2, n_limits)), np.empty((2, n_limits)), np.empty((2, n_limits))
-    off_r, product_r = np.empty((2, n_limits)), np.zeros((2, n_limits))
-    weight_r, known_r = np.empty(n_limits), np.empty(n_limits)  # dw = weight R dx + known
-    y[:] = 0.0
-    count = k * (f + 2) + 2 * n_limits + (k if n_round > 0 else 0)
-    mu = _CENTRE / k
-    for r in range(n_limits):
-        row[m + r] = 0.0
+    m, f, e, rows = b.shape[0], G.shape[0] - own.shape[0] - 1, (d - 1) * k, A.shape[0]
+    balance, R = A[:m], A[m:]
+    facets, torques, several = f * k, (f + 1) * k, G.shape[0] * k  # where limits on F_n and torque rows begin, and those shared
+    limits = several + rows - m
+    quadratic = np.any(P != 0.0)
+    v, dx, grad = np.zeros((1, d * k)), np.empty((1, d * k)), np.empty((1, d * k))  # v: x by component
+    H, T = np.empty((d, d, k)), np.empty((rows, d * k))
+    S, row, dy, multipliers, none = np.empty((rows, rows)), np.empty(m), np.empty(rows), np.zeros(rows), np.zeros(rows)
+    # Slacks s of all limits, lower sides first, their multipliers z, weights w = z / s; what s lacks of the true slack;
+    # products of the predictor's steps; per limit values, weights.
+    size = 2 * limits - facets
+    s, z, ds, dz, w, inverse = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    off, product, target = np.zeros(size), np.empty(size), np.empty(size)
+    along, weights = np.empty(limits), np.empty(limits)
+    # Multipliers of the second-order cones, their centring term, scalings.
+    cones = k if n_round > 0 else 0
+    zc, dzc, centring = np.zeros((cones, 4)), np.zeros((cones, 4)), np.zeros((cones, 4))
+    bar, eta = np.empty((cones, 4)), np.empty(cones)
+    scratch, mu, up = np.empty(d), _CENTRE / k, limits - facets  # up: from a limit's lower to its upper side
     for i in range(k):
         wide = hi[i] - lo[i]
-        for j in range(e):
-            x[i, j] = 0.0
-        x[i, e] = min(max(1.0 / k, lo[i] + 0.1 * min(wide, 1.0 / k)), hi[i] - 0.1 * wide)
-        for a in range(f):
-            s[i, a] = C[a, e] * x[i, e]
-        s[i, f], s[i, f + 1] = x[i, e] - lo[i], hi[i] - x[i, e]
-        for a in range(f + 2):
-            z[i, a] = mu / s[i, a]
+        v[0, e + i] = min(max(_START / np.sqrt(k), lo[i] + 0.1 * min(wide, 1.0 / k)), hi[i] - 0.1 * wide)
         if n_round > 0:
-            zc[i, n_round] = mu / x[i, e]
-        for h in range(m, counts[i, 1]):
-            row[touched[i, h]] += B[i, e, touched[i, h]] * x[i, e]
-    for r in range(n_limits):
-        least = 0.1 * min(R_hi[r] - R_lo[r], 1.0)
-        sr[0, r], sr[1, r] = max(R_hi[r] - row[m + r], least), max(row[m + r] - R_lo[r], least)
-        wr[0, r], wr[1, r] = mu / sr[0, r], mu / sr[1, r]
-    tested, short, last = _GROWN, 0, np.inf
+            zc[i, 3] = mu / v[0, e + i]
+    _limits_along(G, used, R, v, along)
+    for l in range(limits):
+        least, most = -1.0, 1.0  # of rows of zeros
+        if l < facets:
+            least = 0.0
+        elif l < torques:
+            least, most = lo[l - facets], hi[l - facets]
+        else:
+            at = (own[(l - torques) // k, (l - torques) % k] if l < several else m + l - several) - m
+            if at >= 0 and (l < several or at < n - m):
+                least, most = R_lo[at], R_hi[at]
+        s[l] = along[l] - least
+        if l >= facets:
+            s[l + up] = most - along[l]
+        if l >= torques:
+            for side in (l, l + up):
+                off[side] = max(0.1 * min(most - least, 1.0) - s[side], 0.0)
+                s[side] += off[side]
+    for l in range(size):
+        z[l] = mu / s[l]
+    count = size + cones
+    share = _TO_CONE if n_round > 0 else _TO_BOUNDARY
+    tested, short, previous = _GROWN, 0, np.inf
     for step in range(_STEPS):
         # Residuals.
+        far = 0.0
         for r in range(m):
             row[r] = -b[r]
-        for r in range(n_limits):
-            row[m + r] = 0.0
-        worst, value, comp = 0.0, 0.0, 0.0
-        for i in range(k):
-            for h in range(counts[i, 1]):
-                r = touched[i, h]
-                t = 0.0
-                for j in range(d):
-                    t += B[i, j, r] * x[i, j]
-                row[r] += t
-        off = 0.0
+        _add_products(balance, v, row)
         for r in range(m):
-            off = max(off, abs(row[r]))
-        for r in range(n_limits):
-            off_r[0, r], off_r[1, r] = row[m + r] + sr[0, r] - R_hi[r], sr[1, r] - row[m + r] + R_lo[r]
-            off = max(off, max(abs(off_r[0, r]), abs(off_r[1, r])))
-            comp += sr[0, r] * wr[0, r] + sr[1, r] * wr[1, r]
-            weight_r[r] = wr[0, r] / sr[0, r] + wr[1, r] / sr[1, r]
-        # Hessians, their factors and the Schur complement.
-        for r in range(n):
-            for c in range(r, n):
-                S[r, c] = 0.0
+            far = max(far, abs(row[r]))
+        for l in range(torques, size):
+            far = max(far, abs(off[l]))
+        comp, value = 0.0, 0.0
+        for l in range(size):
+            inverse[l] = 1.0 / s[l]
+            w[l] = z[l] * inverse[l]
+            comp += s[l] * z[l]
         for i in range(k):
-            F = x[i, e]
-            t, first, second = phi(F, coefs, exps)
+            t, first, second = phi(v[0, e + i], coefs, exps)
             value += t
             for j in range(d):
-                t = q[i, j]
-                for c in range(d):
-                    t += P[i, j, c] * x[i, c]
-                value += 0.5 * (t + q[i, j]) * x[i, j]
-                for h in range(counts[i, 1]):
-                    t += B[i, j, touched[i, h]] * y[touched[i, h]]
-                grad[i, j] = t
+                t = 0.0
+                for c in range(d if quadratic else 0):
+                    t += P[i, j, c] * v[0, c * k + i]
+                grad[0, j * k + i] = q[i, j] + t
+                value += (q[i, j] + 0.5 * t) * v[0, j * k + i]
                 for c in range(j, d):
-                    H[i, j, c] = P[i, j, c]
-            grad[i, e] += first
-            H[i, e, e] += second
-            for a in range(f):
-                weight = z[i, a] / s[i, a]
-                comp += z[i, a] * s[i, a]
-                for j in range(d):
-                    t = weight * C[a, j]
-                    if t != 0.0:
-                        for c in range(j, d):
-                            H[i, j, c] += t * C[a, c]
-            for a in range(f, f + 2):
-                H[i, e, e] += z[i, a] / s[i, a]
-                comp += z[i, a] * s[i, a]
-            if n_round > 0:
-                eta[i] = _scaling(x[i], F, zc[i], bar[i])
-                scale = 1.0 / (eta[i] * eta[i])
-                for j in range(n_round):
-                    comp += x[i, j] * zc[i, j]
-                    t = 2.0 * scale * bar[i, j]
-                    for c in range(j, n_round):
-                        H[i, j, c] += t * bar[i, c]
-                    H[i, j, j] += scale
-                    H[i, j, e] -= t * bar[i, n_round]
-                comp += F * zc[i, n_round]
-                H[i, e, e] += scale * (2.0 * bar[i, n_round] * bar[i, n_round] - 1.0)
-            for h in range(counts[i, 0], counts[i, 1]):
-                r = touched[i, h]
-                for j in range(d):
-                    t = weight_r[r - m] * B[i, j, r]
-                    for c in range(j, d):
-                        H[i, j, c] += t * B[i, c, r]
-            _factor(H[i])
-            for h in range(counts[i, 0]):
-                r = touched[i, h]
-                for j in range(d):
-                    T[i, h, j] = B[i, j, r]
-                _half_solve(H[i], T[i, h])
-                for g in range(h + 1):
-                    t = 0.0
-                    for j in range(d):
-                        t += T[i, h, j] * T[i, g, j]
-                    S[touched[i, g], r] += t
-        size = max(abs(value), 1e-6)
-        if off <= 1e-7 and comp <= 1e-6 * size:
-            gap = value - bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, rhs)
+                    H[j, c, i] = P[i, j, c]
+            grad[0, e + i] += first
+            H[d - 1, d - 1, i] += second
+        scale = max(abs(value), 1e-6)
+        # Hessians, their factors and the Schur complement.
+        _both_sides(w, 1.0, facets, weights)
+        _add_weighted_limits(G, used, weights, H)
+        if n_round > 0:
+            comp += _scale_cones(v, zc, n_round, bar, eta, H)
+        _factor_contacts(H)
+        _half_solve(H, A, T)
+        _gram(T, S)
+        for r in range(m, rows):
+            S[r, r] += 1.0 / weights[several + r - m]
+        _factor(S)
+        _to_contacts(v, multipliers, z, own, n, torques, up, x, y)
+        done = False
+        if far <= 1e-7 and comp <= 1e-6 * scale:
+            bound, _ = bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, scratch)
+            gap = value - bound
             for r in range(m):
                 gap += y[r] * row[r]  # what it costs to mend the balance
-            if gap <= _INTERIOR_GAP * size or (gap <= _CLOSED * size and (gap > 0.3 * last or off > _ROWS)):
-                # What rounding leaves of the rows is mended in the barriers' metric, which spares what is at its limit.
-                for r in range(m, n):
-                    S[r, r] += 1.0 / weight_r[r - m]
-                _factor(S)
-                for r in range(n_limits):
-                    known_r[r] = (wr[0, r] * off_r[0, r]) / sr[0, r] - (wr[1, r] * off_r[1, r]) / sr[1, r]
-                for _ in range(2):
-                    for r in range(n):
-                        dy[r] = row[r] if r < m else known_r[r - m] / weight_r[r - m]
-                    for i in range(k):
-                        dx[i, :] = 0.0
-                        for h in range(counts[i, 0], counts[i, 1]):
-                            for j in range(d):
-                                dx[i, j] -= B[i, j, touched[i, h]] * known_r[touched[i, h] - m]
-                        _half_solve(H[i], dx[i])
-                        for h in range(counts[i, 0]):
-                            for j in range(d):
-                                dy[touched[i, h]] += T[i, h, j] * dx[i, j]
-                    _half_solve(S, dy)
-                    _back_solve(S, dy)
-                    for r in range(m):
-                        row[r] = -b[r]
-                    for i in range(k):
-                        for h in range(counts[i, 0]):
-                            for j in range(d):
-                                dx[i, j] -= T[i, h, j] * dy[touched[i, h]]
-                        _back_solve(H[i], dx[i])
-                        for j in range(d):
-                            x[i, j] += dx[i, j]
-                            for r in range(m):
-                                row[r] += B[i, j, r] * x[i, j]
-                    known_r[:] = 0.0
-                return CONVERGED, step
-            last = gap
+            done = gap <= scale * (_INTERIOR_GAP if gap < 0.3 * previous else _CLOSED)
+            previous = gap
+        if done:
+            # What rounding leaves of the rows is mended in the barriers' metric, which spares what is at its limit.
+            for again in range(2):
+                for l in range(size):
+                    target[l] = 0.0 if again else w[l] * off[l]
+                _both_sides(target, -1.0, facets, along)
+                dx[:] = 0.0
+                _newton_step(T, H, S, G, used, along, weights, none, row, dx, dy)
+                for l in range(d * k):
+                    v[0, l] += dx[0, l]
+                row[:] = -b
+                _add_products(balance, v, row)
+            _to_contacts(v, multipliers, z, own, n, torques, up, x, y)
+            return CONVERGED, step
         grown = 0.0
         for r in range(all_rows):
             grown = max(grown, abs(y[r]))
         if not (grown < 1e15 and comp < 1e15):
             return STALLED, step
-        if off > _ROWS and (grown > tested * max(size, 1.0) or (short > 1 and grown > 0.0)):
-            tested = max(tested, 4.0 * grown / max(size, 1.0))
+        if far > _ROWS and (grown > tested * max(scale, 1.0) or (short > 1 and grown > 0.0)):
+            tested = max(tested, 4.0 * grown / max(scale, 1.0))
             for r in range(all_rows):
-                row[r] = y[r] / grown
-            if excluded(row, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, rhs) > _PROVEN:
-                y[:] = row
+                y[r] /= grown
+            if excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, scratch) > _PROVEN:
                 return INFEASIBLE, step
-            for r in range(m):
-                row[r] = -b[r]
-                for i in range(k):
-                    for j in range(d):
-                        row[r] += B[i, j, r] * x[i, j]
-        for r in range(m, n):
-            S[r, r] += 1.0 / weight_r[r - m]
-        _factor(S)
-        centre = 0.0
+        # Predictor and corrector.
+        _add_combination(A, multipliers, 1.0, grad)
+        centre, alpha, centring[:] = 0.0, 1.0, 0.0
         for corrector in range(2):
-            for r in range(n_limits):
-                known_r[r] = 0.0
-                for side in range(2):
-                    t = (wr[side, r] * off_r[side, r] + centre - product_r[side, r]) / sr[side, r] - wr[side, r]
-                    known_r[r] += t if side == 0 else -t
-            for r in range(n):
-                dy[r] = row[r] if r < m else known_r[r - m] / weight_r[r - m]
-            for i in range(k):
-                for j in range(d):
-                    dx[i, j] = -grad[i, j]
-                for a in range(f):
-                    t = (centre - product[i, a]) / s[i, a]
-                    for j in range(d):
-                        dx[i, j] += C[a, j] * t
-                dx[i, e] += (centre - product[i, f]) / s[i, f] - (centre - product[i, f + 1]) / s[i, f + 1]
-                if corrector and n_round > 0:
-                    for j in range(n_round):
-                        dx[i, j] += centring[i, j]
-                    dx[i, e] += centring[i, n_round]
-                for h in range(counts[i, 0], counts[i, 1]):
-                    for j in range(d):
-                        dx[i, j] -= B[i, j, touched[i, h]] * known_r[touched[i, h] - m]
-                _half_solve(H[i], dx[i])
-                for h in range(counts[i, 0]):
-                    t = 0.0
-                    for j in range(d):
-                        t += T[i, h, j] * dx[i, j]
-                    dy[touched[i, h]] += t
-            _half_solve(S, dy)
-            _back_solve(S, dy)
-            alpha = 1e3  # largest step inside the cones
-            for r in range(m, n):
-                dsr[0, r - m] = (known_r[r - m] - dy[r]) / weight_r[r - m]
-            for i in range(k):
-                for h in range(counts[i, 0]):
-                    t = dy[touched[i, h]]
-                    for j in range(d):
-                        dx[i, j] -= T[i, h, j] * t
-                _back_solve(H[i], dx[i])
-                for h in range(counts[i, 0], counts[i, 1]):
-                    t = 0.0
-                    for j in range(d):
-                        t -= B[i, j, touched[i, h]] * dx[i, j]
-                    dsr[0, touched[i, h] - m] = t
-                for a in range(f + 2):
-                    if a < f:
-                        ds = 0.0
-                        for j in range(d):
-                            ds += C[a, j] * dx[i, j]
-                    else:
-                        ds = dx[i, e] if a == f else -dx[i, e]
-                    dz[i, a] = (centre - product[i, a] - z[i, a] * ds) / s[i, a] - z[i, a]
-                    if ds < 0.0:
-                        alpha = min(alpha, -s[i, a] / ds)
-                    if dz[i, a] < 0.0:
-                        alpha = min(alpha, -z[i, a] / dz[i, a])
-                    if not corrector:
-                        product[i, a] = ds * dz[i, a]
-                if n_round > 0:
-                    for j in range(n_round):
-                        v1[j] = dx[i, j]
-                    v1[n_round] = dx[i, e]
-                    _scaled(bar[i], eta[i], v1, v2, True)
-                    _scaled(bar[i], eta[i], v2, v3, True)
-                    for j in range(c1):
-                        dzc[i, j] = (centring[i, j] if corrector else 0.0) - zc[i, j] - v3[j]
-                    alpha = min(alpha, _to_cone(x[i], dx[i], x[i, e], dx[i, e], n_round))
-                    alpha = min(alpha, _to_cone(zc[i], dzc[i], zc[i, n_round], dzc[i, n_round], n_round))
-                    if not corrector:
-                        # The Jordan product of both scaled steps.
-                        _scaled(bar[i], eta[i], dzc[i], v3, False)
-                        t = v2[n_round] * v3[n_round]
-                        for j in range(n_round):
-                            centring[i, j] = v2[n_round] * v3[j] + v3[n_round] * v2[j]
-                            t += v2[j] * v3[j]
-                        centring[i, n_round] = t
-            for r in range(n_limits):
-                dsr[1, r] = -dsr[0, r]  # so far +-R dx; each side has its own residual
-                for side in range(2):
-                    ds = dsr[side, r] - off_r[side, r]
-                    dw = (centre - product_r[side, r] - wr[side, r] * ds) / sr[side, r] - wr[side, r]
-                    dsr[side, r], dwr[side, r] = ds, dw
-                    if ds < 0.0:
-                        alpha = min(alpha, -sr[side, r] / ds)
-                    if dw < 0.0:
-                        alpha = min(alpha, -wr[side, r] / dw)
-                    product_r[side, r] = 0.0 if corrector else ds * dw
+            for l in range(size):
+                target[l] = w[l] * off[l]
+            for l in range(d * k):
+                dx[0, l] = -grad[0, l]
             if corrector:
-                break
-            centre = (1.0 - min(alpha, 1.0)) ** 3 * comp / count
-            for i in range(k if n_round > 0 else 0):
-                # W^-1 (lambda \ (centre e - product)), lambda = W z.
-                _scaled(bar[i], eta[i], zc[i], v1, False)
-                det, t = v1[n_round] * v1[n_round], v1[n_round] * (centre - centring[i, n_round])
+                for l in range(size):
+                    target[l] += (centre - product[l]) * inverse[l]
+            for i in range(cones):
                 for j in range(n_round):
-                    det -= v1[j] * v1[j]
-                    t += v1[j] * centring[i, j]
-                t /= max(det, 1e-300)
-                for j in range(n_round):
-                    v3[j] = (-centring[i, j] - t * v1[j]) / v1[n_round]
-                v3[n_round] = t
-                _scaled(bar[i], eta[i], v3, centring[i], True)
-        alpha = min(1.0, _TO_BOUNDARY * alpha)
+                    dx[0, j * k + i] += centring[i, j]
+                dx[0, e + i] += centring[i, 3]
+            _both_sides(target, -1.0, facets, along)
+            _newton_step(T, H, S, G, used, along, weights, multipliers, row, dx, dy)
+            _limits_along(G, used, R, dx, along)
+            for l in range(limits):
+                dz[l] = target[l] - z[l] - w[l] * along[l]
+                ds[l] = along[l] - off[l]
+            for l in range(limits, size):
+                dz[l] = target[l] - z[l] + w[l] * along[l - up]
+                ds[l] = -along[l - up] - off[l]
+            alpha = 1.0 / share if corrector else 1.0
+            alpha = _to_boundary(z, dz, _to_boundary(s, ds, alpha))
+            if n_round > 0:
+                alpha = _step_cones(v, dx, zc, dzc, n_round, bar, eta, centring, corrector > 0, alpha)
+            if not corrector:
+                for l in range(size):
+                    product[l] = ds[l] * dz[l]
+                centre = max((1.0 - alpha) ** 3, _LEAST_CENTRE) * comp / count
+                if n_round > 0:
+                    _centre_cones(zc, bar, eta, centre, centring)
+        alpha = min(1.0, share * alpha)
         short = short + 1 if alpha < 1e-3 else 0
         if short > 5:
             return STALLED, step
-        for i in range(k):
-            for j in range(d):
-                x[i, j] += alpha * dx[i, j]
-            for a in range(f + 2):
-                z[i, a] += alpha * dz[i, a]
-                product[i, a] = 0.0
-            for a in range(f):
-                t = 0.0
-                for j in range(d):
-                    t += C[a, j] * x[i, j]
-                s[i, a] = t
-            s[i, f], s[i, f + 1] = x[i, e] - lo[i], hi[i] - x[i, e]
-            for j in range(c1):
+        # Slacks are carried along: computed from x they would lose their digits, and could vanish.
+        for l in range(size):
+            s[l] += alpha * ds[l]
+            z[l] += alpha * dz[l]
+            off[l] *= 1.0 - alpha
+        for l in range(d * k):
+            v[0, l] += alpha * dx[0, l]
+        for i in range(cones):
+            for j in range(4):
                 zc[i, j] += alpha * dzc[i, j]
-        for r in range(m):
-            y[r] += alpha * dy[r]
-        for r in range(n_limits):
-            for side in range(2):
-                sr[side, r] += alpha * dsr[side, r]
-                wr[side, r] += alpha * dwr[side, r]
-            y[m + r] = wr[0, r] - wr[1, r]
+        for r in range(rows):
+            multipliers[r] = multipliers[r] + alpha * dy[r] if r < m else z[several + r - m + up] - z[several + r - m]
     return STALLED, _STEPS
+
+
+@njit(**FLAGS)
+def _to_contacts(v, multipliers, z, own, n, torques, up, x, y):
+    """x (k, d) from its components v, and the multipliers of all rows in their order."""
+    k, d = x.shape
+    for i in range(k):
+        for j in range(d):
+            x[i, j] = v[0, j * k + i]
+        for a in range(own.shape[0]):
+            if own[a, i] >= 0:
+                at = torques + a * k + i
+                y[own[a, i]] = z[at + up] - z[at]
+    for r in range(n):
+        y[r] = multipliers[r]
 
 
 # -- answers and their checks -----------------------------------------------------------------------------------------
@@ -872,7 +898,7 @@ def powers_of(terms, scale, unit):
 
 
 @njit(**FLAGS)
-def answer(newton, strong, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
+def answer(newton, strong, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
            correction, x, y, gauge, residual):  # fmt: skip
     """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound); fills x, y, gauge (k,), residual (m,).
 
@@ -881,24 +907,19 @@ def answer(newton, strong, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, 
     """
     k, d, all_rows = B.shape
     m, e = b.shape[0], d - 1
-    code = CONVERGED
+    code, g, torque, violation, most = CONVERGED, np.empty(d), np.zeros(all_rows - m), 0.0, 1.0
     if newton:
-        p = np.empty((k, d))
+        x[:] = 0.0
         for i in range(k):
-            for j in range(d):
-                p[i, j] = P[i, j, j]
-                x[i, j] = 0.0
             x[i, e] = min(max(min(1.0, 2.0 / k), lo[i]), hi[i])
         y[:] = 0.0
         weight = 0.0 if strong else _FIRST_WEIGHT
-        if dual_newton(y, B, b, q, p, lo, hi, coefs, exps, radii, n_round, weight, x) < 0:
+        if dual_newton(y, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, radii, weight, x) < 0:
             code = STALLED
     else:
         code, _ = interior_point(
-            B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, R_lo, R_hi, x, y
+            A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, x, y
         )
-    torque = np.empty(all_rows - m)
-    violation, value = 0.0, 0.0
     for again in range(2):
         for r in range(m):
             t = -b[r]
@@ -915,10 +936,9 @@ def answer(newton, strong, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, 
             for j in range(d):
                 for r in range(m):
                     x[i, j] -= correction[i * d + j, r] * residual[r]
-    torque[:] = 0.0
     for i in range(k):
         F = x[i, e]
-        length = 0.0
+        most, length = max(most, F), 0.0
         for j in range(n_round):
             length += x[i, j] * x[i, j]
         length = np.sqrt(length)
@@ -929,30 +949,19 @@ def answer(newton, strong, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, 
             length = max(length, t)
         gauge[i] = length
         violation = max(violation, max(length - F, max(lo[i] - F, F - hi[i])))
-        t, _, _ = phi(max(F, 1e-300), coefs, exps)
-        value += t
-        for j in range(d):
-            t = 0.0
-            for c in range(d):
-                t += P[i, j, c] * x[i, c]
-            value += (q[i, j] + 0.5 * t) * x[i, j]
         for h in range(m, counts[i, 1]):
             for j in range(d):
                 torque[touched[i, h] - m] += B[i, j, touched[i, h]] * x[i, j]
     for r in range(all_rows - m):
         violation = max(violation, max(torque[r] - R_hi[r], R_lo[r] - torque[r]))
-    most = 1.0
-    for i in range(k):
-        most = max(most, x[i, e])
     if violation > _SHARP * most:
         code = STALLED
-    g = np.empty(d)
-    bound = bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g)
+    bound, value = bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g)
     return code, violation, value, bound
 
 
 @njit(**FLAGS)
-def whole(newton, strong, B, touched, counts, n, P0, q0, constant, largest, C, n_round, vertices, radii, R_lo0, R_hi0,
+def whole(newton, strong, A, limits, used, own, B, touched, counts, n, P0, q0, constant, largest, C, n_round, vertices, radii, R_lo0, R_hi0,
           correction, load, arm, terms, low, high, caps, widths, G, normals, half, stiffness, exponent, depth_per_A, near,
           forces, torsion, multipliers, acceleration, wrench, active, active_rows):  # fmt: skip
     """One force problem from its load (6,) [N, N m] to everything its record holds.
@@ -996,7 +1005,7 @@ def whole(newton, strong, B, touched, counts, n, P0, q0, constant, largest, C, n
     constant = constant / unit
     x, y, gauge, residual = np.empty((k, d)), np.empty(all_rows), np.empty(k), np.empty(m)
     code, violation, value, bound = answer(
-        newton, strong, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
+        newton, strong, A, limits, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
         correction, x, y, gauge, residual,
     )  # fmt: skip
     if code != CONVERGED:

@@ -144,7 +144,10 @@ def _compiled(problem, impact_time, weights, terms, solver, started) -> ForceSol
         return None
     (primal, dual, size, force, moment, violation), arrays = answer
     forces, torsion, multipliers, acceleration, wrench, active, active_rows = arrays
-    joints = problem.torques.limited_joints if len(active_rows) else ()
+    joints = ()
+    if active_rows.any():
+        names = problem.torques.limited_joints
+        joints = tuple(names[template.order[row]] for row in active_rows.nonzero()[0])
     certificate = Certificate(
         primal=primal,
         dual=dual,
@@ -154,7 +157,7 @@ def _compiled(problem, impact_time, weights, terms, solver, started) -> ForceSol
         at_friction=active[0],
         at_least=active[1],
         at_most=active[2],
-        at_torque=tuple(joints[j] for j, meets in zip(template.order, active_rows) if meets),
+        at_torque=joints,
         size=size,
     )
     return ForceSolution(

@@ -80,7 +80,8 @@ def _base_rotation(finger: str) -> np.ndarray:
 def _knuckle_o(finger: str) -> np.ndarray:
     """Origin of {0} in W (3,) [m], so that the tip at the final angles lies on the published contact point."""
     links = _links(finger)
-    at_origin = FingerDescription(name=finger, base=pose_of(rotation=_palm_rotation() @ _base_rotation(finger)), links=links)
+    base = pose_of(rotation=_palm_rotation() @ _base_rotation(finger))
+    at_origin = FingerDescription(name=finger, base=base, links=links)
     tip = at_origin.frames(np.radians(FINAL_ANGLES_DEG[finger]))[-1][:3, 3]
     return np.array(CONTACT_POINTS_MM[finger]) * 1e-3 - tip
 
