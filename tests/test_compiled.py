@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import builtins
+import json
+import os
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -283,3 +286,50 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
                     lagrangian = program.value(flat) + y @ (program.A @ flat - program.b) + w @ (program.R @ flat)
                     assert bound <= lagrangian - program.rows_at_their_limits(w) + 1e-9 * abs(bound)
     assert compared >= 3
+
+
+INTERPRETED = """
+import json, sys
+import numpy as np
+import pinograsp as pg
+from pinograsp.forces import TorqueLimits
+pg.warm_up()
+rng = np.random.default_rng(5)
+primal = []
+for model in (pg.Friction(), pg.Friction(torsion=0.004), pg.Friction(edges=8), pg.Friction(model="cone"),
+              pg.Friction(model="cone", torsion=0.004), pg.Friction(model="soft", torsion=0.004)):
+    angle = np.linspace(0, 2 * np.pi, 4, endpoint=False) + rng.uniform(-0.3, 0.3, 4)
+    points = 0.03 * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.5, 0.5, 4)])
+    contacts = pg.contacts_at(None, pg.Cylinder(radius=0.03, height=0.2, mass=0.2), points)
+    jacobian = np.zeros((4, 6, 6))
+    for i in range(4):
+        jacobian[i, :3, i] = rng.uniform(-0.05, 0.05, 3)
+    jacobian[:, :3, 4:] = rng.uniform(-0.05, 0.05, (4, 3, 2))
+    limits = TorqueLimits(jacobian=jacobian, bias=np.full(6, 0.01), limit=np.full(6, 0.3))
+    for torques in (None, limits):
+        problem = pg.ForceProblem(contacts=contacts, load=[0.3, 0.1, -1.0, 0.002, 0.0, 0.001], mu=0.7, friction=model,
+                                  torques=torques)
+        for objective in ("work", "impulse", "least_squares"):
+            for solver in ("interior", "newton"):
+                for _ in range(2):
+                    found = pg.optimize_forces(problem, 0.85, objective=objective, solver=solver)
+                primal.append([found.solver, found.certificate.primal if found.certificate else None])
+    heavy = problem.with_load([300.0, 0, -1000.0, 0, 0, 0])
+    primal.append([str(pg.optimize_forces(heavy, 0.85, solver="interior").status), None])
+print(json.dumps(primal))
+"""
+
+
+def test_interpreted_kernels_give_the_same(tmp_path):
+    """Compiled code checks no index: the same functions, interpreted, do, and must agree."""
+    answers = {}
+    for interpreted in ("0", "1"):
+        done = subprocess.run([sys.executable, "-c", INTERPRETED], cwd=tmp_path, capture_output=True, text=True,
+                              timeout=500, env={**os.environ, "NUMBA_DISABLE_JIT": interpreted})  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        answers[interpreted] = json.loads(done.stdout)
+    assert len(answers["0"]) == len(answers["1"]) == 78
+    assert sum(solver == "interior" for solver, _ in answers["1"]) >= 30
+    assert sum(solver == "newton" for solver, _ in answers["1"]) >= 10
+    for (one, a), (two, b) in zip(*answers.values()):
+        assert one == two and (a == b if a is None else a == pytest.approx(b, rel=1e-7))
