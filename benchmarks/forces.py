@@ -719,6 +719,7 @@ LIMITATIONS = """Known limitations:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--quick", action="store_true", help="fewer grasps, and a small budget per method")
+    parser.add_argument("--budget", type=float, default=BUDGET, help="seconds per method, mode and group")
     parser.add_argument("--contacts", type=int, nargs="+", choices=GRASPS, help="only these numbers of contacts")
     parser.add_argument("--out", type=Path, default=HERE / "forces.csv", help="table; the figure lies beside it")
     options = parser.parse_args()
@@ -743,7 +744,7 @@ def main() -> None:
                     replace(c, base=replace(c.base, friction=friction, torques=c.base.torques if torques else None))
                     for c in cases
                 ]
-                group = Group(own, friction, objective, BUDGET_QUICK if options.quick else BUDGET)
+                group = Group(own, friction, objective, BUDGET_QUICK if options.quick else options.budget)
                 group.measure()
                 rows += group.rows(k, name)
                 bar.update()

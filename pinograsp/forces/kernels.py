@@ -22,14 +22,14 @@ closed (Rockafellar 1976). Answers are certified like any other's.
 
 **Interior points** take every :class:`~pinograsp.forces.program.Program` whose objective couples no two contacts:
 polyhedral and second-order friction cones, bounds on F_n, powers of F_n (Eqs. 9 and 11), quadratic terms and torque rows. The iterates stay
-inside the cones and bounds, so that these need no slack variables; balance and torque rows are met in the limit. With
+inside the cones and bounds; balance and torque rows are met in the limit. With
 B = [A; R], multipliers l = [y; w] and per contact the Hessian H_i of the objective and of the barriers, a Newton step solves
 
     [ H  B' ] [dx]   [ -stationarity + centring ]
     [ B  -E ] [dl] = [ -rows                    ],     H block diagonal with blocks (d, d), E = diag(0, s/w),
 
 by the Schur complement B H^-1 B' + E: six unknowns and one for each torque row, whatever the number of contacts, so the
-cost of a step grows linearly with them. A contact enters only the rows that it touches (the balance, its finger's joints).
+cost of a step grows linearly with them. Torque rows of one contact alone join its block H_i.
 Steps are Mehrotra's predictor and corrector (1992), second-order cones scaled by Nesterov and Todd's point (1997; formulas as
 in Vandenberghe 2010). In infeasible programs the multipliers grow along a Farkas certificate, which is tested as they grow.
 """
@@ -698,8 +698,8 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
     v, dx, grad = np.zeros((1, d * k)), np.empty((1, d * k)), np.empty((1, d * k))  # v: x by component
     H, T = np.empty((d, d, k)), np.empty((rows, d * k))
     S, row, dy, multipliers, none = np.empty((rows, rows)), np.empty(m), np.empty(rows), np.zeros(rows), np.zeros(rows)
-    # Slacks s of all limits, lower sides first, their multipliers z, weights w = z / s; what s lacks of the true slack;
-    # products of the predictor's steps; per limit values, weights.
+    # Slacks s of all limits, lower sides first, their multipliers z, weights w = z / s; off: s less the true slack; products
+    # of the predictor's steps; per limit values and weights.
     size = 2 * limits - facets
     s, z, ds, dz, w, inverse = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     off, product, target = np.zeros(size), np.empty(size), np.empty(size)
