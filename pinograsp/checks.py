@@ -37,6 +37,15 @@ def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
     return read_only(array)
 
 
+def placement_of(name: str, value) -> np.ndarray:
+    """``value`` as a placement (4, 4) with an orthonormal right-handed rotation, or :class:`InvalidInput`."""
+    pose = array_of(name, value, (4, 4))
+    rotation = pose[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+        raise InvalidInput(f"{name}: expected a homogeneous placement with an orthonormal right-handed rotation")
+    return pose
+
+
 def number(name: str, value, *, above: float | None = None, at_least: float | None = None, unit: str = "") -> float:
     """``value`` as a finite float within the bounds, or :class:`InvalidInput`."""
     bound = f" > {above:g}" if above is not None else f" >= {at_least:g}" if at_least is not None else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from pathlib import Path
@@ -86,22 +87,30 @@ def plan(
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     try:
-        if case is not None and hand is None and object is None:
-            _plan(case, out, options, changes, force, as_json)
-        elif case is None and hand is not None and object is not None:
-            if changes:
-                raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-            placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed}
-            _plan_object(hand, object, root, placing, out, options, force, as_json)
-        else:
-            raise InvalidInput("expected either CASE, or --hand and --object")
+        with _errors_told(as_json):
+            if case is not None and hand is None and object is None:
+                _plan(case, out, options, changes, force, as_json)
+            elif case is None and hand is not None and object is not None:
+                if changes:
+                    raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
+                placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed}
+                _plan_object(hand, object, root, placing, out, options, force, as_json)
+            else:
+                raise InvalidInput("expected either CASE, or --hand and --object")
+    except KeyboardInterrupt:
+        typer.echo("pinograsp: interrupted, nothing written", err=True)
+        raise typer.Exit(130) from None
+
+
+@contextlib.contextmanager
+def _errors_told(as_json: bool):
+    """With ``--json``, an error of ours is told as one JSON object before it goes on."""
+    try:
+        yield
     except PinograspError as error:
         if as_json:
             typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
         raise
-    except KeyboardInterrupt:
-        typer.echo("pinograsp: interrupted, nothing written", err=True)
-        raise typer.Exit(130) from None
 
 
 def _status_of(error: PinograspError) -> str:
@@ -214,13 +223,9 @@ def close(
 
       pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
     """
-    try:
+    with _errors_told(as_json):
         placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed}
         closure, _ = _closed(hand, object, root, placing, as_json)
-    except PinograspError as error:
-        if as_json:
-            typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
-        raise
     typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
     if not closure.touches:
         raise typer.Exit(3)
@@ -319,17 +324,13 @@ def hands(
     from pinograsp.hands import load_hand
     from pinograsp.hands.summary import record
 
-    try:
+    with _errors_told(as_json):
         if name is None:
             if root is not None:
                 raise InvalidInput("--root needs the NAME of a hand or file")
             _list_hands(as_json)
             return
         hand = load_hand(name, root=root)
-    except PinograspError as error:
-        if as_json:
-            typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
-        raise
     typer.echo(json.dumps(record(hand), allow_nan=False) if as_json else hand.describe())
 
 

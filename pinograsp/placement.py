@@ -85,7 +85,8 @@ def find_placements(
         margin: placements that hold a smaller multiple of the load come after all others.
         torque_limit: ``"effort"``: within the hand's effort limits (joints without one are not limited); a number [N m]; None.
         impact_time: t_I of the forces that rank the placements [s].
-        jobs: processes (joblib); -1: all cores; hands with coupled joints take one. progress: bar on stderr: None (on a terminal), True or False.
+        jobs: processes (joblib); -1: all cores; hands with coupled joints take one.
+        progress: bar on stderr: None (on a terminal), True or False.
         **settings: of :class:`~pinograsp.forces.ForceProblem` (mu, friction, ...).
 
     Returns:
@@ -154,7 +155,7 @@ def problem_of(hand: HandModel, object, contacts, torque_limit, **settings) -> F
     problem = ForceProblem.holding(object, contacts, **settings)
     if torque_limit is None:
         return problem
-    limit = np.where(hand.effort > 0, hand.effort, np.inf) if torque_limit == "effort" else torque_limit
+    limit = hand.effort_or_infinity if torque_limit == "effort" else torque_limit
     return replace(
         problem, torques=torque_limits(hand, contacts, contacts.posture, limit=limit, gravity_o=problem.gravity_o)
     )
@@ -162,9 +163,9 @@ def problem_of(hand: HandModel, object, contacts, torque_limit, **settings) -> F
 
 def _hand_moved(closure: Closure) -> Closure:
     """The same closure with the hand moved back instead of the object pushed."""
-    back = pin.SE3(np.array(closure.pushed)).inverse()
-    if np.allclose(back.homogeneous, np.eye(4), atol=0, rtol=0):
+    if np.array_equal(closure.pushed, np.eye(4)):
         return closure
+    back = pin.SE3(np.array(closure.pushed)).inverse()
     touches = tuple(
         replace(
             touch,

@@ -264,7 +264,7 @@ def _closed_plan(
     problem = ForceProblem.holding(closure.object, closure.contacts(), **settings)
     search = search or "convex"
     if torque_limit is None and search == "convex" and np.any(hand.effort > 0):
-        torque_limit = np.where(hand.effort > 0, hand.effort, np.inf)
+        torque_limit = hand.effort_or_infinity
     if motion is None:
         motion = MotionSpec(
             start={finger.name: closure.start[finger.dofs] for finger in hand.fingers},

@@ -9,6 +9,7 @@ import pinocchio as pin
 from pinograsp.checks import array_of
 from pinograsp.errors import GeometryFailed
 from pinograsp.hands import HandModel
+from pinograsp.objects.body import tangents
 
 PALM = "palm"
 _FAR = 1e3  # [m] farther than any hand from its object: coal failed
@@ -92,9 +93,7 @@ class Distances:
 
         Tilted a little about the point, flat bodies touch at one corner of their common area after the other.
         """
-        x = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-        x /= np.linalg.norm(x)
-        y = np.cross(normal, x)
+        x, y = tangents(normal[None])[0].T
         corners = [point]
         pose = np.array(self.object.pose)
         for turn in 0.3 + np.arange(8) * np.pi / 4:  # askew: along an edge any of its points would do

@@ -287,11 +287,14 @@ class _Closing:
             self.q[away] = self.start[away]
         if idle:
             notes.append(f"without contact, so left open: {', '.join(finger.name for finger in idle)}")
-        pushed = np.array(self.object.pose) @ np.linalg.inv(self.given.pose)
+        pushed = np.eye(4)
         if self.object is not self.given:
+            pushed = np.array(self.object.pose) @ np.linalg.inv(self.given.pose)
             moved = ", ".join(f"{1e3 * v:.2f}" for v in self.object.com_o - self.given.com_o)
             turned = np.degrees(np.linalg.norm(pin.log3(pushed[:3, :3])))
-            notes.append(f"the object was pushed by ({moved}) mm and turned by {turned:.2f} deg by fingers that cannot stop one by one")
+            notes.append(
+                f"the object was pushed by ({moved}) mm and turned by {turned:.2f} deg by fingers that cannot stop one by one"
+            )
         return Closure(
             hand=self.hand,
             object=self.object,
@@ -305,12 +308,6 @@ class _Closing:
             pushed=read_only(pushed),
             notes=tuple(notes),
         )
-
-
-def _moved(pose: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    pose = np.array(pose)
-    pose[:3, 3] += shift
-    return pose
 
 
 def _least_motion(rows: np.ndarray, sides: np.ndarray) -> np.ndarray | None:

@@ -47,10 +47,11 @@ class Closure:
     """A hand closed on an object.
 
     Attributes:
-        hand, object: what was closed on what; the object where jaws that share an actuator have pushed it. q: posture when nothing moves any more (n,) [rad].
+        hand, object: what was closed on what; the object where jaws that share an actuator have pushed it.
+        q: posture when nothing moves any more (n,) [rad].
         start, target: ends of the path (n,) [rad].
-        touches: in the order they happened. Fingers without any are at ``start``. stops: ``{joint: reason}``, ``"touch of <link>"``, ``"joint limit"`` or
-            ``"end of path"``.
+        touches: in the order they happened. Fingers without any are at ``start``.
+        stops: ``{joint: reason}``, ``"touch of <link>"``, ``"joint limit"`` or ``"end of path"``.
         events: shares of the path (e,) and postures (e, n) at the start, at every touch and at the end: the motion is
             piecewise linear in between.
         self_collisions: pairs of links that overlap in the end and did not at the start.
@@ -85,11 +86,12 @@ class Closure:
         if not own:
             raise InvalidInput("this closure touches nothing: there are no contacts (see stops and notes)")
         own.sort(key=lambda touch: (order[touch.finger], touch.joint_id))
+        data = self.hand.model.createData()
+        pin.forwardKinematics(self.hand.model, data, np.array(self.q))
         contacts = []
         for touch in own:
-            from_o = self.touch_frame(touch)
             for point in touch.patch_o if patches else touch.point_o[None]:
-                local = from_o.actInv(point)
+                local = data.oMi[touch.joint_id].actInv(point)
                 contacts.append(
                     Contact(
                         finger=touch.finger,
@@ -127,12 +129,6 @@ class Closure:
             "self_collisions": [list(pair) for pair in self.self_collisions],
             "notes": list(self.notes),
         }
-
-    def touch_frame(self, touch: Touch) -> pin.SE3:
-        """Placement in the world of the joint that carries a touching link."""
-        data = self.hand.model.createData()
-        pin.forwardKinematics(self.hand.model, data, np.array(self.q))
-        return data.oMi[touch.joint_id].copy()
 
     def describe(self) -> str:
         """Contacts, stops and notes as readable text."""

@@ -18,8 +18,8 @@ def open_and_closed(hand: HandModel, object) -> tuple[np.ndarray, np.ndarray]:
     """A default synergy: an open and a closed posture (n,), (n,) [rad or m] for closing on ``object``.
 
     Flexion joints (those parallel to their finger's last joint) and sliding joints run from the limit that takes the
-    fingertip away from the object (turning joints keep a little room there) to the one that takes it there. Other joints spread or oppose the fingers: each stays
-    where its finger, when it flexes, comes nearest to the object.
+    fingertip away from the object (turning joints keep a little room there) to the one that takes it there. Other joints
+    spread or oppose the fingers: each stays where its finger, when it flexes, comes nearest to the object.
     """
     room = _ROOM * (hand.upper - hand.lower)
     middle = np.clip(np.zeros(hand.n), hand.lower, hand.upper)

@@ -81,17 +81,9 @@ def _inner(c, F, lo, hi, coefs, exps, w, radii, n_round, x):
     slope = 0.0
     inside = False
     for it in range(60):
-        g = c[e] + w[e] * F
-        slope = w[e]
-        if coefs.shape[0] > 0:
-            # The exponents are 1 + j / rho (Eqs. 9 and 11), so one power serves all of them.
-            root = F**exps[0]
-            for a in range(coefs.shape[0]):
-                power = coefs[a]
-                for _ in range(int(exps[1 + a])):
-                    power *= root
-                g += power
-                slope += exps[1 + a] * exps[0] * power / F
+        _, first, second = phi(F, coefs, exps)
+        g = c[e] + w[e] * F + first
+        slope = w[e] + second
         if n_round > 0 and round_ > w[0] * F:
             g -= round_ - w[0] * F
             slope += w[0]
@@ -292,6 +284,7 @@ def phi(F, coefs, exps):
     """phi, phi' and phi'' at F > 0; see :func:`interior_point` for the powers."""
     value, first, second = 0.0, 0.0, 0.0
     if coefs.shape[0] > 0:
+        # The exponents are 1 + j / rho (Eqs. 9 and 11), so one power serves all of them.
         root = F ** exps[0]
         for a in range(coefs.shape[0]):
             power, exponent = coefs[a], exps[0] * exps[1 + a]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, one_of, read_only
+from pinograsp.checks import array_of, one_of, placement_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import pose_of
@@ -95,6 +95,11 @@ class HandModel:
         return read_only(self.model.effortLimit)
 
     @property
+    def effort_or_infinity(self) -> np.ndarray:
+        """Effort limits (n,) [N m or N]; infinity where the description has none."""
+        return read_only(np.where(self.effort > 0, self.effort, np.inf))
+
+    @property
     def couplings(self) -> dict[str, Coupling]:
         """By coupled joint, the actuated joint that moves it and how."""
         model, names, couplings = self.model, self.joint_names, {}
@@ -162,9 +167,7 @@ class HandModel:
 
     def placed(self, pose) -> HandModel:
         """The same hand with its root frame at ``pose`` = oMh (4, 4)."""
-        pose = array_of("hand pose", pose, (4, 4))
-        if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(pose[:3, :3]) < 0:
-            raise InvalidInput("hand pose: expected a homogeneous placement with an orthonormal right-handed rotation")
+        pose = placement_of("hand pose", pose)
         if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
             raise InvalidInput(f"hand pose: expected the last row 0 0 0 1, got {pose[3].tolist()}")
         if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-12:

@@ -120,7 +120,8 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
     velocities, tracking, slip = np.zeros((m, problem.k, 3)), np.zeros(problem.k), np.zeros(problem.k)
     notes: list[str] = list(hand.notes)
     clean = on_path = True
-    for finger, which in moving_groups(hand, contacts):
+    groups = moving_groups(hand, contacts)
+    for finger, which in groups:
         found, own = postures[finger.name], [contacts[i] for i in which]
         closed = found.method == "closing"
         candidates = [
@@ -143,7 +144,7 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
         notes += [f"{joint} leaves its limits by {math.degrees(by):.2f} deg in the approach" for joint, by in outside]
         clean &= not motion.limited and not outside
         on_path &= bool(tracking[which].max() <= _TRACKED)
-    busy = {int(i) for finger, _ in moving_groups(hand, contacts) for i in finger.dofs}
+    busy = {int(i) for finger, _ in groups for i in finger.dofs}
     for name, angles in (spec.posture or {}).items():
         if not busy.intersection(hand.finger(name).dofs.tolist()):  # an idle finger, on its own path to its own posture
             finger = hand.finger(name)
@@ -186,18 +187,16 @@ def _gentler(hand, finger, motion: FingerMotion, path, before, start, spec: Moti
 
     Joints that start and end near a limit have no room to swing back for it. The jump of the acceleration is noted.
     """
-    beyond = [finger.actuated.index(joint) for joint, _ in _outside_limits(hand, finger, path[0])]
+    beyond = dict(_outside_limits(hand, finger, path[0]))
     if not beyond:
         return path
-    share = np.ones(finger.n)
-    share[beyond] = 0.0
-    other = _with_approach(motion, before, start, spec, share)
-    left = dict(_outside_limits(hand, finger, other[0]))
-    before_ = dict(_outside_limits(hand, finger, path[0]))
-    share[[i for i in beyond if left.get(finger.actuated[i], 0.0) >= before_[finger.actuated[i]]]] = 1.0
-    mended = [finger.actuated[i] for i in beyond if share[i] == 0.0]
-    if mended:
-        notes.append(f"the acceleration of {', '.join(mended)} jumps at impact: no room within the limits to build it up")
+    share = np.array([0.0 if joint in beyond else 1.0 for joint in finger.actuated])
+    left = dict(_outside_limits(hand, finger, _with_approach(motion, before, start, spec, share)[0]))
+    mended = [joint for joint, by in beyond.items() if left.get(joint, 0.0) < by]
+    if not mended:
+        return path
+    notes.append(f"the acceleration of {', '.join(mended)} jumps at impact: no room within the limits to build it up")
+    share = np.array([0.0 if joint in mended else 1.0 for joint in finger.actuated])
     return _with_approach(motion, before, start, spec, share)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, read_only
+from pinograsp.checks import array_of, number, placement_of, read_only
 from pinograsp.errors import InvalidInput
 
 # Nearer than this to a centre, an axis or a mid-plane [m], no direction to the surface is preferred over another;
@@ -30,7 +30,7 @@ class Body:
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self):
-        self._set(pose=_checked_pose(self.pose))
+        self._set(pose=placement_of("pose", self.pose))
         self._check_shape()
         name, mass, density = self._name, self.mass, self.density
         if mass is None and density is None:
@@ -74,7 +74,7 @@ class Body:
     def placed(self, pose) -> Body:
         """The same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
         moved = copy.copy(self)
-        moved._set(pose=_checked_pose(pose))
+        moved._set(pose=placement_of("pose", pose))
         return moved
 
     def project(self, points_o) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -120,11 +120,3 @@ def tangents(normals: np.ndarray) -> np.ndarray:
     first = np.cross(normals, aside)
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack([first, np.cross(normals, first)], axis=2)
-
-
-def _checked_pose(pose) -> np.ndarray:
-    pose = array_of("pose", pose, (4, 4))
-    rotation = pose[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-        raise InvalidInput("pose: expected a homogeneous placement with an orthonormal right-handed rotation")
-    return pose
