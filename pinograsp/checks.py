@@ -25,16 +25,21 @@ def frozen(array: np.ndarray) -> np.ndarray:
 
 def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
     """``value`` as a finite float array of ``shape`` (``None`` = any size), or :class:`InvalidInput`."""
-    wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
-        array = np.asarray(value, dtype=float)
+        array = np.array(value, dtype=float, order="C")
     except (TypeError, ValueError):
-        raise InvalidInput(f"{name}: expected numbers of shape {wanted}, got {value!r}") from None
-    if array.ndim != len(shape) or any(s is not None and s != a for s, a in zip(shape, array.shape)):
-        raise InvalidInput(f"{name}: expected shape {wanted}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
+        raise InvalidInput(f"{name}: expected numbers of shape {_words(shape)}, got {value!r}") from None
+    if array.shape != shape and (
+        array.ndim != len(shape) or any(s is not None and s != a for s, a in zip(shape, array.shape))
+    ):
+        raise InvalidInput(f"{name}: expected shape {_words(shape)}, got {array.shape}")
+    if not np.isfinite(array).all():
         raise InvalidInput(f"{name}: expected finite numbers, got {array.tolist()}")
-    return read_only(array)
+    return frozen(array)
+
+
+def _words(shape) -> str:
+    return "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
 
 
 def placement_of(name: str, value) -> np.ndarray:

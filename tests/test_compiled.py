@@ -168,7 +168,7 @@ def test_auto_uses_them_only_where_they_apply(contact_set):
     problem = ForceProblem(**settings)
     for _ in range(2):
         assert optimize_forces(problem, 0.85).solver == "interior"
-        assert optimize_forces(problem, 0.85, objective="least_squares").solver == "newton"
+        assert optimize_forces(problem, 0.85, objective="least_squares").solver == "interior"
         assert optimize_forces(problem, 0.85, objective="peak").solver == "daqp"
         assert optimize_forces(ForceProblem(**settings, friction=Friction(edges=8)), 0.85).solver == "interior"
         limited = ForceProblem(**settings, torques=joint_limits(5))

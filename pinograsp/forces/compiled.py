@@ -1,6 +1,7 @@
 """The compiled path (extra ``fast``): scale, solve, check and record one force problem in a single compiled call.
 
-Everything that does not change with the load and the impact time is kept in a :class:`Template`. The checks are those of
+What changes neither with the load nor with the impact time is kept in a :class:`Template`, what does not change with the
+load in :class:`Prepared`. The checks are those of
 :mod:`pinograsp.forces.program`, written for compiling; the tests compare the two. What this path cannot take or certify
 goes to the general one.
 """
@@ -11,12 +12,12 @@ import math
 
 import numpy as np
 
+from pinograsp.checks import frozen
 from pinograsp.forces.kernels import CONVERGED, answer, powers_of, whole
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import BALANCE, GAP, NEAR, VIOLATION, Program, gap_size
+from pinograsp.forces.program import BALANCE, GAP, NEAR, VIOLATION, Program, energy_terms_at, gap_size
 
-_NO_CAPS = np.zeros(0)
-_NEWTON_FROM = 5  # contacts; with fewer, strongly convex objectives included, interior points are as fast and steadier
+_KEPT = 16  # impact times and objectives kept per problem
 
 
 class Template:
@@ -26,7 +27,7 @@ class Template:
         rows: the balance's, torque rows of several contacts, torque rows of one. order: of the torque rows in the program.
         P (k, d, d), q (k, d), constant, R_lo, R_hi: in newtons and the objective's unit. largest: diagonal entry of P.
         separates: whether the Newton method applies. strong: whether the objective is strongly convex by itself.
-        arguments: what :func:`pinograsp.forces.kernels.whole` takes of it, in its order.
+        packed: sizes and numbers of :func:`pinograsp.forces.kernels.whole`, once :meth:`pack` has made them.
     """
 
     def __init__(self, program: Program):
@@ -72,10 +73,26 @@ class Template:
                 own.shape[1] == 0 or bool(np.all(np.ptp(own, axis=1) <= 1e-12 * own.max()))
             )
         self.correction = np.linalg.pinv(program.A, rcond=1e-10)  # of a residual of the balance
-        self.arguments = (
-            self.strong, *self.components, self.rows, self.touched, self.counts, self.schur, self.P, self.q, self.constant,
-            self.largest, self.facets, self.n_round, self.vertices, self.radii, self.R_lo, self.R_hi, self.correction,
-        )  # fmt: skip
+        self.packed: tuple[np.ndarray, np.ndarray] | None = None
+
+    def pack(self, problem: ForceProblem) -> tuple[np.ndarray, np.ndarray]:
+        """Sizes and numbers of :func:`pinograsp.forces.kernels.whole`; ``problem`` is one that shares these matrices."""
+        if self.packed is None:
+            A, limits, used, own = self.components
+            k, d, all_rows = self.rows.shape
+            m, widths = self.correction.shape[1], np.ones((k, d))
+            widths[:, :-1] = problem.friction.scale(problem.mu)
+            sizes = (
+                (k, d, m, all_rows, self.schur, self.strong, self.n_round, len(A), len(self.facets), len(limits)),
+                (len(self.vertices),), used, own, self.touched, self.counts,
+            )  # fmt: skip
+            numbers = (
+                (self.constant, self.largest, problem.moment_length, NEAR), A, limits, self.rows, self.P, self.q, self.facets,
+                self.vertices, self.radii, self.R_lo, self.R_hi, self.correction, widths, problem.contacts.G,
+                problem.contacts.rotations_oc[:, :, 2], problem.pyramid,
+            )  # fmt: skip
+            self.packed = _joined(sizes, np.int64), _joined(numbers, float)
+        return self.packed
 
     def _by_component(self, program: Program) -> tuple[np.ndarray, ...]:
         """A, G, used and own of :func:`pinograsp.forces.kernels.interior_point`: neighbours in memory are contacts."""
@@ -90,14 +107,18 @@ class Template:
         for i in range(k):
             own[: alone[i], i] = at = self.touched[i, self.counts[i, 0] : self.counts[i, 1]]
             limits[len(facets) + 1 : len(facets) + 1 + alone[i], :, i] = self.rows[i][:, at].T
-        return A, limits, np.any(limits != 0.0, axis=2), own
+        return A, limits, np.any(limits != 0.0, axis=2).astype(np.int64), own
 
     def choice(self, solver: str) -> str:
         """The compiled solver for a request, or "" where none applies."""
-        if solver == "newton" or (solver == "auto" and self.strong and len(self.P) >= _NEWTON_FROM):
-            if self.separates:
-                return "newton"
+        if solver == "newton" and self.separates:
+            return "newton"
         return "interior" if self.applies and solver in ("auto", "interior") else ""
+
+
+def _joined(parts, kind) -> np.ndarray:
+    """All entries in one array (n,)."""
+    return np.concatenate([np.asarray(part, dtype=kind).ravel() for part in parts])
 
 
 def template_of(program: Program) -> Template:
@@ -133,58 +154,75 @@ def solve_program(program: Program, name: str) -> tuple | None:
     return x.ravel(), y[:m], w, (violation, gauge, residual, value, bound)
 
 
-def known_template(problem: ForceProblem, weights) -> Template | None:
-    """The template of a problem and objective, if a problem that shares its matrices was solved before."""
-    cache = problem._assembled.get(("objective", *weights.items(), "cache"))
-    return None if cache is None else cache.get("template")
+class Prepared:
+    """Everything of a force problem but its load, at one impact time, for one objective and solver.
 
-
-def forces_at(problem: ForceProblem, template: Template, solver: str, terms, low: float, high: float, depth_per_A: float) -> tuple | None:
-    """The compiled path for a problem whose template is known; None where it has no certified answer.
-
-    Args:
-        problem, template: from the same matrices. solver: ``"newton"`` or ``"interior"``.
-        terms: (coefficient, exponent) pairs of the objective in F_n [N]. low, high: range of F_n [N], caps aside.
-        depth_per_A: final depth per deceleration [s^2].
-
-    Returns:
-        primal, dual, size (see :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m], violation
-        [N]; and read-only forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2), acceleration (k,) [m/s^2], wrench (6,),
-        active limits (3, k) at friction, least and largest F_n, and active torque rows (r,) in the template's order.
+    Attributes:
+        solver: ``"newton"`` or ``"interior"``. weights: the objective. joints: names of the torque rows, in their order.
     """
-    k, r = template.q.shape[0], template.R_lo.shape[0]
-    fixed = problem._assembled.get("record")
-    if fixed is None:
-        widths = np.ones((k, problem.friction.d))
-        widths[:, :-1] = problem.friction.scale(problem.mu)
-        fixed = problem._assembled["record"] = (
-            widths, np.array(problem.contacts.G), np.array(problem.contacts.rotations_oc[:, :, 2], order="C"), problem.pyramid,
+
+    __slots__ = ("solver", "weights", "impact_time", "joints", "sizes", "numbers", "at", "k", "parts", "moment_length")
+
+    def __init__(self, problem: ForceProblem, template: Template, solver: str, weights, impact_time: float):
+        self.solver, self.weights, self.impact_time, self.k = solver, weights, impact_time, problem.k
+        names = problem.torques.limited_joints if len(template.order) else ()
+        self.joints = [names[row] for row in template.order]
+        self.sizes, self.numbers = template.pack(problem)
+        low, high, _ = problem._range_at(impact_time)
+        law, caps = problem.compliance, problem.max_normal_force
+        terms = energy_terms_at(problem, weights, impact_time)
+        limits = (solver == "newton", low, high, law.stiffness, law.exponent, problem.depth_per_acceleration(impact_time))
+        powers = [(weights[m] * c, e) for m, own in terms.items() for c, e in own]
+        self.at = _joined((limits, np.full(self.k, np.inf) if caps is None else caps, powers), float)
+        self.moment_length = problem.moment_length
+
+    def forces(self, load: np.ndarray) -> tuple | None:
+        """Forces for a load (6,), read-only; None where there is no certified answer.
+
+        Returns:
+            primal, dual, size (see :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m],
+            violation [N]; and read-only net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2),
+            acceleration (k,) [m/s^2], and active limits: at friction, least and largest F_n (k,), torque rows (r,).
+        """
+        k = self.k
+        out, active = np.empty(6 + 7 * k), np.empty(3 * k + len(self.joints), np.bool_)
+        code, violation, most, value, bound, constant, force, moment, scale, unit = whole(
+            self.sizes, self.numbers, self.at, load, out, active
+        )
+        bound = max(bound, -constant)  # no objective is negative
+        size = gap_size(value + constant, constant)
+        certified = (
+            code == CONVERGED
+            and math.hypot(force, moment) <= BALANCE
+            and violation <= VIOLATION * max(1.0, most)
+            and -math.inf < value - bound <= GAP * size
+        )
+        if not certified:
+            return None
+        out.flags.writeable = active.flags.writeable = False
+        numbers = (
+            (value + constant) * unit, (min(bound, value) + constant) * unit, size * unit, force * scale,
+            moment * scale * self.moment_length, max(violation, 0.0) * scale,
         )  # fmt: skip
-    arrays = (
-        np.empty((k, 3)), np.empty(k), np.empty((k, 2)), np.empty(k), np.empty(6), np.empty((3, k), bool), np.empty(r, bool),
-    )  # fmt: skip
-    caps = problem.max_normal_force
-    law = problem.compliance
-    numbers = whole(
-        solver == "newton", *template.arguments, problem.load.copy(), problem.moment_length, np.array(terms).reshape(-1, 2),
-        low, high, _NO_CAPS if caps is None else caps.copy(), *fixed, law.stiffness, law.exponent, depth_per_A, NEAR, *arrays,
-    )  # fmt: skip
-    code, violation, most, value, bound, constant, force, moment, scale, unit = numbers
-    bound = max(bound, -constant)  # no objective is negative
-    size = gap_size(value + constant, constant)
-    certified = (
-        code == CONVERGED
-        and math.hypot(force, moment) <= BALANCE
-        and violation <= VIOLATION * max(1.0, most)
-        and -math.inf < value - bound <= GAP * size
-    )
-    if not certified:
+        end = 6 + 3 * k
+        arrays = (
+            out[:6], out[6:end].reshape(k, 3), out[end : end + k], out[end + k : end + 3 * k].reshape(k, 2),
+            out[end + 3 * k :], active[:k], active[k : 2 * k], active[2 * k : 3 * k], active[3 * k :],
+        )  # fmt: skip
+        return numbers, arrays
+
+
+def prepare(problem: ForceProblem, weights, impact_time: float, solver: str, key) -> Prepared | None:
+    """What a call needs besides its load, if a problem that shares these matrices was solved before; kept under ``key``."""
+    cache = problem._assembled.get(("objective", *weights.items(), "cache"))
+    template = None if cache is None else cache.get("template")
+    name = "" if template is None else template.choice(solver)
+    if not name:
         return None
-    for array in arrays:
-        array.setflags(write=False)
-    primal, dual = (value + constant) * unit, (min(bound, value) + constant) * unit
-    moment *= scale * problem.moment_length
-    return (primal, dual, size * unit, force * scale, moment, max(violation, 0.0) * scale), arrays
+    if len(problem._prepared) >= _KEPT:
+        problem._prepared.clear()
+    found = problem._prepared[key] = Prepared(problem, template, name, weights, impact_time)
+    return found
 
 
 def compile_now() -> None:
@@ -192,15 +230,18 @@ def compile_now() -> None:
     k, d, m = 1, 3, 6
     B, touched, counts = np.zeros((k, d, m)), np.arange(m)[None], np.array([[m, m]])
     B[0, :, :3] = np.eye(3)
-    cone = (np.zeros((0, d)), 2, np.zeros((0, 2)), np.ones(d - 1), np.zeros(0), np.zeros(0), np.zeros((k * d, m)))
-    components = np.zeros((m, k * d)), np.ones((1, d, k)), np.ones((1, d), dtype=np.bool_), np.zeros((0, k), dtype=np.int64)
-    strong = (False, True, *components, B, touched, counts, m)
-    P, q, terms, ones = np.ones((k, 1, 1)) * np.eye(d), np.zeros((k, d)), np.ones((1, 2)), np.ones(k)
-    x, y, gauge, residual = np.ones((k, d)), np.zeros(m), np.zeros(k), np.zeros(m)
-    coefs, exps = powers_of(terms, 1.0, 1.0)
-    answer(*strong, np.zeros(m), P, q, coefs, exps, 0.1 * ones, ones, *cone, x, y, gauge, residual)
+    components = np.zeros((m, k * d)), np.ones((1, d, k)), np.ones((1, d), dtype=np.int64), np.zeros((0, k), dtype=np.int64)
+    P, q, ones, none = np.ones((k, 1, 1)) * np.eye(d), np.zeros((k, d)), np.ones(k), np.zeros(0)
+    corners, radii, correction = np.zeros((0, 2)), np.ones(d - 1), np.zeros((k * d, m))
+    coefs, exps = powers_of(np.ones((1, 2)), 1.0, 1.0)
+    answer(
+        False, True, *components, B, touched, counts, m, np.zeros(m), P, q, coefs, exps, 0.1 * ones, ones, np.zeros((0, d)), 2,
+        corners, radii, none, none, correction, np.ones((k, d)), np.zeros(m), np.zeros(k), np.zeros(m),
+    )  # fmt: skip
+    sizes = (k, d, m, m, m, 1, 2, m, 0, 1, 0), components[2], touched, counts
+    numbers = (0.0, 1.0, 1.0, NEAR), *components[:2], B, P, q, radii, correction, np.ones(k * d + 18 * k + 3 * k + k)
+    at = (0.0, 0.1, 1.0, 1.0, 1.0, 1.0), ones, (1.0, 1.0)
     whole(
-        *strong, P, q, 0.0, 1.0, *cone, np.zeros(6), 1.0, terms, 0.1, 1.0, ones, np.ones((k, d)), np.zeros((6, 3)),
-        np.zeros((k, 3)), ones, 1.0, 1.0, 1.0, NEAR, np.ones((k, 3)), np.ones(k), np.ones((k, 2)), np.ones(k), np.ones(6),
-        np.empty((3, k), dtype=np.bool_), np.empty(0, dtype=np.bool_),
+        _joined(sizes, np.int64), _joined(numbers, float), _joined(at, float), frozen(np.zeros(6)), np.empty(6 + 7 * k),
+        np.empty(3 * k, np.bool_),
     )  # fmt: skip

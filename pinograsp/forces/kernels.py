@@ -954,21 +954,55 @@ def answer(newton, strong, A, G, used, own, B, touched, counts, n, b, P, q, coef
 
 
 @njit(**FLAGS)
-def whole(newton, strong, A, limits, used, own, B, touched, counts, n, P0, q0, constant, largest, C, n_round, vertices, radii, R_lo0, R_hi0,
-          correction, load, arm, terms, low, high, caps, widths, G, normals, half, stiffness, exponent, depth_per_A, near,
-          forces, torsion, multipliers, acceleration, wrench, active, active_rows):  # fmt: skip
+def _part(packed, start, shape):
+    """The array of this shape that begins at ``start``, and where the next one does."""
+    size = 1
+    for n in shape:
+        size *= n
+    return packed[start : start + size].reshape(shape), start + size
+
+
+@njit(**FLAGS)
+def whole(sizes, numbers, at, load, out, active):
     """One force problem from its load (6,) [N, N m] to everything its record holds.
 
-    Arguments as in :func:`answer`, in newtons; then arm [m], powers of the objective (a, 2), bounds of F_n [N], caps (k,) or
-    (0,), widths (k, 3 or 4) newtons and N m per unit of x, G (6, 3 k), normals (k, 3), half the pyramid's width per newton
-    (k,), contact law and final depth per deceleration. Fills forces (k, 3), torsion (k,), multipliers (k, 2), acceleration
-    (k,), wrench (6,), active (3, k) at friction, least and largest F_n, active_rows (r,).
-    ``near``: a limit met to this share is active.
+    Few arguments, because each array that Python hands over costs as much as a contact does. sizes, numbers: the grasp, as
+    :class:`pinograsp.forces.compiled.Template` packs it; at: impact time and limits, as
+    :class:`~pinograsp.forces.compiled.Prepared` packs them. Fills out (6 + 7 k,): net wrench, contact forces (k, 3),
+    torsion (k,), multipliers (k, 2), acceleration (k,); and active (3 k + r,): at friction, least and largest F_n, torque rows.
     Returns, dimensionless, (CONVERGED or what went wrong, violation, largest F_n, objective, bound, its constant, net force,
     net moment) and what forces [N] and the objective were divided by.
     """
-    k, d, all_rows = B.shape
-    m, e = correction.shape[1], d - 1
+    k, d, m, all_rows, n, strong, n_round = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5] != 0, sizes[6]
+    padded, facets, limited, corners, e = sizes[7], sizes[8], sizes[9], sizes[10], sizes[1] - 1
+    used, i = _part(sizes, 11, (limited, d))
+    own, i = _part(sizes, i, (limited - facets - 1, k))
+    touched, i = _part(sizes, i, (k, all_rows))
+    counts, i = _part(sizes, i, (k, 2))
+    constant, largest, arm, near = numbers[0], numbers[1], numbers[2], numbers[3]
+    A, i = _part(numbers, 4, (padded, d * k))
+    limits, i = _part(numbers, i, (limited, d, k))
+    B, i = _part(numbers, i, (k, d, all_rows))
+    P0, i = _part(numbers, i, (k, d, d))
+    q0, i = _part(numbers, i, (k, d))
+    C, i = _part(numbers, i, (facets, d))
+    vertices, i = _part(numbers, i, (corners, 2))
+    radii, i = _part(numbers, i, (e,))
+    R_lo0, i = _part(numbers, i, (all_rows - m,))
+    R_hi0, i = _part(numbers, i, (all_rows - m,))
+    correction, i = _part(numbers, i, (k * d, m))
+    widths, i = _part(numbers, i, (k, d))
+    G, i = _part(numbers, i, (6, 3 * k))
+    normals, i = _part(numbers, i, (k, 3))
+    half, i = _part(numbers, i, (k,))
+    newton, low, high, stiffness, exponent, depth_per_A = at[0] != 0.0, at[1], at[2], at[3], at[4], at[5]
+    caps, i = _part(at, 6, (k,))
+    terms, i = _part(at, i, ((at.shape[0] - i) // 2, 2))
+    wrench, i = _part(out, 0, (6,))
+    forces, i = _part(out, i, (k, 3))
+    torsion, i = _part(out, i, (k,))
+    multipliers, i = _part(out, i, (k, 2))
+    acceleration, i = _part(out, i, (k,))
     failed = (STALLED, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     scale = 0.0
     b = np.empty(m)
@@ -980,9 +1014,7 @@ def whole(newton, strong, A, limits, used, own, B, touched, counts, n, P0, q0, c
         scale = low
     lo, hi = np.empty(k), np.empty(k)
     for i in range(k):
-        lo[i], hi[i] = low / scale, high / scale
-        if caps.shape[0] > 0:
-            hi[i] = min(caps[i] / scale, hi[i])
+        lo[i], hi[i] = low / scale, min(caps[i], high) / scale
         if not hi[i] - lo[i] > 1e-9 * hi[i]:
             return failed
     for r in range(m):
@@ -1010,9 +1042,9 @@ def whole(newton, strong, A, limits, used, own, B, touched, counts, n, P0, q0, c
         wrench[r] = load[r]
     for i in range(k):
         F = x[i, e]
-        active[0, i] = gauge[i] >= F * (1.0 - near)
-        active[1, i] = lo[i] * (1.0 + near) >= F
-        active[2, i] = hi[i] * (1.0 - near) <= F
+        active[i] = gauge[i] >= F * (1.0 - near)
+        active[k + i] = lo[i] * (1.0 + near) >= F
+        active[2 * k + i] = hi[i] * (1.0 - near) <= F
         forces[i, 0], forces[i, 1], forces[i, 2] = x[i, 0] * scale * widths[i, 0], x[i, 1] * scale * widths[i, 1], F * scale
         torsion[i] = 0.0
         if d == 4:
@@ -1031,7 +1063,7 @@ def whole(newton, strong, A, limits, used, own, B, touched, counts, n, P0, q0, c
         for i in range(k):
             for j in range(d):
                 t += B[i, j, m + r] * x[i, j]
-        active_rows[r] = t >= R_hi[r] - near or t <= R_lo[r] + near
+        active[3 * k + r] = t >= R_hi[r] - near or t <= R_lo[r] + near
     force, moment = 0.0, 0.0
     for r in range(m):
         if r < 3:

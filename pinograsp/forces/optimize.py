@@ -105,8 +105,8 @@ def optimize_forces(
             squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All convex, solved to optimality.
-        solver: ``"auto"``: after :func:`warm_up` the compiled methods (``"newton"`` for strongly convex objectives from five
-            contacts on, ``"interior"`` for all else but peak and coupled motor heat); DAQP up to 20 contacts; else Clarabel.
+        solver: ``"auto"``: after :func:`warm_up` the compiled interior-point method (``"interior"``; all objectives but peak
+            and coupled motor heat); else DAQP up to 20 contacts, and Clarabel.
             Or a name of :data:`FORCE_SOLVERS`. A backend that cannot take the problem or whose answer fails its certificate
             hands over to DAQP and Clarabel; the record says which one ran.
 
@@ -118,55 +118,56 @@ def optimize_forces(
         InvalidInput: an impact time not below t_F, an unknown objective or solver.
     """
     started = time.perf_counter()
-    impact_time = problem.checked_impact_time(impact_time)
-    weights = weights_of(objective, problem)
-    one_of("solver", solver, FORCE_SOLVERS)
+    named = objective is None or objective.__class__ is str
+    try:  # checked before, when it was prepared
+        key = (impact_time, objective if named else tuple(objective.items()), solver)
+        ready = problem._prepared.get(key)
+    except (AttributeError, TypeError):
+        ready = key = None
+    if ready is None:
+        impact_time = problem.checked_impact_time(impact_time)
+        weights = weights_of(objective, problem)
+        one_of("solver", solver, FORCE_SOLVERS)
+        compiled = sys.modules.get("pinograsp.forces.compiled")
+        if compiled is not None and key is not None:
+            ready = compiled.prepare(problem, weights, impact_time, solver, key)
+    if ready is not None:
+        found = _compiled(problem, ready, started)
+        if found is not None:
+            return found
+        impact_time, weights = ready.impact_time, ready.weights
     terms = energy_terms_at(problem, weights, impact_time)
-    found = _compiled(problem, impact_time, weights, terms, solver, started)
-    if found is not None:
-        return found
     program = assemble(problem, weights, terms, *problem.normal_force_range(impact_time))
     x, status, certificate, proof, solver = solve_certified(problem, program, solver)
     return record(problem, program, impact_time, x, status, certificate, proof, solver, weights, started)
 
 
-def _compiled(problem, impact_time, weights, terms, solver, started) -> ForceSolution | None:
-    """The compiled path's record, once its matrices are known from an earlier call; None where it has none."""
-    compiled = sys.modules.get("pinograsp.forces.compiled")
-    template = None if compiled is None else compiled.known_template(problem, weights)
-    name = "" if template is None else template.choice(solver)
-    if not name:
-        return None
-    low, high, _ = problem._range_at(impact_time)
-    powers = [(weights[m] * c, e) for m, own in terms.items() for c, e in own]
-    answer = compiled.forces_at(problem, template, name, powers, low, high, problem.depth_per_acceleration(impact_time))
+def _compiled(problem, ready, started) -> ForceSolution | None:
+    """The compiled path's record; None where it has no certified answer."""
+    answer = ready.forces(problem.load)
     if answer is None:
         return None
     (primal, dual, size, force, moment, violation), arrays = answer
-    forces, torsion, multipliers, acceleration, wrench, active, active_rows = arrays
-    joints = ()
-    if active_rows.any():
-        names = problem.torques.limited_joints
-        joints = tuple(names[template.order[row]] for row in active_rows.nonzero()[0])
+    wrench, forces, torsion, multipliers, acceleration, at_friction, at_least, at_most, at_torque = arrays
     certificate = Certificate(
         primal=primal,
         dual=dual,
         balance_force=force,
         balance_moment=moment,
         limit_violation=violation,
-        at_friction=active[0],
-        at_least=active[1],
-        at_most=active[2],
-        at_torque=joints,
+        at_friction=at_friction,
+        at_least=at_least,
+        at_most=at_most,
+        at_torque=tuple(ready.joints[row] for row in at_torque.nonzero()[0]) if ready.joints else (),
         size=size,
     )
     return ForceSolution(
         status=Status.OK,
         problem=problem,
         search="convex",
-        solver=name,
-        objective=weights,
-        impact_time=impact_time,
+        solver=ready.solver,
+        objective=dict(ready.weights),
+        impact_time=ready.impact_time,
         acceleration=acceleration,
         multipliers=multipliers,
         forces_c=forces,

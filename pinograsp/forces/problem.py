@@ -83,7 +83,7 @@ class TorqueLimits:
         return tau
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)  # without slots: with_load copies all attributes at once
 class ForceProblem:
     """k contacts, a load, friction, and the constraints of Eqs. (13)-(16).
 
@@ -124,6 +124,7 @@ class ForceProblem:
     torques: TorqueLimits | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
     _assembled: dict = field(init=False, repr=False)
+    _prepared: dict = field(init=False, repr=False)
 
     def __post_init__(self):
         def put(name, value):
@@ -173,6 +174,7 @@ class ForceProblem:
                 shared.pop(next(iter(shared)))
             shared[key] = {"torques": self.torques}  # held, so that its id stays its own
         put("_assembled", shared[key])
+        put("_prepared", {})  # shared by all that differ in their load alone
 
     @classmethod
     def holding(cls, object, contacts: ContactSet, *, gravity_o=(0.0, 0.0, -9.81), **settings) -> ForceProblem:
@@ -184,9 +186,8 @@ class ForceProblem:
     def with_load(self, load) -> ForceProblem:
         """The same problem under another load (6,) [N, N m]: for loops where nothing else changes."""
         changed = object.__new__(ForceProblem)
-        for name in ForceProblem.__slots__:
-            object.__setattr__(changed, name, getattr(self, name))
-        object.__setattr__(changed, "load", array_of("load", load, (6,)))
+        changed.__dict__.update(self.__dict__)
+        changed.__dict__["load"] = array_of("load", load, (6,))
         return changed
 
     @property
