@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -23,6 +24,13 @@ def frozen(array: np.ndarray) -> np.ndarray:
     return array
 
 
+def record_of(kind, values: dict):
+    """A frozen record (without slots) from all its values at once: several times faster than its constructor."""
+    record = object.__new__(kind)
+    record.__dict__.update(values)
+    return record
+
+
 def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
     """``value`` as a finite float array of ``shape`` (``None`` = any size), or :class:`InvalidInput`."""
     try:
@@ -33,7 +41,8 @@ def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
         array.ndim != len(shape) or any(s is not None and s != a for s, a in zip(shape, array.shape))
     ):
         raise InvalidInput(f"{name}: expected shape {_words(shape)}, got {array.shape}")
-    if not np.isfinite(array).all():
+    # The sum of squares is quicker to look at, but may overflow.
+    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
         raise InvalidInput(f"{name}: expected finite numbers, got {array.tolist()}")
     return frozen(array)
 

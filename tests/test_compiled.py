@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -108,6 +108,8 @@ def test_both_paths_write_the_same_record(contact_set, monkeypatch, model, balan
             assert not getattr(whole, name).flags.writeable
         assert whole.net_wrench == pytest.approx(parts.net_wrench, abs=1e-9 if balance == "wrench" else 1e-6)
         one, two = whole.certificate, parts.certificate
+        for fast, slow in ((whole, parts), (one, two)):  # made without their constructors
+            assert all(type(getattr(fast, f.name)) is type(getattr(slow, f.name)) for f in fields(slow))
         for name in ("at_friction", "at_least", "at_most"):
             assert np.array_equal(getattr(one, name), getattr(two, name)), name
         assert one.at_torque == two.at_torque and one.size == pytest.approx(two.size)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import frozen, one_of, read_only
+from pinograsp.checks import frozen, one_of, read_only, record_of
 from pinograsp.errors import ExtraMissing, Status
 from pinograsp.forces.active_set import solve_dense
 from pinograsp.forces.conic import solve_conic
@@ -37,7 +37,7 @@ FORCE_SOLVERS = ("auto", *_COMPILED, *SOLVERS)
 _DENSE_UP_TO = 20
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
 class Certificate:
     """Why an answer can be trusted: computed from the answer by this package, not reported by the solver.
 
@@ -149,33 +149,34 @@ def _compiled(problem, ready, started) -> ForceSolution | None:
         return None
     (primal, dual, size, force, moment, violation), arrays = answer
     wrench, forces, torsion, multipliers, acceleration, at_friction, at_least, at_most, at_torque = arrays
-    certificate = Certificate(
-        primal=primal,
-        dual=dual,
-        balance_force=force,
-        balance_moment=moment,
-        limit_violation=violation,
-        at_friction=at_friction,
-        at_least=at_least,
-        at_most=at_most,
-        at_torque=tuple(ready.joints[row] for row in at_torque.nonzero()[0]) if ready.joints else (),
-        size=size,
-    )
-    return ForceSolution(
-        status=Status.OK,
-        problem=problem,
-        search="convex",
-        solver=ready.solver,
-        objective=dict(ready.weights),
-        impact_time=ready.impact_time,
-        acceleration=acceleration,
-        multipliers=multipliers,
-        forces_c=forces,
-        torsion=torsion,
-        net_wrench=wrench,
-        certificate=certificate,
-        elapsed=time.perf_counter() - started,
-    )
+    certificate = record_of(Certificate, {
+        "primal": primal,
+        "dual": dual,
+        "balance_force": force,
+        "balance_moment": moment,
+        "limit_violation": violation,
+        "at_friction": at_friction,
+        "at_least": at_least,
+        "at_most": at_most,
+        "at_torque": tuple(ready.joints[row] for row in at_torque.nonzero()[0]) if ready.joints else (),
+        "size": size,
+    })  # fmt: skip
+    return record_of(ForceSolution, {
+        "status": Status.OK,
+        "problem": problem,
+        "search": "convex",
+        "solver": ready.solver,
+        "objective": dict(ready.weights),
+        "impact_time": ready.impact_time,
+        "acceleration": acceleration,
+        "multipliers": multipliers,
+        "forces_c": forces,
+        "torsion": torsion,
+        "net_wrench": wrench,
+        "certificate": certificate,
+        "rejections": {},
+        "elapsed": time.perf_counter() - started,
+    })  # fmt: skip
 
 
 def warm_up() -> None:

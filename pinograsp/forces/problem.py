@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, one_of, read_only
+from pinograsp.checks import array_of, number, one_of, read_only, record_of
 from pinograsp.contacts import (
     Compliance,
     ContactSet,
@@ -185,10 +185,7 @@ class ForceProblem:
 
     def with_load(self, load) -> ForceProblem:
         """The same problem under another load (6,) [N, N m]: for loops where nothing else changes."""
-        changed = object.__new__(ForceProblem)
-        changed.__dict__.update(self.__dict__)
-        changed.__dict__["load"] = array_of("load", load, (6,))
-        return changed
+        return record_of(ForceProblem, self.__dict__ | {"load": array_of("load", load, (6,))})
 
     @property
     def k(self) -> int:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pinograsp.forces.optimize import Certificate
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
 class ForceSolution:
     """Optimal contact forces, or why there are none.
 
