@@ -58,6 +58,7 @@ def plan(
     friction: Annotated[str, typer.Option(help="With --hand: pyramid, cone or soft (torsion 5 mm).")] = "cone",
     samples: Annotated[int, typer.Option(help="With --hand, without --at: placements to try.")] = 48,
     seed: Annotated[int, typer.Option(help="With --hand, without --at: seed of the placements.")] = 0,
+    wrap: Annotated[bool, typer.Option("--wrap", help="With --hand: wrap the fingers round the object (power grasp).")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
@@ -93,7 +94,7 @@ def plan(
             elif case is None and hand is not None and object is not None:
                 if changes:
                     raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-                placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed}
+                placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed, "wrap": wrap}
                 _plan_object(hand, object, root, placing, out, options, force, as_json)
             else:
                 raise InvalidInput("expected either CASE, or --hand and --object")
@@ -175,9 +176,10 @@ def _closed(hand: str, spec: str, root: str | None, placing: dict, quiet: bool):
     torsion = {"torsion": 5e-3} if placing["friction"] == "soft" else {}
     settings = {"mu": placing["mu"], "friction": Friction(model=placing["friction"], **torsion)}
     if placing["at"] is not None:
-        return close_hand(loaded, thing.placed(_pose(placing["at"]))), settings
+        return close_hand(loaded, thing.placed(_pose(placing["at"])), wrap=placing["wrap"]), settings
     found = find_placements(
-        loaded, thing, count=placing["samples"], seed=placing["seed"], progress=False if quiet else None, **settings
+        loaded, thing, count=placing["samples"], seed=placing["seed"], wrap=placing["wrap"],
+        progress=False if quiet else None, **settings,
     )
     return found.best.closure, settings
 
@@ -213,6 +215,7 @@ def close(
     ] = "cone",
     samples: Annotated[int, typer.Option(help="Without --at: placements to try.")] = 48,
     seed: Annotated[int, typer.Option(help="Without --at: seed of the placements.")] = 0,
+    wrap: Annotated[bool, typer.Option("--wrap", help="Wrap the fingers round the object (power grasp).")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Close a hand on an object: which links touch where, and what stops each joint.
@@ -224,7 +227,7 @@ def close(
       pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
     """
     with _errors_told(as_json):
-        placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed}
+        placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed, "wrap": wrap}
         closure, _ = _closed(hand, object, root, placing, as_json)
     typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
     if not closure.touches:

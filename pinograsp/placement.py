@@ -11,7 +11,7 @@ import pinocchio as pin
 from tqdm import tqdm
 
 from pinograsp.checks import number
-from pinograsp.contacts import Closure, clearance, close_hand, link_centre, open_and_closed
+from pinograsp.contacts import Closure, clearance, close_hand, fingertips, link_centre, open_and_closed
 from pinograsp.errors import PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
@@ -19,6 +19,7 @@ from pinograsp.motion import torque_limits
 
 _ALIGNED = 0.7  # share of the samples whose object axes are aligned with the hand's
 _TILT = 0.15  # [rad] noise on aligned orientations
+_ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
 _BACKWARDS = 8  # steps that take an overlapping object out of the open hand
 
 
@@ -71,6 +72,7 @@ def find_placements(
     margin: float = 1.2,
     torque_limit: str | float | None = "effort",
     impact_time: float = 0.9,
+    wrap: bool = False,
     jobs: int = -1,
     progress: bool | None = None,
     **settings,
@@ -85,7 +87,8 @@ def find_placements(
         margin: placements that hold a smaller multiple of the load come after all others.
         torque_limit: ``"effort"``: within the hand's effort limits (joints without one are not limited); a number [N m]; None.
         impact_time: t_I of the forces that rank the placements [s].
-        jobs: processes (joblib); -1: all cores; hands with coupled joints take one.
+        wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
+        jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
         **settings: of :class:`~pinograsp.forces.ForceProblem` (mu, friction, ...).
 
@@ -94,11 +97,9 @@ def find_placements(
     """
     count = int(number("count", count, at_least=1))
     number("margin", margin, at_least=0)
-    if hand.couplings:
-        jobs = 1  # Pinocchio's mimic joints do not survive the way to another process (4.1)
     seeds = np.random.SeedSequence(int(seed)).spawn(count)
     task = joblib.delayed(_try)
-    work = (task(hand, object, s, torque_limit, impact_time, settings) for s in seeds)
+    work = (task(hand, object, s, torque_limit, impact_time, wrap, settings) for s in seeds)
     found, outcomes, tried, interrupted = [], {}, 0, False
     bar = tqdm(total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False)
     try:
@@ -115,13 +116,13 @@ def find_placements(
     return PlacementSearch(placements=tuple(found), tried=tried, outcomes=outcomes, interrupted=interrupted)
 
 
-def _try(hand: HandModel, object, seed, torque_limit, impact_time, settings) -> tuple[str, Placement | None]:
-    sample = _sample(hand, object, np.random.default_rng(seed))
+def _try(hand: HandModel, object, seed, torque_limit, impact_time, wrap, settings) -> tuple[str, Placement | None]:
+    sample = _sample(hand, object, np.random.default_rng(seed), wrap)
     if sample is None:
         return "the open hand overlaps the object", None
     placed, opened, closed = sample
     try:
-        closure = close_hand(placed, object, start=opened, target=closed)
+        closure = close_hand(placed, object, start=opened, target=closed, wrap=wrap)
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
         return "the hand could not be closed", None
     if closure.self_collisions:
@@ -184,17 +185,17 @@ def _hand_moved(closure: Closure) -> Closure:
     )
 
 
-def _sample(hand: HandModel, object, rng) -> tuple[HandModel, np.ndarray, np.ndarray] | None:
+def _sample(hand: HandModel, object, rng, wrap: bool) -> tuple[HandModel, np.ndarray, np.ndarray] | None:
     """The hand placed so that the object lies in its grasp, with an open and a closed posture; None where it overlaps."""
     data = hand.model.createData()
     low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
     pin.framesForwardKinematics(hand.model, data, low + rng.uniform(0.3, 0.7) * (high - low))
-    tips = np.array([link_centre(hand, data, finger.joint_ids[-1]) for finger in hand.fingers])
+    tips = fingertips(hand, data)
     palm = link_centre(hand, data, 0)
     out = tips.mean(axis=0) - palm
     length = max(float(np.linalg.norm(out)), 1e-3)
     approach = out / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
-    across = tips[0] - (tips[1:].mean(axis=0) if len(tips) > 1 else palm)
+    across = tips[0] - tips[1:].mean(axis=0)
     across = across - approach * (approach @ across)
     if np.linalg.norm(across) < 1e-6:
         across = np.cross(approach, np.eye(3)[int(np.argmin(np.abs(approach)))])
@@ -212,8 +213,25 @@ def _sample(hand: HandModel, object, rng) -> tuple[HandModel, np.ndarray, np.nda
         placed = hand.placed(pose.homogeneous)
         opened, closed = open_and_closed(placed, object)
         if clearance(placed, object, opened) > 0:
-            return placed, opened, closed
+            if wrap:
+                placed = _pressed_on(placed, object, opened, pose.rotation @ hand.pose[:3, :3].T @ approach)
+            return None if placed is None else (placed, opened, closed)
         at = at + approach * 0.3 * object.bounding_radius
+    return None
+
+
+def _pressed_on(hand: HandModel, object, q: np.ndarray, direction: np.ndarray) -> HandModel | None:
+    """The hand moved along ``direction`` (3,) until it touches the object; None where it passes by."""
+    pose, moved = np.array(hand.pose), 0.0
+    for _ in range(_ADVANCES):
+        gap = clearance(hand, object, q)
+        if gap <= _ON:
+            return hand
+        moved += gap
+        if moved > 10 * object.bounding_radius:
+            return None
+        pose[:3, 3] += (gap - 0.2 * _ON) * direction
+        hand = hand.placed(pose)
     return None
 
 

@@ -102,6 +102,23 @@ def test_inner_touch_stops_the_joints_below_and_the_outer_goes_on(two_links):
     assert np.array_equal(contacts.posture, closure.q)
 
 
+def test_wrapping_moves_the_joints_one_after_the_other(two_links):
+    """The inner joint alone until its link touches, then the outer one: both angles in closed form."""
+    centre, radius = np.array([0.045, 0.032]), 0.015
+    ball = Sphere(radius=radius, mass=0.1, pose=at(centre[0], 0, centre[1]))
+    closure = close_hand(two_links, ball, start=np.zeros(2), target=[1.9, 1.9], wrap=True)
+    first = first_meeting(0.05, 0.006, radius, centre)
+    c, s = np.cos(first), np.sin(first)
+    second = first_meeting(0.04, 0.005, radius, np.array([[c, s], [-s, c]]) @ centre - [0.05, 0])
+    assert [touch.link for touch in closure.touches] == ["inner", "outer"]
+    assert closure.q == pytest.approx([first, second], abs=2e-5)  # 1e-6 m
+    assert [touch.at for touch in closure.touches] == pytest.approx([first / 3.8, 0.5 + second / 3.8], abs=1e-5)
+    # Nothing there to touch: every joint ends where it would have together.
+    far = Sphere(radius=0.01, mass=0.1, pose=at(0.3, 0, 0.3))
+    closure = close_hand(two_links, far, start=np.zeros(2), target=[3.0, 1.0], wrap=True)
+    assert closure.stops == {"j1": "joint limit", "j2": "end of path"} and closure.events[0][-1] == pytest.approx(1.0)
+
+
 def test_joint_limits_and_objects_out_of_reach(two_links):
     far = Sphere(radius=0.01, mass=0.1, pose=at(0.3, 0, 0.3))
     closure = close_hand(two_links, far, start=np.zeros(2), target=[3.0, 1.0])
@@ -137,17 +154,18 @@ def allegro():
     return load_hand("allegro_right")
 
 
+@pytest.mark.parametrize("wrap", [False, True])
 @pytest.mark.parametrize("seed", range(6))
-def test_no_touch_is_missed(allegro, seed):
+def test_no_touch_is_missed(allegro, seed, wrap):
     """Against dense sampling of the path: no link was in the object earlier, and none is inside in the end."""
     rng = np.random.default_rng(seed)
     ball = Sphere(radius=rng.uniform(0.02, 0.035), mass=0.2, pose=at(0.08, *rng.uniform(-0.02, 0.02, 1), 0.07))
     start, target = open_and_closed(allegro, ball)
     assert clearance(allegro, ball, start) > 0
-    closure = close_hand(allegro, ball, start=start, target=target)
+    closure = close_hand(allegro, ball, start=start, target=target, wrap=wrap)
     assert closure.touches
     first = min(touch.at for touch in closure.touches)
-    for share in np.linspace(0, first, 60)[:-1]:
+    for share in np.linspace(0, 0.0 if wrap else first, 60)[:-1]:
         assert clearance(allegro, ball, start + share * (target - start)) > -2e-7
     shares, postures = closure.events
     for a, b in zip(postures[:-1], postures[1:]):

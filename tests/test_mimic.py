@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import own_hands
 import pinocchio as pin
@@ -252,3 +254,18 @@ def test_limits_of_sliding_joints_are_in_metres(tmp_path):
     assert hand.upper[0] == 0.03 and "limits of left_slide set to 0..0.03 m (the hand's own: 0..0.04 m)" in hand.notes
     turning = load_hand(own_hands.write(tmp_path, "planar_gripper")).with_limits({"left_hinge": (0.0, np.pi / 6)})
     assert any("set to 0..30 deg" in note for note in turning.notes)
+
+
+@pytest.mark.parametrize("name", COUPLED)
+def test_coupled_hands_go_to_other_processes(name):
+    """Pinocchio's own copies of mimic joints crash after pickling (4.1)."""
+    hand = load_hand(name, pose=pin.SE3.Random().homogeneous)
+    there = pickle.loads(pickle.dumps(hand))
+    q = np.random.default_rng(0).uniform(hand.lower, hand.upper)
+    assert there.joint_names == hand.joint_names and there.couplings == hand.couplings
+    for one, two in zip(there.geometry.geometryObjects, hand.geometry.geometryObjects):
+        assert one.placement == two.placement
+    results = [pin.rnea(h.model, h.model.createData(), q, q, q) for h in (hand, there)]
+    assert np.array_equal(*results)
+    tips = [h.frame_placements(q, [finger.tip for finger in h.fingers]) for h in (hand, there)]
+    assert np.array_equal(*tips)

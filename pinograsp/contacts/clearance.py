@@ -116,6 +116,43 @@ def link_centre(hand: HandModel, data, joint: int) -> np.ndarray:
     return np.mean(centres, axis=0) if centres else np.array(data.oMi[joint].translation)
 
 
+def fingertips(hand: HandModel, data) -> np.ndarray:
+    """Where the fingers press: centres of their last links (f, 3) in the world [m].
+
+    A single finger presses with its end, against the palm: its end, and the palm's point nearest to where that gets (2, 3).
+    """
+    last = [finger.joint_ids[-1] for finger in hand.fingers]
+    if len(last) > 1:
+        return np.array([link_centre(hand, data, joint) for joint in last])
+    other, found = hand.model.createData(), []
+    for q in (np.array(hand.lower), np.array(hand.upper)):
+        pin.forwardKinematics(hand.model, other, np.clip(q, -np.pi, np.pi))
+        found.append(_nearest(hand, other, 0, _end(hand, other, last[0])))
+    return np.array([_end(hand, data, last[0]), min(found, key=lambda one: one[0])[1]])
+
+
+def _end(hand: HandModel, data, joint: int) -> np.ndarray:
+    """The point (3,) that a joint's geometry reaches farthest, in the direction of its centre."""
+    origin = data.oMi[joint].translation
+    out = link_centre(hand, data, joint) - origin
+    far = origin + _FAR * out / max(float(np.linalg.norm(out)), 1e-9)
+    return _nearest(hand, data, joint, far)[1]
+
+
+def _nearest(hand: HandModel, data, joint: int, point: np.ndarray) -> tuple[float, np.ndarray]:
+    """Distance [m] of the geometry that a joint carries from a point (3,), and its nearest point (3,); without any, the joint's."""
+    found = [(np.inf, np.array(data.oMi[joint].translation))]
+    at, request, result = coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), coal.DistanceResult()
+    for one in hand.geometry.geometryObjects:
+        if one.parentJoint == joint:
+            placed = data.oMi[joint] * one.placement
+            pose = coal.Transform3s(placed.rotation, placed.translation)
+            result.clear()
+            distance = coal.distance(one.geometry, pose, coal.Sphere(1e-6), at, request, result)
+            found.append((distance, np.array(result.getNearestPoint1())))
+    return min(found, key=lambda one: one[0])
+
+
 def clearance(hand: HandModel, object, q) -> float:
     """Least signed distance of the hand's geometry at q (n,) from the object [m]; negative where they overlap."""
     distances = Distances(hand, object)

@@ -3,10 +3,11 @@
 All joints follow a path from an open to a closed posture. The distance of a link's geometry to the object shrinks at most
 at the speed of the link's fastest point, which the joints' rates and the link's reach bound; so the path can be followed in
 steps that no touch is missed in (conservative advancement, Mirtich 1996; distances by coal). What touches stops every joint
-that would press it on; the joints beyond it go on, until none moves.
+that would press it on; the joints beyond it go on, until none moves. A finger whose joints move together often touches with its
+tip first, which stops them all; joint after joint from base to tip it wraps round the object.
 
 Jaws that share an actuator cannot stop one by one. With them the object is not held still: jaws that go on push it along
-their normals, without friction, until it is caged between them.
+their normals, without friction, until it is caged between them or until friction would jam it.
 """
 
 from __future__ import annotations
@@ -17,20 +18,23 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import nnls
 
-from pinograsp.checks import array_of, read_only
+from pinograsp.checks import array_of, number, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart, self_collisions
 from pinograsp.contacts.closure import Closure, Touch
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
+from pinograsp.objects.body import tangents
 
 TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes are exact to 1e-9
 _CREEP = 2e-7  # [m] least advance: what passes the object this close is taken to touch it
 _OPEN = 1e-9  # [m] an overlap beyond rounding: the start posture is no start
 _PUSH = 0.01  # first share of the path that jaws push the object at once; quartered where it cannot yield
 _RATHER_MOVED = 3.0  # a turn counts for as much as a move of its rim times this: what jaws push slides, and turns to fit
+_ROOM = 0.02  # of the jaws' own way: room that a pushed object is given, so that curved paths need few corrections
 _LEVERAGE = 10.0  # what is pushed moves at most this much farther than the jaws: more is squirting out of them
 _CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
+_BALANCED = 1e-3  # of the pressing forces: what may be left of them where the object jams
 _PUSHES, _CUTS = 200, 30  # pushes at most, and points that the object makes way for after each
 
 
@@ -42,7 +46,9 @@ def close_hand(
     target: Mapping[str, np.ndarray] | np.ndarray | None = None,
     palm: bool = True,
     fingers=None,
+    wrap: bool = False,
     fixed: bool = False,
+    friction: float = 0.3,
 ) -> Closure:
     """Close ``hand`` on ``object`` until nothing moves any more.
 
@@ -55,7 +61,9 @@ def close_hand(
             of :func:`open_and_closed`, which works for any hand.
         palm: whether what does not move can be touched.
         fingers: names of those that close; default: all. The others stay at ``start``.
+        wrap: close joint after joint, from base to tip, for power grasps: every link gets its chance to touch.
         fixed: hold the object still even where fingers share an actuator: then the first of them that touches stops all.
+        friction: coefficient at which an object that such fingers push jams between them [-]: it is pushed no further.
 
     Raises:
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
@@ -74,10 +82,11 @@ def close_hand(
     ]  # fmt: skip
     if beyond:
         raise InvalidInput(f"start: expected angles within the joint limits, {', '.join(beyond)} is not")
-    closing = _Closing(hand, object, opened, closed, palm)
+    friction = number("friction", friction, at_least=0)
+    closing = _Closing(hand, object, opened, closed, palm, wrap)
     closing.approach()
     if not fixed:
-        closing.push()
+        closing.push(friction)
     return closing.result()
 
 
@@ -96,7 +105,7 @@ def _posture(hand: HandModel, name: str, given, default) -> np.ndarray:
 class _Closing:
     """The state of a hand that closes: posture, joints that still move, what touches."""
 
-    def __init__(self, hand: HandModel, object, start: np.ndarray, target: np.ndarray, palm: bool):
+    def __init__(self, hand: HandModel, object, start: np.ndarray, target: np.ndarray, palm: bool, wrap: bool):
         self.hand, self.object, self.start, self.target = hand, object, start, target
         names = {
             j: (finger.name, link)
@@ -107,12 +116,18 @@ class _Closing:
         self.parts = [part for part in parts if palm or part.finger != PALM]
         self.distances = Distances(hand, object)
         self.q, self.at = start.copy(), 0.0
-        self.rate = target - start
-        self.tops = np.where(self.rate > 0, hand.upper, hand.lower)
+        way = target - start
+        self.tops = np.where(way > 0, hand.upper, hand.lower)
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.minimum(1.0, (self.tops - start) / self.rate)
-        self.ends = np.where(self.rate == 0, 0.0, share)
-        self.moving = self.rate != 0
+            share = np.where(way == 0, 0.0, np.minimum(1.0, (self.tops - start) / way))
+        self.last = start + share * way
+        # Wrapping: each joint has its part of the path, the one nearest to the base the first.
+        turn, parts = np.zeros(hand.n), 1
+        for finger in hand.fingers if wrap else ():
+            turn[finger.dofs] = np.maximum(turn[finger.dofs], np.arange(finger.n))
+            parts = max(parts, finger.n)
+        self.begins, self.rate, self.ends = turn / parts, parts * way, (turn + share) / parts
+        self.free = way != 0  # what has not been stopped
         self.touches: list[Touch] = []
         self.stops: dict[str, str] = {}
         self.events = [(0.0, start.copy())]
@@ -121,6 +136,11 @@ class _Closing:
         users = [sum(i in finger.dofs for finger in hand.fingers) for i in range(hand.n)]
         # Actuators that several fingers share, or the only finger's, which has the palm to press against.
         self.shared = {i for i, n in enumerate(users) if n > 1 or len(hand.fingers) == 1}
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Which joints move now (n,)."""
+        return self.free & (self.begins <= self.at + 1e-12)
 
     @property
     def touched(self) -> set[str]:
@@ -139,14 +159,18 @@ class _Closing:
                 )
             if gaps[i] <= (TOUCH if part.joint else 1e-6) and part.link not in self.touched:
                 self.touch(part, gaps[i], point)
-        while self.moving.any():
+        while self.free.any():
             moving, touched = self.moving, self.touched
+            if not moving.any():  # the next ones' turn
+                self.at = float(self.begins[self.free].min())
+                continue
             rates = np.abs(self.rate[moving])
             speeds = np.array([0.0 if part.link in touched else rates @ part.reach[moving] for part in self.parts])
             # To the nearest event that could happen: a part's gap closed at its fastest, or a joint's end.
             with np.errstate(divide="ignore", invalid="ignore"):
                 waits = np.where(speeds > 0, np.maximum(gaps - 0.5 * TOUCH, _CREEP) / speeds, np.inf)
-            first, limit = int(np.argmin(waits)), float((self.ends[moving] - self.at).min())
+            later = self.begins[self.free & ~moving]
+            first, limit = int(np.argmin(waits)), float(min([*(self.ends[moving]), *later]) - self.at)
             step = min(waits[first], limit)
             self.at += step
             self.q[moving] += step * self.rate[moving]
@@ -167,8 +191,8 @@ class _Closing:
     def end_joints(self) -> None:
         """Stop the joints that are at the end of their path or at their limit."""
         for i in np.flatnonzero(self.moving & (self.ends <= self.at + 1e-12)):
-            self.moving[i] = False
-            self.q[i] = self.start[i] + self.ends[i] * self.rate[i]
+            self.free[i] = False
+            self.q[i] = self.last[i]
             at_limit = abs(self.q[i] - self.tops[i]) <= 1e-9
             self.stops[self.hand.joint_names[i]] = "joint limit" if at_limit else "end of path"
         self.events.append((self.at, self.q.copy()))
@@ -189,34 +213,42 @@ class _Closing:
             )
         )  # fmt: skip
         self.at_touch[part.finger] = self.q.copy()
-        for i in np.flatnonzero((part.reach > 0) & self.moving):
-            self.moving[i] = False
+        for i in np.flatnonzero((part.reach > 0) & self.free):
+            self.free[i] = False
             self.stops[self.hand.joint_names[i]] = f"touch of {part.link}"
         self.events.append((self.at, self.q.copy()))
 
-    def push(self) -> None:
-        """Go on with actuators that several fingers share, the object yielding, until it is caged."""
+    def push(self, friction: float) -> None:
+        """Go on with actuators that several fingers share, the object yielding, until it is caged or jammed."""
         stopped = {name for name, reason in self.stops.items() if reason.startswith("touch")}
         shared = np.array([i in self.shared and name in stopped for i, name in enumerate(self.hand.joint_names)])
         if not shared.any():
             return
         parts = [part for part in self.parts if not part.joint or (part.reach[shared] > 0).any() or part.link in self.touched]
-        q, at, body, step = self.q.copy(), self.at, self.object, _PUSH
+        q, at, body, step, most = self.q.copy(), self.at, self.object, _PUSH, _PUSH
         speeds = np.array([float(np.abs(self.rate[shared]) @ part.reach[shared]) for part in parts])
         gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: what is far off is not looked at
+        self.distances.put(q, body)
+        pushed, room = True, TOUCH
         for _ in range(_PUSHES):
+            if pushed and self.jammed(parts, gaps, friction, max(_CAGED, 2 * room)):
+                if room <= _CAGED:
+                    break
+                most = step = min(step, most) / 4  # nearer, before it is called touching
             if step * speeds.max() < 0.1 * TOUCH:
                 break
             step = min(step, float(self.ends[shared].max()) - at)
             if step <= 0:
                 break
-            trial = q.copy()
+            trial, reach = q.copy(), step * speeds.max()
             trial[shared] += step * self.rate[shared]
-            yielded = self.yielded(parts, trial, body, gaps - step * speeds, _LEVERAGE * step * speeds.max() + TOUCH)
-            if yielded is None:
+            room = max(TOUCH, _ROOM * reach)
+            yielded = self.yielded(parts, trial, body, gaps - step * speeds, _LEVERAGE * reach + room, room)
+            pushed = yielded is not None
+            if not pushed:
                 step /= 4
             else:
-                q, at, (body, gaps), step = trial, at + step, yielded, min(2 * step, _PUSH)
+                q, at, (body, gaps), step = trial, at + step, yielded, min(2 * step, most)
                 if np.linalg.norm(body.com_o - self.object.com_o) > 4 * body.bounding_radius:
                     break  # pushed out of the hand
         self.distances.put(q, body)
@@ -233,11 +265,31 @@ class _Closing:
                 self.stops[self.hand.joint_names[i]] = "joint limit"
         self.events.append((at, q.copy()))
 
-    def yielded(self, parts, q: np.ndarray, body, gaps: np.ndarray, far: float):
+    def jammed(self, parts, gaps: np.ndarray, friction: float, near: float) -> bool:
+        """Whether friction lets what is ``near`` press the object without moving it: forces in its cones that add up to nothing.
+
+        The posture and the object's place are those that distances are taken at; ``gaps`` are lower bounds there.
+        """
+        arm, edges, fingers = self.distances.object.bounding_radius, [], set()
+        for part in (part for part, gap in zip(parts, gaps) if gap <= near):
+            gap, point = self.distances.of(part)
+            if gap <= near:
+                fingers.add(part.finger)
+                surface, normal = self.distances.surface(point)
+                across = tangents(normal[None])[0]
+                for turn in np.arange(8) * np.pi / 4:
+                    force = normal + friction * across @ (np.cos(turn), np.sin(turn))
+                    edges.append([*force, *np.cross(surface - self.distances.object.com_o, force) / arm, 1.0])
+        if len(fingers) < 2:
+            return False
+        _, left = nnls(np.array(edges).T, np.eye(7)[6])
+        return bool(left < _BALANCED)
+
+    def yielded(self, parts, q: np.ndarray, body, gaps: np.ndarray, far: float, room: float):
         """The object out of the way of every part of the hand at q, moved and turned as little as possible; None: it cannot.
 
         ``gaps`` are lower bounds of the parts' distances from ``body``; new ones are returned as well. It moves by ``far`` [m]
-        at most.
+        at most, and where it makes way by half of ``room`` [m] more than it must.
         """
         gaps, given = gaps.copy(), body
         points, exact = np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool)
@@ -256,7 +308,7 @@ class _Closing:
             # Every touched point asks for room along its normal; the least motion that gives it to all met so far.
             surface, normal = self.distances.surface(points[worst])
             rows.append(np.concatenate([normal, np.cross(surface - body.com_o, normal) / arm]))
-            sides.append(0.5 * TOUCH - gaps[worst] + rows[-1] @ motion)
+            sides.append(0.5 * room - gaps[worst] + rows[-1] @ motion)
             new = _least_motion(np.array(rows), np.array(sides))
             if new is None or np.linalg.norm(new[:3]) + np.linalg.norm(new[3:]) * body.bounding_radius / arm > far:
                 return None  # squeezed between parts that press against each other, or out of their reach

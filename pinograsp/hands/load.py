@@ -144,7 +144,7 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
     return HandModel(
         name=prepared.name, source=source, model=model, geometry=geometry, palm=palm, fingers=fingers, pose=np.eye(4),
-        notes=tuple(notes),
+        notes=tuple(notes), description=prepared.text,
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pinocchio as pin
@@ -57,6 +57,7 @@ class HandModel:
         palm: link the fingers start from. fingers: in the order of the description.
         pose: oMh (4, 4), the hand's root frame in the world.
         notes: what the caller should know (widened limits, coupled joints, missing meshes...).
+        description: the URDF text that the model was built from.
     """
 
     name: str
@@ -67,6 +68,10 @@ class HandModel:
     fingers: tuple[Finger, ...]
     pose: np.ndarray
     notes: tuple[str, ...] = ()
+    description: str = ""
+
+    def __reduce__(self):
+        return _unpickled, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def n(self) -> int:
@@ -234,3 +239,14 @@ class HandModel:
         length, force = ("m", "N") if self.is_prismatic(joint_id) else ("rad", "N m")
         effort = f"{model.effortLimit[i]:g} {force}" if model.effortLimit[i] else "not given"
         return f"{model.lowerPositionLimit[i]:+.3f} .. {model.upperPositionLimit[i]:+.3f} {length}, effort {effort}"
+
+
+def _unpickled(*values) -> HandModel:
+    hand = HandModel(**{field.name: value for field, value in zip(fields(HandModel), values)})
+    joints = hand.model.joints
+    coupled = [j for j in range(1, hand.model.njoints) if not joints[j].nv]
+    if coupled:  # mimic joints lose their size on the way (Pinocchio 4.1), and crash when they are used
+        built = pin.buildModelFromXML(hand.description, True).joints
+        for j in coupled:
+            joints[j] = built[j]
+    return hand
