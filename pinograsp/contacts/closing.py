@@ -35,7 +35,8 @@ _ROOM = 0.02  # of the jaws' own way: room that a pushed object is given, so tha
 _LEVERAGE = 10.0  # what is pushed moves at most this much farther than the jaws: more is squirting out of them
 _CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
 _BALANCED = 1e-3  # of the pressing forces: what may be left of them where the object jams
-_PUSHES, _CUTS = 200, 30  # pushes at most, and points that the object makes way for after each
+_PUSHES, _CUTS = 200, 30  # pushes at most, and rounds of making way after each
+_PRESSING = 60  # points that are remembered
 
 
 def close_hand(
@@ -133,6 +134,7 @@ class _Closing:
         self.events = [(0.0, start.copy())]
         self.given = object
         self.at_touch: dict[str, np.ndarray] = {}
+        self.pressing: list[tuple[int, np.ndarray]] = []  # joints, and points that pressed the object, in their frames
         users = [sum(i in finger.dofs for finger in hand.fingers) for i in range(hand.n)]
         # Actuators that several fingers share, or the only finger's, which has the palm to press against.
         self.shared = {i for i, n in enumerate(users) if n > 1 or len(hand.fingers) == 1}
@@ -229,26 +231,26 @@ class _Closing:
         speeds = np.array([float(np.abs(self.rate[shared]) @ part.reach[shared]) for part in parts])
         gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: what is far off is not looked at
         self.distances.put(q, body)
-        pushed, room = True, TOUCH
+        pushed, room = True, 0.0
         for _ in range(_PUSHES):
             if pushed and self.jammed(parts, gaps, friction, max(_CAGED, 2 * room)):
-                if room <= _CAGED:
+                if 2 * room <= _CAGED:
                     break
                 most = step = min(step, most) / 4  # nearer, before it is called touching
-            if step * speeds.max() < 0.1 * TOUCH:
+            if step * speeds.max() < 0.1 * _CAGED:
                 break
             step = min(step, float(self.ends[shared].max()) - at)
             if step <= 0:
                 break
             trial, reach = q.copy(), step * speeds.max()
             trial[shared] += step * self.rate[shared]
-            room = max(TOUCH, _ROOM * reach)
-            yielded = self.yielded(parts, trial, body, gaps - step * speeds, _LEVERAGE * reach + room, room)
+            given = max(0.1 * _CAGED, _ROOM * reach)
+            yielded = self.yielded(parts, trial, body, gaps - step * speeds, _LEVERAGE * reach + given, given)
             pushed = yielded is not None
             if not pushed:
                 step /= 4
             else:
-                q, at, (body, gaps), step = trial, at + step, yielded, min(2 * step, most)
+                q, at, (body, gaps), room, step = trial, at + step, yielded, given, min(2 * step, most)
                 if np.linalg.norm(body.com_o - self.object.com_o) > 4 * body.bounding_radius:
                     break  # pushed out of the hand
         self.distances.put(q, body)
@@ -275,11 +277,11 @@ class _Closing:
             gap, point = self.distances.of(part)
             if gap <= near:
                 fingers.add(part.finger)
-                surface, normal = self.distances.surface(point)
+                _, normal = self.distances.surface(point)
                 across = tangents(normal[None])[0]
                 for turn in np.arange(8) * np.pi / 4:
                     force = normal + friction * across @ (np.cos(turn), np.sin(turn))
-                    edges.append([*force, *np.cross(surface - self.distances.object.com_o, force) / arm, 1.0])
+                    edges.append([*force, *np.cross(point - self.distances.object.com_o, force) / arm, 1.0])
         if len(fingers) < 2:
             return False
         _, left = nnls(np.array(edges).T, np.eye(7)[6])
@@ -293,9 +295,30 @@ class _Closing:
         """
         gaps, given = gaps.copy(), body
         points, exact = np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool)
-        arm = _RATHER_MOVED * body.bounding_radius
-        motion, rows, sides = np.zeros(6), [], []  # translation, and turn times the arm; rows @ motion >= sides
+        radius, arm = body.bounding_radius, _RATHER_MOVED * body.bounding_radius
+        motion = np.zeros(6)  # translation, and turn times the arm
+        self.distances.put(q, body)
+        joints = self.distances.data.oMi
         for _ in range(_CUTS):
+            # Points that pressed before say cheaply where room is wanted, distances say whether that was all.
+            known = np.array([joints[joint].act(point) for joint, point in self.pressing]).reshape(-1, 3)
+            for _ in range(_CUTS if len(known) else 0):
+                surface, normal, gap = body.project(known)
+                if gap.min() >= 0.0:
+                    break
+                # Each asks for room along its normal: the least motion that gives it to all that are near.
+                near = gap < far
+                rows = np.hstack([normal[near], np.cross(surface[near] - body.com_o, normal[near]) / arm])
+                new = _least_motion(rows, 0.5 * room - gap[near] + rows @ motion)
+                if new is None or np.linalg.norm(new[:3]) + np.linalg.norm(new[3:]) * radius / arm > far:
+                    return None  # squeezed between parts that press against each other, or out of their reach
+                gaps -= np.linalg.norm(new[:3] - motion[:3]) + np.linalg.norm(new[3:] - motion[3:]) * radius / arm
+                exact[:] = False
+                motion = new
+                pose = np.array(given.pose)
+                pose[:3, :3] = pin.exp3(motion[3:] / arm) @ pose[:3, :3]
+                pose[:3, 3] += motion[:3]
+                body = given.placed(pose)
             self.distances.put(q, body)
             while True:
                 worst = int(np.argmin(gaps))
@@ -305,20 +328,10 @@ class _Closing:
                     break
                 gaps[worst], points[worst] = self.distances.of(parts[worst])
                 exact[worst] = True
-            # Every touched point asks for room along its normal; the least motion that gives it to all met so far.
-            surface, normal = self.distances.surface(points[worst])
-            rows.append(np.concatenate([normal, np.cross(surface - body.com_o, normal) / arm]))
-            sides.append(0.5 * room - gaps[worst] + rows[-1] @ motion)
-            new = _least_motion(np.array(rows), np.array(sides))
-            if new is None or np.linalg.norm(new[:3]) + np.linalg.norm(new[3:]) * body.bounding_radius / arm > far:
-                return None  # squeezed between parts that press against each other, or out of their reach
-            gaps -= np.linalg.norm(new[:3] - motion[:3]) + np.linalg.norm(new[3:] - motion[3:]) * body.bounding_radius / arm
-            exact[:] = False
-            motion = new
-            pose = np.array(given.pose)
-            pose[:3, :3] = pin.exp3(motion[3:] / arm) @ pose[:3, :3]
-            pose[:3, 3] += motion[:3]
-            body = given.placed(pose)
+            # As deep as the distance says: coal's points in an overlap can be micrometres off.
+            _, inwards, gap = body.project(points[worst][None])
+            point, joint = points[worst] + max(gap[0] - gaps[worst], 0.0) * inwards[0], parts[worst].joint
+            self.pressing = [*self.pressing[1 - _PRESSING :], (joint, joints[joint].actInv(point))]
         return None
 
     def result(self) -> Closure:
