@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import math
 from collections.abc import Iterable
+from dataclasses import fields
 
 import numpy as np
 
@@ -29,6 +31,12 @@ def record_of(kind, values: dict):
     record = object.__new__(kind)
     record.__dict__.update(values)
     return record
+
+
+def rebuilt(record) -> tuple:
+    """What ``__reduce__`` of a record returns that is made again from its arguments, without what it has kept since."""
+    arguments = {field.name: getattr(record, field.name) for field in fields(record) if field.init}
+    return functools.partial(type(record), **arguments), ()
 
 
 def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:

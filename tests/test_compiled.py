@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import json
 import os
+import pickle
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -335,3 +336,19 @@ def test_interpreted_kernels_give_the_same(tmp_path):
     assert sum(solver == "newton" for solver, _ in answers["1"]) >= 10
     for (one, a), (two, b) in zip(*answers.values()):
         assert one == two and (a == b if a is None else a == pytest.approx(b, rel=1e-7))
+
+
+def test_problems_go_to_other_processes(contact_set):
+    """Without what solvers keep with them, which cannot be pickled, and read-only as before: nothing is compiled anew."""
+    from pinograsp.forces import compiled
+
+    contacts, load = next(grasps(contact_set, 4, 1, 3))
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"))
+    found = [optimize_forces(problem, 0.85, solver=solver) for solver in ("clarabel", "interior", "interior")][-1]
+    there = pickle.loads(pickle.dumps(found))
+    assert not there.problem.load.flags.writeable
+    known = len(compiled.whole.signatures)
+    for _ in range(2):
+        again = optimize_forces(there.problem, 0.85, solver="interior")
+        assert again.certificate.primal == pytest.approx(found.certificate.primal, rel=1e-8)
+    assert len(compiled.whole.signatures) == known

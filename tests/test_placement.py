@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import own_hands
 import pytest
 
 from pinograsp.contacts import Friction, clearance
 from pinograsp.errors import InvalidInput, PlacementNotFound, Status
 from pinograsp.hands import load_hand
-from pinograsp.objects import Cylinder, Sphere
+from pinograsp.objects import Box, Cylinder, Sphere
 from pinograsp.placement import find_placements
 from pinograsp.plan import plan_grasp
 
@@ -71,6 +72,25 @@ def test_hands_with_coupled_joints_are_placed():
     gripper = load_hand("panda")
     search = find_placements(gripper, Sphere(radius=0.02, mass=0.1), count=6, jobs=2, **SETTINGS)
     assert search.tried == 6 and search.best.load_margin > 1
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "box", "sphere"])
+@pytest.mark.parametrize("name", own_hands.HANDS)
+def test_hands_that_nobody_ships_hold_things(tmp_path, name, shape):
+    """Mimic jaws, coupled fingers, sliding jaws from plain URDF text: certified, balanced, within their effort limits."""
+    hand = load_hand(own_hands.write(tmp_path, name))
+    thing = {
+        "cylinder": Cylinder(radius=0.015, height=0.08, mass=0.1),
+        "box": Box(size=(0.025, 0.03, 0.07), mass=0.1),
+        "sphere": Sphere(radius=0.018, mass=0.05),
+    }[shape]
+    best = find_placements(hand, thing, count=32, seed=1, **SETTINGS).best
+    plan = plan_grasp(best.closure.hand, best.closure, mu=0.7, friction=SETTINGS["friction"])
+    certificate = plan.forces.certificate
+    assert plan.forces.status is Status.OK and plan.problem.balance == "wrench" and certificate.relative_gap <= 1e-6
+    assert certificate.balance_force < 1e-8 and certificate.balance_moment < 1e-8
+    assert np.all(np.abs(plan.motion.torques[-1]) <= hand.effort * (1 + 1e-6))
+    assert best.load_margin > 1.2
 
 
 def test_no_placement_says_why(allegro):

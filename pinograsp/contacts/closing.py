@@ -49,7 +49,7 @@ def close_hand(
     fingers=None,
     wrap: bool = False,
     fixed: bool = False,
-    friction: float = 0.3,
+    friction: float = 0.5,
 ) -> Closure:
     """Close ``hand`` on ``object`` until nothing moves any more.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, one_of, read_only
+from pinograsp.checks import array_of, number, one_of, read_only, rebuilt
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import skew, tangent_frame
 
@@ -57,6 +57,9 @@ class ContactSet:
 
     def __len__(self) -> int:
         return len(self.contacts)
+
+    def __reduce__(self):
+        return rebuilt(self)
 
     def __iter__(self) -> Iterator[Contact]:
         return iter(self.contacts)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, one_of, read_only, record_of
+from pinograsp.checks import array_of, number, one_of, read_only, rebuilt, record_of
 from pinograsp.contacts import (
     Compliance,
     ContactSet,
@@ -175,6 +175,9 @@ class ForceProblem:
             shared[key] = {"torques": self.torques}  # held, so that its id stays its own
         put("_assembled", shared[key])
         put("_prepared", {})  # shared by all that differ in their load alone
+
+    def __reduce__(self):
+        return rebuilt(self)
 
     @classmethod
     def holding(cls, object, contacts: ContactSet, *, gravity_o=(0.0, 0.0, -9.81), **settings) -> ForceProblem:
