@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
+import pickle
+import tempfile
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import joblib
 import numpy as np
@@ -98,25 +102,36 @@ def find_placements(
     count = int(number("count", count, at_least=1))
     number("margin", margin, at_least=0)
     seeds = np.random.SeedSequence(int(seed)).spawn(count)
-    task = joblib.delayed(_try)
-    work = (task(hand, object, s, torque_limit, impact_time, wrap, settings) for s in seeds)
     found, outcomes, tried, interrupted = [], {}, 0, False
     bar = tqdm(total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False)
-    try:
-        for outcome, placement in joblib.Parallel(n_jobs=jobs, return_as="generator")(work):
-            tried += 1
-            bar.update()
-            outcomes[outcome] = outcomes.get(outcome, 0) + 1
-            if placement is not None:
-                found.append(placement)
-    except KeyboardInterrupt:
-        interrupted = True
+    # Meshes are heavy: they go to every process once, and never come back.
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "case.pickle"
+        path.write_bytes(pickle.dumps((hand, object, torque_limit, impact_time, wrap, settings)))
+        work = (joblib.delayed(_try)(str(path), s) for s in seeds)
+        try:
+            for outcome, placement in joblib.Parallel(n_jobs=jobs, return_as="generator")(work):
+                tried += 1
+                bar.update()
+                outcomes[outcome] = outcomes.get(outcome, 0) + 1
+                if placement is not None:
+                    closure = replace(placement.closure, hand=hand.placed(placement.pose), object=object)
+                    found.append(replace(placement, closure=closure))
+        except KeyboardInterrupt:
+            interrupted = True
     bar.close()
     found.sort(key=lambda one: (one.load_margin < margin, one.energy if one.load_margin >= margin else -one.load_margin))
     return PlacementSearch(placements=tuple(found), tried=tried, outcomes=outcomes, interrupted=interrupted)
 
 
-def _try(hand: HandModel, object, seed, torque_limit, impact_time, wrap, settings) -> tuple[str, Placement | None]:
+@functools.lru_cache(maxsize=1)
+def _case(path: str) -> tuple:
+    return pickle.loads(Path(path).read_bytes())
+
+
+def _try(path: str, seed) -> tuple[str, Placement | None]:
+    """What came of one sample; a placement comes without its hand and object."""
+    hand, object, torque_limit, impact_time, wrap, settings = _case(path)
     sample = _sample(hand, object, np.random.default_rng(seed), wrap)
     if sample is None:
         return "the open hand overlaps the object", None
@@ -127,7 +142,10 @@ def _try(hand: HandModel, object, seed, torque_limit, impact_time, wrap, setting
         return "the hand could not be closed", None
     if closure.self_collisions:
         return "fingers collide with each other", None
-    return hold(closure, torque_limit=torque_limit, impact_time=impact_time, **settings)
+    outcome, placement = hold(closure, torque_limit=torque_limit, impact_time=impact_time, **settings)
+    if placement is not None:
+        placement = replace(placement, closure=replace(placement.closure, hand=None, object=None))
+    return outcome, placement
 
 
 def hold(closure: Closure, *, torque_limit=None, impact_time=0.9, **settings) -> tuple[str, Placement | None]:
