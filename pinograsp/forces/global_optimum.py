@@ -92,6 +92,7 @@ def optimize_grasp(
 class _Search:
     def __init__(self, problem: ForceProblem, weights: dict[str, float], solver: str):
         self.problem, self.weights, self.solver = problem, weights, solver
+        self.first = solver  # the one to ask first: with "auto" the one that answered last
         self.best, self.best_value, self.best_time = None, float("inf"), None
         self.open: list[tuple[float, int, float, float]] = []
         self.closed_bound = float("inf")  # least bound of intervals set aside
@@ -134,10 +135,16 @@ class _Search:
         """Best forces at one impact time; they become the incumbent if they are the cheapest so far."""
         terms = energy_terms_at(self.problem, self.weights, t)
         program = assemble(self.problem, self.weights, terms, *self.problem.normal_force_range(t))
-        x, status, certificate, proof, solver = solve_certified(self.problem, program, self.solver)
+        x, status, certificate, proof, solver = self.solved(program)
         if status is Status.OK and certificate.primal < self.best_value:
             self.best, self.best_value, self.best_time = (program, x, certificate, solver), certificate.primal, t
         self.note(proof, t)
+
+    def solved(self, program):
+        answer = solve_certified(self.problem, program, self.first)
+        if self.solver == "auto" and answer[1] is Status.OK:
+            self.first = answer[4]
+        return answer
 
     def note(self, proof, t: float) -> None:
         """Keep the proof that came closest to feasibility."""
@@ -153,7 +160,7 @@ class _Search:
         }
         (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
         program = assemble(problem, self.weights, terms, lo, hi)
-        _, status, certificate, proof, _ = solve_certified(problem, program, self.solver)
+        _, status, certificate, proof, _ = self.solved(program)
         if status is Status.INFEASIBLE:
             self.note(proof, a)
             return float("inf")

@@ -232,10 +232,9 @@ def solve_certified(
                 # Kept for the record, unless it is of no use: the one that misses its limits least.
                 if checked.violation <= _USEFUL and (best is None or checked.violation < best[1].violation):
                     best = (x, checked, name)
-            if name == backends[0]:
-                proof = prove(problem, program)
-                if proof is not None:
-                    return None, Status.INFEASIBLE, None, proof, name
+        proof = prove(problem, program)
+        if proof is not None:
+            return None, Status.INFEASIBLE, None, proof, backends[0]
     else:
         return None, Status.INFEASIBLE, None, prove(problem, program), ""
     if best is None:
