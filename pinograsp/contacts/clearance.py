@@ -13,6 +13,7 @@ from pinograsp.objects.body import tangents
 
 PALM = "palm"
 _FAR = 1e3  # [m] farther than any hand from its object: coal failed
+_CLEAR = 1e-4  # [m] a hull farther off than this says enough
 _TILT = 1e-3  # [rad] tilt that tells the corners of a flat contact
 _PATCH = 1e-3  # [m] corners nearer to each other are one: curved bodies of up to a metre's radius touch at a point
 
@@ -42,6 +43,16 @@ class HandPart:
             j = model.parents[j]
 
 
+    @property
+    def hull(self):
+        """The convex hull of a mesh; a primitive itself."""
+        if isinstance(self.geometry, coal.BVHModelBase):
+            if self.geometry.convex is None:
+                self.geometry.buildConvexRepresentation(False)
+            return self.geometry.convex
+        return self.geometry
+
+
 class Distances:
     """Signed distances of the hand's geometry to an object at a posture."""
 
@@ -65,17 +76,29 @@ class Distances:
 
     def of(self, part: HandPart) -> tuple[float, np.ndarray]:
         """Distance [m] and the part's nearest point (3,) in the world."""
-        return self.at(part, self.pose)
+        return self.at(part, self.pose, part.geometry)
 
-    def at(self, part: HandPart, object_pose) -> tuple[float, np.ndarray]:
-        """The same with the object at another pose (coal's)."""
+    def rough(self, part: HandPart) -> float:
+        """Distance of the part's convex hull [m]: quick, and not more than the part's own."""
+        return self.at(part, self.pose, part.hull)[0]
+
+    def bound(self, part: HandPart) -> tuple[float, np.ndarray | None]:
+        """As :meth:`of`, but where the hull is clear of the object its distance and no point."""
+        if part.hull is not part.geometry:
+            gap = self.rough(part)
+            if gap > _CLEAR:
+                return gap, None
+        return self.of(part)
+
+    def at(self, part: HandPart, object_pose, geometry) -> tuple[float, np.ndarray]:
+        """Distance and nearest point of a part's geometry, or its hull, from the object at another pose (coal's)."""
         placed = self.data.oMi[part.joint] * part.placement
         pose = coal.Transform3s(placed.rotation, placed.translation)
         moved = coal.Transform3s(object_pose)
         for attempt in range(6):
             request = self.request if attempt % 2 == 0 else self.plain
             self.result.clear()
-            distance = coal.distance(part.geometry, pose, self.shape, moved, request, self.result)
+            distance = coal.distance(geometry, pose, self.shape, moved, request, self.result)
             point = np.array(self.result.getNearestPoint1())
             if np.isfinite(point).all() and abs(distance) < _FAR:
                 return distance, point
@@ -96,10 +119,13 @@ class Distances:
         x, y = tangents(normal[None])[0].T
         corners = [point]
         pose = np.array(self.object.pose)
-        for turn in 0.3 + np.arange(8) * np.pi / 4:  # askew: along an edge any of its points would do
+        # Askew, for along an edge any of its points would do; two rounds, the second where the first found corners.
+        for i, turn in enumerate(0.3 + np.array([0, 2, 4, 6, 1, 3, 5, 7]) * np.pi / 4):
+            if i == 4 and len(corners) == 1:
+                break
             tilt = pin.exp3(_TILT * (np.cos(turn) * x + np.sin(turn) * y))
             moved = coal.Transform3s(tilt @ pose[:3, :3], point + tilt @ (pose[:3, 3] - point) + 1e-4 * normal)
-            _, corner = self.at(part, moved)
+            _, corner = self.at(part, moved, part.geometry)
             corner = corner - normal * (normal @ (corner - point))
             if min(np.linalg.norm(corner - other) for other in corners) > _PATCH:
                 corners.append(corner)
@@ -157,7 +183,13 @@ def clearance(hand: HandModel, object, q) -> float:
     """Least signed distance of the hand's geometry at q (n,) from the object [m]; negative where they overlap."""
     distances = Distances(hand, object)
     distances.put(array_of("q", q, (hand.n,)))
-    return min(distances.of(HandPart(hand, one, {}))[0] for one in hand.geometry.geometryObjects)
+    parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects]
+    least = np.inf
+    for rough, i in sorted((distances.rough(part), i) for i, part in enumerate(parts)):
+        if rough >= least:
+            break
+        least = min(least, distances.of(parts[i])[0])
+    return least
 
 
 def _near(model: pin.Model, inner: int, outer: int) -> bool:

@@ -153,7 +153,7 @@ class _Closing:
         self.distances.put(self.q)
         gaps = np.empty(len(self.parts))
         for i, part in enumerate(self.parts):
-            gaps[i], point = self.distances.of(part)
+            gaps[i], point = self.distances.bound(part)
             if gaps[i] < -(_OPEN if part.joint else 1e-6):
                 raise InvalidInput(
                     f"start: '{part.link}' of hand '{self.hand.name}' overlaps the object by {-1e3 * gaps[i]:.3g} mm: open "
@@ -181,12 +181,12 @@ class _Closing:
                 self.end_joints()
             else:
                 self.distances.put(self.q)
-                gaps[first], point = self.distances.of(self.parts[first])
+                gaps[first], point = self.distances.bound(self.parts[first])
                 if gaps[first] <= TOUCH:
                     self.touch(self.parts[first], gaps[first], point)
                     for i in np.flatnonzero(gaps <= 1e-6):
                         if self.parts[i].link not in self.touched:  # at the same time, as far as can be told
-                            gaps[i], point = self.distances.of(self.parts[i])
+                            gaps[i], point = self.distances.bound(self.parts[i])
                             if gaps[i] <= 2 * TOUCH:
                                 self.touch(self.parts[i], gaps[i], point)
 
@@ -326,7 +326,8 @@ class _Closing:
                     return body, gaps
                 if exact[worst]:
                     break
-                gaps[worst], points[worst] = self.distances.of(parts[worst])
+                gaps[worst], point = self.distances.bound(parts[worst])
+                points[worst] = 0.0 if point is None else point
                 exact[worst] = True
             # As deep as the distance says: coal's points in an overlap can be micrometres off.
             _, inwards, gap = body.project(points[worst][None])

@@ -72,5 +72,6 @@ def _least_distance(distances: Distances, parts, opened, closed, dof: int, value
         q = opened + share * (closed - opened)
         q[dof] = value
         distances.put(q)
-        least = min([least, *(max(0.0, distances.of(part)[0]) for part in parts)])
+        # Of convex hulls: where a finger points is no matter of dents, and fine meshes are slow.
+        least = min([least, *(max(0.0, distances.rough(part)) for part in parts)])
     return least
