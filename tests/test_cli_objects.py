@@ -20,6 +20,15 @@ def test_close_says_what_touches_where(command):
         assert np.linalg.norm(np.array(touch["point_o"]) - [0.08, 0, 0.07]) == pytest.approx(0.03, abs=1e-6)
 
 
+def test_wrapping_touches_with_more_links(command):
+    found = []
+    for more in ((), ("--wrap",)):
+        _, out, _ = command("close", "--hand", "allegro_right", "--object", "cylinder:radius=0.025,height=0.15,mass=0.2",
+                            "--at", "0.055,0,0.03,90,0,0", "--json", *more)  # fmt: skip
+        found.append({touch["link"] for touch in json.loads(out)["touches"]})
+    assert len(found[1]) > len(found[0]) >= 2
+
+
 def test_close_without_contacts_and_with_bad_input(command):
     code, out, _ = command("close", "--hand", "allegro_right", "--object", BALL, "--at", "1,0,0")
     assert code == 3 and "0 contacts" in out

@@ -305,3 +305,27 @@ def test_rounder_pads_touch_at_a_point(tmp_path):
     closure = close_hand(jaws(tmp_path, pads='<sphere radius="0.002"/>'), Cylinder(
         radius=0.02, height=0.05, mass=0.1, pose=at(0, 0, 0.03)))  # fmt: skip
     assert len(closure.contacts()) == 2 and all(len(touch.patch_o) == 1 for touch in closure.touches)
+
+
+@pytest.mark.parametrize("name", ["so101", "sake_left", "panda", "talos_left", "humanoid"])
+def test_hulls_are_never_farther_than_what_they_cover(name):
+    """Dented meshes included: closing skips what their hulls say is far."""
+    from pinograsp.contacts.clearance import Distances, HandPart
+
+    hand, rng, compared = load_hand(name), np.random.default_rng(0), 0
+    parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects]
+    for _ in range(8):
+        pose = pin.SE3(pin.exp3(rng.normal(size=3)), rng.uniform(-0.15, 0.15, 3)).homogeneous
+        box = Box(size=(0.03, 0.04, 0.05), mass=0.1, pose=pose)
+        distances = Distances(hand, box)
+        q = rng.uniform(hand.lower, hand.upper)
+        distances.put(q)
+        exact = [distances.of(part)[0] for part in parts]
+        for part, gap in zip(parts, exact):
+            if gap > 0:
+                compared += 1
+                assert distances.rough(part) <= gap + 1e-9
+                assert distances.bound(part)[0] <= gap + 1e-9
+        if min(exact) > 0:
+            assert clearance(hand, box, q) == pytest.approx(min(exact), abs=1e-9)
+    assert compared > 10

@@ -6,7 +6,7 @@ import numpy as np
 import own_hands
 import pytest
 
-from pinograsp.contacts import Friction, clearance
+from pinograsp.contacts import PALM, Friction, clearance
 from pinograsp.errors import InvalidInput, PlacementNotFound, Status
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box, Cylinder, Sphere
@@ -91,6 +91,21 @@ def test_hands_that_nobody_ships_hold_things(tmp_path, name, shape):
     assert certificate.balance_force < 1e-8 and certificate.balance_moment < 1e-8
     assert np.all(np.abs(plan.motion.torques[-1]) <= hand.effort * (1 + 1e-6))
     assert best.load_margin > 1.2
+
+
+def test_wrapped_placements_rest_on_the_palm():
+    hand, pen = load_hand("humanoid"), Cylinder(radius=0.022, height=0.14, mass=0.1)
+    wrapped, loose = (find_placements(hand, pen, count=8, seed=2, wrap=wrap, **SETTINGS) for wrap in (True, False))
+
+    def touches(search):
+        return [len(one.closure.touches) for one in search.placements]
+
+    assert len(wrapped.placements) > len(loose.placements) >= 1
+    assert np.mean(touches(wrapped)) > np.mean(touches(loose)) + 1
+    at_start = [touch for one in wrapped.placements for touch in one.closure.touches if touch.at == 0]
+    assert any(touch.finger == PALM for touch in at_start)
+    for one in wrapped.placements:
+        assert clearance(one.closure.hand, pen, one.closure.q) > -1e-6
 
 
 def test_no_placement_says_why(allegro):

@@ -48,7 +48,7 @@ class HandPart:
         """The convex hull of a mesh; a primitive itself."""
         if isinstance(self.geometry, coal.BVHModelBase):
             if self.geometry.convex is None:
-                self.geometry.buildConvexRepresentation(False)
+                self.geometry.buildConvexHull(True, "Qt")
             return self.geometry.convex
         return self.geometry
 
