@@ -9,6 +9,7 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cloudpickle
 import joblib
 import numpy as np
 import pinocchio as pin
@@ -16,7 +17,7 @@ from tqdm import tqdm
 
 from pinograsp.checks import number
 from pinograsp.contacts import Closure, clearance, close_hand, fingertips, link_centre, open_and_closed
-from pinograsp.errors import PinograspError, PlacementNotFound, Status
+from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
 from pinograsp.motion import torque_limits
@@ -101,14 +102,19 @@ def find_placements(
     """
     count = int(number("count", count, at_least=1))
     number("margin", margin, at_least=0)
+    if not hand.geometry.ngeoms:
+        raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
     seeds = np.random.SeedSequence(int(seed)).spawn(count)
     found, outcomes, tried, interrupted = [], {}, 0, False
     bar = tqdm(total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False)
     # Meshes are heavy: they go to every process once, and never come back.
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "case.pickle"
-        path.write_bytes(pickle.dumps((hand, object, torque_limit, impact_time, wrap, settings)))
-        work = (joblib.delayed(_try)(str(path), s) for s in seeds)
+        case = (hand, object, torque_limit, impact_time, wrap, settings)
+        if joblib.effective_n_jobs(jobs) > 1:
+            path = Path(folder) / "case.pickle"
+            path.write_bytes(cloudpickle.dumps(case))
+            case = str(path)
+        work = (joblib.delayed(_try)(case, s) for s in seeds)
         try:
             for outcome, placement in joblib.Parallel(n_jobs=jobs, return_as="generator")(work):
                 tried += 1
@@ -129,14 +135,14 @@ def _case(path: str) -> tuple:
     return pickle.loads(Path(path).read_bytes())
 
 
-def _try(path: str, seed) -> tuple[str, Placement | None]:
-    """What came of one sample; a placement comes without its hand and object."""
-    hand, object, torque_limit, impact_time, wrap, settings = _case(path)
-    sample = _sample(hand, object, np.random.default_rng(seed), wrap)
-    if sample is None:
-        return "the open hand overlaps the object", None
-    placed, opened, closed = sample
+def _try(case: tuple | str, seed) -> tuple[str, Placement | None]:
+    """What came of one sample of a case, or of the file it is in; a placement comes without its hand and object."""
+    hand, object, torque_limit, impact_time, wrap, settings = _case(case) if isinstance(case, str) else case
     try:
+        sample = _sample(hand, object, np.random.default_rng(seed), wrap)
+        if isinstance(sample, str):
+            return sample, None
+        placed, opened, closed = sample
         closure = close_hand(placed, object, start=opened, target=closed, wrap=wrap)
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
         return "the hand could not be closed", None
@@ -203,8 +209,8 @@ def _hand_moved(closure: Closure) -> Closure:
     )
 
 
-def _sample(hand: HandModel, object, rng, wrap: bool) -> tuple[HandModel, np.ndarray, np.ndarray] | None:
-    """The hand placed so that the object lies in its grasp, with an open and a closed posture; None where it overlaps."""
+def _sample(hand: HandModel, object, rng, wrap: bool) -> tuple[HandModel, np.ndarray, np.ndarray] | str:
+    """The hand placed so that the object lies in its grasp, with an open and a closed posture; or why not, in words."""
     data = hand.model.createData()
     low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
     pin.framesForwardKinematics(hand.model, data, low + rng.uniform(0.3, 0.7) * (high - low))
@@ -233,9 +239,9 @@ def _sample(hand: HandModel, object, rng, wrap: bool) -> tuple[HandModel, np.nda
         if clearance(placed, object, opened) > 0:
             if wrap:
                 placed = _pressed_on(placed, object, opened, pose.rotation @ hand.pose[:3, :3].T @ approach)
-            return None if placed is None else (placed, opened, closed)
+            return "the hand passes the object by" if placed is None else (placed, opened, closed)
         at = at + approach * 0.3 * object.bounding_radius
-    return None
+    return "the open hand overlaps the object"
 
 
 def _pressed_on(hand: HandModel, object, q: np.ndarray, direction: np.ndarray) -> HandModel | None:

@@ -34,6 +34,7 @@ OWNERS = {
     "rich": {"cli"},
     "tqdm": {"forces", "placement"},
     "joblib": {"placement"},
+    "cloudpickle": {"placement"},
 }
 # Rooms that must work without the solvers: pictures and reports of stored runs.
 WITHOUT_SOLVERS = ("storage", "viz", "report")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from pinograsp.cases import load_case
 from pinograsp.contacts import PALM, Friction, clearance, close_hand, open_and_closed
@@ -329,3 +330,35 @@ def test_hulls_are_never_farther_than_what_they_cover(name):
         if min(exact) > 0:
             assert clearance(hand, box, q) == pytest.approx(min(exact), abs=1e-9)
     assert compared > 10
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_flat_meshes_can_touch(tmp_path, tilt):
+    """A plate without thickness has no hull."""
+    along = np.linspace(0, 0.05, 5)
+    grid = np.array([[x, y, tilt * x + 0.1 * tilt * y] for x in along for y in along])
+    corners = [i * 5 + j for i in range(4) for j in range(4)]
+    faces = [face for c in corners for face in ((c, c + 5, c + 6), (c, c + 6, c + 1))]
+    trimesh.Trimesh(grid, faces, process=False).export(tmp_path / "plate.stl")
+    hand = load_hand(
+        write(tmp_path, link("palm", '<box size="0.04 0.06 0.02"/>', "-0.03 0 0"), link("plate", '<mesh filename="plate.stl"/>'),
+              joint("j1", "palm", "plate"))
+    )  # fmt: skip
+    ball = Sphere(radius=0.01, mass=0.1, pose=at(0.03, 0.02, 0.05))
+    closure = close_hand(hand, ball, start=[0.0], target=[1.9], fixed=True)
+    assert [touch.link for touch in closure.touches] == ["plate"]
+    assert clearance(hand, ball, closure.q) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("wrap, target", [(True, [1.9, 1.9]), (False, [4.0, 1.9])])
+def test_joints_stay_on_their_way(two_links, seed, wrap, target):
+    """A single finger pushes: every joint to its own end and no farther."""
+    rng = np.random.default_rng(seed)
+    radius, angle = rng.uniform(0.005, 0.012), rng.uniform(0.5, 1.5)
+    reach = rng.uniform(0.03, 0.09)
+    ball = Sphere(radius=radius, mass=0.1, pose=at(reach * np.cos(angle), 0, reach * np.sin(angle)))
+    closure = close_hand(two_links, ball, start=np.zeros(2), target=target, wrap=wrap)
+    ends = np.minimum(target, two_links.upper)
+    assert np.all(closure.q >= -1e-12) and np.all(closure.q <= ends + 1e-12)
+    assert np.all(closure.events[1] <= ends + 1e-12)

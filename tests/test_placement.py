@@ -108,6 +108,21 @@ def test_wrapped_placements_rest_on_the_palm():
         assert clearance(one.closure.hand, pen, one.closure.q) > -1e-6
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_objects_of_ones_own_class_are_placed(jobs):
+    class Ball(Sphere):
+        """No module knows it by name."""
+
+    search = find_placements(load_hand("humanoid"), Ball(radius=0.02, mass=0.05), count=4, jobs=jobs, **SETTINGS)
+    assert search.tried == 4 and not search.interrupted
+    assert all(type(one.closure.object) is Ball for one in search.placements)
+
+
+def test_what_passes_by_is_told_apart_from_what_overlaps():
+    search = find_placements(load_hand("panda"), Sphere(radius=0.005, mass=0.01), count=24, wrap=True, jobs=1, **SETTINGS)
+    assert search.outcomes.get("the hand passes the object by", 0) >= 1
+
+
 def test_no_placement_says_why(allegro):
     heavy = Cylinder(radius=0.03, height=0.1, mass=500.0)
     search = find_placements(allegro, heavy, count=3, jobs=1, **SETTINGS)

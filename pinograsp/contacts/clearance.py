@@ -9,10 +9,12 @@ import pinocchio as pin
 from pinograsp.checks import array_of
 from pinograsp.errors import GeometryFailed
 from pinograsp.hands import HandModel
+from pinograsp.hands.geometry import hull_of
 from pinograsp.objects.body import tangents
 
 PALM = "palm"
 _FAR = 1e3  # [m] farther than any hand from its object: coal failed
+_OFF = 1e-4  # [m] what coal's depth of an overlap may be off
 _CLEAR = 1e-4  # [m] a hull farther off than this says enough
 _TILT = 1e-3  # [rad] tilt that tells the corners of a flat contact
 _PATCH = 1e-3  # [m] corners nearer to each other are one: curved bodies of up to a metre's radius touch at a point
@@ -41,16 +43,8 @@ class HandPart:
                 reach += ratio * max(abs(hand.lower[joint.idx_v]), abs(hand.upper[joint.idx_v]))
             reach += float(np.linalg.norm(model.jointPlacements[j].translation))
             j = model.parents[j]
-
-
-    @property
-    def hull(self):
-        """The convex hull of a mesh; a primitive itself."""
-        if isinstance(self.geometry, coal.BVHModelBase):
-            if self.geometry.convex is None:
-                self.geometry.buildConvexHull(True, "Qt")
-            return self.geometry.convex
-        return self.geometry
+        # A mesh's convex hull; where there is none, the geometry itself.
+        self.hull = hull_of(one.geometry) or one.geometry
 
 
 class Distances:
@@ -76,7 +70,8 @@ class Distances:
 
     def of(self, part: HandPart) -> tuple[float, np.ndarray]:
         """Distance [m] and the part's nearest point (3,) in the world."""
-        return self.at(part, self.pose, part.geometry)
+        least = -np.inf if part.hull is part.geometry else self.rough(part) - _OFF
+        return self.at(part, self.pose, part.geometry, least)
 
     def rough(self, part: HandPart) -> float:
         """Distance of the part's convex hull [m]: quick, and not more than the part's own."""
@@ -90,8 +85,11 @@ class Distances:
                 return gap, None
         return self.of(part)
 
-    def at(self, part: HandPart, object_pose, geometry) -> tuple[float, np.ndarray]:
-        """Distance and nearest point of a part's geometry, or its hull, from the object at another pose (coal's)."""
+    def at(self, part: HandPart, object_pose, geometry, least: float = -np.inf) -> tuple[float, np.ndarray]:
+        """Distance and nearest point of a part's geometry, or its hull, from the object at another pose (coal's).
+
+        What is below ``least`` [m] cannot be: coal takes some meshes that barely touch for deep inside.
+        """
         placed = self.data.oMi[part.joint] * part.placement
         pose = coal.Transform3s(placed.rotation, placed.translation)
         moved = coal.Transform3s(object_pose)
@@ -100,7 +98,7 @@ class Distances:
             self.result.clear()
             distance = coal.distance(geometry, pose, self.shape, moved, request, self.result)
             point = np.array(self.result.getNearestPoint1())
-            if np.isfinite(point).all() and abs(distance) < _FAR:
+            if np.isfinite(point).all() and least <= distance < _FAR:
                 return distance, point
             # At its finest tolerance coal can lose itself on slivers of a mesh: coarser, then from a hair's breadth aside.
             moved.setTranslation(object_pose.getTranslation() + 1e-7 * np.array([attempt, 1.0, -attempt]))

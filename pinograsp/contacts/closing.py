@@ -53,18 +53,20 @@ def close_hand(
 ) -> Closure:
     """Close ``hand`` on ``object`` until nothing moves any more.
 
-    Every joint moves from ``start`` to ``target`` in the same share of the way (the paper's Table IV). A link that touches
+    Every joint moves from ``start`` to ``target`` in the same share of the way (the paper's Table IV), or in turn. A link that touches
     stops the joints that carry it; joints beyond go on. Coupled joints stop together.
 
     Args:
-        hand: placed in the world. object: a shape of :mod:`pinograsp.objects`, held still.
+        hand: placed in the world. object: a shape of :mod:`pinograsp.objects`, held still unless fingers that share an
+            actuator push it.
         start, target: postures, ``{finger: angles (n_f,)}`` [rad] (others at their default) or q (n,). Default: the synergy
             of :func:`open_and_closed`, which works for any hand.
         palm: whether what does not move can be touched.
         fingers: names of those that close; default: all. The others stay at ``start``.
         wrap: close joint after joint, from base to tip, for power grasps: every link gets its chance to touch.
         fixed: hold the object still even where fingers share an actuator: then the first of them that touches stops all.
-        friction: coefficient at which an object that such fingers push jams between them [-]: it is pushed no further.
+        friction: coefficient at which an object that such fingers push jams between them [-]: it is pushed no further. Not used
+            with ``fixed``.
 
     Raises:
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
@@ -239,11 +241,11 @@ class _Closing:
                 most = step = min(step, most) / 4  # nearer, before it is called touching
             if step * speeds.max() < 0.1 * _CAGED:
                 break
-            step = min(step, float(self.ends[shared].max()) - at)
-            if step <= 0:
+            left = np.where(shared, np.abs(self.last - q), 0.0)
+            if not left.max() > 1e-12:
                 break
-            trial, reach = q.copy(), step * speeds.max()
-            trial[shared] += step * self.rate[shared]
+            # Every joint goes on to its own end.
+            trial, reach = q + np.sign(self.rate) * np.minimum(step * np.abs(self.rate), left), step * speeds.max()
             given = max(0.1 * _CAGED, _ROOM * reach)
             yielded = self.yielded(parts, trial, body, gaps - step * speeds, _LEVERAGE * reach + given, given)
             pushed = yielded is not None
@@ -262,9 +264,9 @@ class _Closing:
         for gap, point, part in sorted(found, key=lambda one: one[0]):
             if gap <= _CAGED and part.link not in self.touched:
                 self.touch(part, gap, point)
-        if not (self.ends[shared] > at + 1e-12).any():
-            for i in np.flatnonzero(shared):
-                self.stops[self.hand.joint_names[i]] = "joint limit"
+        for i in np.flatnonzero(shared & (np.abs(self.last - q) <= 1e-12)):
+            at_limit = abs(q[i] - self.tops[i]) <= 1e-9
+            self.stops[self.hand.joint_names[i]] = "joint limit" if at_limit else "end of path"
         self.events.append((at, q.copy()))
 
     def jammed(self, parts, gaps: np.ndarray, friction: float, near: float) -> bool:

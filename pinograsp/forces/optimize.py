@@ -118,11 +118,10 @@ def optimize_forces(
         InvalidInput: an impact time not below t_F, an unknown objective or solver.
     """
     started = time.perf_counter()
-    named = objective is None or objective.__class__ is str
     try:  # checked before, when it was prepared
-        key = (impact_time, objective if named else tuple(objective.items()), solver)
+        key = (impact_time, tuple(objective.items()) if isinstance(objective, Mapping) else objective, solver)
         ready = problem._prepared.get(key)
-    except (AttributeError, TypeError):
+    except TypeError:  # no such thing can be a key
         ready = key = None
     if ready is None:
         impact_time = problem.checked_impact_time(impact_time)
@@ -218,7 +217,10 @@ def _answer(program: Program, name: str):
 def solve_certified(
     problem: ForceProblem, program: Program, solver: str
 ) -> tuple[np.ndarray | None, Status, Certificate | None, Infeasibility | None, str]:
-    """x, status, certificate or proof, and the solver that gave them; a failed certificate asks the other method."""
+    """x, status, certificate or proof, and the solver that gave them; a failed certificate asks the next.
+
+    Where none passes a proof of infeasibility is tried, in the name of the first one asked.
+    """
     best = None
     if np.all(program.lo <= program.hi):
         backends = _backends(program, solver)

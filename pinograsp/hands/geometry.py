@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
 
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
 _DENSITY = 1000.0
+_FLAT = 1e-6  # volume of a mesh that is flat but for rounding, of its longest edge's cube
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +83,7 @@ def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)):
 def solid(shape, density: float) -> pin.Inertia | None:
     """Mass and inertia of a shape filled evenly [kg/m^3], of the hull of an open mesh; None without volume."""
     open_mesh = isinstance(shape, coal.BVHModelBase) and not _closed(shape)
-    for body in (None if open_mesh else shape, _hull(shape)):
+    for body in (None if open_mesh else shape, hull_of(shape)):
         volume = 0.0 if body is None else body.computeVolume()
         if not (np.isfinite(volume) and abs(volume) > 0):
             continue
@@ -105,14 +107,19 @@ def _closed(mesh) -> bool:
     return bool(np.array_equal(there, back) and np.all(np.diff(there)))
 
 
-def _hull(shape):
+def hull_of(shape):
     """Convex hull of a mesh; None for other shapes, and for meshes without volume."""
     if not isinstance(shape, coal.BVHModelBase):
         return None
-    try:
+    if shape.convex is None:
+        points = shape.vertices()
+        try:  # coal's own crashes on flat meshes
+            volume = ConvexHull(points, qhull_options="Qt").volume
+        except (QhullError, ValueError):
+            return None
+        if volume < _FLAT * np.ptp(points, axis=0).max() ** 3:
+            return None
         shape.buildConvexHull(True, "Qt")
-    except (ValueError, RuntimeError):
-        return None
     return shape.convex
 
 
