@@ -6,7 +6,7 @@ import contextlib
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -21,6 +21,31 @@ app = typer.Typer(
 )
 
 _DONE = ("ok", "unbalanced")
+
+# Options that commands share.
+_Root = Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand, on an arm or a robot.")]
+_At = Annotated[
+    str | None, typer.Option(help="Object in the hand's frame, x,y,z[,roll,pitch,yaw] [m, deg]; default: searched.")
+]
+_Mu = Annotated[float, typer.Option(help="Friction coefficient of the search and the plan.")]
+_Friction = Annotated[
+    str, typer.Option(help="Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm).")
+]
+_Samples = Annotated[int, typer.Option(help="Without --at: placements to try.")]
+_Seed = Annotated[int, typer.Option(help="Without --at: seed of the placements.")]
+_Wrap = Annotated[bool, typer.Option("--wrap", help="Wrap the fingers round the object (power grasp).")]
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+
+class _Placing(NamedTuple):
+    """The options that say how the hand comes to the object."""
+
+    at: str | None
+    mu: float
+    friction: str
+    samples: int
+    seed: int
+    wrap: bool
 
 
 def _version(show: bool) -> None:
@@ -45,20 +70,21 @@ def plan(
     case: Annotated[
         str | None, typer.Argument(help="A built-in case ('paper') or a case file (YAML); none: --hand and --object.")
     ] = None,
-    hand: Annotated[str | None, typer.Option(help="With --object: a hand of the catalogue, or its file.")] = None,
+    hand: Annotated[
+        str | None,
+        typer.Option(help="With --object: a hand of the catalogue, or its file; --root to --wrap go with it."),
+    ] = None,
     object: Annotated[
         str | None,
         typer.Option(help="With --hand: what to hold, as cylinder:radius=0.02,height=0.12,mass=0.2 [m, kg]."),
     ] = None,
-    root: Annotated[str | None, typer.Option(help="With --hand: link whose sub-tree is the hand.")] = None,
-    at: Annotated[
-        str | None, typer.Option(help="Object in the hand's frame, x,y,z[,roll,pitch,yaw] [m, deg]; default: searched.")
-    ] = None,
-    mu: Annotated[float, typer.Option(help="With --hand: friction coefficient.")] = 0.7,
-    friction: Annotated[str, typer.Option(help="With --hand: pyramid, cone or soft (torsion 5 mm).")] = "cone",
-    samples: Annotated[int, typer.Option(help="With --hand, without --at: placements to try.")] = 48,
-    seed: Annotated[int, typer.Option(help="With --hand, without --at: seed of the placements.")] = 0,
-    wrap: Annotated[bool, typer.Option("--wrap", help="With --hand: wrap the fingers round the object (power grasp).")] = False,
+    root: _Root = None,
+    at: _At = None,
+    mu: _Mu = 0.7,
+    friction: _Friction = "cone",
+    samples: _Samples = 48,
+    seed: _Seed = 0,
+    wrap: _Wrap = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
@@ -72,7 +98,7 @@ def plan(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; repeatable.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier run in --out.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    as_json: _Json = False,
 ) -> None:
     """Plan a grasp: contact forces, joint torques, trajectories, figures and a report.
 
@@ -94,7 +120,7 @@ def plan(
             elif case is None and hand is not None and object is not None:
                 if changes:
                     raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-                placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed, "wrap": wrap}
+                placing = _Placing(at, mu, friction, samples, seed, wrap)
                 _plan_object(hand, object, root, placing, out, options, force, as_json)
             else:
                 raise InvalidInput("expected either CASE, or --hand and --object")
@@ -148,7 +174,7 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
     _finish(run, comparison, folder, force, as_json)
 
 
-def _plan_object(hand, spec, root, placing: dict, out, options: dict, force: bool, as_json: bool) -> None:
+def _plan_object(hand, spec, root, placing: _Placing, out, options: dict, force: bool, as_json: bool) -> None:
     """Place the hand, close it on the object, plan."""
     from pinograsp.plan import plan_grasp
     from pinograsp.storage import check_folder, run_of
@@ -161,11 +187,11 @@ def _plan_object(hand, spec, root, placing: dict, out, options: dict, force: boo
     planned = plan_grasp(
         closure.hand, closure, search=search, solver=solver, progress=False if as_json else None, **settings, **chosen
     )
-    record = {"name": f"{hand}, {spec}", "hand": hand, "object": spec, "root": root, **placing}
+    record = {"name": f"{hand}, {spec}", "hand": hand, "object": spec, "root": root, **placing._asdict()}
     _finish(run_of(planned, record), [], folder, force, as_json)
 
 
-def _closed(hand: str, spec: str, root: str | None, placing: dict, quiet: bool):
+def _closed(hand: str, spec: str, root: str | None, placing: _Placing, quiet: bool):
     """The hand closed on an object, where it is said to be or at the best placement found; settings of the problem."""
     from pinograsp.contacts import Friction, close_hand
     from pinograsp.hands import load_hand
@@ -173,12 +199,12 @@ def _closed(hand: str, spec: str, root: str | None, placing: dict, quiet: bool):
     from pinograsp.placement import find_placements
 
     loaded, thing = load_hand(hand, root=root), object_from(spec)
-    torsion = {"torsion": 5e-3} if placing["friction"] == "soft" else {}
-    settings = {"mu": placing["mu"], "friction": Friction(model=placing["friction"], **torsion)}
-    if placing["at"] is not None:
-        return close_hand(loaded, thing.placed(_pose(placing["at"])), wrap=placing["wrap"]), settings
+    torsion = {"torsion": 5e-3} if placing.friction == "soft" else {}
+    settings = {"mu": placing.mu, "friction": Friction(model=placing.friction, **torsion)}
+    if placing.at is not None:
+        return close_hand(loaded, thing.placed(_pose(placing.at)), wrap=placing.wrap), settings
     found = find_placements(
-        loaded, thing, count=placing["samples"], seed=placing["seed"], wrap=placing["wrap"],
+        loaded, thing, count=placing.samples, seed=placing.seed, wrap=placing.wrap,
         progress=False if quiet else None, **settings,
     )
     return found.best.closure, settings
@@ -205,18 +231,14 @@ def close(
     object: Annotated[
         str, typer.Option(help="What to close on, as cylinder:radius=0.02,height=0.12,mass=0.2 [m, kg].")
     ],
-    root: Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand.")] = None,
-    at: Annotated[
-        str | None, typer.Option(help="Object in the hand's frame, x,y,z[,roll,pitch,yaw] [m, deg]; default: searched.")
-    ] = None,
-    mu: Annotated[float, typer.Option(help="Friction coefficient of the search.")] = 0.7,
-    friction: Annotated[
-        str, typer.Option(help="Friction of the search: pyramid, cone or soft (torsion 5 mm).")
-    ] = "cone",
-    samples: Annotated[int, typer.Option(help="Without --at: placements to try.")] = 48,
-    seed: Annotated[int, typer.Option(help="Without --at: seed of the placements.")] = 0,
-    wrap: Annotated[bool, typer.Option("--wrap", help="Wrap the fingers round the object (power grasp).")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    root: _Root = None,
+    at: _At = None,
+    mu: _Mu = 0.7,
+    friction: _Friction = "cone",
+    samples: _Samples = 48,
+    seed: _Seed = 0,
+    wrap: _Wrap = False,
+    as_json: _Json = False,
 ) -> None:
     """Close a hand on an object: which links touch where, and what stops each joint.
 
@@ -227,7 +249,7 @@ def close(
       pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
     """
     with _errors_told(as_json):
-        placing = {"at": at, "mu": mu, "friction": friction, "samples": samples, "seed": seed, "wrap": wrap}
+        placing = _Placing(at, mu, friction, samples, seed, wrap)
         closure, _ = _closed(hand, object, root, placing, as_json)
     typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
     if not closure.touches:
@@ -311,8 +333,8 @@ def hands(
     name: Annotated[
         str | None, typer.Argument(help="A hand of the catalogue, or a URDF, xacro or MJCF file; none: the catalogue.")
     ] = None,
-    root: Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand, on an arm or a robot.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    root: _Root = None,
+    as_json: _Json = False,
 ) -> None:
     """List the hands that need no file, or describe one: fingers, joints, limits, couplings, masses.
 

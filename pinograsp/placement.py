@@ -16,8 +16,8 @@ import pinocchio as pin
 from tqdm import tqdm
 
 from pinograsp.checks import number
-from pinograsp.contacts import Closure, clearance, close_hand, fingertips, link_centre, open_and_closed
-from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
+from pinograsp.contacts import Closure, check_geometry, clearance, close_hand, fingertips, link_centre, open_and_closed
+from pinograsp.errors import PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
 from pinograsp.motion import torque_limits
@@ -102,8 +102,7 @@ def find_placements(
     """
     count = int(number("count", count, at_least=1))
     number("margin", margin, at_least=0)
-    if not hand.geometry.ngeoms:
-        raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
+    check_geometry(hand)
     seeds = np.random.SeedSequence(int(seed)).spawn(count)
     found, outcomes, tried, interrupted = [], {}, 0, False
     bar = tqdm(total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False)

@@ -1,6 +1,6 @@
 """Contacts: frames and grasp map, the compliant contact law and its energies."""
 
-from pinograsp.contacts.clearance import PALM, clearance, fingertips, link_centre
+from pinograsp.contacts.clearance import PALM, check_geometry, clearance, fingertips, link_centre
 from pinograsp.contacts.closing import close_hand
 from pinograsp.contacts.closure import Closure, Touch
 from pinograsp.contacts.compliance import Compliance, PenetrationProfile, energy_terms, impulse_energy, work_energy
@@ -13,6 +13,7 @@ __all__ = [
     "PALM",
     "Closure",
     "Touch",
+    "check_geometry",
     "clearance",
     "close_hand",
     "fingertips",

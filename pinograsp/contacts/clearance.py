@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import array_of
-from pinograsp.errors import GeometryFailed
+from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_of
 from pinograsp.objects.body import tangents
@@ -70,28 +70,28 @@ class Distances:
 
     def of(self, part: HandPart) -> tuple[float, np.ndarray]:
         """Distance [m] and the part's nearest point (3,) in the world."""
-        least = -np.inf if part.hull is part.geometry else self.rough(part) - _OFF
-        return self.at(part, self.pose, part.geometry, least)
+        return self.bound(part, clear=np.inf)
 
     def rough(self, part: HandPart) -> float:
         """Distance of the part's convex hull [m]: quick, and not more than the part's own."""
         return self.at(part, self.pose, part.hull)[0]
 
-    def bound(self, part: HandPart) -> tuple[float, np.ndarray | None]:
-        """As :meth:`of`, but where the hull is clear of the object its distance and no point."""
+    def bound(self, part: HandPart, clear: float = _CLEAR) -> tuple[float, np.ndarray | None]:
+        """As :meth:`of`, but where the hull is farther off than ``clear`` [m] its distance and no point."""
+        least = -np.inf
         if part.hull is not part.geometry:
             gap = self.rough(part)
-            if gap > _CLEAR:
+            if gap > clear:
                 return gap, None
-        return self.of(part)
+            least = gap - _OFF
+        return self.at(part, self.pose, part.geometry, least)
 
     def at(self, part: HandPart, object_pose, geometry, least: float = -np.inf) -> tuple[float, np.ndarray]:
         """Distance and nearest point of a part's geometry, or its hull, from the object at another pose (coal's).
 
         What is below ``least`` [m] cannot be: coal takes some meshes that barely touch for deep inside.
         """
-        placed = self.data.oMi[part.joint] * part.placement
-        pose = coal.Transform3s(placed.rotation, placed.translation)
+        pose = _pose(self.data, part.joint, part.placement)
         moved = coal.Transform3s(object_pose)
         for attempt in range(6):
             request = self.request if attempt % 2 == 0 else self.plain
@@ -129,6 +129,18 @@ class Distances:
                 corners.append(corner)
         # The point itself is some point of a flat area: its corners say more.
         return np.array(corners[1:] if len(corners) > 2 else corners)
+
+
+def check_geometry(hand: HandModel) -> None:
+    """Refuse a hand without collision geometry."""
+    if not hand.geometry.ngeoms:
+        raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
+
+
+def _pose(data, joint: int, placement: pin.SE3) -> coal.Transform3s:
+    """Where something placed on a joint is in the world, for coal."""
+    placed = data.oMi[joint] * placement
+    return coal.Transform3s(placed.rotation, placed.translation)
 
 
 def link_centre(hand: HandModel, data, joint: int) -> np.ndarray:
@@ -169,9 +181,8 @@ def _nearest(hand: HandModel, data, joint: int, point: np.ndarray) -> tuple[floa
     at, request, result = coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), coal.DistanceResult()
     for one in hand.geometry.geometryObjects:
         if one.parentJoint == joint:
-            placed = data.oMi[joint] * one.placement
-            pose = coal.Transform3s(placed.rotation, placed.translation)
             result.clear()
+            pose = _pose(data, joint, one.placement)
             distance = coal.distance(one.geometry, pose, coal.Sphere(1e-6), at, request, result)
             found.append((distance, np.array(result.getNearestPoint1())))
     return min(found, key=lambda one: one[0])
@@ -208,8 +219,7 @@ def self_collisions(hand: HandModel, start: np.ndarray, q: np.ndarray) -> tuple[
 
     def overlapping(posture) -> set[tuple[str, str]]:
         pin.forwardKinematics(model, data, posture)
-        placed = [data.oMi[one.parentJoint] * one.placement for one in objects]
-        poses = [coal.Transform3s(p.rotation, p.translation) for p in placed]
+        poses = [_pose(data, one.parentJoint, one.placement) for one in objects]
         found = set()
         for a, one in enumerate(objects):
             for b in range(a):

@@ -19,7 +19,7 @@ import pinocchio as pin
 from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, number, read_only
-from pinograsp.contacts.clearance import PALM, Distances, HandPart, self_collisions
+from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, self_collisions
 from pinograsp.contacts.closure import Closure, Touch
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
@@ -71,8 +71,7 @@ def close_hand(
     Raises:
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
     """
-    if not hand.geometry.ngeoms:
-        raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
+    check_geometry(hand)
     opened, closed = open_and_closed(hand, object) if start is None or target is None else (None, None)
     opened = _posture(hand, "start", start, opened)
     closed = _posture(hand, "target", target, closed)
@@ -197,9 +196,13 @@ class _Closing:
         for i in np.flatnonzero(self.moving & (self.ends <= self.at + 1e-12)):
             self.free[i] = False
             self.q[i] = self.last[i]
-            at_limit = abs(self.q[i] - self.tops[i]) <= 1e-9
-            self.stops[self.hand.joint_names[i]] = "joint limit" if at_limit else "end of path"
+            self.note_end(i)
         self.events.append((self.at, self.q.copy()))
+
+    def note_end(self, i: int) -> None:
+        """Note that joint i is at the end of its path, which may be its limit."""
+        at_limit = abs(self.q[i] - self.tops[i]) <= 1e-9
+        self.stops[self.hand.joint_names[i]] = "joint limit" if at_limit else "end of path"
 
     def touch(self, part: HandPart, gap: float, point: np.ndarray) -> None:
         """Note a touch and stop the joints that carry the part."""
@@ -265,8 +268,7 @@ class _Closing:
             if gap <= _CAGED and part.link not in self.touched:
                 self.touch(part, gap, point)
         for i in np.flatnonzero(shared & (np.abs(self.last - q) <= 1e-12)):
-            at_limit = abs(q[i] - self.tops[i]) <= 1e-9
-            self.stops[self.hand.joint_names[i]] = "joint limit" if at_limit else "end of path"
+            self.note_end(i)
         self.events.append((at, q.copy()))
 
     def jammed(self, parts, gaps: np.ndarray, friction: float, near: float) -> bool:

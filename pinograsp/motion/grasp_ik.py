@@ -168,7 +168,6 @@ class _Chain:
                 free = free[~beyond]
         return dq, stopped
 
-
     def along_normals_first(self, J: np.ndarray, velocities: np.ndarray) -> np.ndarray:
         """Rates that give the contacts (c, 3, n) their speeds along the normals, and with what freedom is left the others."""
         across = velocities - np.einsum("cx,cx->c", velocities, self.normals)[:, None] * self.normals

@@ -141,7 +141,9 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
         tracking[which], slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
         outside = _outside_limits(hand, finger, path[0])
         notes += [f"{joint} was stopped by its limit in the grasp phase" for joint in motion.limited]
-        notes += [f"{joint} leaves its limits by {_angle(hand, joint, by)} in the approach" for joint, by in outside]
+        notes += [
+            f"{joint} leaves its limits by {_displacement(hand, joint, by)} in the approach" for joint, by in outside
+        ]
         clean &= not motion.limited and not outside
         on_path &= bool(tracking[which].max() <= _TRACKED)
     busy = {int(i) for finger, _ in groups for i in finger.dofs}
@@ -177,7 +179,7 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
     )
 
 
-def _angle(hand, joint: str, value: float) -> str:
+def _displacement(hand, joint: str, value: float) -> str:
     """A joint's displacement with its unit."""
     slides = hand.is_prismatic(hand.model.getJointId(joint))
     return f"{1e3 * value:.2f} mm" if slides else f"{math.degrees(value):.2f} deg"
