@@ -1,0 +1,270 @@
+"""A hand as plain JSON values, and back: the URDF text its model was built from, and all that was changed since."""
+
+from __future__ import annotations
+
+import os
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.checks import array_of, number, one_of, placement_of
+from pinograsp.errors import HandNotLoaded, InvalidInput
+from pinograsp.hands.elements import drop, is_file, named, parse
+from pinograsp.hands.geometry import PRIMITIVES, read_mesh
+from pinograsp.hands.model import Finger, HandModel
+from pinograsp.hands.urdf import prepare
+
+_KINDS = {str: "a text", list: "a list", dict: "a mapping", int: "a whole number"}
+# Of the actuated joints, by their names in Pinocchio.
+_LIMITS = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit", "armature")
+_SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3}
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_MOST_LINKS = 2000  # Pinocchio builds trees by recursion: chains of 6000 overflow the stack
+
+
+def hand_record(hand: HandModel) -> dict | None:
+    """The hand as plain JSON values: a copy of all but its meshes, which are named by absolute path and scale.
+
+    None where the hand cannot be made again from them: one that was put together without a description, or whose
+    geometry is neither a primitive nor the mesh of a file.
+    """
+    geometry = [_shape(one) for one in hand.geometry.geometryObjects]
+    if not hand.description or None in geometry:
+        return None
+    model = hand.model
+    record = {
+        "name": hand.name,
+        "source": str(hand.source),
+        "description": hand.description,
+        "palm": hand.palm,
+        "pose": np.asarray(hand.pose).tolist(),
+        "notes": [str(note) for note in hand.notes],
+        "joints": [
+            {"name": name, "placement": placement.homogeneous.tolist(), "mass": inertia.mass,
+             "lever": inertia.lever.tolist(), "inertia": inertia.inertia.tolist()}
+            for name, placement, inertia in zip(model.names, model.jointPlacements, model.inertias)
+        ],
+        "limits": {name: np.ravel(getattr(model, name)).tolist() for name in _LIMITS},
+        "frames": [
+            {"name": frame.name, "joint": int(frame.parentJoint), "placement": frame.placement.homogeneous.tolist()}
+            for frame in model.frames
+        ],
+        "geometry": geometry,
+        "fingers": [
+            {"name": finger.name, "joints": list(finger.joints), "links": list(finger.links), "tip": finger.tip}
+            for finger in hand.fingers
+        ],
+    }  # fmt: skip
+    try:
+        _model(record, _description(record))
+    except InvalidInput:  # the model is not the description's
+        return None
+    return record
+
+
+def hand_of(record: dict) -> HandModel:
+    """The hand that :func:`hand_record` wrote down; nothing in the record is run.
+
+    Raises:
+        HandNotLoaded: mesh files that are missing or cannot be read, all of them listed, or a broken description.
+        InvalidInput: a record that is not one.
+    """
+    try:
+        return _hand(record)
+    except OverflowError as error:
+        raise InvalidInput(f"hand record: expected numbers that a float can hold, got {error}") from None
+
+
+def _hand(record: dict) -> HandModel:
+    description = _description(record)
+    model = _model(record, description)
+    links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+    fingers = tuple(_finger(model, links, i, one) for i, one in enumerate(_field(record, "fingers", list)))
+    return HandModel(
+        name=_field(record, "name", str),
+        source=record["source"],
+        model=model,
+        geometry=_geometry(record["source"], model, _field(record, "geometry", list)),
+        palm=one_of("hand record: palm", _field(record, "palm", str), links),
+        fingers=fingers,
+        pose=placement_of("hand record: pose", _field(record, "pose", list)),
+        notes=tuple(_texts(record, "notes")),
+        description=description,
+    )
+
+
+def _field(record, key: str, kind, where: str = ""):
+    """A value of the record, of the kind it must be; ``where``: the part of the record that is looked at."""
+    name = f"hand record: {where}{key}"
+    if not isinstance(record, dict) or key not in record:
+        raise InvalidInput(f"{name}: expected {_KINDS[kind]}, got none: not the record of a hand, or cut short")
+    if not isinstance(record[key], kind) or isinstance(record[key], bool):
+        raise InvalidInput(f"{name}: expected {_KINDS[kind]}, got {record[key]!r:.60}")
+    return record[key]
+
+
+def _texts(record, key: str, where: str = "") -> list[str]:
+    texts = _field(record, key, list, where)
+    if not all(isinstance(one, str) for one in texts):
+        raise InvalidInput(f"hand record: {where}{key}: expected a list of texts, got {texts!r:.60}")
+    return texts
+
+
+# -- the model ---------------------------------------------------------------------------------------------------------
+
+
+def _model(record: dict, description: str) -> pin.Model:
+    try:
+        model = pin.buildModelFromXML(description, True)
+    except (ValueError, RuntimeError) as error:
+        raise HandNotLoaded(record["source"], f"Pinocchio cannot build a model: {error}") from error
+    joints, frames = _field(record, "joints", list), _field(record, "frames", list)
+    _check_names("joints", list(model.names), joints)
+    _check_names("frames", [frame.name for frame in model.frames], frames)
+    for j, one in enumerate(joints):
+        where = f"joints[{j}]: "
+        model.names[j] = one["name"]
+        model.jointPlacements[j] = _placement(one, where)
+        mass = number(f"hand record: {where}mass", one.get("mass"), at_least=0, unit="kg")
+        lever, inertia = (array_of(f"hand record: {where}{key}", one.get(key), shape)
+                          for key, shape in (("lever", (3,)), ("inertia", (3, 3))))  # fmt: skip
+        if not np.array_equal(inertia, inertia.T):
+            raise InvalidInput(f"hand record: {where}inertia: expected a symmetric matrix, got {inertia.tolist()}")
+        model.inertias[j] = pin.Inertia(mass, lever, inertia)
+    for i, (frame, one) in enumerate(zip(model.frames, frames)):
+        where = f"frames[{i}]: "
+        if _field(one, "joint", int, where) != frame.parentJoint:
+            raise InvalidInput(f"hand record: {where}expected joint {frame.parentJoint}, got {one['joint']}")
+        frame.name, frame.placement = one["name"], _placement(one, where)
+    limits = _field(record, "limits", dict)
+    values = {name: array_of(f"hand record: limits: {name}", limits.get(name), (model.nv,)) for name in _LIMITS}
+    if not np.all(values["lowerPositionLimit"] < values["upperPositionLimit"]):
+        raise InvalidInput("hand record: limits: expected lower position limits below the upper ones")
+    for name, value in values.items():
+        if not name.endswith("PositionLimit") and np.any(value < 0):
+            raise InvalidInput(f"hand record: limits: {name}: expected none below zero, got {value.tolist()}")
+        setattr(model, name, value)
+    return model
+
+
+def _description(record) -> str:
+    """The record's URDF text, as one may give it to Pinocchio's reader.
+
+    Raises:
+        HandNotLoaded: with all that is wrong with it.
+    """
+    source = _field(record, "source", str)
+    robot = parse(source, _field(record, "description", str))
+    if (count := len(robot.findall("link"))) > _MOST_LINKS:
+        raise HandNotLoaded(source, f"expected at most {_MOST_LINKS} links, got {count}")
+    if robot.find("joint[@type='continuous']") is not None:  # written as revolute in every record
+        raise HandNotLoaded(source, "expected revolute, prismatic and fixed joints, got continuous ones")
+    try:
+        same = ElementTree.tostring(robot, encoding="unicode")
+        for _, link in named(robot, "link"):
+            drop(link, "collision")
+            if link.find("inertial") is None:  # the record has the masses that were found later
+                inertial = ElementTree.SubElement(link, "inertial")
+                ElementTree.SubElement(inertial, "mass", value="0")
+                ElementTree.SubElement(inertial, "inertia", dict.fromkeys(_MOMENTS, "0"))
+        prepare(source, robot, Path())
+    except RecursionError:
+        raise HandNotLoaded(source, "expected a description, got elements nested without end") from None
+    return same
+
+
+def _check_names(key: str, built: list[str], given: list) -> None:
+    """Refuse what belongs to another description; coupled hands number their joints in it: ``0003 name``."""
+    names = [_field(one, "name", str, f"{key}[{i}]: ") for i, one in enumerate(given)]
+    known = set(names)
+    own = [one if one in known else re.sub(r"^\d{4,} ", "", one) for one in built]
+    if own != names:
+        raise InvalidInput(
+            f"hand record: {key}: expected its description's ({', '.join(own)}), got {', '.join(names) or 'none'}"
+        )
+
+
+def _placement(one: dict, where: str) -> pin.SE3:
+    return pin.SE3(placement_of(f"hand record: {where}placement", one.get("placement")))
+
+
+def _finger(model: pin.Model, links: list[str], i: int, one) -> Finger:
+    where = f"fingers[{i}]: "
+    joints, moved = _texts(one, "joints", where), _texts(one, "links", where)
+    if not joints or len(joints) != len(moved):
+        raise InvalidInput(f"hand record: {where}expected one link for each joint, got {len(moved)} for {len(joints)}")
+    for name in joints:
+        one_of(f"hand record: {where}joint", name, list(model.names)[1:])
+    for name in (*moved, tip := _field(one, "tip", str, where)):
+        one_of(f"hand record: {where}link", name, links)
+    ids = tuple(int(model.getJointId(name)) for name in joints)
+    actuated = {model.joints[j].idx_v: model.names[j] for j in range(1, model.njoints) if model.joints[j].nv}
+    dofs = list(dict.fromkeys(model.joints[j].idx_v for j in ids))
+    return Finger(
+        name=_field(one, "name", str, where), joints=tuple(joints), links=tuple(moved), tip=tip, joint_ids=ids,
+        dofs=np.array(dofs), actuated=tuple(actuated[d] for d in dofs),
+    )  # fmt: skip
+
+
+# -- collision geometry ------------------------------------------------------------------------------------------------
+
+
+def _shape(one: pin.GeometryObject) -> dict | None:
+    shape, path = one.geometry, ""
+    if isinstance(shape, coal.Box):
+        kind, size = "box", 2 * np.ravel(shape.halfSide)
+    elif isinstance(shape, coal.Sphere):
+        kind, size = "sphere", [shape.radius]
+    elif isinstance(shape, coal.Ellipsoid):
+        kind, size = "ellipsoid", np.ravel(shape.radii)
+    elif isinstance(shape, coal.Cylinder | coal.Capsule):
+        kind, size = type(shape).__name__.lower(), [shape.radius, 2 * shape.halfLength]
+    elif isinstance(shape, coal.BVHModelBase) and one.meshPath:
+        kind, size, path = "mesh", np.ravel(one.meshScale), os.path.abspath(one.meshPath)
+    else:
+        return None
+    return {
+        "name": one.name, "joint": int(one.parentJoint), "frame": int(one.parentFrame),
+        "placement": one.placement.homogeneous.tolist(), "kind": kind, "size": [float(value) for value in size],
+        "path": path,
+    }  # fmt: skip
+
+
+def _geometry(source: str, model: pin.Model, shapes: list) -> pin.GeometryModel:
+    geometry, problems = pin.GeometryModel(), []
+    for i, one in enumerate(shapes):
+        where = f"geometry[{i}]: "
+        name, frame, joint = (_field(one, key, kind, where) for key, kind in
+                              (("name", str), ("frame", int), ("joint", int)))  # fmt: skip
+        if not 0 <= frame < model.nframes or model.frames[frame].parentJoint != joint:
+            raise InvalidInput(f"hand record: {where}expected a frame and its joint, got {frame} and {joint}")
+        if geometry.existGeometryName(name):
+            raise InvalidInput(f"hand record: {where}expected each name once, got '{name}' again")
+        kind = one_of(f"hand record: {where}kind", _field(one, "kind", str, where), _SIZES)
+        size = array_of(f"hand record: {where}size", one.get("size"), (_SIZES[kind],)).tolist()
+        if not all(value != 0 if kind == "mesh" else value > 0 for value in size):
+            raise InvalidInput(f"hand record: {where}size: expected numbers above zero [m], got {size}")
+        placement = _placement(one, where)
+        made = _mesh(_field(one, "path", str, where), size, problems) if kind == "mesh" else PRIMITIVES[kind](*size)
+        if made is not None:
+            added = pin.GeometryObject(name, joint, frame, placement, made)
+            if kind == "mesh":
+                added.meshPath, added.meshScale = one["path"], np.array(size)
+            geometry.addGeometryObject(added)
+    if problems:
+        raise HandNotLoaded(source, list(dict.fromkeys(problems)))
+    return geometry
+
+
+def _mesh(path: str, scale: list[float], problems: list[str]):
+    if not os.path.isabs(path) or not is_file(Path(path)):
+        problems.append(f"mesh '{path}' is not there: put the file back, or load the hand from its own description")
+        return None
+    made = read_mesh(path, tuple(scale))
+    if made is None:
+        problems.append(f"mesh '{path}' cannot be read: expected a mesh with triangles")
+    return made

@@ -1,0 +1,67 @@
+"""Objects as plain JSON values, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinograsp.checks import one_of
+from pinograsp.errors import InvalidInput
+from pinograsp.objects.body import Body
+from pinograsp.objects.ellipsoid import Ellipsoid
+from pinograsp.objects.mesh import Mesh
+from pinograsp.objects.primitives import Box, Capsule, Cylinder, Sphere
+
+# Shape -> (its class, what its constructor takes besides mass, density and pose).
+_SHAPES = {
+    "sphere": (Sphere, ("radius",)),
+    "cylinder": (Cylinder, ("radius", "height")),
+    "capsule": (Capsule, ("radius", "length")),
+    "box": (Box, ("size",)),
+    "ellipsoid": (Ellipsoid, ("semi_axes",)),
+    "mesh": (Mesh, ("vertices", "faces", "convex", "file_frame_b", "notes")),
+}
+_ALL = ("mass", "density", "pose")
+_ARRAYS = ("size", "semi_axes", "vertices", "faces", "file_frame_b", "pose")
+
+
+def object_record(body) -> dict | None:
+    """The object as plain JSON values: its shape's name and the constructor's arguments. None for other classes."""
+    for shape, (kind, names) in _SHAPES.items():
+        if type(body) is kind:
+            values = {name: getattr(body, name) for name in (*_ALL, *names)}
+            return {"shape": shape, **{name: _plain(value) for name, value in values.items()}}
+    return None
+
+
+def _plain(value):
+    return value.tolist() if isinstance(value, np.ndarray) else list(value) if isinstance(value, tuple) else value
+
+
+def object_of(record: dict) -> Body:
+    """The object that :func:`object_record` wrote down; vertices of meshes agree to rounding.
+
+    Raises:
+        InvalidInput: a record that is not one, or of an object that cannot be.
+    """
+    if not isinstance(record, dict):
+        raise InvalidInput(f"object record: expected a mapping with shape and sizes, got {record!r:.60}")
+    kind, names = _SHAPES[one_of("object record: shape", record.get("shape"), _SHAPES)]
+    wanted = (*_ALL, *names)
+    if set(record) != {"shape", *wanted}:
+        raise InvalidInput(f"object record: expected shape, {', '.join(wanted)}, got {', '.join(map(str, record))}")
+    values = {name: _array(name, record[name]) if name in _ARRAYS else record[name] for name in wanted}
+    if "notes" in values:
+        if not isinstance(record["notes"], list) or not all(isinstance(note, str) for note in record["notes"]):
+            raise InvalidInput(f"object record: notes: expected a list of texts, got {record['notes']!r:.60}")
+        values["notes"] = tuple(record["notes"])
+    try:
+        return kind(**values)
+    except OverflowError as error:
+        raise InvalidInput(f"object record: expected numbers that a float can hold, got {error}") from None
+
+
+def _array(name: str, value) -> np.ndarray:
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(f"object record: {name}: expected numbers, got {value!r:.60}") from None
