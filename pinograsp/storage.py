@@ -1,4 +1,7 @@
-"""Runs on disk: ``plan.json`` (figures and settings) and ``plan.npz`` (arrays), written whole or not at all."""
+"""Runs on disk, written whole or not at all.
+
+``plan.json`` holds figures and settings, ``plan.npz`` the arrays, ``scene.json`` the hand and the object.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,19 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.hands.model import HandModel
+from pinograsp.hands.record import hand_of, hand_record
+from pinograsp.objects.body import Body
+from pinograsp.objects.record import object_of, object_record
 
 SCHEMA = "pinograsp.plan/1"
+SCENE = "pinograsp.scene/1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,6 +33,8 @@ class Run:
         summary: ``GraspPlan.summary()``. arrays: ``GraspPlan.arrays()``.
         layout: names: ``{"hand", "joints": [...], "fingers": {name: [dof, ...]}, "contacts": [...]}``.
         settings: the case that made it (empty for a plan made from Python). versions: packages and their versions.
+        scene: ``{"hand": hand_record(...), "object": object_record(...)}``, None for what cannot be written down; empty
+            for runs without a plan and for those of versions that did not keep it.
     """
 
     summary: dict
@@ -32,6 +42,24 @@ class Run:
     layout: dict
     settings: dict
     versions: dict
+    scene: dict = field(default_factory=dict)
+
+    def hand(self) -> HandModel:
+        """The hand of the plan, as it was placed; its meshes are read from their files.
+
+        Raises:
+            InvalidInput: the run has none, or a broken one; HandNotLoaded names mesh files that are missing.
+        """
+        return hand_of(self._kept("hand", "load it from its description, pinograsp.load_hand"))
+
+    def object(self) -> Body:
+        """The object of the plan, where it was held; :class:`InvalidInput` where the run has none, or a broken one."""
+        return object_of(self._kept("object", "make it again, as it was made for the plan"))
+
+    def _kept(self, key: str, remedy: str) -> dict:
+        if self.scene.get(key) is None:
+            raise InvalidInput(f"expected a run with its {key}, got one that did not keep it: {remedy}")
+        return self.scene[key]
 
 
 def run_of(plan, settings: dict | None = None) -> Run:
@@ -48,6 +76,7 @@ def run_of(plan, settings: dict | None = None) -> Run:
         layout=layout,
         settings=settings or {},
         versions=_versions(plan.forces.solver),
+        scene={"hand": hand_record(plan.hand), "object": object_record(plan.problem.object)},
     )
 
 
@@ -73,7 +102,9 @@ def _versions(solver: str) -> dict[str, str]:
     return {name: version(name) for name in packages}
 
 
-def save_run(run: Run, folder: str | Path, *, force: bool = False, extras: Callable[[Path], None] | None = None) -> Path:
+def save_run(
+    run: Run, folder: str | Path, *, force: bool = False, extras: Callable[[Path], None] | None = None
+) -> Path:
     """Write a run into ``folder``; returns it.
 
     Everything is written into a hidden sibling first and renamed at the end, so a crash leaves nothing half-written.
@@ -100,6 +131,9 @@ def save_run(run: Run, folder: str | Path, *, force: bool = False, extras: Calla
         }
         (staging / "plan.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         np.savez_compressed(staging / "plan.npz", **run.arrays)
+        if run.scene:
+            scene = json.dumps({"schema": SCENE, **run.scene}, allow_nan=False)
+            (staging / "scene.json").write_text(scene + "\n", encoding="utf-8")
         if extras is not None:
             extras(staging)
         files = sorted(path.name for path in staging.iterdir())
@@ -155,13 +189,21 @@ def load_run(folder: str | Path) -> Run:
     """Read a run back; :class:`InvalidInput` where the folder holds none, or one of another schema."""
     folder = Path(folder)
     try:
-        document = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+        document = _document(folder / "plan.json", SCHEMA)
         with np.load(folder / "plan.npz", allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"'{folder}' holds no readable run: {error}") from error
-    schema = document.pop("schema", None)
-    if schema != SCHEMA:
-        raise InvalidInput(f"'{folder}': expected schema {SCHEMA}, got {schema}")
-    layout, settings, versions = (document.pop(name) for name in ("layout", "settings", "versions"))
-    return Run(summary=document, arrays=arrays, layout=layout, settings=settings, versions=versions)
+        scene = _document(folder / "scene.json", SCENE) if (folder / "scene.json").exists() else {}
+        layout, settings, versions = (document.pop(name) for name in ("layout", "settings", "versions"))
+    except InvalidInput:
+        raise
+    except Exception as error:  # the readers raise whatever comes of a broken file
+        raise InvalidInput(f"'{folder}' holds no readable run: {type(error).__name__}: {error}") from error
+    return Run(summary=document, arrays=arrays, layout=layout, settings=settings, versions=versions, scene=scene)
+
+
+def _document(path: Path, schema: str) -> dict:
+    document = json.loads(path.read_text(encoding="utf-8"))
+    found = document.pop("schema", None) if isinstance(document, dict) else None
+    if found != schema:
+        raise InvalidInput(f"'{path.parent}': expected schema {schema}, got {found} ({path.name})")
+    return document

@@ -52,7 +52,7 @@ def test_plan_paper_as_a_newcomer_types_it(tmp_path):
     assert "Traceback" not in done.stderr
     assert int(done.stdout.rsplit("peak", 1)[1]) < 500_000  # KiB
     names = {path.name for path in (tmp_path / "runs" / "paper").iterdir()}
-    assert {"plan.json", "plan.npz", "report.md", "joint_angles.png", "contact_forces.png"} <= names
+    assert {"plan.json", "plan.npz", "scene.json", "report.md", "joint_angles.png", "contact_forces.png"} <= names
 
 
 def test_json_is_one_object_and_nothing_else(command, tmp_path):

@@ -119,6 +119,7 @@ def test_a_run_comes_back_as_it_was(run, tmp_path):
     back = load_run(folder)
     assert back.summary == run.summary and back.layout == run.layout and back.versions == run.versions
     assert back.settings == json.loads(json.dumps(run.settings))
+    assert back.scene == run.scene and back.hand().n == 20 and back.object().mass == 1.02
     assert set(back.arrays) == set(run.arrays)
     for name, array in run.arrays.items():
         assert np.array_equal(back.arrays[name], array)
