@@ -19,6 +19,7 @@ _HOMES = {
     ),  # fmt: skip
     "pinograsp.motion": ("MotionSpec", "contact_postures", "plan_motion", "torque_limits"),
     "pinograsp.plan": ("GraspPlan", "plan_grasp"),
+    "pinograsp.referee": ("simulate",),
     "pinograsp.cases": ("load_case",),
     "pinograsp.storage": ("load_run", "run_of", "save_run"),
     "pinograsp.errors": ("PinograspError", "Status"),

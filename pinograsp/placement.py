@@ -121,7 +121,8 @@ def find_placements(
                 outcomes[outcome] = outcomes.get(outcome, 0) + 1
                 if placement is not None:
                     closure = replace(placement.closure, hand=hand.placed(placement.pose), object=object)
-                    found.append(replace(placement, closure=closure))
+                    forces = replace(placement.forces, problem=replace(placement.forces.problem, object=object))
+                    found.append(replace(placement, closure=closure, forces=forces))
         except KeyboardInterrupt:
             interrupted = True
     bar.close()
@@ -149,7 +150,8 @@ def _try(case: tuple | str, seed) -> tuple[str, Placement | None]:
         return "fingers collide with each other", None
     outcome, placement = hold(closure, torque_limit=torque_limit, impact_time=impact_time, **settings)
     if placement is not None:
-        placement = replace(placement, closure=replace(placement.closure, hand=None, object=None))
+        forces = replace(placement.forces, problem=replace(placement.forces.problem, object=None))
+        placement = replace(placement, closure=replace(placement.closure, hand=None, object=None), forces=forces)
     return outcome, placement
 
 

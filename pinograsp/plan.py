@@ -163,7 +163,7 @@ class GraspPlan:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The plan's arrays: shapes and units as in :class:`~pinograsp.motion.Motion` and the contact set."""
-        motion, contacts = self.motion, self.problem.contacts
+        motion, contacts, compliance = self.motion, self.problem.contacts, self.problem.compliance
         profile = self.forces.profile
         depth, rate = profile.depth(motion.times), profile.rate(motion.times)
         return {
@@ -173,16 +173,25 @@ class GraspPlan:
             "dq": motion.dq,
             "ddq": motion.ddq,
             "torques": motion.torques,
+            "holding_torques": motion.holding_torques,
             "forces_o": motion.forces_o,
             "depth": depth,
             "rate": rate,
-            "normal_forces": self.problem.compliance.normal_force(depth, rate),
+            "normal_forces": compliance.normal_force(depth, rate),
             "net_force_o": motion.forces_o.sum(axis=1) + self.problem.load[:3],
             "points_o": contacts.points_o,
             "rotations_oc": contacts.rotations_oc,
             "com_o": contacts.com_o,
             "grasp_map": contacts.G,
             "load": self.problem.load,
+            "gravity": self.problem.gravity_o,
+            "object_mass": np.array(0.0 if self.problem.object is None else self.problem.object.mass),
+            "mu": self.problem.mu,
+            "torsion_length": np.array(self.problem.friction.torsion),
+            "contact_law": np.array([compliance.stiffness, compliance.damping, compliance.exponent]),
+            "contact_names": np.array(contacts.names),
+            "contact_links": np.array([contact.link for contact in contacts]),
+            "torque_limit": self.hand.effort_or_infinity if self.problem.torques is None else self.problem.torques.limit,
             # Branch and bound: start and end of each interval of t_I [s], its proven bound, the best objective then.
             "branches": np.array([(b.start, b.end, b.lower_bound, b.best) for b in self.forces.branches]).reshape(-1, 4),
         }

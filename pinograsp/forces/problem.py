@@ -17,6 +17,7 @@ from pinograsp.contacts import (
     work_energy,
 )
 from pinograsp.errors import InvalidInput
+from pinograsp.objects.body import Body
 
 BALANCES = ("wrench", "force")
 MEASURES = ("impulse", "work")
@@ -104,6 +105,7 @@ class ForceProblem:
         max_normal_force: caps on F_n (k,) [N] besides what the penetration allows; a number applies to all.
         torques: what the joints can bear, or None.
         shape: of the deceleration over the grasp phase; constant by default, as in the paper.
+        object: what is held (a shape of :mod:`pinograsp.objects`), where it is known: its surface tells how deep links are.
     """
 
     contacts: ContactSet
@@ -123,6 +125,7 @@ class ForceProblem:
     max_normal_force: np.ndarray | None = None
     torques: TorqueLimits | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
+    object: Body | None = None
     _assembled: dict = field(init=False, repr=False)
     _prepared: dict = field(init=False, repr=False)
 
@@ -184,7 +187,7 @@ class ForceProblem:
         """The problem of holding ``object`` against gravity (3,) [m/s^2]; ``settings`` are the class's attributes."""
         weight = object.mass * array_of("gravity", gravity_o, (3,))
         load = np.concatenate([weight, np.zeros(3)])
-        return cls(contacts=contacts, load=load, gravity_o=gravity_o, **settings)
+        return cls(contacts=contacts, load=load, gravity_o=gravity_o, object=object, **settings)
 
     def with_load(self, load) -> ForceProblem:
         """The same problem under another load (6,) [N, N m]: for loops where nothing else changes."""

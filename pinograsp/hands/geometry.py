@@ -123,6 +123,16 @@ def hull_of(shape):
     return shape.convex
 
 
+def hulls(geometry: pin.GeometryModel) -> pin.GeometryModel:
+    """The same geometry with every mesh replaced by its convex hull; flat ones stay."""
+    made = pin.GeometryModel()
+    for one in geometry.geometryObjects:
+        hull = pin.GeometryObject(one.name, one.parentJoint, one.parentFrame, one.placement, hull_of(one.geometry) or one.geometry)
+        hull.meshPath, hull.meshScale = one.meshPath, one.meshScale
+        made.addGeometryObject(hull)
+    return made
+
+
 def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[str], notes: list[str]) -> list[str]:
     """Give links without inertia the mass of their collision geometry; noted.
 

@@ -6,13 +6,14 @@ import codecs
 import difflib
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from pinograsp.errors import HandNotLoaded, InvalidInput
-from pinograsp.hands import mjcf
+from pinograsp.hands import geometry, mjcf
 from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.hands.elements import is_file, parse
 from pinograsp.hands.geometry import collision_geometry, fill_masses
@@ -30,6 +31,7 @@ def load_hand(
     palm: str | None = None,
     fingers: dict[str, str] | None = None,
     limits: dict[str, tuple[float, float]] | None = None,
+    hulls: bool = False,
     trusted: bool = False,
     **xacro_args,
 ) -> HandModel:
@@ -49,6 +51,7 @@ def load_hand(
             beyond the last joint; by default every chain from the palm to a leaf that has geometry, named after what
             its links have in common.
         limits: position limits that replace the file's, ``{joint: (lower, upper)}`` [rad or m]; noted on the model.
+        hulls: take the convex hulls of the links' meshes, as physics engines do, for plans that are to be simulated.
         trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_guard`).
         **xacro_args: values of the xacro file's arguments.
 
@@ -79,6 +82,8 @@ def load_hand(
     hand = _hand_model(name, prepared, palm, fingers)
     if limits:
         hand = hand.with_limits(limits)
+    if hulls:
+        hand = replace(hand, geometry=geometry.hulls(hand.geometry))
     return hand if pose is None else hand.placed(pose)
 
 

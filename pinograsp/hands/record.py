@@ -14,14 +14,14 @@ import pinocchio as pin
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands.elements import drop, is_file, named, parse
-from pinograsp.hands.geometry import PRIMITIVES, read_mesh
+from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.urdf import prepare
 
 _KINDS = {str: "a text", list: "a list", dict: "a mapping", int: "a whole number"}
 # Of the actuated joints, by their names in Pinocchio.
 _LIMITS = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit", "armature")
-_SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3}
+_SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3, "hull": 3}
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _MOST_LINKS = 2000  # Pinocchio builds trees by recursion: chains of 6000 overflow the stack
 
@@ -225,6 +225,8 @@ def _shape(one: pin.GeometryObject) -> dict | None:
         kind, size = type(shape).__name__.lower(), [shape.radius, 2 * shape.halfLength]
     elif isinstance(shape, coal.BVHModelBase) and one.meshPath:
         kind, size, path = "mesh", np.ravel(one.meshScale), os.path.abspath(one.meshPath)
+    elif isinstance(shape, coal.ConvexBase) and one.meshPath:
+        kind, size, path = "hull", np.ravel(one.meshScale), os.path.abspath(one.meshPath)
     else:
         return None
     return {
@@ -246,13 +248,15 @@ def _geometry(source: str, model: pin.Model, shapes: list) -> pin.GeometryModel:
             raise InvalidInput(f"hand record: {where}expected each name once, got '{name}' again")
         kind = one_of(f"hand record: {where}kind", _field(one, "kind", str, where), _SIZES)
         size = array_of(f"hand record: {where}size", one.get("size"), (_SIZES[kind],)).tolist()
-        if not all(value != 0 if kind == "mesh" else value > 0 for value in size):
+        from_file = kind in ("mesh", "hull")
+        if not all(value != 0 if from_file else value > 0 for value in size):
             raise InvalidInput(f"hand record: {where}size: expected numbers above zero [m], got {size}")
         placement = _placement(one, where)
-        made = _mesh(_field(one, "path", str, where), size, problems) if kind == "mesh" else PRIMITIVES[kind](*size)
+        made = _mesh(_field(one, "path", str, where), size, problems) if from_file else PRIMITIVES[kind](*size)
         if made is not None:
+            made = hull_of(made) or made if kind == "hull" else made
             added = pin.GeometryObject(name, joint, frame, placement, made)
-            if kind == "mesh":
+            if from_file:
                 added.meshPath, added.meshScale = one["path"], np.array(size)
             geometry.addGeometryObject(added)
     if problems:

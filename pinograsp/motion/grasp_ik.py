@@ -61,6 +61,7 @@ def press(
     feedback: bool = True,
     euler: bool = False,
     normals_first: bool = False,
+    deeper: np.ndarray | None = None,
 ) -> FingerMotion:
     """Move a finger's contact points along their inward normals by ``profile``.
 
@@ -74,6 +75,7 @@ def press(
             ``feedback=False, euler=True`` is the paper's scheme, kept to show its drift.
         normals_first: all contacts at once, their motion along the normals before the one across: for fingers that have
             fewer joints than their contacts ask for, or whose joints move together.
+        deeper: how much deeper than ``profile`` the points go (m, c) [m], to make up for links that turn as they press.
     """
     times = array_of("times", times, (None,))
     if times.size < 3:
@@ -87,6 +89,8 @@ def press(
     middle = (times[:-1] + times[1:]) / 2
     depth, rate = profile.depth(times)[:, which], profile.rate(times)[:, which]
     half_rate = profile.rate(middle)[:, which]
+    if deeper is not None:
+        depth, rate, half_rate = depth + deeper, rate + np.gradient(deeper, dt, axis=0), half_rate + np.diff(deeper, axis=0) / dt
     out_q, out_dq = np.empty((m, n)), np.empty((m, n))
     jacobians, errors, slips = np.empty((m, c, 6, n)), np.empty((m, c)), np.zeros((m, c))
     limited: set[int] = set()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from pinograsp.checks import number, one_of, read_only
 from pinograsp.contacts import PALM
+from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import HandModel
@@ -19,6 +21,10 @@ from pinograsp.motion.torques import contact_torques, inverse_dynamics
 
 # Contact points must follow their path to this [m]; a thousandth of a typical penetration.
 _TRACKED = 1e-6
+# Rounds that make up for links that turn as they press, and times at which they are looked at: the turn is smooth.
+_SURFACE_ROUNDS, _KNOTS = 8, 5
+# Surfaces may miss their depth by this between those times [m]: half a per cent of a force of 5 N.
+_SURFACE = 1e-5
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
 
@@ -58,7 +64,7 @@ class Motion:
     Attributes:
         status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``. notes: position and effort limits met or exceeded, by joint.
         times: (m,) [s]; sample ``impact`` is t_I, the last of the approach and the first of the grasp phase.
-        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2]. torques: (m, n) [N m].
+        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2]. torques: (m, n) [N m]; holding_torques: (n,), those that hold still after t_F.
         forces_o: contact forces on the object (m, k, 3), world axes [N].
         contact_velocities: velocities of the contact points J dq (m, k, 3) [m/s], zero before the impact.
         tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the normal.
@@ -74,6 +80,7 @@ class Motion:
     dq: np.ndarray
     ddq: np.ndarray
     torques: np.ndarray
+    holding_torques: np.ndarray
     forces_o: np.ndarray
     contact_velocities: np.ndarray
     tracking_error: np.ndarray
@@ -124,10 +131,13 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
     for finger, which in groups:
         found, own = postures[finger.name], [contacts[i] for i in which]
         closed = found.method == "closing"
-        candidates = [
-            press(hand, finger, own, angles, points, profile, which, after, normals_first=closed)
-            for angles, points in zip(found.angles, found.points_l)
-        ]
+        if closed:
+            candidates = [_press_surfaces(hand, finger, own, found, contacts, problem.object, profile, which, after)]
+        else:
+            candidates = [
+                press(hand, finger, own, angles, points, profile, which, after)
+                for angles, points in zip(found.angles, found.points_l)
+            ]
         paths = [_with_approach(c, before, start[finger.dofs], spec) for c in candidates]
         if closed:
             paths = [_gentler(hand, finger, c, p, before, start[finger.dofs], spec, notes) for c, p in zip(candidates, paths)]
@@ -156,6 +166,9 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
             path = approach(times, t_F, start[finger.dofs], goal, zero, zero)
             q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path
     total = inverse_dynamics(hand, q, dq, ddq, gravity_o=gravity_o) + contact_part
+    # The deceleration ends at t_F, and its torques with it.
+    still = np.zeros((1, hand.n))
+    holding = inverse_dynamics(hand, q[-1:], still, still, gravity_o=gravity_o)[0] + contact_part[-1]
     notes += [
         f"{joint} needs up to {peak:.3g} N m, more than its effort limit of {limit:g} N m"
         for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
@@ -170,6 +183,7 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
         dq=read_only(dq),
         ddq=read_only(ddq),
         torques=read_only(total),
+        holding_torques=read_only(holding),
         forces_o=read_only(np.concatenate([np.zeros((impact, problem.k, 3)), forces_o])),
         contact_velocities=read_only(velocities),
         tracking_error=read_only(tracking),
@@ -183,6 +197,39 @@ def _displacement(hand, joint: str, value: float) -> str:
     """A joint's displacement with its unit."""
     slides = hand.is_prismatic(hand.model.getJointId(joint))
     return f"{1e3 * value:.2f} mm" if slides else f"{math.degrees(value):.2f} deg"
+
+
+def _press_surfaces(hand, finger, own, found, contacts, object, profile, which, times) -> FingerMotion:
+    """The grasp phase of a closed finger: its surface, not the point that touched first, goes as deep as ``profile`` says."""
+    angles, points = found.angles[0], found.points_l[0]
+    deeper = np.zeros((times.size, len(which)))
+    knots = np.unique(np.linspace(0, times.size - 1, _KNOTS).astype(int))
+    surfaces = None if object is None else Penetration(hand, object, contacts)
+    asked, reached, best, least, off = np.zeros((knots.size, len(which))), None, None, np.inf, np.zeros(len(which))
+    slope = np.ones_like(asked)  # by secants: what rolls to another place of its link moves faster or slower there
+    for _ in range(_SURFACE_ROUNDS):
+        motion = press(hand, finger, own, angles, points, profile, which, times, normals_first=True, deeper=deeper)
+        best = motion if best is None else best
+        if surfaces is None or motion.errors.max() > _TRACKED:
+            break  # what cannot be followed is not mended by asking for more
+        q, depths = np.array(contacts.posture), np.empty_like(asked)
+        for i, knot in enumerate(knots):
+            q[finger.dofs] = motion.q[knot]
+            depths[i] = surfaces.at(q, which)[0]
+        missing = profile.depth(times[knots])[:, which] - depths
+        if np.abs(missing).max() < least:
+            best, least, off = motion, np.abs(missing).max(), np.abs(missing).max(axis=0)
+        if least < _TRACKED:
+            return best
+        if reached is not None:
+            moved = np.abs(step) > _TRACKED
+            slope[moved] = np.clip((depths - reached)[moved] / step[moved], 0.1, 2.0)
+        step, reached = missing / slope, depths
+        asked = asked + step
+        deeper = CubicSpline(times[knots], asked)(times)
+    # A surface that has other places in the way (links with edges) is off by what is left.
+    errors = np.maximum(best.errors, np.where(off > _SURFACE, off, 0.0))
+    return replace(best, errors=read_only(errors))
 
 
 def _of_touching(contacts, posture) -> dict[str, np.ndarray]:

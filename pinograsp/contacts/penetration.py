@@ -1,0 +1,152 @@
+"""How deep a hand's links are in an object: where the surfaces have a common normal, however the links have turned.
+
+A link that presses also turns, so the point of it that touched first is not the deepest for long: it rolls. Two smooth
+bodies overlap most along the common normal of their surfaces. To find it, the object is moved off along the normal known so
+far until it is clear by a millimetre; there the nearest points of both are exact (coal), and their direction is the next guess.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+
+from pinograsp.checks import read_only
+from pinograsp.contacts.clearance import PALM, Distances, HandPart
+from pinograsp.contacts.contact_set import ContactSet
+from pinograsp.errors import ContactNotReached, InvalidInput
+from pinograsp.hands import HandModel
+
+_CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
+_ALIKE = 1e-7  # [rad] normals this close are the same
+_ROUNDS = 20
+_REACHED = 1e-9  # [m]
+_STEPS, _PROBE, _LARGEST = 60, 1e-6, 0.3  # Newton steps; finite difference and largest step [rad or m]
+
+
+class Penetration:
+    """Depths of the contacts of a closed hand (those with a posture) in the object, at any posture."""
+
+    def __init__(self, hand: HandModel, object, contacts: ContactSet):
+        self.hand, self.object, self.contacts = hand, object, contacts
+        self.distances = Distances(hand, object)
+        parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects]
+        joints = [self._joint(contact) for contact in contacts]
+        # Corners of a flat area are points of the link; where one point touches, the surface around it counts.
+        self.corner = [joints.count(joint) > 1 for joint in joints]
+        self.parts = [[part for part in parts if part.joint == joint] for joint in joints]
+        if contacts.posture is not None:
+            self.distances.put(contacts.posture)
+            touching = [[part for part in own if self.distances.rough(part) < _CLEAR] for own in self.parts]
+            self.parts = [near or own for near, own in zip(touching, self.parts)]
+        self.joints = joints
+        self.normals = np.array([contact.normal_o for contact in contacts])
+
+    def _joint(self, contact) -> int:
+        if contact.finger == PALM:
+            return 0
+        finger = self.hand.finger(contact.finger)
+        return finger.joint_ids[finger.links.index(contact.link)]
+
+    def at(self, q: np.ndarray, which=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Depths (c,) [m], negative where clear, inward normals (c, 3), and points on the object's surface (c, 3) [m].
+
+        ``which`` contacts; default: all.
+        """
+        self.distances.put(q)
+        found = [self._one(i) for i in (range(len(self.contacts)) if which is None else which)]
+        depths, normals, points = zip(*found)
+        return np.array(depths), np.array(normals), np.array(points)
+
+    def _one(self, i: int) -> tuple[float, np.ndarray, np.ndarray]:
+        if self.corner[i]:
+            point = self.distances.data.oMi[self.joints[i]].act(np.array(self.contacts[i].point_l))
+            surface, normal, distance = self.object.project(point[None])
+            return -float(distance[0]), normal[0], surface[0]
+        return max((self._deepest(part, self.normals[i]) for part in self.parts[i]), key=lambda one: one[0])
+
+    def _deepest(self, part: HandPart, normal: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        distances, pose, off = self.distances, self.distances.pose, 2 * _CLEAR
+        for _ in range(_ROUNDS):
+            moved = coal.Transform3s(pose.getRotation(), pose.getTranslation() + off * normal)
+            gap, mine = distances.at(part, moved, part.geometry)
+            if gap < 0.5 * _CLEAR:  # deeper than thought
+                off += _CLEAR - min(gap, 0.0)
+                continue
+            other = np.array(distances.result.getNearestPoint2())
+            direction = (other - mine) / gap
+            # Farther off than need be, the nearest points are others than those that overlap.
+            alike, spare = np.linalg.norm(direction - normal) < _ALIKE, gap - _CLEAR
+            surface = other - off * normal
+            depth = float((mine - surface) @ normal)
+            if alike and abs(spare) <= 0.5 * _CLEAR:
+                return depth, normal, surface
+            normal, off = direction, off - spare
+        return depth, normal, surface
+
+
+def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactSet:
+    """The contacts with the posture at which the links' surfaces, not their ends, touch ``object`` at the given points.
+
+    Args:
+        hand, object, contacts: as for :func:`contacts_at`, one contact a link.
+        posture: q (n,) [rad] near which to search.
+
+    Returns:
+        The contacts at the points of the object's surface nearest to the given ones, each with its link's point; the posture.
+
+    Raises:
+        ContactNotReached: there is no such posture within the joint limits near the given one.
+        InvalidInput: several contacts on one link.
+    """
+    depth = Penetration(hand, object, contacts)
+    if any(depth.corner):
+        raise InvalidInput("touching: expected one contact point a link: a surface touches a smooth object in one point")
+    q = np.clip(posture, hand.lower, hand.upper)
+    by_finger: dict[str, list[int]] = {}
+    for i, contact in enumerate(contacts):
+        by_finger.setdefault(contact.finger, []).append(i)
+    goals, _, _ = object.project(contacts.points_o)
+    for name, which in by_finger.items():
+        dofs = hand.finger(name).dofs
+
+        def miss(angles, which=which, dofs=dofs):
+            q[dofs] = angles
+            depths, normals, points = depth.at(q, which)
+            return (points - goals[which] + depths[:, None] * normals).ravel()
+
+        angles, low, high = q[dofs].copy(), hand.lower[dofs], hand.upper[dofs]
+        for _ in range(_STEPS):
+            left = miss(angles)
+            if np.abs(left).max() < _REACHED:
+                break
+            probes = np.where(angles + _PROBE > high, -_PROBE, _PROBE)
+            J = np.array([(miss(angles + p * e) - left) / p for p, e in zip(probes, np.eye(dofs.size))]).T
+            free = np.ones(dofs.size, dtype=bool)
+            while True:  # a joint at its limit stays there, the others do the rest
+                step = np.zeros(dofs.size)
+                step[free] = np.linalg.lstsq(J[:, free], -left, rcond=1e-8)[0]
+                step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-12))
+                beyond = free & (((angles + step > high) & (angles >= high)) | ((angles + step < low) & (angles <= low)))
+                if not beyond.any():
+                    break
+                free &= ~beyond
+            angles = np.clip(angles + step, low, high)
+        else:
+            raise ContactNotReached(
+                name,
+                f"no posture near the given one has its surface at the contact points; {1e3 * np.abs(left).max():.3g} mm are "
+                "left: give another posture or other points",
+            )
+        q[dofs] = angles
+    depth.distances.put(q)
+    made = []
+    for contact, joint, goal in zip(contacts, depth.joints, goals):
+        local = depth.distances.data.oMi[joint].actInv(goal)
+        made.append(
+            replace(
+                contact, point_o=read_only(goal), distance=0.0, point_l=read_only(local), length=float(np.linalg.norm(local))
+            )
+        )
+    return ContactSet(contacts=tuple(made), com_o=contacts.com_o, posture=read_only(q))

@@ -1,0 +1,180 @@
+"""MuJoCo as the engine of a simulation: multibody dynamics, collision and integration."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.referee.law import NO_TOUCHES, Pressing, Touches, cross
+from pinograsp.referee.scene import build
+
+
+class MujocoEngine:
+    """Hand and object, stepped in time. Vectors of joints are in the order of the hand's q; world axes.
+
+    Attributes:
+        parts: number of parts of the hand: one per Pinocchio joint, 0 being the palm.
+        notes: what differs from the plan's geometry. torques: of the motors over the last step (n,) [N m].
+    """
+
+    def __init__(self, task, *, time_step: float, servo, mass_factor: float):
+        hand = task.hand
+        self.model, notes = build(
+            hand, task.object, time_step=time_step, gravity_o=task.gravity_o, servo=servo, mass_factor=mass_factor
+        )
+        self.notes, self.parts = tuple(notes), hand.model.njoints
+        self.data, self.dt, self.servo = mujoco.MjData(self.model), time_step, servo
+        self.limit, self.torques = task.torque_limit, np.zeros(hand.n)
+        model = self.model
+        finite = np.isfinite(task.torque_limit)
+        model.actuator_forcelimited[:] = finite
+        model.actuator_forcerange[:] = np.where(finite, task.torque_limit, 0.0)[:, None] * [-1, 1]
+        self.dofs = np.array([model.joint(name).dofadr[0] for name in hand.joint_names])
+        self.followers = [
+            (model.joint(name).dofadr[0], hand.joint_names.index(c.followed), c.factor, c.offset)
+            for name, c in hand.couplings.items()
+        ]
+        self.object = model.body("object").id
+        self.object_q, self.object_v = model.jnt_qposadr[model.body_jntadr[self.object]], model.body_dofadr[self.object]
+        # Bodies in Pinocchio's numbers; -1: the object.
+        self.part_of_body = np.array([0, *(int(model.body(i).name.split()[1]) if i != self.object else -1 for i in range(1, model.nbody))])
+        self.body_of_part = np.zeros(self.parts, dtype=int)
+        for body, part in enumerate(self.part_of_body):
+            if part > 0:
+                self.body_of_part[part] = body
+
+    def place(self, q: np.ndarray, dq: np.ndarray, object_pose=None) -> None:
+        """Put the hand's joints at q, dq (n,), and the object at rest at a pose (4, 4)."""
+        data = self.data
+        data.qpos[self.dofs], data.qvel[self.dofs] = q, dq  # every joint has one position: the object comes last
+        for i, followed, factor, offset in self.followers:
+            data.qpos[i], data.qvel[i] = factor * q[followed] + offset, factor * dq[followed]
+        if object_pose is not None:
+            i, v = self.object_q, self.object_v
+            data.qpos[i : i + 3] = object_pose[:3, 3]
+            data.qpos[i + 3 : i + 7] = pin.Quaternion(np.array(object_pose[:3, :3])).coeffs()[[3, 0, 1, 2]]
+            data.qvel[v : v + 6] = 0.0
+
+    def set_gravity(self, gravity_o) -> None:
+        """Gravity from now on (3,) [m/s^2]."""
+        self.model.opt.gravity[:] = gravity_o
+
+    def touches(self) -> Touches:
+        """Collide at the present state: where the hand is in the object."""
+        model, data = self.model, self.data
+        mujoco.mj_step1(model, data)
+        contact = data.contact
+        overlapping = np.flatnonzero(contact.dist[: data.ncon] < 0) if data.ncon else []
+        if not len(overlapping):
+            return NO_TOUCHES
+        bodies = model.geom_bodyid[contact.geom[overlapping]]
+        normal = contact.frame[overlapping][:, :3].copy()  # from the first geom to the second
+        swapped = bodies[:, 0] == self.object
+        normal[swapped] *= -1
+        body = np.where(swapped, bodies[:, 1], bodies[:, 0])
+        depth = -contact.dist[overlapping]
+        point = contact.pos[overlapping] - 0.5 * depth[:, None] * normal  # half-way between the surfaces: on the object's
+        mine, other = data.cvel[body], np.tile(data.cvel[self.object], (len(body), 1))
+        velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
+        velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
+        spin = ((mine[:, :3] - other[:, :3]) * normal).sum(axis=1)
+        return Touches(self.part_of_body[body], point, normal, depth, velocity, spin)
+
+    def step(self, q, dq, feed_forward, touches: Touches, pressing: Pressing, wrench_o) -> None:
+        """One step: motors towards q, dq (n,) with torques (n,) on top, contact forces, and a wrench (6,) on the object."""
+        data, servo = self.data, self.servo
+        data.ctrl[:] = q + (servo.damping * dq + feed_forward) / servo.stiffness
+        self._press(touches, pressing, wrench_o)
+        before = self.dq
+        mujoco.mj_step2(self.model, data)
+        torques = data.actuator_force.copy()
+        if not self.followers:  # the damping is taken at the end of the step, but for motors at their limits
+            free = np.abs(torques) < self.limit
+            torques[free] -= (servo.damping * (self.dq - before))[free]
+        self.torques = torques
+
+    def step_prescribed(self, ddq, touches: Touches, pressing: Pressing, wrench_o) -> None:
+        """One step of the object alone; the torques are those that move the joints with ddq (n,)."""
+        data, servo = self.data, self.servo
+        data.ctrl[:] = self.q + servo.damping * self.dq / servo.stiffness  # motors that do nothing
+        self._press(touches, pressing, wrench_o)
+        mujoco.mj_step2(self.model, data)
+        acceleration = data.qacc.copy()
+        acceleration[self.dofs] = ddq
+        for i, followed, factor, _ in self.followers:
+            acceleration[i] = factor * ddq[followed]
+        torques = self._full_mass() @ acceleration + data.qfrc_bias - self._from_contacts()
+        self.torques = torques[self.dofs].copy()
+        for i, followed, factor, _ in self.followers:
+            self.torques[followed] += factor * torques[i]
+
+    def _full_mass(self) -> np.ndarray:
+        full = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, full)
+        return full
+
+    def _from_contacts(self) -> np.ndarray:
+        """Generalised forces of what was applied to the bodies (nv,)."""
+        return self.data.qfrc_smooth - self.data.qfrc_passive - self.data.qfrc_actuator - self.data.qfrc_applied + self.data.qfrc_bias
+
+    def _press(self, touches: Touches, pressing: Pressing, wrench_o) -> None:
+        data = self.data
+        applied = data.xfrc_applied
+        applied[:] = 0.0
+        if touches.part.size:
+            body = self.body_of_part[touches.part]
+            force, at = pressing.force_o, touches.point_o
+            moment = cross(at - data.xipos[body], force) + pressing.moment_o
+            for i, b in enumerate(body):
+                applied[b, :3] -= force[i]
+                applied[b, 3:] -= moment[i]
+            applied[self.object, :3] = force.sum(axis=0)
+            applied[self.object, 3:] = (cross(at - data.xipos[self.object], force) + pressing.moment_o).sum(axis=0)
+        applied[self.object] += wrench_o
+        if self.followers:
+            self._carry_to_leaders(touches, pressing)
+
+    def _carry_to_leaders(self, touches: Touches, pressing: Pressing) -> None:
+        """Give the forces on coupled joints to the joints they follow: MuJoCo's couplings alone would yield to them."""
+        data = self.data
+        load = -data.qfrc_bias
+        for part, force, moment, point in zip(touches.part, pressing.force_o, pressing.moment_o, touches.point_o):
+            if part:
+                mujoco.mj_applyFT(self.model, data, -force, -moment, point, self.body_of_part[part], load)
+        data.qfrc_applied[:] = 0.0
+        for i, followed, factor, _ in self.followers:
+            data.qfrc_applied[i] = -load[i]
+            data.qfrc_applied[self.dofs[followed]] += factor * load[i]
+
+    @property
+    def q(self) -> np.ndarray:
+        return self.data.qpos[self.dofs]
+
+    @property
+    def dq(self) -> np.ndarray:
+        return self.data.qvel[self.dofs]
+
+    @property
+    def object_pose(self) -> np.ndarray:
+        pose = np.eye(4)
+        i = self.object_q
+        pose[:3, 3] = self.data.qpos[i : i + 3]
+        w, x, y, z = self.data.qpos[i + 3 : i + 7]
+        pose[:3, :3] = pin.Quaternion(w, x, y, z).toRotationMatrix()
+        return pose
+
+    @property
+    def object_twist(self) -> np.ndarray:
+        """Velocity of the object's centre of mass and angular velocity (6,), world axes [m/s, rad/s]."""
+        twist = self.data.qvel[self.object_v : self.object_v + 6].copy()
+        twist[3:] = self.object_pose[:3, :3] @ twist[3:]
+        return twist
+
+    def potential_energy(self) -> float:
+        """In gravity [J], at the state of the last :meth:`touches`."""
+        return float(self.data.energy[0])
+
+    def kinetic_energy(self) -> float:
+        """[J], at the state of the last :meth:`touches`."""
+        return float(self.data.energy[1])

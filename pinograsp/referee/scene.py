@@ -1,0 +1,131 @@
+"""The hand, the object and their motors as a MuJoCo model. MuJoCo's own contact forces stay off: see :mod:`pinograsp.referee.law`."""
+
+from __future__ import annotations
+
+import coal
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
+from pinograsp.hands.geometry import hull_of
+from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
+
+_HAND, _OBJECT = {"contype": 1, "conaffinity": 2}, {"contype": 2, "conaffinity": 1}  # the hand does not touch itself
+# Contacts are found from 1 mm off and make no force: MuJoCo's soft contacts cannot judge a static grasp.
+_FOUND_ONLY = {"margin": -0.5, "gap": 0.501, "density": 0.0}
+_LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links that have none, as MuJoCo needs
+_STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
+
+
+def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_factor: float = 1.0):
+    """A compiled model and notes: bodies ``link j`` for Pinocchio's joints j, motors in the order of q, ``object`` free.
+
+    Args:
+        servo: gains and rotors of the motors (:class:`~pinograsp.referee.settings.Servo`).
+        mass_factor: the object's mass and inertia times this.
+    """
+    spec = mujoco.MjSpec()
+    spec.compiler.balanceinertia, spec.compiler.degree = True, False
+    option = spec.option
+    option.timestep, option.gravity = time_step, gravity_o
+    # Implicit damping would slow coupled joints down without those that they follow: energy is lost.
+    kinds = mujoco.mjtIntegrator
+    option.integrator = kinds.mjINT_EULER if hand.couplings else kinds.mjINT_IMPLICITFAST
+    option.ccd_tolerance, option.ccd_iterations = 1e-10, 200
+    # An instability must not reset the state, which reads as no drift.
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    bodies = _links(spec, hand)
+    for name, kp, kv, rotor in zip(hand.joint_names, servo.stiffness, servo.damping, servo.rotor):
+        spec.joint(name).armature = rotor
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        motor.gainprm[0], motor.biasprm[1], motor.biasprm[2] = kp, -kp, -kv
+    for joint, coupling in hand.couplings.items():
+        tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, name2=coupling.followed)
+        tie.data[:2] = coupling.offset, coupling.factor
+        tie.solref, tie.solimp = (2 * time_step, 1.0), _STIFF
+    notes: list[str] = []
+    for one in hand.geometry.geometryObjects:
+        _add_geom(spec, bodies[one.parentJoint], one.geometry, one.placement, one.name, notes, **_HAND)
+    thing = spec.worldbody.add_body(name="object", pos=body.pose[:3, 3], quat=_quaternion(body.pose[:3, :3]))
+    thing.add_freejoint()
+    _set_inertia(thing, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
+    shape = _object_geometry(body, notes)
+    _add_geom(spec, thing, shape, pin.SE3.Identity(), "object", notes, **_OBJECT)
+    try:
+        return spec.compile(), notes
+    except ValueError as error:
+        raise InvalidInput(f"MuJoCo refuses this hand or object: {error}") from error
+
+
+def _links(spec, hand: HandModel) -> dict:
+    model, bodies = hand.model, {0: spec.worldbody}
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for j in range(1, model.njoints):
+        placement, inertia = model.jointPlacements[j], model.inertias[j]
+        body = bodies[j] = bodies[model.parents[j]].add_body(
+            name=f"link {j}", pos=placement.translation, quat=_quaternion(placement.rotation)
+        )
+        _set_inertia(body, inertia.mass, inertia.lever, inertia.inertia)
+        motion = np.array(data.joints[j].S).ravel()
+        slides = hand.is_prismatic(j)
+        axis = motion[:3] if slides else motion[3:]
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+        # A follower's motion is that of the joint it follows, scaled: here it has its own.
+        body.add_joint(name=model.names[j], type=kind, axis=axis / np.linalg.norm(axis) * np.sign(hand.ratio(j)))
+    return bodies
+
+
+def _set_inertia(body, mass: float, lever, inertia) -> None:
+    if mass < _LEAST_MASS:
+        mass, inertia = _LEAST_MASS, inertia + _LEAST_INERTIA * np.eye(3)
+    body.mass, body.ipos, body.explicitinertial = mass, lever, True
+    body.fullinertia = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+
+
+def _quaternion(rotation) -> np.ndarray:
+    return pin.Quaternion(np.array(rotation)).coeffs()[[3, 0, 1, 2]]
+
+
+def _object_geometry(body, notes: list[str]):
+    if isinstance(body, Sphere | Cylinder | Capsule | Box | Ellipsoid):
+        return body.collision_geometry
+    if isinstance(body, Mesh):
+        return body.collision_geometry
+    raise InvalidInput(
+        f"simulate: expected a shape of pinograsp.objects, got {type(body).__name__}: give its mesh (pinograsp.Mesh) as object=..."
+    )
+
+
+def _add_geom(spec, body, shape, placement, name: str, notes: list[str], **bits) -> None:
+    kinds = mujoco.mjtGeom
+    common = {
+        "pos": placement.translation, "quat": _quaternion(placement.rotation), **_FOUND_ONLY, **bits,
+    }  # fmt: skip
+    if isinstance(shape, coal.Sphere):
+        body.add_geom(type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], **common)
+    elif isinstance(shape, coal.Ellipsoid):
+        body.add_geom(type=kinds.mjGEOM_ELLIPSOID, size=np.array(shape.radii).ravel(), **common)
+    elif isinstance(shape, coal.Box):
+        body.add_geom(type=kinds.mjGEOM_BOX, size=np.array(shape.halfSide).ravel(), **common)
+    elif isinstance(shape, coal.Cylinder | coal.Capsule):
+        kind = kinds.mjGEOM_CYLINDER if isinstance(shape, coal.Cylinder) else kinds.mjGEOM_CAPSULE
+        body.add_geom(type=kind, size=[shape.radius, shape.halfLength, 0], **common)
+    else:
+        hull = shape if isinstance(shape, coal.ConvexBase) else hull_of(shape)
+        if hull is None:
+            notes.append(f"'{name}' is flat: MuJoCo leaves it out")
+            return
+        if hull is not shape and _hollow(shape, hull):
+            notes.append(f"'{name}' is not convex: MuJoCo takes its convex hull")
+        spec.add_mesh(name=name, uservert=np.array(hull.points()).ravel())
+        body.add_geom(type=kinds.mjGEOM_MESH, meshname=name, **common)
+
+
+def _hollow(mesh, hull) -> bool:
+    """Whether the convex hull holds more than a thousandth more than the mesh."""
+    return abs(mesh.computeVolume()) < (1 - 1e-3) * abs(hull.computeVolume())

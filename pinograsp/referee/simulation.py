@@ -1,0 +1,158 @@
+"""The record of a simulation, and its verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# Held: at the end of the hold the object has moved less than this since the release, and hardly moves any more.
+MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
+RESTING = 5e-4  # [m] of motion in the last fifth of the hold
+GONE = 0.05  # [m] moved this far it does not come back
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdict:
+    """What came of a plan.
+
+    Attributes:
+        held: whether the object stayed in the hand. reason: in words.
+        drift: of its centre of mass since the release [m]. tilt: of its upright direction [deg]. turn: about any axis [deg].
+        force_error: largest |F_n - planned| / planned at the end, by part of the hand that should touch. force_errors: each.
+        penetration_error: largest |depth - planned| when the grasp is complete [m].
+        slipped: parts that slipped by more than 0.1 mm after the release. unplanned: parts that touch without being planned.
+        limit_hits: joints beyond their position limits. saturated: joints whose motor was at its torque limit at the end.
+        energy_error: what the energy audit does not account for, relative to the energy that was turned over.
+    """
+
+    held: bool
+    reason: str
+    drift: float
+    tilt: float
+    turn: float
+    force_error: float
+    force_errors: dict[str, float]
+    penetration_error: float
+    slipped: tuple[str, ...]
+    unplanned: tuple[str, ...]
+    limit_hits: tuple[str, ...]
+    saturated: tuple[str, ...]
+    energy_error: float | None
+
+    def summary(self) -> dict:
+        """As plain JSON values, units in the names."""
+        return {
+            "held": self.held,
+            "reason": self.reason,
+            "drift_mm": 1e3 * self.drift,
+            "tilt_deg": self.tilt,
+            "turn_deg": self.turn,
+            "force_error": self.force_error,
+            "force_errors": dict(self.force_errors),
+            "penetration_error_mm": 1e3 * self.penetration_error,
+            "slipped": list(self.slipped),
+            "unplanned_contacts": list(self.unplanned),
+            "joint_limit_hits": list(self.limit_hits),
+            "saturated": list(self.saturated),
+            "energy_error": self.energy_error,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Simulation:
+    """A plan tried.
+
+    Attributes:
+        verdict: held or lost, with its numbers. engine: ``"mujoco"`` or ``"pinocchio"``. mode: ``"servo"`` or ``"prescribed"``.
+        time_step: [s]. release: when the object was let go [s]; None: never.
+        times: samples (s,) [s]. q, dq, torques: (s, n), torques of the motors [N m].
+        object_poses: (s, 4, 4). parts: names of the parts of the hand that touch or should (p).
+        forces_o: on the object by part (s, p, 3) [N]. normal_forces, tangential_forces: (s, p) [N]; sums over a part's points.
+        depths: of a part's deepest point (s, p) [m]. slips: path slipped (s, p) [m].
+        planned_forces: sum of F_n by part (p,) [N].
+        energies: by name (s,) [J]: ``joint_work``, ``load_work`` (put in); ``mechanical``, ``elastic`` (held), ``damped``,
+            ``slipped`` (lost); ``normal_work``, the integral of F_n over the depth.
+        disturbance: what was not as planned. notes: where the geometry differs from the plan's. elapsed: [s].
+        exponent: rho of the contact law.
+    """
+
+    verdict: Verdict
+    engine: str
+    mode: str
+    time_step: float
+    release: float | None
+    times: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    torques: np.ndarray
+    object_poses: np.ndarray
+    parts: tuple[str, ...]
+    forces_o: np.ndarray
+    normal_forces: np.ndarray
+    tangential_forces: np.ndarray
+    depths: np.ndarray
+    slips: np.ndarray
+    planned_forces: np.ndarray
+    energies: dict[str, np.ndarray]
+    disturbance: dict
+    notes: tuple[str, ...]
+    elapsed: float
+    exponent: float
+
+    @property
+    def grasp_energy(self) -> float:
+        """Grasp energy by Eq. (9), (rho + 1) times the work of the normal forces, when the grasp was complete [J]."""
+        at = self.times.searchsorted(self.times[-1] if self.release is None else self.release, side="right") - 1
+        return (self.exponent + 1) * float(self.energies["normal_work"][max(at, 0)])
+
+    @property
+    def drift(self) -> np.ndarray:
+        """Distance of the object's centre of mass from where it was released (s,) [m]."""
+        start = 0 if self.release is None else int(np.searchsorted(self.times, self.release))
+        start = min(start, self.times.size - 1)
+        moved = np.linalg.norm(self.object_poses[:, :3, 3] - self.object_poses[start, :3, 3], axis=1)
+        return np.where(np.arange(self.times.size) < start, 0.0, moved)
+
+    def summary(self) -> dict:
+        """Verdict and settings as plain JSON values."""
+        return {
+            **self.verdict.summary(),
+            "engine": self.engine,
+            "mode": self.mode,
+            "time_step_s": self.time_step,
+            "release_s": self.release,
+            "end_s": float(self.times[-1]),
+            "planned_forces_N": dict(zip(self.parts, self.planned_forces.tolist())),
+            "final_forces_N": dict(zip(self.parts, self.normal_forces[-1].tolist())),
+            "grasp_energy_mJ": 1e3 * self.grasp_energy,
+            "energies_mJ": {name: 1e3 * float(values[-1]) for name, values in self.energies.items()},
+            "disturbance": self.disturbance,
+            "notes": list(self.notes),
+            "elapsed_s": self.elapsed,
+        }
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What was sampled, for files."""
+        names = ("times", "q", "dq", "torques", "object_poses", "forces_o", "normal_forces", "tangential_forces", "depths",
+                 "slips", "planned_forces")  # fmt: skip
+        return {name: getattr(self, name) for name in names} | {f"energy_{k}": v for k, v in self.energies.items()}
+
+    def describe(self) -> str:
+        """The verdict as readable text."""
+        v = self.verdict
+        lines = [
+            f"{'HELD' if v.held else 'LOST'}: {v.reason}",
+            f"  drift {1e3 * v.drift:.3f} mm, tilt {v.tilt:.3f} deg, turn {v.turn:.3f} deg",
+            f"  largest force error {100 * v.force_error:.2f} %, penetration error {1e3 * v.penetration_error:.4f} mm",
+        ]
+        for i, part in enumerate(self.parts):
+            lines.append(f"  {part}: F_n {self.normal_forces[-1, i]:.3f} N (planned {self.planned_forces[i]:.3f} N), "
+                         f"slipped {1e3 * self.slips[-1, i]:.3f} mm")  # fmt: skip
+        for what, which in (("touching without a plan", v.unplanned), ("beyond their limits", v.limit_hits),
+                            ("at their torque limit", v.saturated)):  # fmt: skip
+            if which:
+                lines.append(f"  {what}: {', '.join(which)}")
+        audit = "not made (the hand was shaken)" if v.energy_error is None else f"closes to {v.energy_error:.1e}"
+        lines.append(f"  energy audit {audit}; {self.engine}, step {1e3 * self.time_step:g} ms, {self.elapsed:.2f} s")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
