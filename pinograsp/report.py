@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 from pinograsp.storage import Run
@@ -172,3 +173,46 @@ def comparison_rows(comparison) -> list[tuple[str, ...]]:
 def _table(header, rows) -> list[str]:
     lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
     return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
+
+
+def checked(summary: dict, figures: list[str] | None = None) -> str:
+    """``check.md`` of a simulation: the verdict first."""
+    s = summary
+    lines = [f"# {'Held' if s['held'] else 'Lost'}", "", f"{s['reason']}.", ""]
+    errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in s["force_errors"].items())
+    audit = "-" if s["energy_error"] is None else f"{s['energy_error']:.1e}"
+    rows = [
+        ("drift since the release", f"{s['drift_mm']:.3f} mm"),
+        ("tilt, turn about any axis", f"{s['tilt_deg']:.3f} deg, {s['turn_deg']:.3f} deg"),
+        ("normal forces off the plan", errors or "-"),
+        ("penetration off the plan at t_F", f"{s['penetration_error_mm']:.4f} mm"),
+        ("slipped by more than 0.1 mm", ", ".join(s["slipped"]) or "none"),
+        ("touching without a plan", ", ".join(s["unplanned_contacts"]) or "none"),
+        ("joints beyond their limits", ", ".join(s["joint_limit_hits"]) or "none"),
+        ("motors at their limits at the end", ", ".join(s["saturated"]) or "none"),
+        ("grasp energy, Eq. (9)", f"{s['grasp_energy_mJ']:.3f} mJ"),
+        ("energy audit closes to", audit),
+        ("engine", f"{s['engine']}, {s['mode']}, step {1e3 * s['time_step_s']:g} ms, {s['elapsed_s']:.2f} s"),
+    ]
+    lines += _table(("", ""), rows)
+    if s["disturbance"]:
+        lines += ["## Not as planned", "", *(f"- {name}: {value}" for name, value in s["disturbance"].items()), ""]
+    lines += ["## Forces at the end", ""]
+    lines += _table(
+        ("part of the hand", "planned F_n [N]", "simulated F_n [N]"),
+        [(name, number(planned), number(s["final_forces_N"][name])) for name, planned in s["planned_forces_N"].items()],
+    )
+    if "monte_carlo" in s:
+        lines += ["## Random errors", "", "```json", _json(s["monte_carlo"]), "```", ""]
+    for name, title in (("slip_threshold", "Smallest friction that holds"), ("load_threshold", "Largest mass that holds")):
+        if name in s:
+            lines += [f"## {title}", "", "```json", _json(s[name]), "```", ""]
+    if s["notes"]:
+        lines += ["## Notes", "", *(f"- {note}" for note in s["notes"]), ""]
+    if figures:
+        lines += ["## Figures", "", *(f"![{name}]({name})" for name in figures), ""]
+    return "\n".join(lines)
+
+
+def _json(values: dict) -> str:
+    return json.dumps(values, indent=2)

@@ -114,14 +114,8 @@ def save_run(
         ResultsNotWritten: the folder exists and ``force`` is off, or it holds files that no run wrote, or the place
             cannot be written.
     """
-    folder = Path(folder)
-    check_folder(folder, force)
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise ResultsNotWritten(f"cannot write next to '{folder}': {error}") from error
-    try:
+
+    def fill(staging: Path) -> None:
         document = {
             "schema": SCHEMA,
             **run.summary,
@@ -136,6 +130,21 @@ def save_run(
             (staging / "scene.json").write_text(scene + "\n", encoding="utf-8")
         if extras is not None:
             extras(staging)
+
+    return write_folder(folder, fill, force=force)
+
+
+def write_folder(folder: str | Path, fill: Callable[[Path], None], *, force: bool = False) -> Path:
+    """A folder with what ``fill(path)`` writes, whole or not at all; errors as :func:`save_run`."""
+    folder = Path(folder)
+    check_folder(folder, force)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise ResultsNotWritten(f"cannot write next to '{folder}': {error}") from error
+    try:
+        fill(staging)
         files = sorted(path.name for path in staging.iterdir())
         (staging / "files.txt").write_text("\n".join(files) + "\n", encoding="utf-8")
         umask = os.umask(0)
@@ -162,7 +171,8 @@ def check_folder(folder: str | Path, force: bool) -> None:
         raise ResultsNotWritten(f"folder '{folder}' already exists: choose another --out, or overwrite it with --force")
     listing = folder / "files.txt"
     ours = {*(listing.read_text(encoding="utf-8").split("\n") if listing.is_file() else ()), "files.txt"}
-    foreign = sorted(path.name for path in folder.iterdir() if path.name not in ours)
+    # Checks of a run lie in folders of their own within it.
+    foreign = sorted(path.name for path in folder.iterdir() if path.name not in ours and not (path / "files.txt").is_file())
     if foreign:
         raise ResultsNotWritten(
             f"folder '{folder}' holds files that no run wrote ({', '.join(foreign[:5])}): it is not overwritten, "

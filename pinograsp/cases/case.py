@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from pinograsp.contacts import FRICTION_MODELS, Compliance, ContactSet, DecelerationShape, Friction, contacts_at
+from pinograsp.contacts import FRICTION_MODELS, Compliance, ContactSet, DecelerationShape, Friction, contacts_at, touching
 from pinograsp.errors import CaseRejected
 from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem, GridSpec, grid_values
 from pinograsp.hands import HandModel, load_hand
@@ -164,6 +164,10 @@ class GridSection(_Section):
 
 
 class MotionSection(_Section):
+    """Postures and sampling. ``touch``: what of a link is at its contact point: the end of its length l_c, on the line along it
+    (the paper), or its surface, as where the plan is to be simulated."""
+
+    touch: Literal["length", "surface"] = "length"
     posture_deg: Angles = {}
     start_deg: Angles = {}
     spread_deg: NotNegative = 3.0
@@ -228,7 +232,7 @@ class Case(_Section):
         for finger, named in links.items():
             if any(link is None for link in named) and any(link is not None for link in named):
                 raise CaseRejected(f"case '{self.name}': finger '{finger}': name the link of all its contacts or of none")
-        return contacts_at(
+        made = contacts_at(
             hand,
             self.make_object(),
             points,
@@ -236,6 +240,9 @@ class Case(_Section):
             lengths={finger: given for finger, given in lengths.items() if any(v is not None for v in given)},
             gravity_o=self.gravity,
         )
+        if self.motion.touch == "length":
+            return made
+        return touching(hand, self.make_object(), made, hand.configuration(_radians(self.motion.posture_deg)))
 
     def make_problem(self, hand: HandModel) -> ForceProblem:
         """The force problem of ``hand`` holding the object."""
@@ -283,8 +290,8 @@ class Case(_Section):
         """Postures and sampling of the motion."""
         m = self.motion
         return MotionSpec(
-            posture={finger: np.radians(angles) for finger, angles in m.posture_deg.items()},
-            start={finger: np.radians(angles) for finger, angles in m.start_deg.items()},
+            posture=_radians(m.posture_deg),
+            start=_radians(m.start_deg),
             spread=float(np.radians(m.spread_deg)),
             samples=m.samples,
             time_step=m.time_step,
@@ -305,6 +312,10 @@ class Case(_Section):
             motion=self.make_motion(),
             progress=progress,
         )
+
+
+def _radians(angles_deg: dict) -> dict[str, np.ndarray]:
+    return {finger: np.radians(angles) for finger, angles in angles_deg.items()}
 
 
 def builtin_cases() -> list[str]:

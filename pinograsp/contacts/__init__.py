@@ -7,6 +7,7 @@ from pinograsp.contacts.compliance import Compliance, PenetrationProfile, energy
 from pinograsp.contacts.contact_set import Contact, ContactSet, contacts_at
 from pinograsp.contacts.deceleration import DecelerationShape
 from pinograsp.contacts.friction import FRICTION_MODELS, Friction
+from pinograsp.contacts.penetration import touching
 from pinograsp.contacts.synergy import open_and_closed
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "fingertips",
     "link_centre",
     "open_and_closed",
+    "touching",
     "FRICTION_MODELS",
     "Compliance",
     "Contact",

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from pinograsp.storage import Run
 
 # Okabe-Ito colours, told apart by colour-blind readers too, and line styles for print.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _STYLES = ("-", "--", "-.", ":")
 
 
 def _lines(axes, times, values, labels) -> None:
     for i, label in enumerate(labels):
-        axes.plot(times, values[:, i], _STYLES[i % 4], color=_COLOURS[i % 7], linewidth=1.6, label=label)
+        axes.plot(times, values[:, i], _STYLES[i % 4], color=COLOURS[i % 7], linewidth=1.6, label=label)
 
 
 def _phases(axes, run: Run) -> None:

@@ -1,8 +1,7 @@
-"""The command ``pinograsp``. Exit codes: 0 a plan, 2 unusable input, 3 no grasp, 130 interrupted."""
+"""``pinograsp plan`` and ``pinograsp close``."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
 from pathlib import Path
@@ -10,31 +9,10 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp, PinograspError, Status
-
-app = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    help="Grasp forces in newtons, joint torques and trajectories for robotic hands.",
-)
+from pinograsp.cli.app import At, FrictionModel, Hulls, Json, Mu, Root, Safety, Samples, Seed, Wrap, app, errors_told, fresh_folder
+from pinograsp.errors import GraspInfeasible, InvalidInput, Status
 
 _DONE = ("ok", "unbalanced")
-
-# Options that commands share.
-_Root = Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand, on an arm or a robot.")]
-_At = Annotated[
-    str | None, typer.Option(help="Object in the hand's frame, x,y,z[,roll,pitch,yaw] [m, deg]; default: searched.")
-]
-_Mu = Annotated[float, typer.Option(help="Friction coefficient of the search and the plan.")]
-_Friction = Annotated[
-    str, typer.Option(help="Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm).")
-]
-_Samples = Annotated[int, typer.Option(help="Without --at: placements to try.")]
-_Seed = Annotated[int, typer.Option(help="Without --at: seed of the placements.")]
-_Wrap = Annotated[bool, typer.Option("--wrap", help="Wrap the fingers round the object (power grasp).")]
-_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
 class _Placing(NamedTuple):
@@ -46,23 +24,8 @@ class _Placing(NamedTuple):
     samples: int
     seed: int
     wrap: bool
-
-
-def _version(show: bool) -> None:
-    if show:
-        from importlib.metadata import version
-
-        typer.echo(f"pinograsp {version('pinograsp')}")
-        raise typer.Exit()
-
-
-@app.callback()
-def _main(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-) -> None:
-    pass
+    safety: float
+    hulls: bool
 
 
 @app.command()
@@ -76,15 +39,17 @@ def plan(
     ] = None,
     object: Annotated[
         str | None,
-        typer.Option(help="With --hand: what to hold, as cylinder:radius=0.02,height=0.12,mass=0.2 [m, kg]."),
+        typer.Option(help="With --hand: what to hold, as cylinder:radius=0.02,height=0.12,mass=0.2 \\[m, kg]."),
     ] = None,
-    root: _Root = None,
-    at: _At = None,
-    mu: _Mu = 0.7,
-    friction: _Friction = "cone",
-    samples: _Samples = 48,
-    seed: _Seed = 0,
-    wrap: _Wrap = False,
+    root: Root = None,
+    at: At = None,
+    mu: Mu = 0.7,
+    friction: FrictionModel = "cone",
+    safety: Safety = 1.0,
+    samples: Samples = 48,
+    seed: Seed = 0,
+    wrap: Wrap = False,
+    hulls: Hulls = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
@@ -92,13 +57,13 @@ def plan(
         str | None, typer.Option(help="hybrid, paper, paper+qp (grids) or convex (certified optimum).")
     ] = None,
     balance: Annotated[str | None, typer.Option(help="force (the paper) or wrench (forces and moments).")] = None,
-    measure: Annotated[str | None, typer.Option(help="impulse [N s] or work [J].")] = None,
+    measure: Annotated[str | None, typer.Option(help="impulse \\[N s] or work \\[J].")] = None,
     solver: Annotated[str | None, typer.Option(help="auto, daqp, proxqp, osqp, quadprog, piqp or clarabel.")] = None,
     changes: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; repeatable.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier run in --out.")] = False,
-    as_json: _Json = False,
+    as_json: Json = False,
 ) -> None:
     """Plan a grasp: contact forces, joint torques, trajectories, figures and a report.
 
@@ -114,37 +79,19 @@ def plan(
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     try:
-        with _errors_told(as_json):
+        with errors_told(as_json):
             if case is not None and hand is None and object is None:
                 _plan(case, out, options, changes, force, as_json)
             elif case is None and hand is not None and object is not None:
                 if changes:
                     raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-                placing = _Placing(at, mu, friction, samples, seed, wrap)
+                placing = _Placing(at, mu, friction, samples, seed, wrap, safety, hulls)
                 _plan_object(hand, object, root, placing, out, options, force, as_json)
             else:
                 raise InvalidInput("expected either CASE, or --hand and --object")
     except KeyboardInterrupt:
         typer.echo("pinograsp: interrupted, nothing written", err=True)
         raise typer.Exit(130) from None
-
-
-@contextlib.contextmanager
-def _errors_told(as_json: bool):
-    """With ``--json``, an error of ours is told as one JSON object before it goes on."""
-    try:
-        yield
-    except PinograspError as error:
-        if as_json:
-            typer.echo(json.dumps({"status": _status_of(error), "error": type(error).__name__, "message": str(error)}))
-        raise
-
-
-def _status_of(error: PinograspError) -> str:
-    solution = getattr(error, "solution", None)
-    if solution is not None:
-        return str(solution.status)
-    return "not_reached" if isinstance(error, NoGrasp) else "invalid_input"
 
 
 def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None, force: bool, as_json: bool) -> None:
@@ -155,7 +102,7 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
     chosen = {f"forces.{key}": value for key, value in options.items() if value is not None}
     if chosen:
         loaded = load_case(case, [*(changes or []), *(f'{key}="{value}"' for key, value in chosen.items())])
-    folder = out if out is not None else _fresh_folder(loaded.name)
+    folder = out if out is not None else fresh_folder(loaded.name)
     check_folder(folder, force)
     try:
         planned = loaded.plan(progress=False if as_json else None)
@@ -179,7 +126,7 @@ def _plan_object(hand, spec, root, placing: _Placing, out, options: dict, force:
     from pinograsp.plan import plan_grasp
     from pinograsp.storage import check_folder, run_of
 
-    folder = out if out is not None else _fresh_folder(f"{Path(hand).stem}-{spec.split(':')[0]}")
+    folder = out if out is not None else fresh_folder(f"{Path(hand).stem}-{spec.split(':')[0]}")
     check_folder(folder, force)
     closure, settings = _closed(hand, spec, root, placing, as_json)
     chosen = {key: value for key, value in options.items() if value is not None}
@@ -198,9 +145,9 @@ def _closed(hand: str, spec: str, root: str | None, placing: _Placing, quiet: bo
     from pinograsp.objects import object_from
     from pinograsp.placement import find_placements
 
-    loaded, thing = load_hand(hand, root=root), object_from(spec)
+    loaded, thing = load_hand(hand, root=root, hulls=placing.hulls), object_from(spec)
     torsion = {"torsion": 5e-3} if placing.friction == "soft" else {}
-    settings = {"mu": placing.mu, "friction": Friction(model=placing.friction, **torsion)}
+    settings = {"mu": placing.mu, "friction": Friction(model=placing.friction, safety=placing.safety, **torsion)}
     if placing.at is not None:
         return close_hand(loaded, thing.placed(_pose(placing.at)), wrap=placing.wrap), settings
     found = find_placements(
@@ -229,16 +176,18 @@ def _pose(text: str):
 def close(
     hand: Annotated[str, typer.Option(help="A hand of the catalogue, or its URDF, xacro or MJCF file.")],
     object: Annotated[
-        str, typer.Option(help="What to close on, as cylinder:radius=0.02,height=0.12,mass=0.2 [m, kg].")
+        str, typer.Option(help="What to close on, as cylinder:radius=0.02,height=0.12,mass=0.2 \\[m, kg].")
     ],
-    root: _Root = None,
-    at: _At = None,
-    mu: _Mu = 0.7,
-    friction: _Friction = "cone",
-    samples: _Samples = 48,
-    seed: _Seed = 0,
-    wrap: _Wrap = False,
-    as_json: _Json = False,
+    root: Root = None,
+    at: At = None,
+    mu: Mu = 0.7,
+    friction: FrictionModel = "cone",
+    safety: Safety = 1.0,
+    samples: Samples = 48,
+    seed: Seed = 0,
+    wrap: Wrap = False,
+    hulls: Hulls = False,
+    as_json: Json = False,
 ) -> None:
     """Close a hand on an object: which links touch where, and what stops each joint.
 
@@ -248,8 +197,8 @@ def close(
 
       pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
     """
-    with _errors_told(as_json):
-        placing = _Placing(at, mu, friction, samples, seed, wrap)
+    with errors_told(as_json):
+        placing = _Placing(at, mu, friction, samples, seed, wrap, safety, hulls)
         closure, _ = _closed(hand, object, root, placing, as_json)
     typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
     if not closure.touches:
@@ -289,14 +238,6 @@ def _keep_proof(error, loaded, folder: Path, force: bool) -> None:
     typer.echo(f"the proof is written to {folder}: report.md, plan.json", err=True)
 
 
-def _fresh_folder(name: str) -> Path:
-    folder, count = Path("runs") / name, 1
-    while folder.exists():
-        count += 1
-        folder = Path("runs") / f"{name}-{count}"
-    return folder
-
-
 def _print(run, comparison, folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -326,69 +267,3 @@ def _print(run, comparison, folder: Path) -> None:
     if run.summary["remedy"]:
         console.print(f"{run.summary['status']}: {run.summary['remedy']}")
     console.print(f"\nwritten to {folder}: report.md, plan.json, plan.npz and figures", soft_wrap=True)
-
-
-@app.command()
-def hands(
-    name: Annotated[
-        str | None, typer.Argument(help="A hand of the catalogue, or a URDF, xacro or MJCF file; none: the catalogue.")
-    ] = None,
-    root: _Root = None,
-    as_json: _Json = False,
-) -> None:
-    """List the hands that need no file, or describe one: fingers, joints, limits, couplings, masses.
-
-    Examples:
-
-      pinograsp hands
-
-      pinograsp hands psyonic_left
-
-      pinograsp hands my_robot.urdf --root palm_link --json
-    """
-    from pinograsp.hands import load_hand
-    from pinograsp.hands.summary import record
-
-    with _errors_told(as_json):
-        if name is None:
-            if root is not None:
-                raise InvalidInput("--root needs the NAME of a hand or file")
-            _list_hands(as_json)
-            return
-        hand = load_hand(name, root=root)
-    typer.echo(json.dumps(record(hand), allow_nan=False) if as_json else hand.describe())
-
-
-def _list_hands(as_json: bool) -> None:
-    from pinograsp.hands.summary import cells, overview
-
-    rows, problems = overview()
-    if as_json:
-        typer.echo(json.dumps({"hands": rows, "problems": problems}, allow_nan=False))
-        raise typer.Exit(2 if problems else 0)
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=None, header_style="bold")
-    for column in ("name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"):
-        number = column in ("joints", "moving", "mass [kg]")
-        table.add_column(column, justify="right" if number else "left", no_wrap=number or column == "name")
-    for row in rows:
-        table.add_row(*cells(row))
-    Console(width=None if sys.stdout.isatty() else 150, highlight=False, markup=False).print(table)
-    if problems:
-        raise InvalidInput("; ".join(problems))
-
-
-def main() -> None:
-    """Entry point: our errors become one message and an exit code, never a traceback."""
-    try:
-        app(prog_name="pinograsp")
-    except PinograspError as error:
-        typer.echo(f"pinograsp: {error}", err=True)
-        interrupted = _status_of(error) == Status.INTERRUPTED
-        raise SystemExit(130 if interrupted else 3 if isinstance(error, NoGrasp) else 2) from None
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,3 @@
+from pinograsp.cli import main
+
+main()

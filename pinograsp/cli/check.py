@@ -1,0 +1,156 @@
+"""``pinograsp check``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pinograsp.cli.app import Json, app, errors_told, fresh_folder
+from pinograsp.errors import InvalidInput
+
+
+@app.command()
+def check(
+    run: Annotated[Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.")],
+    hold: Annotated[float, typer.Option(help="How long the object is held after it was let go \\[s].")] = 1.0,
+    push: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FX,FY,FZ", help="Force on the object \\[N], with ,MX,MY,MZ \\[N m] and @START+DURATION \\[s]; repeatable."
+        ),
+    ] = None,
+    shake: Annotated[
+        str | None, typer.Option(metavar="AX,AY,AZ", help="Shake the hand with this acceleration \\[m/s^2], @FREQUENCY \\[Hz].")
+    ] = None,
+    mu: Annotated[float | None, typer.Option(help="Friction coefficient instead of the plan's.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Mass of the object instead of the plan's \\[kg].")] = None,
+    offset: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="The object is off by this \\[mm].")] = None,
+    turn: Annotated[str | None, typer.Option(metavar="RX,RY,RZ", help="The object is turned by this \\[deg].")] = None,
+    start_error: Annotated[float, typer.Option(help="Every joint starts off by this \\[deg, mm].")] = 0.0,
+    engine: Annotated[str, typer.Option(help="mujoco (extra sim), or pinocchio: slower, with nothing else installed.")] = "mujoco",
+    prescribed: Annotated[
+        bool, typer.Option("--prescribed", help="Move the joints as commanded, whatever it takes, instead of servos.")
+    ] = False,
+    time_step: Annotated[float, typer.Option(help="Of the simulation \\[s].")] = 2.5e-4,
+    monte_carlo: Annotated[
+        int, typer.Option(metavar="N", help="Try N times with each of several random errors, and with all: how likely it holds.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(help="Of the random errors.")] = 0,
+    thresholds: Annotated[
+        bool, typer.Option("--thresholds", help="Search for the smallest friction and the largest mass that still hold.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; default: RUN/check, RUN/check-2, ...")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results in --out.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Try a plan in a simulation with a free object: does it hold? (Exit code 0: it holds, 3: it is lost.)
+
+    Examples:
+
+      pinograsp check runs/paper
+
+      pinograsp check runs/paper --hold 10 --push 0,0,-2@0.5+0.2 --mu 0.6
+
+      pinograsp check runs/paper --monte-carlo 100
+    """
+    from pinograsp.storage import check_folder
+
+    folder = out if out is not None else fresh_folder("check", run)
+    with errors_told(as_json):
+        check_folder(folder, force)
+        settings = {"hold": hold, "engine": engine, "time_step": time_step, "mode": "prescribed" if prescribed else "servo"}
+        told = (push, shake, mu, mass, offset, turn, start_error)
+        studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
+        summary = _check(run, folder, force, settings, told, studies, as_json)
+    if as_json:
+        typer.echo(json.dumps({**summary, "folder": str(folder)}, allow_nan=False))
+    if not summary["held"]:
+        raise typer.Exit(3)
+
+
+def _check(run: Path, folder: Path, force: bool, settings: dict, told: tuple, studies: dict, quiet: bool) -> dict:
+    import numpy as np
+
+    from pinograsp.referee import simulate
+    from pinograsp.referee.task import Task
+    from pinograsp.report import checked
+    from pinograsp.storage import write_folder
+    from pinograsp.viz.checks import save_check_figures
+
+    task = Task.of(run)
+    disturbance = _disturbance(task, *told)
+    simulation = simulate(task, disturbance=disturbance, **settings)
+    summary = simulation.summary()
+    if not quiet:
+        typer.echo(simulation.describe())
+    progress = False if quiet else None
+    if studies["monte_carlo"]:
+        study = monte_carlo(task, count=studies["monte_carlo"], seed=studies["seed"], progress=progress, **settings)
+        summary["monte_carlo"] = study.summary()
+        if not quiet:
+            typer.echo(study.describe())
+    if studies["thresholds"]:
+        for name, search in (("slip_threshold", slip_threshold), ("load_threshold", load_threshold)):
+            found = search(task, **settings)
+            summary[name] = found.summary()
+            if not quiet:
+                typer.echo(found.describe())
+
+    def fill(path: Path) -> None:
+        (path / "check.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        np.savez_compressed(path / "check.npz", **simulation.arrays())
+        figures = [figure.name for figure in save_check_figures(simulation, path)]
+        (path / "check.md").write_text(checked(summary, figures), encoding="utf-8")
+
+    write_folder(folder, fill, force=force)
+    if not quiet:
+        typer.echo(f"\nwritten to {folder}: check.md, check.json, check.npz and figures")
+    return summary
+
+
+def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):
+    import numpy as np
+
+    from pinograsp.referee import Disturbance, Push
+
+    pushes = []
+    for text in push or ():
+        values, _, when = text.partition("@")
+        start, _, duration = when.partition("+")
+        wrench = _numbers("--push", values, (3, 6))
+        timing = {}
+        if start:
+            timing["start"] = _numbers("--push", start, (1,))[0]
+        if duration:
+            timing["duration"] = _numbers("--push", duration, (1,))[0]
+        pushes.append(Push(wrench_o=[*wrench, *[0.0] * (6 - len(wrench))], **timing))
+    given = {"pushes": tuple(pushes), "mu": mu}
+    if shake is not None:
+        values, _, frequency = shake.partition("@")
+        given["shake"] = _numbers("--shake", values, (3,))
+        if frequency:
+            given["shake_frequency"] = _numbers("--shake", frequency, (1,))[0]
+    if mass is not None:
+        given["mass_factor"] = mass / task.object.mass
+    if offset is not None:
+        given["object_offset"] = 1e-3 * np.array(_numbers("--offset", offset, (3,)))
+    if turn is not None:
+        given["object_turn"] = np.radians(_numbers("--turn", turn, (3,)))
+    if start_error:
+        hand = task.hand
+        slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
+        given["start_error"] = np.where(slides, 1e-3 * start_error, np.radians(start_error))
+    return Disturbance(**given)
+
+
+def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
+    try:
+        values = [float(value) for value in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in counts:
+        raise InvalidInput(f"{option}: expected {' or '.join(map(str, counts))} numbers with commas between, got '{text}'")
+    return values

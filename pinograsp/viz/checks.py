@@ -1,0 +1,95 @@
+"""Figures of a simulation beside its plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pinograsp.viz.figures import COLOURS
+
+
+def _hold(axes, simulation) -> None:
+    """Mark when the object was let go."""
+    if simulation.release is not None:
+        axes.axvspan(simulation.release, simulation.times[-1], color="0.92", zorder=0)
+        foot = {"transform": axes.get_xaxis_transform(), "va": "bottom", "fontsize": 8, "color": "0.35"}
+        axes.text(simulation.release, 0.01, " let go", ha="left", **foot)
+    axes.grid(alpha=0.3, linewidth=0.5)
+    axes.set_xlabel("time [s]")
+
+
+def forces_beside_plan(simulation) -> Figure:
+    """Simulated normal forces over time, with what was planned for the end, and how much of the friction they use."""
+    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
+    force, depth = figure.subplots(1, 2)
+    times, shown = simulation.times, simulation.times >= _first_touch(simulation)
+    for i, part in enumerate(simulation.parts):
+        colour = COLOURS[i % len(COLOURS)]
+        force.plot(times[shown], simulation.normal_forces[shown, i], color=colour, linewidth=1.6, label=part)
+        force.axhline(simulation.planned_forces[i], color=colour, linestyle="--", linewidth=1.0)
+        depth.plot(times[shown], 1e3 * simulation.depths[shown, i], color=colour, linewidth=1.6, label=part)
+    force.set(ylabel="normal force [N], planned: dashed")
+    depth.set(ylabel="penetration depth [mm]")
+    for axes in (force, depth):
+        _hold(axes, simulation)
+        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+    return figure
+
+
+def object_motion(simulation) -> Figure:
+    """Where the object goes after it was let go: drift and turn."""
+    figure = Figure(figsize=(10.4, 3.6), layout="constrained")
+    drift, slip = figure.subplots(1, 2)
+    times, poses = simulation.times, simulation.object_poses
+    start = 0 if simulation.release is None else min(int(np.searchsorted(times, simulation.release - 1e-9)), times.size - 1)
+    moved = 1e3 * (poses[start:, :3, 3] - poses[start, :3, 3])
+    for i, axis in enumerate("xyz"):
+        drift.plot(times[start:], moved[:, i], color=COLOURS[i], linewidth=1.4, label=axis)
+    drift.plot(times[start:], np.linalg.norm(moved, axis=1), color="0.2", linewidth=1.0, linestyle="--", label="distance")
+    drift.set(ylabel="drift of the centre of mass [mm]")
+    for i, part in enumerate(simulation.parts):
+        slip.plot(times[start:], 1e3 * (simulation.slips[start:, i] - simulation.slips[start, i]),
+                  color=COLOURS[i % len(COLOURS)], linewidth=1.4, label=part)  # fmt: skip
+    slip.set(ylabel="slip since then [mm]")
+    for axes in (drift, slip):
+        _hold(axes, simulation)
+        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
+    return figure
+
+
+def energy_audit(simulation) -> Figure:
+    """Energy put in by motors and load, and where it went."""
+    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
+    axes, energies = figure.subplots(), simulation.energies
+    put_in = energies["joint_work"] + energies["load_work"]
+    parts = ("mechanical", "elastic", "damped", "slipped")
+    for i, name in enumerate(parts):
+        axes.plot(simulation.times, 1e3 * energies[name], color=COLOURS[i], linewidth=1.4, label=name)
+    axes.plot(simulation.times, 1e3 * put_in, color="0.2", linewidth=2.2, label="put in")
+    axes.plot(simulation.times, 1e3 * sum(energies[name] for name in parts), color="0.75", linewidth=1.0,
+              linestyle="--", label="sum of the four")  # fmt: skip
+    axes.set(ylabel="energy [mJ]")
+    _hold(axes, simulation)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def _first_touch(simulation) -> float:
+    """A tenth of the pressing before anything touches [s]."""
+    touching = np.flatnonzero((simulation.normal_forces > 0).any(axis=1))
+    if not touching.size:
+        return 0.0
+    first, until = simulation.times[touching[0]], simulation.release or simulation.times[-1]
+    return first - 0.1 * abs(until - first)
+
+
+def save_check_figures(simulation, folder: str | Path) -> list[Path]:
+    """Write the figures of a simulation as PNG; returns their paths."""
+    figures = {"forces": forces_beside_plan, "object": object_motion, "energy": energy_audit}
+    paths = []
+    for name, figure in figures.items():
+        paths.append(Path(folder) / f"{name}.png")
+        figure(simulation).savefig(paths[-1], dpi=130)
+    return paths
