@@ -110,8 +110,10 @@ def simulate(
             base = potential + kinetic
         if last is not None:
             samples.add(last, 0.5 * (before + kinetic) - base)
+            # Of the sample, not of now: the verdict must see that it is gone.
+            gone = np.linalg.norm(last[4][:3, 3] - pose[:3, 3]) > GONE
             last = None
-            if i > steps or (not fixed and np.linalg.norm(made.object_pose[:3, 3] - pose[:3, 3]) > GONE):
+            if i > steps or gone:
                 break
         pressing = law.press(touches, dt)
         speeds, object_speed = made.dq, made.object_twist
