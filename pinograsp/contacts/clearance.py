@@ -98,7 +98,7 @@ class Distances:
             self.result.clear()
             distance = coal.distance(geometry, pose, self.shape, moved, request, self.result)
             point = np.array(self.result.getNearestPoint1())
-            if np.isfinite(point).all() and least <= distance < _FAR:
+            if np.isfinite(point).all() and max(least, -_FAR) <= distance < _FAR:
                 return distance, point
             # At its finest tolerance coal can lose itself on slivers of a mesh: coarser, then from a hair's breadth aside.
             moved.setTranslation(object_pose.getTranslation() + 1e-7 * np.array([attempt, 1.0, -attempt]))

@@ -15,7 +15,7 @@ import numpy as np
 from pinograsp.checks import read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart
 from pinograsp.contacts.contact_set import ContactSet
-from pinograsp.errors import ContactNotReached, InvalidInput
+from pinograsp.errors import ContactNotReached, GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
@@ -67,12 +67,12 @@ class Penetration:
         return max((self._deepest(part, self.normals[i]) for part in self.parts[i]), key=lambda one: one[0])
 
     def _deepest(self, part: HandPart, normal: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        distances, pose, off = self.distances, self.distances.pose, 2 * _CLEAR
+        distances, pose, off, depth = self.distances, self.distances.pose, 2 * _CLEAR, None
         for _ in range(_ROUNDS):
             moved = coal.Transform3s(pose.getRotation(), pose.getTranslation() + off * normal)
             gap, mine = distances.at(part, moved, part.geometry)
             if gap < 0.5 * _CLEAR:  # deeper than thought
-                off += _CLEAR - min(gap, 0.0)
+                off += _CLEAR + min(max(-gap, 0.0), 10 * _CLEAR)  # coal's own depth is rough
                 continue
             other = np.array(distances.result.getNearestPoint2())
             direction = (other - mine) / gap
@@ -83,6 +83,8 @@ class Penetration:
             if alike and abs(spare) <= 0.5 * _CLEAR:
                 return depth, normal, surface
             normal, off = direction, off - spare
+        if depth is None:
+            raise GeometryFailed(part.link, type(part.geometry).__name__)
         return depth, normal, surface
 
 
