@@ -33,9 +33,9 @@ OWNERS = {
     "ruamel": {"cases"},
     "typer": {"cli"},
     "rich": {"cli"},
-    "tqdm": {"forces", "placement"},
-    "joblib": {"placement"},
-    "cloudpickle": {"placement"},
+    "tqdm": {"forces", "placement", "referee"},
+    "joblib": {"placement", "referee"},
+    "cloudpickle": {"placement", "referee"},
 }
 # Rooms that must work without the solvers: pictures and reports of stored runs.
 WITHOUT_SOLVERS = ("storage", "viz", "report")

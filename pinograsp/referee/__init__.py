@@ -1,7 +1,15 @@
-"""The referee: plans tried in an independent simulation. Shares no contact, force, torque or energy code with what it judges."""
+"""The referee: plans tried in an independent simulation.
 
+Shares no contact, force, torque or energy code with what it judges.
+"""
+
+from pinograsp.referee.monte_carlo import Errors, MonteCarlo, monte_carlo
 from pinograsp.referee.settings import Disturbance, Push, Servo
 from pinograsp.referee.simulate import simulate
 from pinograsp.referee.simulation import Simulation, Verdict
+from pinograsp.referee.thresholds import LoadThreshold, SlipThreshold, load_threshold, slip_threshold
 
-__all__ = ["Disturbance", "Push", "Servo", "Simulation", "Verdict", "simulate"]
+__all__ = [
+    "Disturbance", "Errors", "LoadThreshold", "MonteCarlo", "Push", "Servo", "Simulation", "SlipThreshold", "Verdict",
+    "load_threshold", "monte_carlo", "simulate", "slip_threshold",
+]  # fmt: skip
