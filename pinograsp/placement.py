@@ -75,7 +75,7 @@ def find_placements(
     count: int = 64,
     seed: int = 0,
     margin: float = 1.2,
-    torque_limit: str | float | None = "effort",
+    torque_limit: str | float | np.ndarray | None = "effort",
     impact_time: float = 0.9,
     wrap: bool = False,
     jobs: int = -1,
@@ -90,7 +90,8 @@ def find_placements(
     Args:
         count: samples. seed: of the random numbers; the result does not depend on ``jobs``.
         margin: placements that hold a smaller multiple of the load come after all others.
-        torque_limit: ``"effort"``: within the hand's effort limits (joints without one are not limited); a number [N m]; None.
+        torque_limit: ``"effort"``: within the hand's effort limits (joints without one are not limited); a number or
+            (n,) [N m]; None.
         impact_time: t_I of the forces that rank the placements [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
         jobs: processes (joblib); -1: all cores.
@@ -181,7 +182,7 @@ def problem_of(hand: HandModel, object, contacts, torque_limit, **settings) -> F
     problem = ForceProblem.holding(object, contacts, **settings)
     if torque_limit is None:
         return problem
-    limit = hand.effort_or_infinity if torque_limit == "effort" else torque_limit
+    limit = hand.effort_or_infinity if isinstance(torque_limit, str) and torque_limit == "effort" else torque_limit
     return replace(
         problem, torques=torque_limits(hand, contacts, contacts.posture, limit=limit, gravity_o=problem.gravity_o)
     )

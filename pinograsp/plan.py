@@ -25,6 +25,7 @@ from pinograsp.hands import HandModel
 from pinograsp.motion import Motion, MotionSpec, plan_motion, torque_limits
 from pinograsp.objects.body import Body
 
+_SLIDES = 1e-4  # [m] across the normal: worth telling
 # Rounds of force search and motion until the holding torques at the posture found are within their limits.
 _TORQUE_ROUNDS = 6
 
@@ -54,6 +55,26 @@ class GraspPlan:
     def status(self) -> Status:
         """``OK``, or the first stage's complaint."""
         return self.forces.status if self.forces.status is not Status.OK else self.motion.status
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What the plan's promise does not cover, in words: look here before a simulation or a robot does."""
+        problem, contacts, motion = self.problem, self.problem.contacts, self.motion
+        told = []
+        if problem.balance == "force":
+            told.append("forces are balanced, moments are not: a free object turns (balance='wrench')")
+        if problem.friction.safety == 1.0:
+            told.append("friction is used up to its limit: ask for a friction safety factor above 1")
+        for name, slip in zip(contacts.names, motion.slip):
+            if slip > _SLIDES:
+                told.append(f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses: friction then points elsewhere")
+        if problem.object is not None:
+            links = [contact.link for contact in contacts]
+            for name, contact in zip(contacts.names, contacts):
+                # The corners of a flat area may lie on an edge; a single point there has no normal of its own.
+                if links.count(contact.link) == 1 and _on_edge(problem.object, contact.point_o):
+                    told.append(f"{name} touches an edge of the object, where the normal is a matter of a hair's breadth")
+        return tuple(told)
 
     def torque_maxima(self) -> dict[str, dict[str, np.ndarray]]:
         """Largest |torque| per joint [N m], ``{finger: {"approach": (n_f,), "grasp": (n_f,)}}``."""
@@ -111,6 +132,7 @@ class GraspPlan:
             "certificate": self._certificate(),
             "margins": self._margins(),
             "closing": None if self.closure is None else self.closure.summary(),
+            "cautions": list(self.cautions),
             "notes": [*self.motion.notes, *(() if self.closure is None else self.closure.notes)],
             "elapsed_s": sum(self.elapsed.values()),
             "elapsed_by_stage_s": dict(self.elapsed),
@@ -195,6 +217,14 @@ class GraspPlan:
             # Branch and bound: start and end of each interval of t_I [s], its proven bound, the best objective then.
             "branches": np.array([(b.start, b.end, b.lower_bound, b.best) for b in self.forces.branches]).reshape(-1, 4),
         }
+
+
+def _on_edge(body, point_o) -> bool:
+    try:
+        body.curvature(point_o[None])
+    except InvalidInput:
+        return True
+    return False
 
 
 def plan_grasp(

@@ -112,6 +112,8 @@ def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
             "Use `--balance wrench` for a grasp that holds.",
             "",
         ]
+    if s["cautions"]:
+        lines += ["## Cautions", "", *(f"- {caution}" for caution in s["cautions"]), ""]
     if s["notes"]:
         lines += ["## Notes", "", *(f"- {note}" for note in s["notes"]), ""]
     lines += ["## Contact forces at t_F", ""]

@@ -262,8 +262,8 @@ def _print(run, comparison, folder: Path) -> None:
         console.print(beside)
     for note in run.summary["notes"]:
         console.print(f"note: {note}")
-    if run.summary["balance"] == "force":
-        console.print("note: forces are balanced, moments are not; use --balance wrench for an object that may turn")
+    for caution in run.summary["cautions"]:
+        console.print(f"caution: {caution}")
     if run.summary["remedy"]:
         console.print(f"{run.summary['status']}: {run.summary['remedy']}")
     console.print(f"\nwritten to {folder}: report.md, plan.json, plan.npz and figures", soft_wrap=True)

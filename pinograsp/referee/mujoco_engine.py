@@ -20,9 +20,11 @@ class MujocoEngine:
 
     def __init__(self, task, *, time_step: float, servo, mass_factor: float):
         hand = task.hand
+        flat = len(set(task.links)) < len(task.links)
         self.model, notes = build(
-            hand, task.object, time_step=time_step, gravity_o=task.gravity_o, servo=servo, mass_factor=mass_factor
-        )
+            hand, task.object, time_step=time_step, gravity_o=task.gravity_o, servo=servo, mass_factor=mass_factor,
+            flat=flat,
+        )  # fmt: skip
         self.notes, self.parts = tuple(notes), hand.model.njoints
         self.data, self.dt, self.servo = mujoco.MjData(self.model), time_step, servo
         self.limit, self.torques = task.torque_limit, np.zeros(hand.n)

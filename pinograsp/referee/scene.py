@@ -19,12 +19,12 @@ _LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links that have no
 _STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
 
 
-def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_factor: float = 1.0):
+def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_factor: float = 1.0, flat: bool = False):
     """A compiled model and notes: bodies ``link j`` for Pinocchio's joints j, motors in the order of q, ``object`` free.
 
     Args:
         servo: gains and rotors of the motors (:class:`~pinograsp.referee.settings.Servo`).
-        mass_factor: the object's mass and inertia times this.
+        mass_factor: the object's mass and inertia times this. flat: whether links touch with flat areas, at several points.
     """
     spec = mujoco.MjSpec()
     spec.compiler.balanceinertia, spec.compiler.degree = True, False
@@ -37,6 +37,9 @@ def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_fac
     # An instability must not reset the state, which reads as no drift.
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    if not flat:
+        # Its search for several points turns the normals of hulls and cylinders, by up to tens of degrees (MuJoCo 4.0.0).
+        option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
     bodies = _links(spec, hand)
     for name, kp, kv, rotor in zip(hand.joint_names, servo.stiffness, servo.damping, servo.rotor):
         spec.joint(name).armature = rotor

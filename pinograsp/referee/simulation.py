@@ -19,7 +19,8 @@ class Verdict:
     Attributes:
         held: whether the object stayed in the hand. reason: in words.
         drift: of its centre of mass since the release [m]. tilt: of its upright direction [deg]. turn: about any axis [deg].
-        force_error: largest |F_n - planned| / planned at the end, by part of the hand that should touch. force_errors: each.
+        force_error: largest |F_n - planned| / planned at the end, by part of the hand that should touch (planned: a twentieth of
+            the largest at least). force_errors: each.
         penetration_error: largest |depth - planned| when the grasp is complete [m].
         slipped: parts that slipped by more than 0.1 mm after the release. unplanned: parts that touch without being planned.
         limit_hits: joints beyond their position limits. saturated: joints whose motor was at its torque limit at the end.

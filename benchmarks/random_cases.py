@@ -1,0 +1,175 @@
+"""Random hands, objects, loads and friction: does what the planner says come true in simulation?
+
+    python benchmarks/random_cases.py [--count 100] [--seed 0]
+
+Draws a hand of the catalogue (convex hulls of its meshes, as the engine takes them), a cylinder, a box or a sphere of its size
+(see hands.py; 0.6 to 1.1 of it), friction from 0.4 to 0.9, the direction of gravity, and motors of at most 0.5 N m or 15 N.
+The hand is placed and closed; exact friction cones with torsional friction of 5 mm; fingertips of K = 5e5 N/m^1.5. Then the
+object's mass is drawn so that the planner's own largest load stands in a random ratio to its weight:
+
+- feasible by 10 % or more: from 1.1 to 2.5. The plan has the largest friction safety of 1.5, 1.3, 1.2 and 1.1 that is feasible.
+  Cases whose motion is not ``ok``, or with cautions (a contact on an edge, fingers that slide across their normals), are
+  drawn again: there the planner itself says that its promise does not cover them.
+- infeasible by 10 % or more: from 0.5 to 0.9. The hand does the best it can: it is planned for 0.98 of the largest load, and
+  simulated with the real one, motors at their limits.
+
+Each is simulated (1 s of hold) and held or lost. ``--count`` of both kinds. Writes random_cases.csv beside this file as the
+cases come; what is there already, for the same seed, is not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import functools
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import joblib
+import numpy as np
+from hands import DENSITY, objects, width
+from results import header, write_rows
+from tqdm import tqdm
+
+import pinograsp as pg
+from pinograsp.errors import PinograspError, Status
+from pinograsp.forces import load_margin
+from pinograsp.hands.catalogue import CATALOGUE
+from pinograsp.placement import find_placements
+from pinograsp.spatial import rotation_rpy
+
+HERE = Path(__file__).resolve().parent
+COLUMNS = ("case", "kind", "hand", "object", "size", "mu", "contacts", "mass_g", "margin", "safety", "status", "verdict",
+           "expected", "drift_mm", "turn_deg", "force_error", "unplanned", "saturated", "reason", "tries", "seconds")  # fmt: skip
+LIMITS = {"turning": 0.5, "sliding": 15.0}
+COMPLIANCE = pg.Compliance(stiffness=5e5)
+IMPACT = 0.9
+SAFETIES = (1.5, 1.3, 1.2, 1.1)
+MOST_TRIES = 40
+
+
+@functools.lru_cache(maxsize=8)
+def loaded(name: str):
+    hand = pg.load_hand(name, hulls=True)
+    slides = np.array([hand.is_prismatic(hand.model.getJointId(joint)) for joint in hand.joint_names])
+    limit = np.where(slides, LIMITS["sliding"], LIMITS["turning"])
+    return hand, width(hand), np.minimum(limit, hand.effort_or_infinity)
+
+
+def draw(rng) -> dict:
+    """One draw: what is held by what; without a mass."""
+    name = str(rng.choice(sorted(CATALOGUE)))
+    shape, size, mu = str(rng.choice(["cylinder", "box", "sphere"])), rng.uniform(0.6, 1.1), rng.uniform(0.4, 0.9)
+    turn = rotation_rpy(*rng.uniform(-np.pi, np.pi, 3))
+    return {"hand": name, "object": shape, "size": size, "mu": mu, "gravity": turn @ [0.0, 0.0, -9.81], "seed": int(rng.integers(2**31))}
+
+
+def settings(case: dict, safety: float) -> dict:
+    friction = pg.Friction(model="soft", torsion=5e-3, safety=safety)
+    return {"mu": case["mu"], "friction": friction, "compliance": COMPLIANCE, "gravity_o": case["gravity"], "max_depth": 2e-3,
+            "impact_time_range": (IMPACT, IMPACT + 1e-4)}  # fmt: skip
+
+
+def attempt(kind: str, rng) -> dict | None:
+    """A case of a kind, planned and simulated; None where the draw gives none."""
+    case = draw(rng)
+    target = rng.uniform(1.1, 2.5) if kind == "feasible" else rng.uniform(0.5, 0.9)
+    hand, w, limit = loaded(case["hand"])
+    body = objects(case["size"] * w)[case["object"]]
+    body = replace(body, density=DENSITY, mass=None)
+    search = find_placements(hand, body, count=10, seed=case["seed"], jobs=1, progress=False, torque_limit=limit, **settings(case, 1.0))
+    if not search.placements:
+        return None
+    best = search.placements[0]
+    closure = best.closure
+    mass = body.mass * best.load_margin / target
+    real = replace(body, mass=mass, density=None)
+    found = {"kind": kind, "hand": case["hand"], "object": case["object"], "size": f"{case['size']:.2f}", "mu": f"{case['mu']:.3f}",
+             "mass_g": f"{1e3 * mass:.1f}"}  # fmt: skip
+    planned_for = real if kind == "feasible" else replace(body, mass=0.98 * target * mass, density=None)
+    for safety in SAFETIES if kind == "feasible" else (1.0,):
+        try:
+            plan = pg.plan_grasp(
+                closure.hand, replace(closure, object=planned_for), torque_limit=limit, objective="work", **settings(case, safety)
+            )
+        except PinograspError:
+            continue
+        break
+    else:
+        return None
+    cautions = [caution for caution in plan.cautions if "up to its limit" not in caution]
+    if plan.status is not Status.OK or (cautions and kind == "feasible"):
+        return None
+    # The planner's word, at the posture that the plan ends in: how many times the real load can be held at all.
+    problem = replace(plan.problem, friction=replace(plan.problem.friction, safety=1.0), object=None)
+    largest = 1.0 + load_margin(problem, problem.load, impact_time=IMPACT)
+    margin = largest * planned_for.mass / real.mass
+    if (kind == "feasible") != (margin >= 1.1) or (kind == "infeasible") != (margin <= 0.9):
+        return None
+    verdict = pg.simulate(plan, disturbance=_heavier(real.mass / planned_for.mass), time_step=2.5e-4).verdict
+    return found | {
+        "contacts": plan.problem.k, "margin": f"{margin:.3f}", "safety": safety, "status": str(plan.status),
+        "verdict": "held" if verdict.held else "lost", "expected": "yes" if verdict.held == (kind == "feasible") else "NO",
+        "drift_mm": f"{1e3 * verdict.drift:.3f}", "turn_deg": f"{verdict.turn:.2f}", "force_error": f"{verdict.force_error:.3f}",
+        "unplanned": " ".join(verdict.unplanned), "saturated": len(verdict.saturated), "reason": verdict.reason,
+    }  # fmt: skip
+
+
+def _heavier(factor: float):
+    from pinograsp.referee import Disturbance
+
+    return Disturbance(mass_factor=factor)
+
+
+def run(seed: int, number: int, kind: str) -> dict:
+    """Draws until there is a case of this kind."""
+    rng, started = np.random.default_rng([seed, number]), time.perf_counter()
+    for tries in range(1, MOST_TRIES + 1):
+        try:
+            found = attempt(kind, rng)
+        except PinograspError as error:
+            found = {"kind": kind, "verdict": type(error).__name__, "expected": "NO", "reason": str(error).splitlines()[0][:200]}
+        if found is not None:
+            return {"case": number, **found, "tries": tries, "seconds": f"{time.perf_counter() - started:.1f}"}
+    return {"case": number, "kind": kind, "verdict": "no case", "expected": "NO", "tries": MOST_TRIES}
+
+
+def summary(rows: list[dict]) -> str:
+    lines = ["| the planner says | cases | as it says | not |", "| --- | --- | --- | --- |"]
+    for kind, word in (("feasible", "held"), ("infeasible", "lost")):
+        own = [row for row in rows if row["kind"] == kind]
+        right = sum(row["expected"] == "yes" for row in own)
+        lines.append(f"| {kind} by 10 % or more | {len(own)} | {right} {word} | {len(own) - right} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--count", type=int, default=100, help="cases of each kind")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=-1, help="processes; -1: all cores")
+    parser.add_argument("--out", type=Path, default=HERE / "random_cases.csv")
+    options = parser.parse_args()
+    first_line = header(("numpy", "pin", "coal", "mujoco", "daqp"), f"seed {options.seed}")
+    rows = []
+    if options.out.exists():
+        with options.out.open() as stream:
+            if stream.readline().rstrip().endswith(f"seed {options.seed}"):
+                rows = list(csv.DictReader(stream))
+    done = {int(row["case"]) for row in rows}
+    wanted = [(i, kind) for i in range(2 * options.count) if i not in done for kind in [("feasible", "infeasible")[i % 2]]]
+    import random_cases  # by its name, so that other processes keep the hands they have loaded
+
+    work = (joblib.delayed(random_cases.run)(options.seed, i, kind) for i, kind in wanted)
+    for row in tqdm(joblib.Parallel(n_jobs=options.jobs, return_as="generator")(work), total=len(wanted), unit="case"):
+        rows.append({column: row.get(column, "") for column in COLUMNS})
+        write_rows(options.out, first_line, sorted(rows, key=lambda one: int(one["case"])))
+    print(summary(rows))
+    for row in rows:
+        if row["expected"] != "yes":
+            print({key: value for key, value in row.items() if value})
+
+
+if __name__ == "__main__":
+    main()
