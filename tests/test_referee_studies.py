@@ -381,7 +381,7 @@ def test_interrupted_and_nothing_lost(plan, tmp_path):
 
 @pytest.mark.slow
 def test_probabilities_agree_with_the_normal_distribution(plan):
-    """P(1 + s N > 1 / safety) for friction, P(1 + s N < safety) for the mass, P(1 + s N > (1 + s N') / safety) for both."""
+    """Friction: P(1 + s N > 1 / safety). Mass: P(1 + s N < safety). Both: P(1 + s N > (1 + s N') / safety)."""
     size, count = 0.4, 100
     errors = Errors(**OFF | {"friction": size, "mass": size})
     many = monte_carlo(plan, count=count, seed=1, errors=errors, jobs=-1, hold=0.6, time_step=1e-3)
