@@ -3,8 +3,8 @@
     python benchmarks/random_cases.py [--count 100] [--seed 0]
 
 Draws a hand of the catalogue (convex hulls of its meshes, as the engine takes them), a cylinder, a box or a sphere of its size
-(see hands.py; 0.6 to 1.1 of it), friction from 0.4 to 0.9, the direction of gravity, and motors of at most 0.5 N m or 15 N.
-The hand is placed and closed; exact friction cones with torsional friction of 5 mm; fingertips of K = 5e5 N/m^1.5. Then the
+(see hands.py; 0.6 to 1.1 of it), friction from 0.4 to 0.9, the direction of gravity, and motors of at most 0.2 N m or 8 N.
+The hand is placed and closed; exact friction cones with torsional friction of 5 mm. Then the
 object's mass is drawn so that the planner's own largest load stands in a random ratio to its weight:
 
 - feasible by 10 % or more: from 1.1 to 2.5. The plan has the largest friction safety of 1.5, 1.3, 1.2 and 1.1 that is feasible.
@@ -37,16 +37,17 @@ from pinograsp.errors import PinograspError, Status
 from pinograsp.forces import load_margin
 from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.placement import find_placements
+from pinograsp.referee import Disturbance
 from pinograsp.spatial import rotation_rpy
 
 HERE = Path(__file__).resolve().parent
 COLUMNS = ("case", "kind", "hand", "object", "size", "mu", "contacts", "mass_g", "margin", "safety", "status", "verdict",
            "expected", "drift_mm", "turn_deg", "force_error", "unplanned", "saturated", "reason", "tries", "seconds")  # fmt: skip
-LIMITS = {"turning": 0.5, "sliding": 15.0}
-COMPLIANCE = pg.Compliance(stiffness=5e5)
+LIMITS = {"turning": 0.2, "sliding": 8.0}
 IMPACT = 0.9
 SAFETIES = (1.5, 1.3, 1.2, 1.1)
-MOST_TRIES = 40
+_ANY_DEPTH = 0.02  # [m] what is called infeasible must be so for friction and motors, not for a limit of the plan's own
+PLACEMENTS, MOST_TRIES = 3, 200
 
 
 @functools.lru_cache(maxsize=8)
@@ -67,7 +68,7 @@ def draw(rng) -> dict:
 
 def settings(case: dict, safety: float) -> dict:
     friction = pg.Friction(model="soft", torsion=5e-3, safety=safety)
-    return {"mu": case["mu"], "friction": friction, "compliance": COMPLIANCE, "gravity_o": case["gravity"], "max_depth": 2e-3,
+    return {"mu": case["mu"], "friction": friction, "gravity_o": case["gravity"], "max_depth": 5e-3,
             "impact_time_range": (IMPACT, IMPACT + 1e-4)}  # fmt: skip
 
 
@@ -78,15 +79,20 @@ def attempt(kind: str, rng) -> dict | None:
     hand, w, limit = loaded(case["hand"])
     body = objects(case["size"] * w)[case["object"]]
     body = replace(body, density=DENSITY, mass=None)
-    search = find_placements(hand, body, count=10, seed=case["seed"], jobs=1, progress=False, torque_limit=limit, **settings(case, 1.0))
+    search = find_placements(hand, body, count=6, seed=case["seed"], jobs=1, progress=False, torque_limit=limit, **settings(case, 1.0))
     if not search.placements:
         return None
-    best = search.placements[0]
-    closure = best.closure
-    mass = body.mass * best.load_margin / target
+    for placement in search.placements[:PLACEMENTS]:
+        found = attempt_at(case, kind, target, placement, body, limit)
+        if found is not None:
+            return found
+    return None
+
+
+def attempt_at(case: dict, kind: str, target: float, placement, body, limit) -> dict | None:
+    closure = placement.closure
+    mass = body.mass * placement.load_margin / target
     real = replace(body, mass=mass, density=None)
-    found = {"kind": kind, "hand": case["hand"], "object": case["object"], "size": f"{case['size']:.2f}", "mu": f"{case['mu']:.3f}",
-             "mass_g": f"{1e3 * mass:.1f}"}  # fmt: skip
     planned_for = real if kind == "feasible" else replace(body, mass=0.98 * target * mass, density=None)
     for safety in SAFETIES if kind == "feasible" else (1.0,):
         try:
@@ -102,24 +108,20 @@ def attempt(kind: str, rng) -> dict | None:
     if plan.status is not Status.OK or (cautions and kind == "feasible"):
         return None
     # The planner's word, at the posture that the plan ends in: how many times the real load can be held at all.
-    problem = replace(plan.problem, friction=replace(plan.problem.friction, safety=1.0), object=None)
+    problem = replace(plan.problem, friction=replace(plan.problem.friction, safety=1.0), max_depth=_ANY_DEPTH, object=None)
     largest = 1.0 + load_margin(problem, problem.load, impact_time=IMPACT)
     margin = largest * planned_for.mass / real.mass
     if (kind == "feasible") != (margin >= 1.1) or (kind == "infeasible") != (margin <= 0.9):
         return None
-    verdict = pg.simulate(plan, disturbance=_heavier(real.mass / planned_for.mass), time_step=2.5e-4).verdict
-    return found | {
-        "contacts": plan.problem.k, "margin": f"{margin:.3f}", "safety": safety, "status": str(plan.status),
+    verdict = pg.simulate(plan, disturbance=Disturbance(mass_factor=real.mass / planned_for.mass), time_step=5e-4).verdict
+    return {
+        "kind": kind, "hand": case["hand"], "object": case["object"], "size": f"{case['size']:.2f}", "mu": f"{case['mu']:.3f}",
+        "mass_g": f"{1e3 * mass:.1f}", "contacts": plan.problem.k, "margin": f"{margin:.3f}", "safety": safety,
+        "status": str(plan.status),
         "verdict": "held" if verdict.held else "lost", "expected": "yes" if verdict.held == (kind == "feasible") else "NO",
         "drift_mm": f"{1e3 * verdict.drift:.3f}", "turn_deg": f"{verdict.turn:.2f}", "force_error": f"{verdict.force_error:.3f}",
         "unplanned": " ".join(verdict.unplanned), "saturated": len(verdict.saturated), "reason": verdict.reason,
     }  # fmt: skip
-
-
-def _heavier(factor: float):
-    from pinograsp.referee import Disturbance
-
-    return Disturbance(mass_factor=factor)
 
 
 def run(seed: int, number: int, kind: str) -> dict:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinograsp.contacts import Closure, close_hand
+from pinograsp.contacts import PALM, Closure, close_hand
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
 from pinograsp.errors import GraspInfeasible, InvalidInput, Status
 from pinograsp.forces import (
@@ -65,6 +65,11 @@ class GraspPlan:
             told.append("forces are balanced, moments are not: a free object turns (balance='wrench')")
         if problem.friction.safety == 1.0:
             told.append("friction is used up to its limit: ask for a friction safety factor above 1")
+        told += [
+            f"{name} cannot press: its force builds up only as the object gives way to the fingers"
+            for name, contact in zip(contacts.names, contacts)
+            if contact.finger == PALM
+        ]
         for name, slip in zip(contacts.names, motion.slip):
             if slip > _SLIDES:
                 told.append(f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses: friction then points elsewhere")
