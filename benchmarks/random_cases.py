@@ -91,9 +91,14 @@ def attempt(kind: str, rng) -> dict | None:
 
 def attempt_at(case: dict, kind: str, target: float, placement, body, limit) -> dict | None:
     closure = placement.closure
+    if kind == "feasible" and any(touch.finger == "palm" for touch in closure.touches):
+        return None  # a caution of the plan, known before it is made
     mass = body.mass * placement.load_margin / target
     real = replace(body, mass=mass, density=None)
     planned_for = real if kind == "feasible" else replace(body, mass=0.98 * target * mass, density=None)
+    held = pg.ForceProblem.holding(planned_for, closure.contacts(), **settings(case, SAFETIES[-1]))
+    if kind == "feasible" and pg.optimize_forces(held, IMPACT).status is not Status.OK:
+        return None
     for safety in SAFETIES if kind == "feasible" else (1.0,):
         try:
             plan = pg.plan_grasp(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 from pinograsp.storage import Run
@@ -177,8 +176,8 @@ def _table(header, rows) -> list[str]:
     return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
 
 
-def checked(summary: dict, figures: list[str] | None = None) -> str:
-    """``check.md`` of a simulation: the verdict first."""
+def checked(summary: dict, figures: list[str] | None = None, studies: list[str] | None = None) -> str:
+    """``check.md`` of a simulation: the verdict first; ``studies``: what else was tried, as text."""
     s = summary
     lines = [f"# {'Held' if s['held'] else 'Lost'}", "", f"{s['reason']}.", ""]
     errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in s["force_errors"].items())
@@ -204,17 +203,11 @@ def checked(summary: dict, figures: list[str] | None = None) -> str:
         ("part of the hand", "planned F_n [N]", "simulated F_n [N]"),
         [(name, number(planned), number(s["final_forces_N"][name])) for name, planned in s["planned_forces_N"].items()],
     )
-    if "monte_carlo" in s:
-        lines += ["## Random errors", "", "```json", _json(s["monte_carlo"]), "```", ""]
-    for name, title in (("slip_threshold", "Smallest friction that holds"), ("load_threshold", "Largest mass that holds")):
-        if name in s:
-            lines += [f"## {title}", "", "```json", _json(s[name]), "```", ""]
+    if studies:
+        lines += ["## Further trials", "", "```text", *studies, "```", ""]
     if s["notes"]:
         lines += ["## Notes", "", *(f"- {note}" for note in s["notes"]), ""]
     if figures:
         lines += ["## Figures", "", *(f"![{name}]({name})" for name in figures), ""]
     return "\n".join(lines)
 
-
-def _json(values: dict) -> str:
-    return json.dumps(values, indent=2)

@@ -77,38 +77,47 @@ def _check(run: Path, folder: Path, force: bool, settings: dict, told: tuple, st
     from pinograsp.referee import simulate
     from pinograsp.referee.task import Task
     from pinograsp.report import checked
-    from pinograsp.storage import write_folder
+    from pinograsp.storage import load_run, write_folder
     from pinograsp.viz.checks import save_check_figures
 
-    task = Task.of(run)
+    loaded = load_run(run)
+    task = Task.of(loaded)
     disturbance = _disturbance(task, *told)
     simulation = simulate(task, disturbance=disturbance, **settings)
     summary = simulation.summary()
     if not quiet:
         typer.echo(simulation.describe())
-    progress = False if quiet else None
-    if studies["monte_carlo"]:
-        study = monte_carlo(task, count=studies["monte_carlo"], seed=studies["seed"], progress=progress, **settings)
-        summary["monte_carlo"] = study.summary()
+    texts = []
+    for name, study in _studies(task, loaded.summary["margins"], studies, settings, quiet):
+        summary[name] = study.summary()
+        texts.append(study.describe())
         if not quiet:
-            typer.echo(study.describe())
-    if studies["thresholds"]:
-        for name, search in (("slip_threshold", slip_threshold), ("load_threshold", load_threshold)):
-            found = search(task, **settings)
-            summary[name] = found.summary()
-            if not quiet:
-                typer.echo(found.describe())
+            typer.echo(texts[-1])
 
     def fill(path: Path) -> None:
         (path / "check.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         np.savez_compressed(path / "check.npz", **simulation.arrays())
         figures = [figure.name for figure in save_check_figures(simulation, path)]
-        (path / "check.md").write_text(checked(summary, figures), encoding="utf-8")
+        (path / "check.md").write_text(checked(summary, figures, texts), encoding="utf-8")
 
     write_folder(folder, fill, force=force)
     if not quiet:
         typer.echo(f"\nwritten to {folder}: check.md, check.json, check.npz and figures")
     return summary
+
+
+def _studies(task, margins: dict, studies: dict, settings: dict, quiet: bool):
+    """The studies that were asked for, by name; the planner's own margins stand beside the thresholds."""
+    from pinograsp.referee import load_threshold, monte_carlo, slip_threshold
+
+    if studies["monte_carlo"]:
+        progress = False if quiet else None
+        yield "monte_carlo", monte_carlo(task, count=studies["monte_carlo"], seed=studies["seed"], progress=progress, **settings)
+    if studies["thresholds"]:
+        used = list(margins["friction_used"].values())
+        least = None if None in used else float(max(used) * task.mu.max())
+        yield "slip_threshold", slip_threshold(task, planned=least, **settings)
+        yield "load_threshold", load_threshold(task, planned=margins["load_factor"], **settings)
 
 
 def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):
