@@ -115,7 +115,10 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
 
         def miss(angles, which=which, dofs=dofs):
             q[dofs] = angles
-            depths, normals, points = depth.at(q, which)
+            try:
+                depths, normals, points = depth.at(q, which)
+            except GeometryFailed:  # deep inside each other
+                return np.full(3 * len(which), np.inf)
             return (points - goals[which] + depths[:, None] * normals).ravel()
 
         angles, low, high = q[dofs].copy(), hand.lower[dofs], hand.upper[dofs]
@@ -123,6 +126,8 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
             left = miss(angles)
             if np.abs(left).max() < _REACHED:
                 break
+            if not np.isfinite(left).all():
+                raise ContactNotReached(name, "from this posture the search runs deep into the object: give another one")
             probes = np.where(angles + _PROBE > high, -_PROBE, _PROBE)
             J = np.array([(miss(angles + p * e) - left) / p for p, e in zip(probes, np.eye(dofs.size))]).T
             free = np.ones(dofs.size, dtype=bool)

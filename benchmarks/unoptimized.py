@@ -1,0 +1,137 @@
+"""Plans beside the grasp that nobody optimised, at the same payload, both tried in simulation; and the case study in all ways.
+
+    python benchmarks/unoptimized.py [--cases 10]
+
+The un-optimised grasp closes all joints straight on, in the same share of their ways, past the first touch, with the joints moved
+as commanded (the paper's MSC.Adams set-up). Its energy is that of the least overclosing with which the simulated object stays
+within 0.5 mm after it was let go. The optimised one is the cheapest of the plans with friction safety 1.05, 1.1, 1.2, 1.3, 1.5
+and 2 (exact cones, least work, wrench balance) that does the same, played by servos. Grasp energies by Eq. (9), as simulated, in
+mJ. Objects and placements: as hands.py (seeded), hulls of meshes; hands that close with one actuator have nothing to optimise
+and are left out. Writes unoptimized.csv and prints the tables of the README.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from hands import DENSITY, objects, width
+from results import header, write_rows
+from tqdm import tqdm
+
+import pinograsp as pg
+from pinograsp.errors import PinograspError
+from pinograsp.placement import find_placements
+from pinograsp.referee.naive import naive_grasp
+from pinograsp.referee.task import Task
+
+HERE = Path(__file__).resolve().parent
+WITHIN = 5e-4  # [m] of drift
+SAFETIES = (1.05, 1.1, 1.2, 1.3, 1.5, 2.0)
+CASES = [
+    ("humanoid", "sphere"), ("humanoid", "cylinder"), ("allegro_right", "sphere"), ("allegro_right", "cylinder"),
+    ("allegro_left", "sphere"), ("hey5", "sphere"), ("hey5", "cylinder"), ("g1_left", "cylinder"), ("g1_left", "sphere"),
+    ("psyonic_left", "sphere"),
+]  # fmt: skip
+PAPER = {"forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work", "motion.touch": "surface",
+         "friction.model": "cone"}  # fmt: skip
+
+
+def optimised(plan_with) -> tuple[float | None, object]:
+    """The cheapest plan that holds within the drift: its safety and its simulation."""
+    for safety in SAFETIES:
+        try:
+            plan = plan_with(safety)
+            simulation = pg.simulate(plan, time_step=5e-4)
+        except PinograspError:
+            continue
+        if simulation.verdict.held and simulation.verdict.drift <= WITHIN:
+            return safety, (plan, simulation)
+    return None, None
+
+
+def compared(name: str, shape: str, mass: float, plan_with) -> dict:
+    started = time.perf_counter()
+    safety, found = optimised(plan_with)
+    row = {"hand": name, "object": shape, "mass_g": f"{1e3 * mass:.0f}"}
+    plan = found[0] if found else plan_with(1.5)
+    naive = naive_grasp(Task.of(plan), drift=WITHIN)
+    ours, theirs = (1e3 * found[1].grasp_energy if found else None), naive.grasp_energy and 1e3 * naive.grasp_energy
+    return row | {
+        "safety": safety or "",
+        "planned_mJ": f"{1e3 * plan.forces.work:.3f}" if found else "",
+        "optimised_mJ": f"{ours:.3f}" if found else "",
+        "optimised_drift_mm": f"{1e3 * found[1].verdict.drift:.3f}" if found else "",
+        "unoptimised_mJ": f"{theirs:.3f}" if theirs else "",
+        "unoptimised_drift_mm": f"{1e3 * naive.simulation.verdict.drift:.3f}" if theirs else "",
+        "overclosing": f"{naive.overclosing:.4f}" if theirs else "none holds",
+        "ratio": f"{theirs / ours:.2f}" if found and theirs else "",
+        "seconds": f"{time.perf_counter() - started:.0f}",
+    }
+
+
+def paper() -> dict:
+    return compared("humanoid (the paper's)", "cylinder", 1.02, lambda safety: pg.load_case("paper", PAPER | {"friction.safety": safety}).plan())
+
+
+def catalogue(name: str, shape: str) -> dict:
+    hand = pg.load_hand(name, hulls=True)
+    body = replace(objects(0.9 * width(hand))[shape], density=DENSITY, mass=None)
+    settings = {"mu": 0.7, "friction": pg.Friction(model="cone")}
+    closure = find_placements(hand, body, count=24, seed=0, progress=False, **settings).best.closure
+
+    def plan_with(safety: float):
+        return pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=safety), objective="work")
+
+    return compared(name, shape, body.mass, plan_with)
+
+
+def case_study() -> list[dict]:
+    """The paper's case in wrench and in force balance, and by other steps, engines and ways of letting go."""
+    rows = []
+    plans = {balance: pg.load_case("paper", PAPER | {"forces.balance": balance, "friction.model": "pyramid", "friction.safety": 1.1}).plan()
+             for balance in ("wrench", "force")}  # fmt: skip
+    for balance, what, settings in (
+        ("wrench", "10 s", {"hold": 10.0}),
+        ("wrench", "half the step", {"time_step": 1.25e-4}),
+        ("wrench", "let go at once", {"letting_go": 0.0}),
+        ("wrench", "joints as commanded", {"mode": "prescribed"}),
+        ("wrench", "Pinocchio's engine", {"engine": "pinocchio"}),
+        ("force", "10 s", {"hold": 10.0}),
+    ):
+        simulation = pg.simulate(plans[balance], **settings)
+        v = simulation.verdict
+        rows.append({
+            "balance": balance, "how": what, "verdict": "held" if v.held else "lost", "drift_mm": f"{1e3 * v.drift:.3f}",
+            "tilt_deg": f"{v.tilt:.3f}", "turn_deg": f"{v.turn:.3f}", "force_error_percent": f"{100 * v.force_error:.2f}",
+            "energy_audit": f"{v.energy_error:.1e}", "seconds_per_second": f"{simulation.elapsed / simulation.times[-1]:.2f}",
+        })  # fmt: skip
+    return rows
+
+
+def table(rows: list[dict]) -> str:
+    lines = ["| " + " | ".join(rows[0]) + " |", "|" + " --- |" * len(rows[0])]
+    return "\n".join([*lines, *("| " + " | ".join(str(v) for v in row.values()) + " |" for row in rows)])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--cases", type=int, default=len(CASES), help="of the catalogue")
+    parser.add_argument("--out", type=Path, default=HERE / "unoptimized.csv")
+    options = parser.parse_args()
+    print(table(case_study()), flush=True)
+    rows = [paper()]
+    first_line = header(("numpy", "pin", "mujoco", "daqp"))
+    for name, shape in tqdm(CASES[: options.cases], unit="case"):
+        try:
+            rows.append(catalogue(name, shape))
+        except PinograspError as error:
+            rows.append({**dict.fromkeys(rows[0], ""), "hand": name, "object": shape, "overclosing": type(error).__name__})
+        write_rows(options.out, first_line, rows)
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()

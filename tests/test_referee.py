@@ -1,0 +1,432 @@
+"""The referee: plans simulated in MuJoCo, against the plan, closed forms, Pinocchio, and itself at other steps."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinograsp as pg
+from pinograsp.contacts import clearance, touching
+from pinograsp.contacts.penetration import Penetration
+from pinograsp.placement import find_placements
+from pinograsp.errors import ContactNotReached, InvalidInput, SimulationDiverged
+from pinograsp.referee import Disturbance, Push, Servo, simulate
+from pinograsp.referee.law import ContactLaw, Touches
+from pinograsp.referee.naive import naive_grasp, naive_task
+from pinograsp.referee.task import Task
+
+SURFACE = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1, "motion.touch": "surface"}
+
+
+@pytest.fixture(scope="module")
+def case():
+    return pg.load_case("paper", SURFACE)
+
+
+@pytest.fixture(scope="module")
+def plan(case):
+    return case.plan()
+
+
+@pytest.fixture(scope="module")
+def held(plan):
+    return simulate(plan)
+
+
+def closed_plan(hand, body, pose, safety=1.5, **settings):
+    """A hand closed on a body at a pose in the hand's frame, planned."""
+    return pg.plan_grasp(hand, body.placed(pose), mu=0.7, friction=pg.Friction(model="cone", safety=safety), **settings)
+
+
+def at(*position):
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    return pose
+
+
+# -- the case study ----------------------------------------------------------------------------------------------------
+
+
+def test_case_study_holds_as_planned(held):
+    verdict = held.verdict
+    assert verdict.held
+    assert verdict.drift < 5e-4
+    assert verdict.tilt < 0.5
+    assert verdict.force_error < 0.03
+    assert not verdict.slipped and not verdict.unplanned and not verdict.saturated
+    assert verdict.energy_error < 1e-3
+
+
+@pytest.mark.slow
+def test_case_study_holds_for_ten_seconds(plan):
+    verdict = simulate(plan, hold=10.0).verdict
+    assert verdict.held
+    assert verdict.drift < 5e-4
+    assert verdict.tilt < 0.5
+    assert verdict.force_error < 0.03
+
+
+def test_half_the_step_gives_the_same(plan, held):
+    finer = simulate(plan, time_step=held.time_step / 2)
+    assert finer.verdict.held == held.verdict.held
+    assert finer.normal_forces[-1] == pytest.approx(held.normal_forces[-1], rel=0.01)
+    assert finer.verdict.drift == pytest.approx(held.verdict.drift, rel=0.03)
+
+
+def test_dropped_at_once_it_still_holds(plan):
+    assert simulate(plan, letting_go=0.0).verdict.held
+
+
+def test_forces_alone_in_balance_let_the_object_turn(case, held):
+    forces_only = pg.load_case("paper", SURFACE | {"forces.balance": "force"}).plan()
+    verdict = simulate(forces_only).verdict
+    assert verdict.tilt > 3 * held.verdict.tilt
+    assert verdict.force_error > 0.1
+
+
+def test_tips_that_stand_for_their_links_press_less_exactly(held):
+    """The paper's reading puts the tip of the axis on the point, whatever the surface around it does."""
+    tips = simulate(pg.load_case("paper", SURFACE | {"motion.touch": "length"}).plan(), hold=0.1)
+    assert tips.verdict.penetration_error > 2 * held.verdict.penetration_error
+
+
+# -- prescribed motion -------------------------------------------------------------------------------------------------
+
+
+def test_prescribed_joints_press_with_the_planned_forces(plan):
+    simulation = simulate(plan, mode="prescribed", release=False, hold=0.0)
+    order = [simulation.parts.index(name) for name in plan.problem.contacts.names]
+    assert simulation.normal_forces[-1][order] == pytest.approx(plan.forces.normal_forces, rel=1e-3)
+    assert simulation.depths[-1][order] == pytest.approx(plan.forces.profile.final_depth, abs=1e-6)
+    assert simulation.grasp_energy == pytest.approx(plan.forces.work, rel=0.01)  # Eq. (9), by another program
+    # Before anything touches, the torques that move the joints are Pinocchio's.
+    early = simulation.times < 0.85
+    times = simulation.times[early]
+    wanted = np.array([np.interp(times, plan.motion.times, tau) for tau in plan.motion.torques.T]).T
+    assert np.abs(simulation.torques[early] - wanted)[5:].max() < 2e-4
+
+
+def test_meshes_press_as_deep_as_planned():
+    """Hulls of a real hand, by another collision library."""
+    hand = pg.load_hand("hey5", hulls=True)
+    found = find_placements(
+        hand, pg.Cylinder(radius=0.02, height=0.12, mass=0.2), count=8, mu=0.7, friction=pg.Friction(model="cone", safety=1.3)
+    )
+    closure = found.best.closure
+    plan = pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
+    simulation = simulate(plan, mode="prescribed", release=False, hold=0.0)
+    order = [simulation.parts.index(name) for name in plan.problem.contacts.names]
+    assert simulation.depths[-1][order] == pytest.approx(plan.forces.profile.final_depth, abs=5e-6)
+
+
+# -- disturbances ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        Disturbance(mu=0.25),
+        Disturbance(mass_factor=3.0),
+        Disturbance(pushes=(Push(wrench_o=[0, 0, -40, 0, 0, 0], start=0.1, duration=0.3),)),
+        Disturbance(shake=[0, 0, 60.0], shake_frequency=3.0),
+        Disturbance(object_offset=[0, 0.02, 0]),
+    ],
+    ids=["ice", "heavy", "pushed", "shaken", "beside"],
+)
+def test_what_is_too_much_is_lost(plan, wrong):
+    simulation = simulate(plan, disturbance=wrong, hold=0.8, time_step=5e-4)
+    assert not simulation.verdict.held
+    assert simulation.disturbance == wrong.summary() != {}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        Disturbance(mu=0.6),
+        Disturbance(mass_factor=1.05),
+        Disturbance(pushes=(Push(wrench_o=[0, 0, -0.5, 0, 0, 0]),)),
+        Disturbance(shake=[0, 0.3, 0]),
+        Disturbance(object_offset=[2e-4, 0, 0], object_turn=[0, 0, 0.01]),
+        Disturbance(start_error=np.full(20, 0.02)),
+    ],
+    ids=["slippery", "heavier", "nudged", "shaken", "off", "start"],
+)
+def test_what_is_little_is_borne(plan, wrong):
+    assert simulate(plan, disturbance=wrong, hold=0.5, time_step=5e-4).verdict.held
+
+
+def test_a_heavier_object_sinks_further(plan, held):
+    heavier = simulate(plan, disturbance=Disturbance(mass_factor=1.05))
+    assert heavier.verdict.drift > held.verdict.drift
+
+
+# -- the law -----------------------------------------------------------------------------------------------------------
+
+
+def one_touch(depth, velocity, spin=0.0):
+    return Touches(np.array([0]), np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.array([depth]), np.array([velocity]), np.array([spin]))
+
+
+def test_normal_force_is_equation_4():
+    law = ContactLaw(5e4, 100.0, 1.5, [0.5], 0.0, 2e4, [1])
+    pressing = law.press(one_touch(2e-3, [0.0, 0, 0.1]), 1e-4)
+    assert pressing.normal[0] == pytest.approx((100 * 0.1 + 5e4) * 2e-3**1.5, rel=1e-12)
+    assert law.press(one_touch(2e-3, [0.0, 0, -1e4]), 1e-4).normal[0] == 0.0  # it does not pull
+
+
+def test_friction_sticks_then_slips_and_says_where_the_energy_goes():
+    law, dt = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [1]), 1e-5
+    normal, forces = 5e4 * 2e-3**1.5, []
+    law.press(one_touch(2e-3, [0.0, 0, 0]), dt)
+    held = law.elastic
+    for _ in range(20000):
+        forces.append(law.press(one_touch(2e-3, [0.01, 0, 0]), dt).force_o[0, 0])
+    assert forces[99] == pytest.approx(2e4 * 100 * dt * 0.01, rel=1e-9)  # the spring
+    assert forces[-1] == pytest.approx(0.5 * normal, rel=1e-9)  # the cone
+    work = np.sum(0.5 * (np.array([0.0, *forces[:-1]]) + forces)) * dt * 0.01
+    assert law.slipped + law.elastic - held == pytest.approx(work, rel=1e-9)
+    assert law.slip[0] == pytest.approx(0.01 * 20000 * dt - 0.5 * normal / 2e4, rel=1e-6)
+
+
+def test_soft_fingers_twist_up_to_their_limit():
+    law = ContactLaw(5e4, 0.0, 1.5, [0.5], 5e-3, 2e4, [1])
+    normal = 5e4 * 2e-3**1.5
+    for _ in range(5000):
+        pressing = law.press(one_touch(2e-3, [0.0, 0, 0], spin=1.0), 1e-4)
+    assert pressing.moment_o[0, 2] == pytest.approx(5e-3 * normal, rel=1e-9)
+
+
+def test_points_of_an_area_share_what_the_plan_counts():
+    law = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [3])
+    points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0]])
+    four = Touches(np.zeros(4, dtype=int), points, np.tile([0.0, 0, 1], (4, 1)), np.full(4, 1e-3), np.zeros((4, 3)), np.zeros(4))
+    assert law.press(four, 1e-4).normal.sum() == pytest.approx(3 * 5e4 * 1e-3**1.5, rel=1e-12)
+
+
+# -- scene, servos, couplings ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["humanoid", "allegro_right", "psyonic_left", "panda", "g1_left"])
+def test_mujoco_has_the_same_hand(name):
+    import mujoco
+
+    from pinograsp.referee.scene import build
+
+    hand = pg.load_hand(name)
+    body = pg.Sphere(radius=0.01, mass=0.1, pose=at(1.0, 0, 0))
+    model, _ = build(hand, body, time_step=1e-3, gravity_o=[0, 0, -9.81], servo=Servo.of(hand))
+    data, q = mujoco.MjData(model), np.random.default_rng(0).uniform(hand.lower, hand.upper)
+    for joint, value in zip(hand.joint_names, q):
+        data.qpos[model.joint(joint).qposadr[0]] = value
+    for joint, c in hand.couplings.items():
+        data.qpos[model.joint(joint).qposadr[0]] = c.factor * q[hand.joint_names.index(c.followed)] + c.offset
+    mujoco.mj_forward(model, data)
+    wanted = hand.model.createData()
+    pin.forwardKinematics(hand.model, wanted, q)
+    for j in range(1, hand.model.njoints):
+        assert data.body(f"link {j}").xpos == pytest.approx(wanted.oMi[j].translation, abs=1e-12)
+    assert data.ncon == 0 or not data.efc_force.any()
+
+
+def test_coupled_joints_stay_coupled_and_energy_is_kept():
+    hand = pg.load_hand("psyonic_left", hulls=True)
+    found = find_placements(
+        hand, pg.Sphere(radius=0.03, mass=0.2), count=16, mu=0.7, friction=pg.Friction(model="cone", safety=1.3)
+    )
+    closure = found.best.closure
+    plan = pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
+    simulation = simulate(plan, hold=0.3)
+    assert simulation.verdict.held
+    assert simulation.verdict.energy_error < 1e-4
+
+
+def test_torques_stay_within_the_limits(plan):
+    task = Task.of(plan)
+    weak = replace(task, torque_limit=np.full(20, 0.3))
+    simulation = simulate(weak, hold=0.2)
+    assert np.abs(simulation.torques).max() <= 0.3 * (1 + 1e-9)
+    assert simulation.verdict.saturated
+    assert not simulation.verdict.held
+
+
+def test_torques_that_hold_are_those_without_deceleration(plan):
+    motion, model = plan.motion, plan.hand.model
+    inertia = pin.crba(model, model.createData(), np.array(motion.q[-1]))
+    inertia = np.triu(inertia) + np.triu(inertia, 1).T
+    assert motion.torques[-1] - inertia @ motion.ddq[-1] == pytest.approx(motion.holding_torques, abs=1e-6)
+
+
+def test_steps_that_are_too_long_are_told(plan):
+    with pytest.raises((SimulationDiverged, AssertionError), match="came apart|held"):
+        simulation = simulate(plan, time_step=8e-3, servo=Servo.of(plan.hand, stiffness=5e3, damping=1e-6))
+        assert simulation.verdict.held, "not held"
+
+
+# -- contacts of surfaces ----------------------------------------------------------------------------------------------
+
+
+def test_surfaces_touch_at_the_given_points(case, plan):
+    contacts = plan.problem.contacts
+    hand, body = plan.hand, case.make_object()
+    assert abs(clearance(hand, body, contacts.posture)) < 1e-8
+    depth, normal, point = Penetration(hand, body, contacts).at(contacts.posture)
+    assert np.abs(depth).max() < 1e-8
+    assert point == pytest.approx(contacts.points_o, abs=1e-6)
+    assert np.linalg.norm(contacts.points_o[:, :2], axis=1) == pytest.approx(0.01, abs=1e-12)
+
+
+def test_surfaces_that_cannot_touch_there_are_told(case):
+    hand, body = case.load_hand(), case.make_object()
+    contacts = pg.contacts_at(hand, body, {"little": [0.0, -0.01, 0.06]})
+    with pytest.raises(ContactNotReached, match="near the given one|deep into"):
+        touching(hand, body, contacts, np.zeros(hand.n))
+
+
+def test_depth_of_a_ball_in_a_ball():
+    """Deepest points of an overlap, where they are known."""
+    rng = np.random.default_rng(3)
+    hand = pg.load_hand("humanoid")
+    model, data = hand.model, hand.model.createData()
+    finger = hand.finger("index")
+    joint = finger.joint_ids[-1]
+    one = next(o for o in hand.geometry.geometryObjects if o.parentJoint == joint)
+    axes = np.array(one.geometry.radii)
+    for _ in range(5):
+        q = rng.uniform(hand.lower, hand.upper)
+        pin.forwardKinematics(model, data, q)
+        placed = data.oMi[joint] * one.placement
+        # A ball on the end of the ellipsoid's long axis overlaps it by exactly what it is moved in.
+        outward = placed.rotation[:, 0]
+        end, depth, radius = placed.translation + axes[0] * outward, rng.uniform(1e-4, 3e-3), 0.02
+        ball = pg.Sphere(radius=radius, mass=0.1, pose=at(*(end + (radius - depth) * outward)))
+        contact = pg.Contact(finger="index", link=finger.links[-1], point_o=end, rotation_oc=pg.spatial.tangent_frame(outward),
+                             length=None, distance=0.0, point_l=data.oMi[joint].actInv(end))  # fmt: skip
+        found, normal, _ = Penetration(hand, ball, pg.ContactSet(contacts=(contact,), com_o=ball.com_o)).at(q)
+        assert found[0] == pytest.approx(depth, abs=1e-9)
+        assert normal[0] == pytest.approx(outward, abs=1e-5)
+
+
+# -- cautions, the naive grasp -----------------------------------------------------------------------------------------
+
+
+def test_cautions_say_what_the_plan_does_not_cover(plan):
+    assert plan.cautions == ()
+    told = pg.load_case("paper").plan().cautions
+    assert any("moments are not" in caution for caution in told)
+    assert any("safety factor" in caution for caution in told)
+
+
+def test_optimised_grasp_needs_less_than_closing_on(plan):
+    task = Task.of(plan)
+    cone = pg.load_case("paper", SURFACE | {"friction.model": "cone", "forces.measure": "work"}).plan()
+    optimised = simulate(cone, hold=0.5, time_step=5e-4)
+    naive = naive_grasp(task, drift=5e-4, tolerance=0.1, hold=0.5)
+    assert optimised.verdict.held and optimised.verdict.drift < 5e-4
+    assert naive.overclosing > naive.lost > 0
+    assert naive.simulation.verdict.drift <= 5e-4
+    assert naive.grasp_energy > 1.2 * optimised.grasp_energy
+
+
+def test_naive_closing_runs_straight_from_rest_to_rest(plan):
+    task = naive_task(Task.of(plan), 0.1)
+    assert task.q[0] == pytest.approx(plan.motion.q[0])
+    assert task.q[-1] == pytest.approx(plan.motion.q[0] + 1.1 * (plan.motion.q[plan.motion.impact] - plan.motion.q[0]))
+    assert not task.dq[[0, -1]].any()
+    middle = np.gradient(task.q, task.times, axis=0)[1:-1]
+    assert task.dq[1:-1] == pytest.approx(middle, abs=2e-3)
+
+
+# -- folders, commands, errors -----------------------------------------------------------------------------------------
+
+
+def test_a_run_folder_gives_the_same_simulation(plan, tmp_path):
+    folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
+    one, other = simulate(plan, hold=0.05), simulate(folder, hold=0.05)
+    assert other.normal_forces[-1] == pytest.approx(one.normal_forces[-1], rel=1e-9)
+    assert other.parts == one.parts
+
+
+def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
+    folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
+    code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "5e-4")
+    assert code == 0 and "HELD" in out
+    assert {path.name for path in (folder / "check").iterdir()} == {
+        "check.json", "check.md", "check.npz", "energy.png", "files.txt", "forces.png", "object.png"
+    }  # fmt: skip
+    kept = json.loads((folder / "check" / "check.json").read_text())
+    assert kept["held"] and kept["drift_mm"] < 0.5
+    code, out, _ = command(
+        "check", str(folder), "--hold", "0.3", "--time-step", "5e-4", "--mu", "0.2", "--push", "0,0,-1@0.1+0.1", "--json"
+    )
+    assert code == 3
+    told = json.loads(out)
+    assert not told["held"] and told["disturbance"]["mu"] == 0.2 and told["folder"].endswith("check-2")
+    pg.save_run(pg.run_of(plan), folder, force=True)  # a run with checks in it is still ours to overwrite
+
+
+def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
+    assert command("check", str(tmp_path))[0] == 2
+    folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
+    for option in (["--push", "1,2"], ["--shake", "a,b,c"], ["--mass", "-1"], ["--engine", "adams"], ["--hold", "-1"]):
+        code, _, told = command("check", str(folder), *option)
+        assert code == 2, option
+        assert "expected" in told
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"engine": "adams"}, "engine: expected one of"),
+        ({"mode": "sideways"}, "mode: expected one of"),
+        ({"hold": -1.0}, "hold: expected"),
+        ({"time_step": 0.0}, "time step: expected"),
+        ({"letting_go": np.nan}, "letting go: expected"),
+    ],
+)
+def test_unusable_settings_are_refused(plan, settings, message):
+    with pytest.raises(InvalidInput, match=message):
+        simulate(plan, **settings)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Push(wrench_o=[1, 2, 3]),
+        lambda: Push(wrench_o=np.zeros(6), duration=0.0),
+        lambda: Disturbance(mu=-0.1),
+        lambda: Disturbance(mass_factor=0.0),
+        lambda: Disturbance(shake=[1, np.nan, 0]),
+        lambda: Disturbance(pushes=(1,)),
+        lambda: Servo.of(pg.load_hand("humanoid"), stiffness=-1.0),
+    ],
+)
+def test_unusable_disturbances_are_refused(make):
+    with pytest.raises(InvalidInput, match="expected"):
+        make()
+
+
+def test_what_is_no_plan_is_refused(plan):
+    with pytest.raises(InvalidInput, match="expected a grasp plan"):
+        simulate(42)
+    blind = replace(plan, forces=replace(plan.forces, problem=replace(plan.problem, object=None)))
+    with pytest.raises(InvalidInput, match="does not know its object"):
+        simulate(blind)
+
+
+def test_without_mujoco_the_extra_is_named_and_pinocchio_serves(plan, tmp_path):
+    folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
+    code = (
+        "import sys; sys.modules['mujoco'] = None\n"
+        "import pinograsp as pg\n"
+        "try:\n    pg.simulate(sys.argv[1])\nexcept pg.PinograspError as error:\n    print(type(error).__name__, error)\n"
+        "print(pg.simulate(sys.argv[1], engine='pinocchio', hold=0.02, time_step=5e-4).parts)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert "ExtraMissing" in done.stdout and "pinograsp[sim]" in done.stdout, done.stderr
+    assert "('index', 'middle', 'thumb')" in done.stdout
