@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
 
 from pinograsp.checks import array_of, number, one_of, read_only
 from pinograsp.errors import ExtraMissing, InvalidInput, SimulationDiverged
@@ -74,10 +75,15 @@ def simulate(
     law = _law(task, made.parts, wrong.mu)
     steps = round((task.final_time + hold) / dt)
     instants = dt * np.arange(steps + 1)
-    q_ref, dq_ref, torque_ref = (_along(instants, task.times, v) for v in (task.q, task.dq, task.torques))
+    course, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, task.final_time)
+    q_ref, dq_ref = course(until), course(until, 1)
+    ddq_ref = np.zeros_like(q_ref)
+    torque_ref = np.column_stack([np.interp(instants, task.times, column) for column in task.torques.T])
     held = instants > task.final_time - 0.5 * dt
     dq_ref[held], torque_ref[held] = 0.0, task.holding_torques
-    ddq_ref = np.gradient(dq_ref, dt, axis=0)
+    if prescribed:  # as the engines step: what a velocity leads to is the next position
+        dq_ref[1:] = np.diff(q_ref, axis=0) / dt
+        ddq_ref[:-1], ddq_ref[-1] = np.diff(dq_ref, axis=0) / dt, 0.0
 
     pose = np.array(task.object.pose)
     pose[:3, 3] += wrong.object_offset
@@ -163,10 +169,6 @@ def _law(task: Task, parts: int, mu: float | None) -> ContactLaw:
         each[joint] = task.mu[joints == joint].mean()
     K, damping, exponent = task.law
     return ContactLaw(K, damping, exponent, each if mu is None else np.full(parts, mu), task.torsion, TANGENTIAL, counts)
-
-
-def _along(instants: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.interp(instants, times, column) for column in values.T])
 
 
 class _Support:
