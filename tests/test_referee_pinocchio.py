@@ -72,7 +72,7 @@ def one_joint(shape) -> HandModel:
 
 def engine(kind, shape, body, *, dt: float = DT, gravity=(0.0, 0.0, -9.81)):
     hand = one_joint(shape)
-    task = SimpleNamespace(hand=hand, object=body, gravity_o=np.array(gravity), torque_limit=np.full(1, np.inf))
+    task = SimpleNamespace(links=(), hand=hand, object=body, gravity_o=np.array(gravity), torque_limit=np.full(1, np.inf))
     return kind(task, time_step=dt, servo=Servo.of(hand), mass_factor=1.0)
 
 

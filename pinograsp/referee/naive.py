@@ -17,7 +17,7 @@ from pinograsp.referee.simulate import simulate
 from pinograsp.referee.simulation import Simulation
 from pinograsp.referee.task import Task
 
-_FIRST, _STEP, _MOST = 0.005, 1.2, 0.5  # of the way: overclosings that are tried; too much throws the object out again
+_FIRST, _STEP, _MOST = 0.005, 1.25, 0.3  # of the way: overclosings that are tried; too much throws the object out again
 _SAMPLES = 200  # of the trajectory
 
 
@@ -26,7 +26,7 @@ class NaiveGrasp:
     """The least overclosing that holds.
 
     Attributes:
-        overclosing: share of the way beyond the touch; None where none up to half the way holds.
+        overclosing: share of the way beyond the touch; None where none up to 0.3 of the way holds.
         simulation: of that, or of the last one tried. lost: largest share that did not hold below it.
         simulations: how many were run.
     """
