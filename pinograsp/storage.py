@@ -171,8 +171,9 @@ def check_folder(folder: str | Path, force: bool) -> None:
         raise ResultsNotWritten(f"folder '{folder}' already exists: choose another --out, or overwrite it with --force")
     listing = folder / "files.txt"
     ours = {*(listing.read_text(encoding="utf-8").split("\n") if listing.is_file() else ()), "files.txt"}
-    # Checks of a run lie in folders of their own within it.
-    foreign = sorted(path.name for path in folder.iterdir() if path.name not in ours and not (path / "files.txt").is_file())
+    if (folder / "plan.json").is_file() and listing.is_file():  # checks of a run lie in folders of their own within it
+        ours |= {path.name for path in folder.iterdir() if (path / "check.json").is_file()}
+    foreign = sorted(path.name for path in folder.iterdir() if path.name not in ours)
     if foreign:
         raise ResultsNotWritten(
             f"folder '{folder}' holds files that no run wrote ({', '.join(foreign[:5])}): it is not overwritten, "

@@ -268,6 +268,42 @@ def test_steps_that_are_too_long_are_told(plan):
         assert simulation.verdict.held, "not held"
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
+def test_nothing_is_held_without_friction_however_short_or_coarse(plan, engine):
+    for settings in ({"hold": 0.1}, {"hold": 0.5, "sample": 0.05}, {"hold": 0.3, "letting_go": 0.0}):
+        assert not simulate(plan, disturbance=Disturbance(mu=0.0), time_step=1e-3, engine=engine, **settings).verdict.held
+
+
+def test_pushes_act_before_the_end_or_are_refused(plan):
+    push = Push(wrench_o=[0, 0, -1000, 0, 0, 0], start=0.1, duration=0.1)
+    with pytest.raises(InvalidInput, match=r"hold: expected at least 0\.2 s"):
+        simulate(plan, disturbance=Disturbance(pushes=push), hold=0.15)
+    assert not simulate(plan, disturbance=Disturbance(pushes=push), hold=0.2, time_step=5e-4).verdict.held
+
+
+def test_numbers_out_of_hand_are_no_verdict(plan):
+    huge = Disturbance(pushes=(Push(wrench_o=[0, 0, 0, 1e160, 0, 0], start=0.0),))
+    with pytest.raises(SimulationDiverged):
+        simulate(plan, disturbance=huge, mode="prescribed", hold=0.2, time_step=1e-3)
+
+
+def test_the_weight_of_an_object_that_the_plan_does_not_know_counts_once(plan):
+    blind = replace(plan, forces=replace(plan.forces, problem=replace(plan.problem, object=None)))
+    known, told = simulate(plan, hold=0.1), simulate(blind, hold=0.1, object=plan.problem.object)
+    assert told.verdict.drift == pytest.approx(known.verdict.drift, rel=1e-6)
+
+
+def test_rotors_of_the_description_are_simulated(plan):
+    from pinograsp.referee.mujoco_engine import MujocoEngine
+
+    task = Task.of(plan)
+    model = task.hand.model.copy()
+    model.armature = np.full(20, 0.003)
+    heavy = replace(task, hand=replace(task.hand, model=model))
+    made = MujocoEngine(heavy, time_step=1e-3, servo=Servo.of(heavy.hand), mass_factor=1.0)
+    assert made.model.dof_armature[made.dofs] == pytest.approx(np.full(20, 0.003))
+
+
 # -- contacts of surfaces ----------------------------------------------------------------------------------------------
 
 
@@ -368,12 +404,17 @@ def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
     told = json.loads(out)
     assert not told["held"] and told["disturbance"]["mu"] == 0.2 and told["folder"].endswith("check-2")
     pg.save_run(pg.run_of(plan), folder, force=True)  # a run with checks in it is still ours to overwrite
+    pg.save_run(pg.run_of(plan), folder / "of" / "runs")
+    with pytest.raises(InvalidInput, match="no run wrote"):  # a folder of runs is not
+        pg.save_run(pg.run_of(plan), folder / "of", force=True)
 
 
 def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
     assert command("check", str(tmp_path))[0] == 2
     folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
-    for option in (["--push", "1,2"], ["--shake", "a,b,c"], ["--mass", "-1"], ["--engine", "adams"], ["--hold", "-1"]):
+    code, _, told = command("check", str(folder), "--out", str(folder), "--force")
+    assert code == 2 and "holds a run" in told and (folder / "plan.json").exists()
+    for option in (["--monte-carlo", "-3"], ["--monte-carlo", "3", "--mu", "0.5"], ["--push", "1,2"], ["--shake", "a,b,c"], ["--mass", "-1"], ["--engine", "adams"], ["--hold", "-1"]):
         code, _, told = command("check", str(folder), *option)
         assert code == 2, option
         assert "expected" in told
@@ -387,6 +428,10 @@ def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
         ({"hold": -1.0}, "hold: expected"),
         ({"time_step": 0.0}, "time step: expected"),
         ({"letting_go": np.nan}, "letting go: expected"),
+        ({"sample": 0.7}, "sample: expected at most"),
+        ({"disturbance": {"mu": 0.1}}, "disturbance: expected a Disturbance"),
+        ({"servo": 3}, "servo: expected a Servo"),
+        ({"mode": "prescribed", "disturbance": Disturbance(start_error=np.zeros(20))}, "start error"),
     ],
 )
 def test_unusable_settings_are_refused(plan, settings, message):

@@ -60,6 +60,10 @@ def check(
 
     folder = out if out is not None else fresh_folder("check", run)
     with errors_told(as_json):
+        if (folder / "plan.json").exists() or folder.resolve() in (run.resolve(), *run.resolve().parents):
+            raise InvalidInput(f"--out: expected a folder for the check alone, got '{folder}', which holds a run")
+        if monte_carlo < 0:
+            raise InvalidInput(f"--monte-carlo: expected a number of trials, got {monte_carlo}")
         check_folder(folder, force)
         settings = {"hold": hold, "engine": engine, "time_step": time_step, "mode": "prescribed" if prescribed else "servo"}
         told = (push, shake, mu, mass, offset, turn, start_error)
@@ -67,6 +71,8 @@ def check(
         summary = _check(run, folder, force, settings, told, studies, as_json)
     if as_json:
         typer.echo(json.dumps({**summary, "folder": str(folder)}, allow_nan=False))
+    if summary.get("monte_carlo", {}).get("interrupted"):
+        raise typer.Exit(130)
     if not summary["held"]:
         raise typer.Exit(3)
 
@@ -83,12 +89,14 @@ def _check(run: Path, folder: Path, force: bool, settings: dict, told: tuple, st
     loaded = load_run(run)
     task = Task.of(loaded)
     disturbance = _disturbance(task, *told)
+    if studies["monte_carlo"] and disturbance.summary():
+        raise InvalidInput("--monte-carlo: expected without other disturbances, it draws its own")
     simulation = simulate(task, disturbance=disturbance, **settings)
     summary = simulation.summary()
     if not quiet:
         typer.echo(simulation.describe())
     texts = []
-    for name, study in _studies(task, loaded.summary["margins"], studies, settings, quiet):
+    for name, study in _studies(task, loaded.summary["margins"], studies, disturbance, settings, quiet):
         summary[name] = study.summary()
         texts.append(study.describe())
         if not quiet:
@@ -106,18 +114,21 @@ def _check(run: Path, folder: Path, force: bool, settings: dict, told: tuple, st
     return summary
 
 
-def _studies(task, margins: dict, studies: dict, settings: dict, quiet: bool):
+def _studies(task, margins: dict, studies: dict, disturbance, settings: dict, quiet: bool):
     """The studies that were asked for, by name; the planner's own margins stand beside the thresholds."""
     from pinograsp.referee import load_threshold, monte_carlo, slip_threshold
 
     if studies["monte_carlo"]:
         progress = False if quiet else None
-        yield "monte_carlo", monte_carlo(task, count=studies["monte_carlo"], seed=studies["seed"], progress=progress, **settings)
+        study = monte_carlo(task, count=studies["monte_carlo"], seed=studies["seed"], progress=progress, **settings)
+        yield "monte_carlo", study
+        if study.interrupted:
+            return
     if studies["thresholds"]:
         used = list(margins["friction_used"].values())
-        least = None if None in used else float(max(used) * task.mu.max())
-        yield "slip_threshold", slip_threshold(task, planned=least, **settings)
-        yield "load_threshold", load_threshold(task, planned=margins["load_factor"], **settings)
+        least = None if None in used else float(max(share * mu for share, mu in zip(used, task.mu)))
+        yield "slip_threshold", slip_threshold(task, planned=least, disturbance=disturbance, **settings)
+        yield "load_threshold", load_threshold(task, planned=margins["load_factor"], disturbance=disturbance, **settings)
 
 
 def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):

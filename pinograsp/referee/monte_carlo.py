@@ -222,7 +222,7 @@ def monte_carlo(
         raise InvalidInput(f"errors: expected pinograsp.referee.Errors, got {errors!r}")
     task, settings = common_settings(plan, settings)
     push = Push(wrench_o=np.zeros(6))
-    over = settings["letting_go"] + push.start + push.duration
+    over = push.start + push.duration
     if errors.push and settings["hold"] < over:
         raise InvalidInput(f"hold: expected at least {over:g} s, the end of the push, got {settings['hold']:g} s")
 
@@ -314,7 +314,11 @@ def _identity(task) -> dict:
         "joints": list(task.hand.joint_names),
         "hand_pose": task.hand.pose.tolist(),
         "start": task.q[0].tolist(),
+        "middle": task.q[len(task.q) // 2].tolist(),
         "end": task.q[-1].tolist(),
+        "torque_limit": [float(v) if np.isfinite(v) else None for v in task.torque_limit],
+        "shapes": [type(one.geometry).__name__ for one in task.hand.geometry.geometryObjects],
+        "object_radius": task.object.bounding_radius,
         "impact_time": task.impact_time,
         "final_time": task.final_time,
         "law": list(task.law),

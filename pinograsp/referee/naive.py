@@ -78,6 +78,8 @@ def naive_grasp(
         InvalidInput: a start and a target that do not differ.
     """
     task = plan if isinstance(plan, Task) else Task.of(plan)
+    for name in {"mode", "release", "object"} & settings.keys():
+        raise InvalidInput(f"setting '{name}': not accepted here, the joints are moved as commanded and the object is let go")
     tried = 0
 
     def attempt(overclosing: float) -> Simulation:
@@ -92,6 +94,9 @@ def naive_grasp(
 
     if not np.any(naive_task(task, 0.0, start=start, target=target).dq):
         raise InvalidInput("naive grasp: expected a start and a target that differ")
+    found = attempt(0.0)
+    if holds(found):  # caught without pressing
+        return NaiveGrasp(overclosing=0.0, simulation=found, lost=0.0, simulations=tried)
     low, high = 0.0, _FIRST
     found = attempt(high)
     while not holds(found) and high < _MOST:

@@ -30,22 +30,32 @@ class Servo:
     damping: np.ndarray
     rotor: np.ndarray
 
+    def __post_init__(self):
+        n = np.size(self.stiffness)
+        for name in ("stiffness", "damping", "rotor"):
+            values = array_of(f"servo {name}", getattr(self, name), (n,))
+            if np.any(values < 0) or (name == "stiffness" and np.any(values == 0)):
+                raise InvalidInput(f"servo {name}: expected values > 0, got {values.tolist()}")
+            object.__setattr__(self, name, values)
+
     @classmethod
     def of(cls, hand: HandModel, stiffness=None, damping=None) -> Servo:
         """Gains of a hand's servos: one number or (n,) each.
 
-        Default: 50 N m/rad (55.6 kN/m where joints slide), settling in 10 ms. Where joints are coupled, motors have a rotor
+        Rotors are the description's. Default: 50 N m/rad (55.6 kN/m where joints slide), settling in 10 ms. Where joints are coupled, motors have a rotor
         (1e-4 kg m^2, 0.11 kg) and are critically damped: MuJoCo couples joints well only if damping need not be implicit.
         """
         model = hand.model
         slides = np.array([hand.is_prismatic(model.getJointId(name)) for name in hand.joint_names])
         chosen = np.where(slides, _SLIDING, _TURNING) if stiffness is None else _each("servo stiffness", stiffness, hand.n)
-        rotor = np.where(slides, _ROTOR / 0.03**2, _ROTOR) if hand.couplings else np.zeros(hand.n)
+        rotor = np.array(model.armature)
+        if hand.couplings:
+            rotor = np.maximum(rotor, np.where(slides, _ROTOR / 0.03**2, _ROTOR))
         if damping is not None:
             damped = _each("servo damping", damping, hand.n)
         elif hand.couplings:
             inertia = np.diag(pin.crba(model, model.createData(), np.clip(np.zeros(hand.n), hand.lower, hand.upper)))
-            damped = 2 * np.sqrt(chosen * (inertia + rotor))
+            damped = 2 * np.sqrt(chosen * (inertia - model.armature + rotor))
         else:
             damped = _SETTLING * chosen
         return cls(stiffness=chosen, damping=damped, rotor=rotor)
@@ -64,7 +74,7 @@ class Push:
 
     Attributes:
         wrench_o: about its centre of mass, world axes, linear first (6,) [N, N m].
-        start: after the release [s]. duration: [s].
+        start: after the support of the object is gone [s]. duration: [s].
     """
 
     wrench_o: np.ndarray
@@ -82,7 +92,7 @@ class Disturbance:
     """What is not as planned.
 
     Attributes:
-        pushes: wrenches on the object. shake: amplitude of a sinusoidal acceleration of the whole hand after the release (3,)
+        pushes: wrenches on the object. shake: amplitude of a sinusoidal acceleration of the whole hand from t_F on (3,)
             [m/s^2], at ``shake_frequency`` [Hz].
         mu: friction coefficient of all contacts [-]; None: the plan's. mass_factor: the object weighs this many times as much.
         object_offset: displacement of the object (3,) [m], and object_turn: its rotation vector (3,) [rad], before the hand
@@ -103,7 +113,7 @@ class Disturbance:
         def put(name, value):
             object.__setattr__(self, name, value)
 
-        put("pushes", tuple(self.pushes))
+        put("pushes", (self.pushes,) if isinstance(self.pushes, Push) else tuple(self.pushes))
         if not all(isinstance(push, Push) for push in self.pushes):
             raise InvalidInput(f"pushes: expected pinograsp.referee.Push, got {self.pushes!r}")
         for name, unit in (("shake", "m/s^2"), ("object_offset", "m"), ("object_turn", "rad")):
@@ -112,9 +122,11 @@ class Disturbance:
         if self.mu is not None:
             put("mu", number("mu", self.mu, at_least=0))
         put("mass_factor", number("mass factor", self.mass_factor, above=0))
+        if self.start_error is not None:
+            put("start_error", array_of("start error", self.start_error, (None,)))
 
     def wrench(self, since_release: float) -> np.ndarray:
-        """On the object (6,) [N, N m], so long after the release [s]."""
+        """On the object (6,) [N, N m], so long after its support is gone [s]."""
         total = np.zeros(6)
         for push in self.pushes:
             if push.start <= since_release < push.start + push.duration:

@@ -20,6 +20,7 @@ from pinograsp.referee.verdict import verdict_of
 ENGINES, MODES = ("mujoco", "pinocchio"), ("servo", "prescribed")
 TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
 _SUPPORT = 200.0  # [rad/s] of the object on the support that lets it go
+_COARSEST = 0.05  # [s] between samples
 _FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has come apart
 
 
@@ -46,7 +47,7 @@ def simulate(
 
     Args:
         plan: a :class:`~pinograsp.plan.GraspPlan`, a run, or the folder of one.
-        hold: how long after the release [s].
+        hold: how long after the support is gone [s].
         engine: ``"mujoco"`` (extra ``sim``), or ``"pinocchio"``: a second opinion with nothing else installed.
         mode: ``"servo"``; or ``"prescribed"``: the joints are moved as commanded, whatever it takes (the paper's Adams set-up).
         disturbance: what is not as planned. servo: gains; default :meth:`Servo.of`.
@@ -61,19 +62,32 @@ def simulate(
         ExtraMissing: MuJoCo is not installed.
     """
     started = time.perf_counter()
+    if isinstance(plan, Task) and object is not None:
+        raise InvalidInput("object: expected with a plan that does not know its own, got one with a task, which does")
     task = plan if isinstance(plan, Task) else Task.of(plan, object)
     one_of("engine", engine, ENGINES)
     one_of("mode", mode, MODES)
     hold = number("hold", hold, at_least=0, unit="s")
     dt = number("time step", time_step, above=0, unit="s")
-    every = max(1, round(number("sample", sample, above=0, unit="s") / dt))
+    letting_go = number("letting go", letting_go, at_least=0, unit="s")
+    if number("sample", sample, above=0, unit="s") > _COARSEST:
+        raise InvalidInput(f"sample: expected at most {_COARSEST:g} s, got {sample:g} s: the verdict is read from the samples")
+    every = max(1, round(sample / dt))
     servo = Servo.of(task.hand) if servo is None else servo
     wrong = Disturbance() if disturbance is None else disturbance
+    for name, given, kind in (("servo", servo, Servo), ("disturbance", wrong, Disturbance)):
+        if not isinstance(given, kind):
+            raise InvalidInput(f"{name}: expected a {kind.__name__}, got {given!r}")
     hand, prescribed = task.hand, mode == "prescribed"
+    if prescribed and wrong.start_error is not None:
+        raise InvalidInput("start error: expected with servos, joints that move as commanded have none (mode='prescribed')")
+    for push in wrong.pushes:
+        if push.start + push.duration > hold + 0.5 * dt:
+            raise InvalidInput(f"hold: expected at least {push.start + push.duration:g} s, the end of a push, got {hold:g} s")
 
     made = _engine(engine)(task, time_step=dt, servo=servo, mass_factor=wrong.mass_factor)
     law = _law(task, made.parts, wrong.mu)
-    steps = round((task.final_time + hold) / dt)
+    steps = round((task.final_time + hold + (letting_go if release else 0.0)) / dt)
     instants = dt * np.arange(steps + 1)
     course, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, task.final_time)
     q_ref, dq_ref = course(until), course(until, 1)
@@ -88,18 +102,18 @@ def simulate(
     pose = np.array(task.object.pose)
     pose[:3, 3] += wrong.object_offset
     pose[:3, :3] = pin.exp3(np.array(wrong.object_turn)) @ pose[:3, :3]
-    error = 0.0 if wrong.start_error is None or prescribed else array_of("start error", wrong.start_error, (hand.n,))
+    error = 0.0 if wrong.start_error is None else array_of("start error", wrong.start_error, (hand.n,))
     made.place(q_ref[0] + error, dq_ref[0], pose)
 
-    support = _Support(task, pose, wrong.mass_factor, number("letting go", letting_go, at_least=0, unit="s"))
+    support = _Support(task, pose, wrong.mass_factor, letting_go)
     samples = _Samples(made.parts)
     joint_work = load_work = 0.0
     base = kinetic = last = None
     shaken = bool(np.any(wrong.shake))
-    held_until = task.final_time if release else np.inf
+    let_go = round(task.final_time / dt)
     for i in range(steps + 2):  # the last is for what the sample before it lacks
         t = dt * i
-        fixed = t < held_until - 0.5 * dt
+        fixed = not release or i < let_go
         now = min(i, steps)
         if fixed or prescribed:
             made.place(
@@ -126,7 +140,7 @@ def simulate(
         wrench = np.zeros(6)
         if not fixed:
             wrench = task.load + wrong.wrench(since - letting_go) + support.wrench(since, made, touches, pressing)
-        due = i % every == 0 or i == steps
+        due = i % every == 0 or i == steps or (release and i == let_go)
         if due:
             last = [t, made.q, speeds, None, made.object_pose, touches, pressing, law.slip.copy(),
                     [0.0, 0.0, potential, law.elastic, law.damped, law.slipped, law.normal_work]]  # fmt: skip
@@ -135,7 +149,7 @@ def simulate(
         else:
             made.step(q_ref[now], dq_ref[now], torque_ref[now], touches, pressing, wrench)
         after = dq_ref[min(i + 1, steps)] if prescribed else made.dq
-        if not np.abs(after).max(initial=0.0) < _FASTEST:
+        if not np.abs(after).max(initial=0.0) < _FASTEST or not np.isfinite(made.object_twist).all():
             raise SimulationDiverged(t, dt)
         joint_work += 0.5 * dt * float(made.torques @ speeds)
         load_work += 0.0 if fixed else 0.5 * dt * float(wrench @ object_speed)

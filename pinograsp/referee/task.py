@@ -74,7 +74,8 @@ class Task:
             raise InvalidInput("simulate: expected contacts of a hand; these were made without one (hand=None)")
         gravity = arrays["gravity"]
         load = np.array(arrays["load"])
-        load[:3] -= float(arrays["object_mass"]) * gravity
+        # The weight acts on the simulated object by itself. A plan that did not know its object has the given one's in its load.
+        load[:3] -= (float(arrays["object_mass"]) or thing.mass) * gravity
         impact = int(arrays["impact"])
         return cls(
             hand=hand,

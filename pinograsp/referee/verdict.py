@@ -62,13 +62,13 @@ def _held(times, poses, complete: int, drift: float, turn: float, release) -> tu
     if release is None:
         return True, "the object was never let go"
     since = times[-1] - release
-    if drift > GONE:
+    if not drift <= GONE:
         return False, f"the object was {1e3 * drift:.0f} mm away {since:.2f} s after it was let go"
-    if drift > MOVED or turn > TURNED:
+    if not (drift <= MOVED and turn <= TURNED):
         return False, f"the object moved {1e3 * drift:.2f} mm and turned {turn:.1f} deg within {since:.2f} s"
     resting = poses[times >= times[-1] - 0.2 * max(since, 0.0)]
     still = float(np.linalg.norm(resting[:, :3, 3] - resting[-1, :3, 3], axis=1).max())
-    if still > RESTING:
+    if not still <= RESTING:
         return False, f"the object still creeps: {1e3 * still:.2f} mm in the last {0.2 * since:.2f} s"
     return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s"
 
