@@ -305,7 +305,7 @@ def test_wrong_input_is_refused(task, tmp_path):
         ({"count": 0}, "count"),
         ({"seed": -1}, "seed"),
         ({"errors": {"mass": 0.1}}, "errors"),
-        ({"hold": 0.4}, "end of the push"),
+        ({"hold": 0.2}, "end of the push"),
         ({"time_stepp": 1e-3}, "did you mean 'time_step'"),
         ({"disturbance": Disturbance()}, "disturbance"),
         ({"release": False}, "release"),
