@@ -105,12 +105,6 @@ def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
     lines += _table(("", ""), answer(run))
     if s["remedy"]:
         lines += [f"**{s['status']}**: {s['remedy']}", ""]
-    if s["balance"] == "force":
-        lines += [
-            "Forces are balanced, moments are not (force balance, as in the paper): a free object would turn. "
-            "Use `--balance wrench` for a grasp that holds.",
-            "",
-        ]
     if s["cautions"]:
         lines += ["## Cautions", "", *(f"- {caution}" for caution in s["cautions"]), ""]
     if s["notes"]:

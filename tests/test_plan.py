@@ -229,7 +229,7 @@ def test_report_reads_well(run, rows):
         if line.startswith("|"):
             widths.setdefault(line.count("|"), line)
     assert set(widths) <= {3, 4, 7}
-    unbalanced = replace(run, summary={**run.summary, "status": "unbalanced", "remedy": "Raise mu.", "balance": "wrench"})
+    unbalanced = replace(run, summary={**run.summary, "status": "unbalanced", "remedy": "Raise mu.", "cautions": []})
     assert "**unbalanced**: Raise mu." in markdown(unbalanced) and "moments are not" not in markdown(unbalanced)
 
 
