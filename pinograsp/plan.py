@@ -175,6 +175,7 @@ class GraspPlan:
         names = problem.contacts.names
         return {
             "friction_used": {name: finite(v) for name, v in zip(names, margins.friction_used)},
+            "least_mu": dict(zip(names, margins.least_mu.tolist())),
             "slip_distance_N": dict(zip(names, margins.slip_distance.tolist())),
             "load_factor": finite(margins.load_factor),
             "disturbance_any_N": margins.disturbance.lower,

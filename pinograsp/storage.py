@@ -171,8 +171,8 @@ def check_folder(folder: str | Path, force: bool) -> None:
         raise ResultsNotWritten(f"folder '{folder}' already exists: choose another --out, or overwrite it with --force")
     listing = folder / "files.txt"
     ours = {*(listing.read_text(encoding="utf-8").split("\n") if listing.is_file() else ()), "files.txt"}
-    if (folder / "plan.json").is_file() and listing.is_file():  # checks of a run lie in folders of their own within it
-        ours |= {path.name for path in folder.iterdir() if (path / "check.json").is_file()}
+    if (folder / "plan.json").is_file() and listing.is_file():  # checks of a run, and their trials, lie in folders within it
+        ours |= {path.name for path in folder.iterdir() if (path / "check.json").is_file() or any(path.glob("*/monte_carlo.jsonl"))}
     foreign = sorted(path.name for path in folder.iterdir() if path.name not in ours)
     if foreign:
         raise ResultsNotWritten(

@@ -403,6 +403,14 @@ def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
     assert code == 3
     told = json.loads(out)
     assert not told["held"] and told["disturbance"]["mu"] == 0.2 and told["folder"].endswith("check-2")
+    tries = ("check", str(folder), "--hold", "0.6", "--time-step", "1e-3", "--monte-carlo", "1", "--json")
+    first = json.loads(command(*tries)[1])["monte_carlo"]
+    (log,) = (folder / "trials").glob("*/monte_carlo.jsonl")
+    rows = log.read_text().splitlines()
+    log.write_text("\n".join(rows[:-3]) + "\n")  # as if it had been killed
+    again = json.loads(command(*tries)[1])["monte_carlo"]
+    assert again["held"] == first["held"] and log.read_text().splitlines()[:-3] == rows[:-3]
+    assert sorted(log.read_text().splitlines()[-3:]) == sorted(rows[-3:])
     pg.save_run(pg.run_of(plan), folder, force=True)  # a run with checks in it is still ours to overwrite
     pg.save_run(pg.run_of(plan), folder / "of" / "runs")
     with pytest.raises(InvalidInput, match="no run wrote"):  # a folder of runs is not

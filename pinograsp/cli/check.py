@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Annotated
@@ -36,7 +37,7 @@ def check(
     ] = False,
     time_step: Annotated[float, typer.Option(help="Of the simulation \\[s].")] = 2.5e-4,
     monte_carlo: Annotated[
-        int, typer.Option(metavar="N", help="Try N times with each of several random errors, and with all: how likely it holds.")
+        int, typer.Option(metavar="N", help="Try N times with each of several random errors, and with all: how likely it holds. Interrupted, the same command goes on.")
     ] = 0,
     seed: Annotated[int, typer.Option(help="Of the random errors.")] = 0,
     thresholds: Annotated[
@@ -68,6 +69,7 @@ def check(
         settings = {"hold": hold, "engine": engine, "time_step": time_step, "mode": "prescribed" if prescribed else "servo"}
         told = (push, shake, mu, mass, offset, turn, start_error)
         studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
+        studies["trials"] = run / "trials" if out is None else out.with_name(f"{out.name}-trials")
         summary = _check(run, folder, force, settings, told, studies, as_json)
     if as_json:
         typer.echo(json.dumps({**summary, "folder": str(folder)}, allow_nan=False))
@@ -120,13 +122,17 @@ def _studies(task, margins: dict, studies: dict, disturbance, settings: dict, qu
 
     if studies["monte_carlo"]:
         progress = False if quiet else None
-        study = monte_carlo(task, count=studies["monte_carlo"], seed=studies["seed"], progress=progress, **settings)
+        # Trials are kept as they come: the same command, typed again, goes on from there.
+        told = json.dumps({"seed": studies["seed"], **settings}, sort_keys=True)
+        trials = studies["trials"] / hashlib.sha256(told.encode()).hexdigest()[:8]
+        study = monte_carlo(
+            task, count=studies["monte_carlo"], seed=studies["seed"], progress=progress, folder=trials, **settings
+        )
         yield "monte_carlo", study
         if study.interrupted:
             return
     if studies["thresholds"]:
-        used = list(margins["friction_used"].values())
-        least = None if None in used else float(max(share * mu for share, mu in zip(used, task.mu)))
+        least = max(margins["least_mu"].values()) if "least_mu" in margins else None
         yield "slip_threshold", slip_threshold(task, planned=least, disturbance=disturbance, **settings)
         yield "load_threshold", load_threshold(task, planned=margins["load_factor"], disturbance=disturbance, **settings)
 

@@ -7,9 +7,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from pinograsp.errors import InvalidInput
-from pinograsp.hands.geometry import hull_of
-from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
+from pinograsp.referee.geometry import convex, convex_object
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _NEAR = 2e-4  # [m] parts farther off are looked at again when they may have come closer
@@ -181,19 +179,12 @@ class Collider:
 
     def __init__(self, hand, body):
         self.notes: list[str] = []
-        if not isinstance(body, Sphere | Cylinder | Capsule | Box | Ellipsoid | Mesh):
-            raise InvalidInput(
-                f"simulate: expected a shape of pinograsp.objects, got {type(body).__name__}: give its mesh "
-                "(pinograsp.Mesh) as object=..."
-            )
         made = [
             _Part(one.parentJoint, one.placement, shape) for one in hand.geometry.geometryObjects
-            if (shape := self._convex(one.geometry, one.name)) is not None
+            if (shape := convex(one.geometry, one.name, self.notes)) is not None
         ]  # fmt: skip
         self.geometry, self.hand = made, hand
-        self.object = self._convex(body.collision_geometry, "object")
-        if self.object is None:
-            raise InvalidInput("simulate: the object's mesh is flat: expected one with volume")
+        self.object = convex_object(body, self.notes)
         self.object.computeLocalAABB()
         self.centre, self.radius = np.array(self.object.aabb_center), float(self.object.aabb_radius)
         self.extent = float(np.linalg.norm(self.centre)) + self.radius
@@ -204,16 +195,6 @@ class Collider:
         self.request, self.plain, self.result = coal.DistanceRequest(), coal.DistanceRequest(), coal.DistanceResult()
         self.request.enable_signed_distance = self.plain.enable_signed_distance = True
         self.request.gjk_tolerance, self.request.gjk_max_iterations = 1e-12, 1000
-
-    def _convex(self, shape, name: str):
-        if not isinstance(shape, coal.BVHModelBase):
-            return shape
-        hull = hull_of(shape)
-        if hull is None:
-            self.notes.append(f"'{name}' is flat: it is left out")
-        elif abs(shape.computeVolume()) < (1 - 1e-3) * abs(hull.computeVolume()):
-            self.notes.append(f"'{name}' is not convex: its convex hull is taken")
-        return hull
 
     def _reach(self, part: _Part) -> np.ndarray:
         """How far any point of a geometry can move for each unit of each actuated joint (n,)."""

@@ -9,8 +9,7 @@ import pinocchio as pin
 
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
-from pinograsp.hands.geometry import hull_of
-from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
+from pinograsp.referee.geometry import convex, convex_object
 
 _HAND, _OBJECT = {"contype": 1, "conaffinity": 2}, {"contype": 2, "conaffinity": 1}  # the hand does not touch itself
 # Contacts are found from 1 mm off and make no force: MuJoCo's soft contacts cannot judge a static grasp.
@@ -52,12 +51,13 @@ def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_fac
         tie.solref, tie.solimp = (2 * time_step, 1.0), _STIFF
     notes: list[str] = []
     for one in hand.geometry.geometryObjects:
-        _add_geom(spec, bodies[one.parentJoint], one.geometry, one.placement, one.name, notes, **_HAND)
+        shape = convex(one.geometry, one.name, notes)
+        if shape is not None:
+            _add_geom(spec, bodies[one.parentJoint], shape, one.placement, one.name, **_HAND)
     thing = spec.worldbody.add_body(name="object", pos=body.pose[:3, 3], quat=_quaternion(body.pose[:3, :3]))
     thing.add_freejoint()
     _set_inertia(thing, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
-    shape = _object_geometry(body, notes)
-    _add_geom(spec, thing, shape, pin.SE3.Identity(), "object", notes, **_OBJECT)
+    _add_geom(spec, thing, convex_object(body, notes), pin.SE3.Identity(), "object", **_OBJECT)
     try:
         return spec.compile(), notes
     except ValueError as error:
@@ -94,17 +94,7 @@ def _quaternion(rotation) -> np.ndarray:
     return pin.Quaternion(np.array(rotation)).coeffs()[[3, 0, 1, 2]]
 
 
-def _object_geometry(body, notes: list[str]):
-    if isinstance(body, Sphere | Cylinder | Capsule | Box | Ellipsoid):
-        return body.collision_geometry
-    if isinstance(body, Mesh):
-        return body.collision_geometry
-    raise InvalidInput(
-        f"simulate: expected a shape of pinograsp.objects, got {type(body).__name__}: give its mesh (pinograsp.Mesh) as object=..."
-    )
-
-
-def _add_geom(spec, body, shape, placement, name: str, notes: list[str], **bits) -> None:
+def _add_geom(spec, body, shape, placement, name: str, **bits) -> None:
     kinds = mujoco.mjtGeom
     common = {
         "pos": placement.translation, "quat": _quaternion(placement.rotation), **_FOUND_ONLY, **bits,
@@ -119,16 +109,5 @@ def _add_geom(spec, body, shape, placement, name: str, notes: list[str], **bits)
         kind = kinds.mjGEOM_CYLINDER if isinstance(shape, coal.Cylinder) else kinds.mjGEOM_CAPSULE
         body.add_geom(type=kind, size=[shape.radius, shape.halfLength, 0], **common)
     else:
-        hull = shape if isinstance(shape, coal.ConvexBase) else hull_of(shape)
-        if hull is None:
-            notes.append(f"'{name}' is flat: MuJoCo leaves it out")
-            return
-        if hull is not shape and _hollow(shape, hull):
-            notes.append(f"'{name}' is not convex: MuJoCo takes its convex hull")
-        spec.add_mesh(name=name, uservert=np.array(hull.points()).ravel())
+        spec.add_mesh(name=name, uservert=np.array(shape.points()).ravel())
         body.add_geom(type=kinds.mjGEOM_MESH, meshname=name, **common)
-
-
-def _hollow(mesh, hull) -> bool:
-    """Whether the convex hull holds more than a thousandth more than the mesh."""
-    return abs(mesh.computeVolume()) < (1 - 1e-3) * abs(hull.computeVolume())

@@ -245,12 +245,14 @@ def _record(task, samples, made, law, engine, mode, dt, release, wrong, interval
     }  # fmt: skip
     audited = not np.any(wrong.shake)
     released = task.final_time if release else None
+    complete = min(int(times.searchsorted(task.final_time - 0.5 * dt)), times.size - 1)
     return Simulation(
-        verdict=verdict_of(task, joints, shown, released, audited, common),
+        verdict=verdict_of(task, joints, shown, released, audited, complete, common),
         engine=engine,
         mode=mode,
         time_step=dt,
         release=released,
+        complete=complete,
         dq=read_only(dq),
         forces_o=read_only(forces[:, shown]),
         tangential_forces=read_only(across[:, shown]),

@@ -67,6 +67,7 @@ class Simulation:
     Attributes:
         verdict: held or lost, with its numbers. engine: ``"mujoco"`` or ``"pinocchio"``. mode: ``"servo"`` or ``"prescribed"``.
         time_step: [s]. release: when the object was let go [s]; None: never.
+        complete: the sample at which the grasp is complete, at t_F; drift and slip count from there.
         times: samples (s,) [s]. q, dq, torques: (s, n), torques of the motors [N m].
         object_poses: (s, 4, 4). parts: names of the parts of the hand that touch or should (p).
         forces_o: on the object by part (s, p, 3) [N]. normal_forces, tangential_forces: (s, p) [N]; sums over a part's points.
@@ -83,6 +84,7 @@ class Simulation:
     mode: str
     time_step: float
     release: float | None
+    complete: int
     times: np.ndarray
     q: np.ndarray
     dq: np.ndarray
@@ -104,16 +106,15 @@ class Simulation:
     @property
     def grasp_energy(self) -> float:
         """Grasp energy by Eq. (9), (rho + 1) times the work of the normal forces, when the grasp was complete [J]."""
-        at = self.times.searchsorted(self.times[-1] if self.release is None else self.release, side="right") - 1
-        return (self.exponent + 1) * float(self.energies["normal_work"][max(at, 0)])
+        return (self.exponent + 1) * float(self.energies["normal_work"][self.complete])
 
     @property
     def drift(self) -> np.ndarray:
-        """Distance of the object's centre of mass from where it was released (s,) [m]."""
-        start = 0 if self.release is None else int(np.searchsorted(self.times, self.release))
-        start = min(start, self.times.size - 1)
-        moved = np.linalg.norm(self.object_poses[:, :3, 3] - self.object_poses[start, :3, 3], axis=1)
-        return np.where(np.arange(self.times.size) < start, 0.0, moved)
+        """Distance of the object's centre of mass from where it was when the grasp was complete (s,) [m]; 0 before."""
+        position = self.object_poses[:, :3, 3]
+        moved = np.linalg.norm(position - position[self.complete], axis=1)
+        moved[: self.complete] = 0.0
+        return moved
 
     def summary(self) -> dict:
         """Verdict and settings as plain JSON values."""

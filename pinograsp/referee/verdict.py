@@ -11,11 +11,10 @@ _BEYOND = 1e-3  # [rad or m] past a joint's limit
 _AT_LIMIT = 1e-6  # of a torque limit
 
 
-def verdict_of(task, joints, shown, release, audited: bool, samples: dict) -> Verdict:
-    """The verdict on a task from the samples of its simulation; ``release`` [s] or None."""
+def verdict_of(task, joints, shown, release, audited: bool, complete: int, samples: dict) -> Verdict:
+    """The verdict on a task from the samples of its simulation; ``release`` [s] or None, ``complete``: the sample at t_F."""
     times, poses = samples["times"], samples["object_poses"]
     normal, planned = samples["normal_forces"], samples["planned_forces"]
-    complete = min(int(np.searchsorted(times, task.final_time - 1e-9)), times.size - 1)
     start, end = poses[complete], poses[-1]
     drift = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
     turned = end[:3, :3] @ start[:3, :3].T

@@ -43,7 +43,7 @@ def object_motion(simulation) -> Figure:
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     drift, slip = figure.subplots(1, 2)
     times, poses = simulation.times, simulation.object_poses
-    start = 0 if simulation.release is None else min(int(np.searchsorted(times, simulation.release - 1e-9)), times.size - 1)
+    start = simulation.complete
     moved = 1e3 * (poses[start:, :3, 3] - poses[start, :3, 3])
     for i, axis in enumerate("xyz"):
         drift.plot(times[start:], moved[:, i], color=COLOURS[i], linewidth=1.4, label=axis)
@@ -81,7 +81,7 @@ def _first_touch(simulation) -> float:
     touching = np.flatnonzero((simulation.normal_forces > 0).any(axis=1))
     if not touching.size:
         return 0.0
-    first, until = simulation.times[touching[0]], simulation.release or simulation.times[-1]
+    first, until = simulation.times[touching[0]], simulation.times[simulation.complete]
     return first - 0.1 * abs(until - first)
 
 
