@@ -170,8 +170,8 @@ def test_auto_uses_them_only_where_they_apply(contact_set):
     settings = {"contacts": contacts, "load": load, "mu": 0.7}
     problem = ForceProblem(**settings)
     for _ in range(2):
-        assert optimize_forces(problem, 0.85).solver == "interior"
-        assert optimize_forces(problem, 0.85, objective="least_squares").solver == "interior"
+        assert optimize_forces(problem, 0.85).solver == "newton"
+        assert optimize_forces(problem, 0.85, objective="least_squares").solver == "newton"
         assert optimize_forces(problem, 0.85, objective="peak").solver == "daqp"
         assert optimize_forces(ForceProblem(**settings, friction=Friction(edges=8)), 0.85).solver == "interior"
         limited = ForceProblem(**settings, torques=joint_limits(5))
@@ -214,6 +214,32 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
                 proven += 1
                 assert program.excluded(y, np.zeros(0)) > 0
     assert proven >= 18  # of 24
+
+
+def test_dual_newton_recognises_infeasible_loads(contact_set):
+    """By itself: its ray is a certificate, whoever checks it, and there is none where there are forces."""
+    from pinograsp.forces.compiled import template_of
+    from pinograsp.forces.kernels import CONVERGED, INFEASIBLE, dual_newton, newton_scratch, powers_of
+    from pinograsp.forces.program import assemble
+
+    codes = {Status.OK: CONVERGED, Status.INFEASIBLE: INFEASIBLE}
+    for factor in (1e3, 1.0):
+        for contacts, load in grasps(contact_set, 4, 4, 7):
+            for name, model in MODELS.items():
+                problem = ForceProblem(contacts=contacts, load=factor * load, mu=0.5, friction=model)
+                terms = {"work": problem.energy_terms(0.85, "work")}
+                program = assemble(problem, {"work": 1.0}, terms, *problem.normal_force_range(0.85))
+                fixed, d = template_of(program), program.d
+                if not fixed.separates:
+                    continue
+                x, y, q = np.full((d, 4), 0.1), np.zeros(6), np.zeros((d, 4))
+                code, _ = dual_newton(
+                    fixed.components[0], program.b, q, q, *powers_of(np.array(program.powers), 1.0, 1.0), program.lo, program.hi,
+                    fixed.radii, fixed.n_round, x, y, np.empty(newton_scratch(d, 4)),
+                )  # fmt: skip
+                expected = codes[optimize_forces(problem, 0.85, objective="work", solver="daqp").status]
+                assert code == expected, name
+                assert (program.excluded(y, np.zeros(0)) > 0) == (expected == INFEASIBLE)
 
 
 def test_global_search_through_it(make_problem):

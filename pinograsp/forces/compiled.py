@@ -26,7 +26,7 @@ class Template:
     Attributes:
         rows: the balance's, torque rows of several contacts, torque rows of one. order: of the torque rows in the program.
         P (k, d, d), q (k, d), constant, R_lo, R_hi: in newtons and the objective's unit. largest: diagonal entry of P.
-        separates: whether the Newton method applies. strong: whether the objective is strongly convex by itself.
+        separates: whether the Newton method applies.
         packed: sizes and numbers of :func:`pinograsp.forces.kernels.whole`, once :meth:`pack` has made them.
     """
 
@@ -64,7 +64,6 @@ class Template:
         self.constant = program.constant * weight
         diagonal = np.einsum("kjj->kj", self.P)
         self.largest = float(diagonal.max())
-        self.strong = bool(diagonal.min() > 1e-6 * self.largest)
         self.applies = not coupled and not program.peak
         self.separates = self.applies and not len(program.R) and (friction.model != "pyramid" or friction.edges == 4)
         if self.separates and program.P is not None:
@@ -83,7 +82,7 @@ class Template:
             m, widths = self.correction.shape[1], np.ones((k, d))
             widths[:, :-1] = problem.friction.scale(problem.mu)
             sizes = (
-                (k, d, m, all_rows, self.schur, self.strong, self.n_round, len(A), len(self.facets), len(limits)),
+                (k, d, m, all_rows, self.schur, self.n_round, len(A), len(self.facets), len(limits)),
                 (len(self.vertices),), used, own, self.touched, self.counts,
             )  # fmt: skip
             numbers = (
@@ -111,7 +110,7 @@ class Template:
 
     def choice(self, solver: str) -> str:
         """The compiled solver for a request, or "" where none applies."""
-        if solver == "newton" and self.separates:
+        if self.separates and solver in ("auto", "newton"):
             return "newton"
         return "interior" if self.applies and solver in ("auto", "interior") else ""
 
@@ -142,8 +141,8 @@ def solve_program(program: Program, name: str) -> tuple | None:
     weight, force = program.objective_scale, program.force_scale
     coefs, exps = powers_of(np.array(program.powers).reshape(-1, 2), 1.0, 1.0)
     x, y, gauge, residual = np.empty((k, d)), np.empty(fixed.rows.shape[2]), np.empty(k), np.empty(m)
-    code, violation, value, bound = answer(
-        newton, fixed.strong, *fixed.components, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P * (force**2 / weight),
+    code, violation, value, bound, _ = answer(
+        newton, *fixed.components, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P * (force**2 / weight),
         fixed.q * (force / weight), coefs, exps, program.lo, program.hi, fixed.facets, fixed.n_round, fixed.vertices,
         fixed.radii, fixed.R_lo / force, fixed.R_hi / force, fixed.correction, x, y, gauge, residual,
     )  # fmt: skip
@@ -180,13 +179,13 @@ class Prepared:
         """Forces for a load (6,), read-only; None where there is no certified answer.
 
         Returns:
-            primal, dual, size (see :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m],
+            whether by Newton's method (else interior points); primal, dual, size (see :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m],
             violation [N]; and read-only net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2),
             acceleration (k,) [m/s^2], and active limits: at friction, least and largest F_n (k,), torque rows (r,).
         """
         k = self.k
         out, active = np.empty(6 + 7 * k), np.empty(3 * k + len(self.joints), np.bool_)
-        code, violation, most, value, bound, constant, force, moment, scale, unit = whole(
+        code, newton, violation, most, value, bound, constant, force, moment, scale, unit = whole(
             self.sizes, self.numbers, self.at, load, out, active
         )
         bound = max(bound, -constant)  # no objective is negative
@@ -209,7 +208,7 @@ class Prepared:
             out[:6], out[6:end].reshape(k, 3), out[end : end + k], out[end + k : end + 3 * k].reshape(k, 2),
             out[end + 3 * k :], active[:k], active[k : 2 * k], active[2 * k : 3 * k], active[3 * k :],
         )  # fmt: skip
-        return numbers, arrays
+        return newton, numbers, arrays
 
 
 def prepare(problem: ForceProblem, weights, impact_time: float, solver: str, key) -> Prepared | None:
@@ -235,10 +234,10 @@ def compile_now() -> None:
     corners, radii, correction = np.zeros((0, 2)), np.ones(d - 1), np.zeros((k * d, m))
     coefs, exps = powers_of(np.ones((1, 2)), 1.0, 1.0)
     answer(
-        False, True, *components, B, touched, counts, m, np.zeros(m), P, q, coefs, exps, 0.1 * ones, ones, np.zeros((0, d)), 2,
+        False, *components, B, touched, counts, m, np.zeros(m), P, q, coefs, exps, 0.1 * ones, ones, np.zeros((0, d)), 2,
         corners, radii, none, none, correction, np.ones((k, d)), np.zeros(m), np.zeros(k), np.zeros(m),
     )  # fmt: skip
-    sizes = (k, d, m, m, m, 1, 2, m, 0, 1, 0), components[2], touched, counts
+    sizes = (k, d, m, m, m, 2, m, 0, 1, 0), components[2], touched, counts
     numbers = (0.0, 1.0, 1.0, NEAR), *components[:2], B, P, q, radii, correction, np.ones(k * d + 18 * k + 3 * k + k)
     at = (0.0, 0.1, 1.0, 1.0, 1.0, 1.0), ones, (1.0, 1.0)
     whole(

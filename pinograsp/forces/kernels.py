@@ -7,18 +7,22 @@ A x = b the Lagrangian therefore separates,
 
     D(y) = -b . y + sum_i min_{x_i} [ phi(F_i) + 1/2 x_i' p_i x_i + (q_i + A_i' y) . x_i ],   u_i in F_i U,  lo <= F_i <= hi,
 
-and the dual is concave in m unknowns. Each inner problem has a closed form up to one monotone scalar equation: with
-c = q + A' y, a tangential component (or a round pair of them) is u = -c_t / w clipped to F r, w its quadratic weight, so
-F solves
+and the dual is concave in m unknowns. Where phi is quadratic each inner problem has a closed form: with c = q + A' y, a
+tangential component (or a round pair or triple of them) is u = -c_t / w clipped to F r, w its quadratic weight, so F solves
 
-    phi'(F) + p_n F + c_n - sum_t r max(0, |c_t| - w r F) = 0,   clipped to [lo, hi].
+    phi'(F) + p_n F + c_n - sum_t r max(0, |c_t| - w r F) = 0,   clipped to [lo, hi],
 
-The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating x(y): per contact (v v') / g'(F) along the
-edge or ray v that a saturated force moves on, 1 / w for what is not saturated, and F / |c_t| (I - c c') around a cone
-(Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and Toh 2018). The cost of a step grows linearly with the contacts.
-The line search is exact: the directional derivative is monotone. Where the objective has no quadratic weight in some
-direction a proximal one is added that pulls towards the last answer, and falls from pass to pass until the duality gap is
-closed (Rockafellar 1976). Answers are certified like any other's.
+an increasing function that is the least of straight lines, one for each set of saturated components: F is the largest of
+their roots. The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating x(y): per contact (v v') / slope
+along the edge or ray v that a saturated force moves on, 1 / w for what is not saturated, and F / |c_t| (I - c c') around a
+cone (Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and Toh 2018). The cost of a step grows linearly with the contacts.
+The line search is exact: the directional derivative is monotone. Where it stays positive along a step, that step is tried as
+a Farkas certificate: the derivative at infinity is what the certificate proves.
+
+Powers of F_n are replaced by their quadratic models at the last answer, pass by pass (sequential quadratic programming, whose
+fixed point solves the prox of phi exactly). Where the objective has no quadratic weight in some direction a proximal one is
+added that pulls towards the last answer, and falls from pass to pass (Rockafellar 1976). Both end when the duality gap, of
+the objective itself, is closed. Answers are certified like any other's; what this method does not finish interior points do.
 
 **Interior points** take every :class:`~pinograsp.forces.program.Program` whose objective couples no two contacts:
 polyhedral and second-order friction cones, bounds on F_n, powers of F_n (Eqs. 9 and 11), quadratic terms and torque rows. The iterates stay
@@ -40,14 +44,15 @@ import numpy as np
 from numba import njit
 
 FLAGS = {"cache": True, "fastmath": {"contract", "arcp", "nsz"}, "error_model": "numpy"}
+NEWTON = FLAGS | {"fastmath": {"contract", "arcp", "nsz", "reassoc"}}  # sums over contacts side by side
 CONVERGED, STALLED, INFEASIBLE = 0, 1, 2
 # Dual Newton.
 _PASSES = 40
-_LEAST_WEIGHT = 3e-3  # below, nearly linear objectives (the impulse) cost Newton more steps than they save passes
-_FIRST_WEIGHT = 0.1  # first proximal weight, against an objective of order one
-_SHRINK = 0.3  # from pass to pass: smaller steps the Newton method hardly, larger ones cost passes
-_NEWTON_GAP = 1e-7
-_BALANCED = 1e-12  # residual of the balance, of the load
+_NEWTON_STEPS = 100
+_STRONG = 0.03  # least curvature of objectives of order one that need no proximal weight
+_FIRST_WEIGHT, _SHRINK, _LEAST_WEIGHT = 0.1, 0.1, 1e-3  # proximal weights, from pass to pass
+_ROUGHLY, _BALANCED = 1e-2, 1e-11  # residual of the balance, of the load, of the passes before and of the last
+_NEWTON_GAP = 1e-9
 # Interior points.
 _STEPS = 60
 _INTERIOR_GAP = 1e-8  # of the objective, where the certificate ends the search
@@ -63,214 +68,331 @@ _SHARP = 1e-9  # of the load or the largest F_n: answers that miss a limit by mo
 
 
 # -- dual Newton ------------------------------------------------------------------------------------------------------
+#
+# Vectors over all contacts are stored by component, v[j, i] for component j of contact i: the innermost loops run over
+# contacts next to each other in memory, without branches where that matters.
 
 
-@njit(**FLAGS)
-def _inner(c, F, lo, hi, coefs, exps, w, radii, n_round, x):
-    """Minimiser x (d,) over one contact's cone for linear costs c (d,); returns g'(F), or 0 where F is at a bound.
+@njit(**NEWTON)
+def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
+    """x (d, k), the minimiser of every contact's part of the Lagrangian at slopes S + t V (d, k); norm (k,) of its round part.
 
-    F is the starting guess.
+    The normal force solves an equation that increases and is the least of straight lines, one for each set of components at
+    their friction limit: so it is the largest of their roots.
     """
-    e = c.shape[0] - 1
-    round_ = 0.0
-    for j in range(n_round):
-        round_ += c[j] * c[j]
-    round_ = np.sqrt(round_)
-    low, high = lo, hi
-    F = min(max(F, lo), hi)
-    slope = 0.0
-    inside = False
-    for it in range(60):
-        _, first, second = phi(F, coefs, exps)
-        g = c[e] + w[e] * F + first
-        slope = w[e] + second
-        if n_round > 0 and round_ > w[0] * F:
-            g -= round_ - w[0] * F
-            slope += w[0]
-        for j in range(n_round, e):
-            r = radii[j]
-            over = abs(c[j]) - w[j] * r * F
-            if over > 0:
-                g -= r * over
-                slope += w[j] * r * r
-        if g > 0:
-            high = F
-        else:
-            low = F
-        if (g >= 0 and F <= lo) or (g <= 0 and F >= hi):
-            inside = False
-            break
-        inside = True
-        step = g / slope if slope > 0 else np.inf
-        new = F - step
-        if not (new > low and new < high):
-            if new <= lo and low == lo and it < 3:
-                new = lo
-            elif new >= hi and high == hi and it < 3:
-                new = hi
-            else:
-                new = 0.5 * (low + high)
-        if abs(new - F) <= 1e-12 * abs(F):
-            F = new
-            break
-        F = new
-    x[e] = F
-    if n_round > 0:
-        shrink = 1.0 / w[0] if round_ <= w[0] * F else F / round_
-        for j in range(n_round):
-            x[j] = -c[j] * shrink
-    for j in range(n_round, e):
-        reach = radii[j] * F
-        x[j] = min(max(-c[j] / w[j], -reach), reach)
-    return slope if inside else 0.0
-
-
-@njit(**FLAGS)
-def _evaluate(y, AT, b, q, lo, hi, coefs, exps, w, radii, n_round, c, x, slopes, residual):
-    """x(y), costs c and the residual A x - b; all outputs are preallocated."""
-    k, d, m = AT.shape
-    for r in range(m):
-        residual[r] = -b[r]
-    for i in range(k):
-        for j in range(d):
-            total = q[i, j]
-            for r in range(m):
-                total += AT[i, j, r] * y[r]
-            c[i, j] = total
-        slopes[i] = _inner(c[i], x[i, d - 1], lo[i], hi[i], coefs, exps, w[i], radii, n_round, x[i])
-        for j in range(d):
-            for r in range(m):
-                residual[r] += AT[i, j, r] * x[i, j]
-
-
-@njit(**FLAGS)
-def _hessian(AT, c, x, slopes, w, radii, n_round, H, v):
-    """Generalised Hessian (m, m) of -D, its upper triangle."""
-    k, d, m = AT.shape
+    d, k = S.shape
     e = d - 1
-    H[:] = 0.0
+    if n_round == d - 1:  # a cone or a soft finger
+        for i in range(k):
+            a, b, c = S[0, i] + t * V[0, i], S[1, i] + t * V[1, i], S[e, i] + t * V[e, i]
+            g = S[2, i] + t * V[2, i] if n_round == 3 else 0.0
+            length = np.sqrt(a * a + b * b + g * g)
+            F = min(max(max(-c / w[e, i], (length - c) / (w[e, i] + w[0, i])), lo[i]), hi[i])
+            shrink = -F / max(max(length, w[0, i] * F), 1e-300)
+            x[0, i], x[1, i], norm[i] = shrink * a, shrink * b, length
+            if n_round == 3:
+                x[2, i] = shrink * g
+            x[e, i] = F
+        return
     for i in range(k):
-        F = x[i, e]
+        a, b, c, wn = S[0, i] + t * V[0, i], S[1, i] + t * V[1, i], S[e, i] + t * V[e, i], w[e, i]
+        if n_round == 2:
+            norm[i] = np.sqrt(a * a + b * b)
+            pa, va, pb, vb = norm[i], w[0, i], 0.0, 0.0
+        else:
+            pa, va = radii[0] * abs(a), radii[0] * radii[0] * w[0, i]
+            pb, vb = radii[1] * abs(b), radii[1] * radii[1] * w[1, i]
+        F = max(max(-c / wn, (pa - c) / (wn + va)), max((pb - c) / (wn + vb), (pa + pb - c) / (wn + va + vb)))
+        if e == 3:
+            g = S[2, i] + t * V[2, i]
+            c, wn = c - radii[2] * abs(g), wn + radii[2] * radii[2] * w[2, i]
+            F = max(F, max(max(-c / wn, (pa - c) / (wn + va)), max((pb - c) / (wn + vb), (pa + pb - c) / (wn + va + vb))))
+        F = min(max(F, lo[i]), hi[i])
+        x[e, i] = F
+        if e == 3:
+            x[2, i] = min(max(-g / w[2, i], -radii[2] * F), radii[2] * F)
+        if n_round == 2:
+            shrink = -F / max(max(pa, va * F), 1e-300)
+            x[0, i], x[1, i] = shrink * a, shrink * b
+        else:
+            x[0, i] = min(max(-a / w[0, i], -radii[0] * F), radii[0] * F)
+            x[1, i] = min(max(-b / w[1, i], -radii[1] * F), radii[1] * F)
+
+
+@njit(**NEWTON)
+def _slopes(A, y, out):
+    """out (d k,) = A' y with A (m, d k)."""
+    a, b, c = y[0], y[1], y[2]
+    if y.shape[0] == 6:
+        d, e, f = y[3], y[4], y[5]
+        for l in range(A.shape[1]):
+            out[l] = a * A[0, l] + b * A[1, l] + c * A[2, l] + d * A[3, l] + e * A[4, l] + f * A[5, l]
+    else:
+        for l in range(A.shape[1]):
+            out[l] = a * A[0, l] + b * A[1, l] + c * A[2, l]
+
+
+@njit(**NEWTON)
+def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
+    """D (m, terms k) and weights (terms k,) such that D diag(weights) D' is a generalised Hessian of the negative dual.
+
+    Per contact: the ray along which a saturated force moves with F_n, and what moves without it.
+    """
+    m, (d, k) = A.shape[0], S.shape
+    e = d - 1
+    for i in range(k):
+        F, slope = x[e, i], w[e, i]
         for r in range(m):
-            v[r] = AT[i, e, r]
+            D[r, i] = A[r, e * k + i]
         if n_round > 0:
-            length = 0.0
-            for j in range(n_round):
-                length += c[i, j] * c[i, j]
-            length = np.sqrt(length)
-            saturated = length > w[i, 0] * F
-            around = F / length if saturated else 1.0 / w[i, 0]
-            for j in range(n_round):
+            slips = norm[i] > w[0, i] * F
+            around = F / norm[i] if slips else 1.0 / w[0, i]
+            inverse = 1.0 / norm[i] if norm[i] > 0.0 else 0.0
+            a, b = S[0, i] * inverse, S[1, i] * inverse
+            if slips:
+                slope += w[0, i]
+            if n_round == 2:  # around the cone, and towards its axis
+                a = 1.0 if inverse == 0.0 else a
+                weights[k + i], weights[2 * k + i] = around, 0.0 if slips else around
                 for r in range(m):
-                    t = AT[i, j, r] * around
-                    for s in range(r, m):
-                        H[r, s] += t * AT[i, j, s]
-            if saturated:
-                # Less the radial part: along it the force stays on the cone.
-                for r in range(m):
-                    radial = 0.0
-                    for j in range(n_round):
-                        radial += AT[i, j, r] * c[i, j] / length
-                    v[r] -= radial
-                for r in range(m):
-                    t = (AT[i, e, r] - v[r]) * around
-                    for s in range(r, m):
-                        H[r, s] -= t * (AT[i, e, s] - v[s])
-        for j in range(n_round, e):
-            if abs(c[i, j]) > w[i, j] * radii[j] * F:
-                sign = radii[j] if c[i, j] > 0 else -radii[j]
-                for r in range(m):
-                    v[r] -= sign * AT[i, j, r]
+                    radial = A[r, i] * a + A[r, k + i] * b
+                    D[r, k + i], D[r, 2 * k + i] = A[r, k + i] * a - A[r, i] * b, radial
+                    D[r, i] -= radial if slips else 0.0
             else:
+                c = S[2, i] * inverse
+                for j in range(1, 4):
+                    weights[j * k + i] = around
+                weights[4 * k + i] = -around if slips else 0.0
                 for r in range(m):
-                    t = AT[i, j, r] / w[i, j]
-                    for s in range(r, m):
-                        H[r, s] += t * AT[i, j, s]
-        if slopes[i] > 0:
+                    radial = A[r, i] * a + A[r, k + i] * b + A[r, 2 * k + i] * c
+                    D[r, k + i], D[r, 2 * k + i], D[r, 3 * k + i], D[r, 4 * k + i] = A[r, i], A[r, k + i], A[r, 2 * k + i], radial
+                    D[r, i] -= radial if slips else 0.0
+        for j in range(n_round, e):
+            slips = abs(S[j, i]) > w[j, i] * radii[j] * F
+            weights[(j + 1) * k + i] = 0.0 if slips else 1.0 / w[j, i]
+            edge = 0.0
+            if slips:
+                edge = radii[j] if S[j, i] > 0.0 else -radii[j]
+                slope += w[j, i] * radii[j] * radii[j]
             for r in range(m):
-                t = v[r] / slopes[i]
-                for s in range(r, m):
-                    H[r, s] += t * v[s]
+                D[r, (j + 1) * k + i] = A[r, j * k + i]
+                D[r, i] -= edge * A[r, j * k + i]
+        weights[i] = 1.0 / slope if lo[i] < F and F < hi[i] else 0.0
 
 
-@njit(**FLAGS)
-def _newton(y, AT, b, q, lo, hi, coefs, exps, w, radii, n_round, x, tolerance, steps):
-    """Maximise D from y (in place); returns the number of evaluations, negative where it does not converge."""
-    k, d, m = AT.shape
-    c, slopes = np.empty((k, d)), np.empty(k)
-    residual, trial = np.empty(m), np.empty(m)
-    H, step, v = np.empty((m, m)), np.empty(m), np.empty(m)
-    _evaluate(y, AT, b, q, lo, hi, coefs, exps, w, radii, n_round, c, x, slopes, residual)
-    evaluations = 1
-    for it in range(steps):
+@njit(**NEWTON)
+def _newton_direction(D, weights, residual, H, step):
+    """step (m,) with (D diag(weights) D' + a little) step = residual; False where rounding leaves no descent."""
+    m, n, trace, largest = D.shape[0], D.shape[1], 0.0, 0.0
+    for r in range(m):
+        for s in range(r + 1):
+            t = 0.0
+            for l in range(n):
+                t += weights[l] * D[r, l] * D[s, l]
+            H[r, s] = t
+        trace += H[r, r]
+        largest = max(largest, abs(residual[r]))
+    # Where every contact is at its limits the dual is linear: lifted, the step still leads somewhere.
+    lift = 1e-14 * trace + 1e-12 + min(1e-2, 1e-3 * largest)
+    for r in range(m):
+        H[r, r] += lift
+    for r in range(m):
+        t = H[r, r]
+        for l in range(r):
+            t -= H[r, l] * H[r, l]
+        if not t > 0.0:
+            return False
+        H[r, r] = 1.0 / np.sqrt(t)
+        for s in range(r + 1, m):
+            t = H[s, r]
+            for l in range(r):
+                t -= H[s, l] * H[r, l]
+            H[s, r] = t * H[r, r]
+    for r in range(m):
+        t = residual[r]
+        for l in range(r):
+            t -= H[r, l] * step[l]
+        step[r] = t * H[r, r]
+    for r in range(m - 1, -1, -1):
+        t = step[r]
+        for l in range(r + 1, m):
+            t -= H[l, r] * step[l]
+        step[r] = t * H[r, r]
+    return True
+
+
+@njit(**NEWTON)
+def _proves(V, b, y, lo, hi, radii, n_round):
+    """Whether y is a Farkas certificate: y . (A x - b) > 0 for all admissible x, with V = A' y (d, k). If so its largest entry
+    becomes 1."""
+    e, total, size = V.shape[0] - 1, 0.0, 0.0
+    for r in range(b.shape[0]):
+        total -= b[r] * y[r]
+        size = max(size, abs(y[r]))
+    for i in range(V.shape[1]):
+        s, t = V[e, i], 0.0
+        for j in range(n_round):
+            t += V[j, i] * V[j, i]
+        for j in range(n_round, e):
+            s -= radii[j] * abs(V[j, i])
+        s -= np.sqrt(t)
+        total += min(lo[i] * s, hi[i] * s)
+    if not total > _PROVEN * size:
+        return False
+    for r in range(b.shape[0]):
+        y[r] /= size
+    return True
+
+
+@njit(**NEWTON)
+def _ascend(A, b, q, w, lo, hi, radii, n_round, x, y, tolerance, work):
+    """Maximise the dual of quadratic weights w > 0 (d, k) from y (m,); (code, Newton steps).
+
+    Infeasible: y becomes a ray along which the dual grows without end. work: scratch, see :func:`newton_scratch`.
+    """
+    m, (d, k) = A.shape[0], q.shape
+    n, terms = d * k, k * (5 if n_round == 3 else d)
+    residual, step, H, S = work[:m], work[6 : 6 + m], work[12:48].reshape((6, 6)), work[48 : 48 + n]
+    V, norm, weights = work[48 + n : 48 + 2 * n], work[48 + 2 * n :][:k], work[48 + 2 * n + k :][:terms]
+    D = work[48 + 2 * n + k + terms :][: m * terms].reshape((m, terms))
+    S2, V2, flat, costs = S.reshape((d, k)), V.reshape((d, k)), x.reshape(n), q.reshape(n)
+    _slopes(A, y, S)
+    for l in range(n):
+        S[l] += costs[l]
+    _forces_at(S2, 0.0, S2, w, lo, hi, radii, n_round, x, norm)
+    for it in range(_NEWTON_STEPS):
         size = 0.0
         for r in range(m):
-            size = max(size, abs(residual[r]))
+            t = -b[r]
+            for l in range(n):
+                t += A[r, l] * flat[l]
+            residual[r] = t
+            size = max(size, abs(t))
         if size <= tolerance:
-            return evaluations
-        _hessian(AT, c, x, slopes, w, radii, n_round, H, v)
-        _factor(H)
-        step[:] = residual
-        _solve(H, step)
-        start = 0.0
+            return CONVERGED, it
+        _directions(A, S2, x, norm, w, lo, hi, radii, n_round, D, weights)
+        if not _newton_direction(D, weights, residual, H, step):
+            return STALLED, it
+        start, fixed = 0.0, 0.0
         for r in range(m):
             start += residual[r] * step[r]
-        if not start > 0:
-            return -evaluations
-        # The derivative along the step, residual(y + t step) . step, falls from `start`: find its root.
-        below, above, at_below, at_above = 0.0, np.inf, start, 0.0
-        t = 1.0
+            fixed += b[r] * step[r]
+        if not start > 0.0:
+            return STALLED, it
+        if it % 8 == 7:  # slow: does y itself go off?
+            _slopes(A, y, V)
+            if _proves(V2, b, y, lo, hi, radii, n_round):
+                return INFEASIBLE, it
+        _slopes(A, step, V)
+        # The derivative along the step falls from `start`: find its root (regula falsi, Illinois).
+        below, above, at_below, at_above, t, side = 0.0, -1.0, start, 0.0, 1.0, 0
         for search in range(40):
-            for r in range(m):
-                trial[r] = y[r] + t * step[r]
-            _evaluate(trial, AT, b, q, lo, hi, coefs, exps, w, radii, n_round, c, x, slopes, residual)
-            evaluations += 1
-            along = 0.0
-            for r in range(m):
-                along += residual[r] * step[r]
-            if abs(along) <= 0.1 * start:
+            _forces_at(S2, t, V2, w, lo, hi, radii, n_round, x, norm)
+            along = -fixed
+            for l in range(n):
+                along += V[l] * flat[l]
+            if abs(along) <= 0.3 * start:
                 break
-            if along > 0:
-                below, at_below = t, along
-            else:
+            if along < 0.0:
                 above, at_above = t, along
-            if above == np.inf:
-                t *= 4.0 if search < 3 else 16.0
-                if t > 1e12:
-                    return -evaluations  # D grows without end: infeasible
+                if side < 0:
+                    at_below *= 0.5
+                side = -1
             else:
-                t = below + (above - below) * min(max(at_below / (at_below - at_above), 0.1), 0.9)
-                if above - below <= 1e-15 * above:
-                    break
+                below, at_below = t, along
+                if side > 0:
+                    at_above *= 0.5
+                side = 1
+            if above >= 0.0:
+                t = below + at_below * (above - below) / (at_below - at_above)
+                continue
+            if search == 1 and _proves(V2, b, step, lo, hi, radii, n_round):  # it does not end soon: does it at all?
+                for r in range(m):
+                    y[r] = step[r]
+                return INFEASIBLE, it
+            t *= 4.0
+            if t > 1e14:
+                return STALLED, it
         for r in range(m):
-            y[r] = trial[r]
-    return -evaluations
+            y[r] += t * step[r]
+        for l in range(n):
+            S[l] += t * V[l]
+    return STALLED, _NEWTON_STEPS
 
 
-@njit(**FLAGS)
-def dual_newton(y, AT, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, radii, weight, x):
-    """Proximal passes until the duality gap closes; y and x are start and result. Evaluations, negative on failure.
+@njit(**NEWTON)
+def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
+    """The objective at x and the bound that y proves with the tangents of the objective at x; slopes (d k,) is scratch."""
+    d, k = q.shape
+    e, value, bound = d - 1, 0.0, 0.0
+    for r in range(b.shape[0]):
+        bound -= b[r] * y[r]
+    _slopes(A, y, slopes)
+    for i in range(k):
+        s, t = 0.0, 0.0
+        for j in range(d):
+            heavy = P[j, i] * x[j, i]
+            c = q[j, i] + heavy + slopes[j * k + i]
+            value += (q[j, i] + 0.5 * heavy) * x[j, i]
+            bound -= 0.5 * heavy * x[j, i]
+            if j < n_round:
+                t += c * c
+            elif j < e:
+                s -= radii[j] * abs(c)
+            else:
+                s += c
+        s -= np.sqrt(t)
+        if coefs.shape[0] > 0:
+            t, first, _ = phi(x[e, i], coefs, exps)
+            value += t
+            bound += t - first * x[e, i]
+            s += first
+        bound += min(lo[i] * s, hi[i] * s)
+    return value, bound
 
-    Shapes as in :func:`interior_point`; AT (k, d, m) has no torque rows, P (k, d, d) is diagonal; radii (d - 1,).
-    ``weight`` 0: the objective is strongly convex by itself.
+
+@njit(**NEWTON)
+def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
+    """Minimise over the cones from y (m,), 0 if nothing is known; x (d, k) is start and result, y the multipliers.
+
+    A (m, d k), q and P (d, k), the latter the diagonal; the powers as in :func:`interior_point`; lo < hi (k,); radii (d - 1,) of
+    components without a cone. work: :func:`newton_scratch`. Returns (code, Newton steps); infeasible: y is a ray.
     """
-    k, d, m = AT.shape
-    w, shifted, g = np.empty((k, d)), np.empty((k, d)), np.empty(d)
-    total = 0
-    for stage in range(_PASSES if weight > 0 else 1):
+    d, k = q.shape
+    e, n, steps, least = d - 1, d * k, 0, np.inf
+    w, shifted, rest = work[:n].reshape((d, k)), work[n : 2 * n].reshape((d, k)), work[2 * n :]
+    for j in range(d):
         for i in range(k):
-            for j in range(d):
-                w[i, j] = P[i, j, j] + weight
-                shifted[i, j] = q[i, j] - weight * x[i, j]
-        used = _newton(y, AT, b, shifted, lo, hi, coefs, exps, w, radii, n_round, x, _BALANCED, 60)
-        total += abs(used)
-        if used < 0:
-            return -total
-        bound, value = bound_of(y, x, AT, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g)
-        if value - bound <= _NEWTON_GAP * max(abs(value), 1e-12):
-            return total
-        weight = max(weight * _SHRINK, _LEAST_WEIGHT)
-    return total
+            least = min(least, P[j, i])
+    strong = least >= _STRONG
+    once = strong and coefs.shape[0] == 0
+    weight = 0.0 if strong else _FIRST_WEIGHT
+    for stage in range(_PASSES):
+        last = weight < 2 * _LEAST_WEIGHT
+        for j in range(d):
+            for i in range(k):
+                w[j, i], shifted[j, i] = P[j, i] + weight, q[j, i] - weight * x[j, i]
+        for i in range(k if coefs.shape[0] > 0 else 0):
+            F = x[e, i]
+            _, first, second = phi(F, coefs, exps)
+            w[e, i] += second
+            shifted[e, i] += first - second * F
+        code, used = _ascend(A, b, shifted, w, lo, hi, radii, n_round, x, y, _BALANCED if last else _ROUGHLY, rest)
+        steps += used
+        if code != CONVERGED or once:
+            return code, steps
+        if last:
+            value, bound = _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, rest[48:])
+            if value - bound <= _NEWTON_GAP * max(abs(value), 1e-12):
+                return CONVERGED, steps
+        weight = 0.0 if strong else max(weight * _SHRINK, _LEAST_WEIGHT)
+    return STALLED, steps
+
+
+@njit(**NEWTON)
+def newton_scratch(d, k):
+    """Numbers that :func:`dual_newton` needs to work with."""
+    return 48 + 4 * d * k + k + 7 * 5 * k
 
 
 # -- interior points --------------------------------------------------------------------------------------------------
@@ -891,25 +1013,32 @@ def powers_of(terms, scale, unit):
 
 
 @njit(**FLAGS)
-def answer(newton, strong, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
+def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
            correction, x, y, gauge, residual):  # fmt: skip
-    """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound); fills x, y, gauge (k,), residual (m,).
+    """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound, by Newton's method); fills x, y, gauge (k,),
+    residual (m,).
 
-    ``newton`` and ``strong``: which solver, and whether it needs no proximal weight; correction (k d, m) is the pseudoinverse
+    ``newton``: try the dual Newton method first; correction (k d, m) is the pseudoinverse
     of the balance; the rest as in :func:`interior_point`.
     """
     k, d, all_rows = B.shape
     m, e = b.shape[0], d - 1
     code, g, torque, violation, most = CONVERGED, np.empty(d), np.zeros(all_rows - m), 0.0, 1.0
     if newton:
-        x[:] = 0.0
+        z, work = np.zeros((d, k)), np.empty(newton_scratch(d, k) + 2 * d * k)
+        heavy, costs = work[-2 * d * k : -d * k].reshape((d, k)), work[-d * k :].reshape((d, k))
         for i in range(k):
-            x[i, e] = min(max(min(1.0, 2.0 / k), lo[i]), hi[i])
+            z[e, i] = min(max(2.0 / k, lo[i]), hi[i])
+            for j in range(d):
+                heavy[j, i], costs[j, i] = P[i, j, j], q[i, j]
         y[:] = 0.0
-        weight = 0.0 if strong else _FIRST_WEIGHT
-        if dual_newton(y, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, radii, weight, x) < 0:
-            code = STALLED
-    else:
+        code, _ = dual_newton(A[:m], b, costs, heavy, coefs, exps, lo, hi, radii, n_round, z, y, work)
+        for i in range(k):
+            for j in range(d):
+                x[i, j] = z[j, i]
+        if code == STALLED:
+            newton = False
+    if not newton:
         code, _ = interior_point(
             A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, x, y
         )
@@ -950,7 +1079,7 @@ def answer(newton, strong, A, G, used, own, B, touched, counts, n, b, P, q, coef
     if violation > _SHARP * most:
         code = STALLED
     bound, value = bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g)
-    return code, violation, value, bound
+    return code, violation, value, bound, newton
 
 
 @njit(**FLAGS)
@@ -970,12 +1099,12 @@ def whole(sizes, numbers, at, load, out, active):
     :class:`pinograsp.forces.compiled.Template` packs it; at: impact time and limits, as
     :class:`~pinograsp.forces.compiled.Prepared` packs them. Fills out (6 + 7 k,): net wrench, contact forces (k, 3),
     torsion (k,), multipliers (k, 2), acceleration (k,); and active (3 k + r,): at friction, least and largest F_n, torque rows.
-    Returns, dimensionless, (CONVERGED or what went wrong, violation, largest F_n, objective, bound, its constant, net force,
+    Returns, dimensionless, (CONVERGED or what went wrong, by Newton's method or interior points, violation, largest F_n, objective, bound, its constant, net force,
     net moment) and what forces [N] and the objective were divided by.
     """
-    k, d, m, all_rows, n, strong, n_round = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5] != 0, sizes[6]
-    padded, facets, limited, corners, e = sizes[7], sizes[8], sizes[9], sizes[10], sizes[1] - 1
-    used, i = _part(sizes, 11, (limited, d))
+    k, d, m, all_rows, n, n_round = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5]
+    padded, facets, limited, corners, e = sizes[6], sizes[7], sizes[8], sizes[9], sizes[1] - 1
+    used, i = _part(sizes, 10, (limited, d))
     own, i = _part(sizes, i, (limited - facets - 1, k))
     touched, i = _part(sizes, i, (k, all_rows))
     counts, i = _part(sizes, i, (k, 2))
@@ -1003,7 +1132,7 @@ def whole(sizes, numbers, at, load, out, active):
     torsion, i = _part(out, i, (k,))
     multipliers, i = _part(out, i, (k, 2))
     acceleration, i = _part(out, i, (k,))
-    failed = (STALLED, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    failed = (STALLED, False, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     scale = 0.0
     b = np.empty(m)
     for r in range(m):
@@ -1029,8 +1158,8 @@ def whole(sizes, numbers, at, load, out, active):
     R_lo, R_hi = R_lo0 / scale, R_hi0 / scale
     constant = constant / unit
     x, y, gauge, residual = np.empty((k, d)), np.empty(all_rows), np.empty(k), np.empty(m)
-    code, violation, value, bound = answer(
-        newton, strong, A, limits, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
+    code, violation, value, bound, newton = answer(
+        newton, A, limits, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
         correction, x, y, gauge, residual,
     )  # fmt: skip
     if code != CONVERGED:
@@ -1070,4 +1199,4 @@ def whole(sizes, numbers, at, load, out, active):
             force += residual[r] * residual[r]
         else:
             moment += residual[r] * residual[r]
-    return code, violation, most, value, bound, constant, np.sqrt(force), np.sqrt(moment), scale, unit
+    return code, newton, violation, most, value, bound, constant, np.sqrt(force), np.sqrt(moment), scale, unit

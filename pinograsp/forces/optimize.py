@@ -105,8 +105,9 @@ def optimize_forces(
             squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All convex, solved to optimality.
-        solver: ``"auto"``: after :func:`warm_up` the compiled interior-point method (``"interior"``; all objectives but peak
-            and coupled motor heat); else DAQP up to 20 contacts, and Clarabel.
+        solver: ``"auto"``: after :func:`warm_up` a compiled method: Newton on the dual (``"newton"``; cones, soft fingers and
+            4-edge pyramids without torque limits) or interior points (``"interior"``; all but peak and coupled motor heat);
+            else DAQP up to 20 contacts, and Clarabel.
             Or a name of :data:`FORCE_SOLVERS`. A backend that cannot take the problem or whose answer fails its certificate
             hands over to DAQP and Clarabel; the record says which one ran.
 
@@ -146,7 +147,7 @@ def _compiled(problem, ready, started) -> ForceSolution | None:
     answer = ready.forces(problem.load)
     if answer is None:
         return None
-    (primal, dual, size, force, moment, violation), arrays = answer
+    newton, (primal, dual, size, force, moment, violation), arrays = answer
     wrench, forces, torsion, multipliers, acceleration, at_friction, at_least, at_most, at_torque = arrays
     certificate = record_of(Certificate, {
         "primal": primal,
@@ -164,7 +165,7 @@ def _compiled(problem, ready, started) -> ForceSolution | None:
         "status": Status.OK,
         "problem": problem,
         "search": "convex",
-        "solver": ready.solver,
+        "solver": "newton" if newton else "interior",
         "objective": dict(ready.weights),
         "impact_time": ready.impact_time,
         "acceleration": acceleration,
