@@ -17,7 +17,7 @@ _HOMES = {
         "optimize_grasp", "LoadSet", "optimize_robust", "grasp_margins", "load_margin", "force_closure", "min_weight",
         "refine_multipliers", "warm_up",
     ),  # fmt: skip
-    "pinograsp.motion": ("MotionSpec", "contact_postures", "plan_motion", "torque_limits"),
+    "pinograsp.motion": ("MotionSpec", "OnlineForces", "contact_postures", "plan_motion", "torque_limits"),
     "pinograsp.plan": ("GraspPlan", "plan_grasp"),
     "pinograsp.referee": ("simulate",),
     "pinograsp.cases": ("load_case",),

@@ -41,7 +41,7 @@ in Vandenberghe 2010). In infeasible programs the multipliers grow along a Farka
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 FLAGS = {"cache": True, "fastmath": {"contract", "arcp", "nsz"}, "error_model": "numpy"}
 NEWTON = FLAGS | {"fastmath": {"contract", "arcp", "nsz", "reassoc"}}  # sums over contacts side by side
@@ -53,6 +53,7 @@ _STRONG = 0.03  # least curvature of objectives of order one that need no proxim
 _FIRST_WEIGHT, _SHRINK, _LEAST_WEIGHT = 0.1, 0.1, 1e-3  # proximal weights, from pass to pass
 _ROUGHLY, _BALANCED = 1e-2, 1e-11  # residual of the balance, of the load, of the passes before and of the last
 _NEWTON_GAP = 1e-9
+_GIVE, _GIVES = 1e-3, 6  # softness of the balance where it cannot be had, squared forces weigh one; proximal passes
 # Interior points.
 _STEPS = 60
 _INTERIOR_GAP = 1e-8  # of the objective, where the certificate ends the search
@@ -181,8 +182,8 @@ def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
 
 
 @njit(**NEWTON)
-def _newton_direction(D, weights, residual, H, step):
-    """step (m,) with (D diag(weights) D' + a little) step = residual; False where rounding leaves no descent."""
+def _newton_direction(D, weights, give, residual, H, step):
+    """step (m,) with (D diag(weights) D' + give + a little) step = residual; False where rounding leaves no descent."""
     m, n, trace, largest = D.shape[0], D.shape[1], 0.0, 0.0
     for r in range(m):
         for s in range(r + 1):
@@ -193,7 +194,7 @@ def _newton_direction(D, weights, residual, H, step):
         trace += H[r, r]
         largest = max(largest, abs(residual[r]))
     # Where every contact is at its limits the dual is linear: lifted, the step still leads somewhere.
-    lift = 1e-14 * trace + 1e-12 + min(1e-2, 1e-3 * largest)
+    lift = give + 1e-14 * trace + 1e-12 + min(1e-2, 1e-3 * largest)
     for r in range(m):
         H[r, r] += lift
     for r in range(m):
@@ -245,10 +246,10 @@ def _proves(V, b, y, lo, hi, radii, n_round):
 
 
 @njit(**NEWTON)
-def _ascend(A, b, q, w, lo, hi, radii, n_round, x, y, tolerance, work):
-    """Maximise the dual of quadratic weights w > 0 (d, k) from y (m,); (code, Newton steps).
+def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, work):
+    """Maximise the dual of quadratic weights w > 0 (d, k) from y (m,) in at most ``most`` steps; (code, Newton steps).
 
-    Infeasible: y becomes a ray along which the dual grows without end. work: scratch, see :func:`newton_scratch`.
+    With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give). Infeasible: y becomes a ray along which the dual grows without end. work: scratch, see :func:`newton_scratch`.
     """
     m, (d, k) = A.shape[0], q.shape
     n, terms = d * k, k * (5 if n_round == 3 else d)
@@ -260,10 +261,10 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, x, y, tolerance, work):
     for l in range(n):
         S[l] += costs[l]
     _forces_at(S2, 0.0, S2, w, lo, hi, radii, n_round, x, norm)
-    for it in range(_NEWTON_STEPS):
+    for it in range(most):
         size = 0.0
         for r in range(m):
-            t = -b[r]
+            t = -b[r] - give * y[r]
             for l in range(n):
                 t += A[r, l] * flat[l]
             residual[r] = t
@@ -271,15 +272,16 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, x, y, tolerance, work):
         if size <= tolerance:
             return CONVERGED, it
         _directions(A, S2, x, norm, w, lo, hi, radii, n_round, D, weights)
-        if not _newton_direction(D, weights, residual, H, step):
+        if not _newton_direction(D, weights, give, residual, H, step):
             return STALLED, it
-        start, fixed = 0.0, 0.0
+        start, fixed, pull = 0.0, 0.0, 0.0
         for r in range(m):
             start += residual[r] * step[r]
-            fixed += b[r] * step[r]
+            fixed += (b[r] + give * y[r]) * step[r]
+            pull += give * step[r] * step[r]
         if not start > 0.0:
             return STALLED, it
-        if it % 8 == 7:  # slow: does y itself go off?
+        if it % 8 == 7 and give == 0.0:  # slow: does y itself go off?
             _slopes(A, y, V)
             if _proves(V2, b, y, lo, hi, radii, n_round):
                 return INFEASIBLE, it
@@ -288,7 +290,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, x, y, tolerance, work):
         below, above, at_below, at_above, t, side = 0.0, -1.0, start, 0.0, 1.0, 0
         for search in range(40):
             _forces_at(S2, t, V2, w, lo, hi, radii, n_round, x, norm)
-            along = -fixed
+            along = -fixed - t * pull
             for l in range(n):
                 along += V[l] * flat[l]
             if abs(along) <= 0.3 * start:
@@ -306,7 +308,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, x, y, tolerance, work):
             if above >= 0.0:
                 t = below + at_below * (above - below) / (at_below - at_above)
                 continue
-            if search == 1 and _proves(V2, b, step, lo, hi, radii, n_round):  # it does not end soon: does it at all?
+            if search == 1 and give == 0.0 and _proves(V2, b, step, lo, hi, radii, n_round):  # it does not end soon: does it at all?
                 for r in range(m):
                     y[r] = step[r]
                 return INFEASIBLE, it
@@ -317,7 +319,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, x, y, tolerance, work):
             y[r] += t * step[r]
         for l in range(n):
             S[l] += t * V[l]
-    return STALLED, _NEWTON_STEPS
+    return STALLED, most
 
 
 @njit(**NEWTON)
@@ -377,7 +379,8 @@ def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
             _, first, second = phi(F, coefs, exps)
             w[e, i] += second
             shifted[e, i] += first - second * F
-        code, used = _ascend(A, b, shifted, w, lo, hi, radii, n_round, x, y, _BALANCED if last else _ROUGHLY, rest)
+        tolerance = _BALANCED if last else _ROUGHLY
+        code, used = _ascend(A, b, shifted, w, lo, hi, radii, n_round, 0.0, x, y, tolerance, _NEWTON_STEPS, rest)
         steps += used
         if code != CONVERGED or once:
             return code, steps
@@ -1200,3 +1203,237 @@ def whole(sizes, numbers, at, load, out, active):
         else:
             moment += residual[r] * residual[r]
     return code, newton, violation, most, value, bound, constant, np.sqrt(force), np.sqrt(moment), scale, unit
+
+
+# -- many problems, and one again and again ---------------------------------------------------------------------------
+
+
+@njit(**FLAGS)
+def _columns(points, rotations, mu, torsion, arm, A, widths):
+    """Balance A (m, d k) by component from contact points (k, 3) about the centre of mass and frames (k, 3, 3), moments over
+    ``arm``; widths (d, k): what a component of one newton at the friction limit is [N, N m]."""
+    m, k, d = A.shape[0], points.shape[0], widths.shape[0]
+    e = d - 1
+    for i in range(k):
+        widths[0, i], widths[1, i], widths[e, i] = mu[i], mu[i], 1.0
+        if d == 4:
+            widths[2, i] = torsion
+        for j in range(3):
+            at = (e if j == 2 else j) * k + i
+            size = 1.0 if j == 2 else mu[i]
+            u, v, w = size * rotations[i, 0, j], size * rotations[i, 1, j], size * rotations[i, 2, j]
+            A[0, at], A[1, at], A[2, at] = u, v, w
+            if m == 6:
+                x, y, z = points[i, 0] / arm, points[i, 1] / arm, points[i, 2] / arm
+                A[3, at], A[4, at], A[5, at] = y * w - z * v, z * u - x * w, x * v - y * u
+        if d == 4:
+            for r in range(m):
+                A[r, 2 * k + i] = rotations[i, r - 3, 2] * torsion / arm if r >= 3 else 0.0
+
+
+@njit(**FLAGS)
+def _judge(A, b, lo, hi, radii, n_round, x):
+    """Norm of A x - b and the largest violation of friction and bounds on F_n."""
+    m, (d, k) = A.shape[0], x.shape
+    e, violation, off = d - 1, 0.0, 0.0
+    for i in range(k):
+        F, t = x[e, i], 0.0
+        for j in range(n_round):
+            t += x[j, i] * x[j, i]
+        t = np.sqrt(t)
+        for j in range(n_round, e):
+            t = max(t, abs(x[j, i]) / radii[j])
+        violation = max(violation, max(t - F, max(lo[i] - F, F - hi[i])))
+    for r in range(m):
+        t = -b[r]
+        for i in range(k):
+            for j in range(d):
+                t += A[r, j * k + i] * x[j, i]
+        off += t * t
+    return np.sqrt(off), violation
+
+
+@njit(**FLAGS)
+def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, weights, terms, radii, n_round, forces, moments, answers):
+    """One problem of :func:`many`; its code."""
+    k, d = points.shape[0], radii.shape[0] + 1
+    e, n = d - 1, d * k
+    room = np.empty((m + 6) * n + 3 * k + newton_scratch(d, k))
+    A, at = room[: m * n].reshape((m, n)), m * n
+    widths, P, q, x = (
+        room[at : at + n].reshape((d, k)), room[at + n : at + 2 * n].reshape((d, k)), room[at + 2 * n : at + 3 * n].reshape((d, k)),
+        room[at + 3 * n : at + 4 * n].reshape((d, k)),
+    )  # fmt: skip
+    at += 4 * n
+    lo, hi, work = room[at : at + k], room[at + k : at + 2 * k], room[at + 2 * k :]
+    b, y, scale = np.empty(m), np.zeros(m), 0.0
+    for r in range(m):
+        b[r] = -load[r] if r < 3 else -load[r] / arm
+        scale += b[r] * b[r]
+    scale = np.sqrt(scale)
+    if scale == 0.0:
+        scale = low[0] if low[0] > 0.0 else 1.0
+    _columns(points, rotations, mu, torsion, arm, A, widths)
+    unit, heaviest = 0.0, 0.0
+    for i in range(k):
+        for j in range(d):
+            size = widths[j, i] if j < 2 or j == e else widths[j, i] / arm
+            P[j, i], q[j, i] = 2.0 * weights[0] * size * size, 0.0
+            heaviest = max(heaviest, P[j, i])
+        q[e, i] = weights[1]
+        lo[i], hi[i] = low[i] / scale, high[i] / scale
+        if not lo[i] <= hi[i]:
+            return INFEASIBLE
+        x[e, i] = min(max(2.0 / k, lo[i]), hi[i])
+        for j in range(e):
+            x[j, i] = 0.0
+    unit = max(0.5 * heaviest * scale * scale, weights[1] * scale)
+    for a in range(terms.shape[0]):
+        unit = max(unit, terms[a, 0] * scale ** terms[a, 1])
+    for i in range(k):
+        for j in range(d):
+            P[j, i] *= scale * scale / unit
+            q[j, i] *= scale / unit
+    for r in range(m):
+        b[r] /= scale
+    coefs, exps = powers_of(terms, scale, unit)
+    code, steps = dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work)
+    if code == CONVERGED:
+        value, bound = _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work)
+        off, violation = _judge(A, b, lo, hi, radii, n_round, x)
+        answers[0], answers[1], answers[2], answers[3] = value * unit, bound * unit, off * scale, max(violation, 0.0) * scale
+        # Negated, so that what is not a number fails.
+        if not (off <= 1e-10 and violation <= 1e-10 and value - bound <= 1e-8 * max(abs(value), 1e-5)):
+            code = STALLED
+    if code == CONVERGED:
+        for i in range(k):
+            forces[i, 0], forces[i, 1], forces[i, 2] = x[0, i] * scale * mu[i], x[1, i] * scale * mu[i], x[e, i] * scale
+            moments[i] = x[2, i] * scale * torsion if d == 4 else 0.0
+    return code
+
+
+@njit(parallel=True, **FLAGS)
+def many(points, rotations, counts, loads, mu, torsion, low, high, arms, m, weights, terms, radii, n_round, forces, moments, answers, codes):
+    """N problems on all threads: the first counts[p] contacts of each. Fills forces (N, k, 3), moments (N, k), answers (N, 4:
+    objective, bound, residual [N], violation [N]) and codes (N,)."""
+    for p in prange(loads.shape[0]):
+        k = counts[p]
+        codes[p] = _one_of_many(
+            points[p, :k], rotations[p, :k], loads[p], mu[p, :k], torsion, low[p, :k], high[p, :k], arms[p], m, weights, terms, radii,
+            n_round, forces[p], moments[p], answers[p],
+        )  # fmt: skip
+
+
+@njit(**FLAGS)
+def _not_finite(values):
+    for v in values.ravel():
+        if not abs(v) < 1e12:
+            return True
+    return False
+
+
+@njit(**FLAGS)
+def online(wrench, frames, limits, settings, state, jacobian, gravity, chains, out):
+    """One tick of :class:`pinograsp.motion.OnlineForces`: (code, Newton steps, what is not balanced [N]).
+
+    Shapes: wrench (6,), the load; frames (k, 13): contact point about the centre of mass, contact frame by rows, mu; limits
+    (4, k): least and largest F_n, share of them that holds now, share that it moves to; settings (11,): rows of the balance,
+    round components, torsion [m], arm [m], safety factor, most steps, change of F_n and of shares per tick, centre of mass;
+    state: multipliers of the last tick (6) [N], scratch; jacobian (6, columns) of the joints, world axes, linear velocity at the
+    world's origin first; gravity (n,); chains (p, 3): a contact, a joint's column and degree of freedom. out: forces (3 k),
+    torsional moments (k), unbalanced wrench (6), torques (n); on entry the last tick's.
+
+    The objective is the sum of squares of F_n and of tangential forces; a torsional moment counts as the tangential force that
+    uses as much friction. CONVERGED: balanced; INFEASIBLE: the closest forces; STALLED: not within the steps, the closest that
+    were found; -1: an input is not finite or a friction coefficient negative, and nothing has changed.
+    """
+    k, m, n_round, torsion, arm, safety = len(frames), int(settings[0]), int(settings[1]), settings[2] / settings[4], settings[3], settings[4]
+    d, most = 4 if torsion > 0.0 else 3, int(settings[5])
+    e, n = d - 1, d * k
+    if _not_finite(wrench) or _not_finite(frames) or _not_finite(gravity) or frames[:, 12].min() < 0.0:
+        return -1, 0, 0.0
+    points, rotations = np.ascontiguousarray(frames[:, :3]), np.ascontiguousarray(frames[:, 3:12]).reshape((k, 3, 3))
+    forces, moments = out[: 3 * k].reshape((k, 3)), out[3 * k : 4 * k]
+    unbalanced, torques = out[4 * k : 4 * k + 6], out[4 * k + 6 :]
+    room = state[6:]
+    A, at = room[: m * n].reshape((m, n)), m * n
+    widths, w, q, x = (
+        room[at : at + n].reshape((d, k)), room[at + n : at + 2 * n].reshape((d, k)), room[at + 2 * n : at + 3 * n].reshape((d, k)),
+        room[at + 3 * n : at + 4 * n].reshape((d, k)),
+    )  # fmt: skip
+    at += 4 * n
+    lo, hi, mu = room[at : at + k], room[at + k : at + 2 * k], room[at + 2 * k : at + 3 * k]
+    b, y, radii, work = room[at + 3 * k :][:m], room[at + 3 * k + 6 :][:m], room[at + 3 * k + 12 :][:e], room[at + 3 * k + 15 :]
+    scale = 1e-9
+    for r in range(m):
+        b[r] = -wrench[r] if r < 3 else -wrench[r] / arm
+        scale = max(scale, abs(b[r]))
+    for i in range(k):
+        # What is gained or lost is so bit by bit, and no force changes faster than it may.
+        limits[2, i] += min(max(limits[3, i] - limits[2, i], -settings[7]), settings[7])
+        least, largest, F = limits[0, i] * limits[2, i], limits[1, i] * limits[2, i], forces[i, 2]
+        lo[i] = min(max(least, F - settings[6]), largest)
+        hi[i] = max(min(largest, F + settings[6]), lo[i])
+        mu[i] = frames[i, 12] / safety
+        scale = max(scale, lo[i])
+    _columns(points, rotations, mu, torsion, arm, A, widths)
+    for j in range(e):
+        radii[j] = np.sqrt(0.5) if n_round == 0 and j < 2 else 1.0
+    for i in range(k):
+        lo[i], hi[i] = lo[i] / scale, hi[i] / scale
+        for j in range(d):
+            # Without friction its components do nothing: any weight will do.
+            w[j, i], q[j, i] = 1.0 if j == e else max(mu[i] * mu[i], 1e-6), 0.0
+    for r in range(m):
+        b[r] /= scale
+        y[r] = state[r] / scale
+    code, steps = _ascend(A, b, q, w, lo, hi, radii, n_round, 0.0, x, y, _BALANCED, most, work)
+    if code == STALLED:  # from scratch, then
+        y[:] = 0.0
+        code, used = _ascend(A, b, q, w, lo, hi, radii, n_round, 0.0, x, y, _BALANCED, most, work)
+        steps += used
+    for r in range(m):
+        state[r] = y[r] * scale if code == CONVERGED else 0.0
+    if code != CONVERGED:
+        # As near to balance as it gets: proximal passes take the weight of the forces out of it.
+        y[:] = 0.0
+        for stage in range(_GIVES):
+            for i in range(k):
+                for j in range(d):
+                    q[j, i] = -w[j, i] * x[j, i] if stage else 0.0
+            _, used = _ascend(A, b, q, w, lo, hi, radii, n_round, _GIVE, x, y, 1e-9, most, work)
+            steps += used
+    off, _ = _judge(A, b, lo, hi, radii, n_round, x)
+    for r in range(6):
+        unbalanced[r] = wrench[r]
+    for j in range(len(torques)):
+        torques[j] = gravity[j]
+    p = 0
+    for i in range(k):
+        forces[i, 0], forces[i, 1], forces[i, 2] = x[0, i] * scale * mu[i], x[1, i] * scale * mu[i], x[e, i] * scale
+        moments[i] = x[2, i] * scale * torsion if d == 4 else 0.0
+        R = rotations[i]
+        f = (
+            R[0, 0] * forces[i, 0] + R[0, 1] * forces[i, 1] + R[0, 2] * forces[i, 2],
+            R[1, 0] * forces[i, 0] + R[1, 1] * forces[i, 1] + R[1, 2] * forces[i, 2],
+            R[2, 0] * forces[i, 0] + R[2, 1] * forces[i, 1] + R[2, 2] * forces[i, 2],
+        )
+        turn = (R[0, 2] * moments[i], R[1, 2] * moments[i], R[2, 2] * moments[i])
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            unbalanced[r] += f[r]
+            unbalanced[3 + r] += turn[r] + points[i, s] * f[t] - points[i, t] * f[s]
+        P = (points[i, 0] + settings[8], points[i, 1] + settings[9], points[i, 2] + settings[10])
+        a = turn[0] + P[1] * f[2] - P[2] * f[1], turn[1] + P[2] * f[0] - P[0] * f[2], turn[2] + P[0] * f[1] - P[1] * f[0]
+        while p < len(chains) and chains[p, 0] == i:
+            c = chains[p, 1]
+            t = jacobian[0, c] * f[0] + jacobian[1, c] * f[1] + jacobian[2, c] * f[2]
+            torques[chains[p, 2]] += t + jacobian[3, c] * a[0] + jacobian[4, c] * a[1] + jacobian[5, c] * a[2]
+            p += 1
+    return code, steps, off * scale
+
+
+@njit(**FLAGS)
+def online_scratch(d, k):
+    """Numbers in the state of :func:`online`."""
+    return 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)

@@ -1,0 +1,221 @@
+"""Contact forces and joint torques tick by tick, in a control loop of about 1 kHz."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.checks import array_of, number
+from pinograsp.contacts import PALM
+from pinograsp.errors import ExtraMissing, InvalidInput, Status
+from pinograsp.forces import ForceProblem
+from pinograsp.hands import HandModel
+
+_MOST = 50  # Newton steps of one try; a warm start needs one to five
+
+
+class OnlineForces:
+    """Forces that hold a changing load, with joint torques: everything is allocated here, :meth:`step` only computes.
+
+    Every tick minimises the sum of squares of normal and tangential forces (a torsional moment counts as the tangential force that
+    uses as much friction) under balance, friction and the limits of F_n, from the last tick's multipliers: a strongly convex
+    problem, so the forces change no more abruptly than the load does. Solved to 1e-11 of the load by Newton's method on the
+    dual (:mod:`pinograsp.forces.kernels`), in a bounded number of steps.
+
+    Attributes:
+        forces: (k, 3) in the contacts' axes [N]. moments: about the normals (k,) [N m]. torques: (n,) [N m], empty without a hand.
+        unbalanced: wrench (6,) that the contacts leave, about the centre of mass [N, N m].
+        status: ``OK``; ``INFEASIBLE``: these are the closest forces (least squares; moments over the problem's moment length);
+            ``INACCURATE``: closest within the steps allowed.
+        steps: Newton steps of the last tick. names: the contacts.
+
+    The arrays are overwritten by the next step: copy what must stay.
+    """
+
+    def __init__(
+        self,
+        problem: ForceProblem,
+        *,
+        hand: HandModel | None = None,
+        q=None,
+        normal_forces: tuple | None = None,
+        max_rate: float | None = None,
+        ramp: float = 0.1,
+        period: float = 1e-3,
+        max_steps: int = _MOST,
+    ):
+        """Built once from a grasp; compiles on the way what is not compiled yet.
+
+        Args:
+            problem: contacts, friction (a cone, soft fingers or a 4-edge pyramid), balance, gravity. Its load is not used.
+            hand: whose torques are wanted; None: forces alone. q: its posture (n,) [rad]; default: the contacts' own.
+            normal_forces: least and largest F_n [N], numbers or (k,); default: the problem's range at the middle of its impact times.
+            max_rate: largest |dF_n/dt| [N/s]; None: any. ramp: how long a contact that is gained or lost takes [s].
+            period: of the loop [s]. max_steps: Newton steps of one try.
+
+        Raises:
+            InvalidInput: what cannot be used, with the reason. ExtraMissing: numba (extra ``fast``) is not installed.
+        """
+        try:
+            from pinograsp.forces import kernels
+        except ImportError as error:
+            raise ExtraMissing(f"OnlineForces needs numba: pip install 'pinograsp[fast]' ({error})") from error
+        if not isinstance(problem, ForceProblem):
+            raise InvalidInput(f"OnlineForces: expected a ForceProblem, got {type(problem).__name__}")
+        friction, k = problem.friction, problem.k
+        if friction.model == "pyramid" and friction.edges != 4:
+            raise InvalidInput(f"OnlineForces: expected a cone, soft fingers or 4 edges, got a pyramid with {friction.edges}")
+        if problem.torques is not None:
+            raise InvalidInput("OnlineForces: torque limits are not part of it: give limits of F_n, or use optimize_forces")
+        self.problem, self.hand, self.names = problem, hand, problem.contacts.names
+        self.period = number("period", period, above=0, unit="s")
+        ramp = number("ramp", ramp, at_least=0, unit="s")
+        self._rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
+        n = 0 if hand is None else hand.n
+        self._out = np.zeros(4 * k + 6 + n)
+        self.forces, self.moments = self._out[: 3 * k].reshape(k, 3), self._out[3 * k : 4 * k]
+        self.unbalanced, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
+        self.status, self.steps, self._started = Status.OK, 0, False
+        self._frames = np.empty((k, 13))
+        self._com = np.array(problem.contacts.com_o)
+        self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
+        self._frames[:, 12] = problem.mu
+        self._limits = np.ones((4, k))
+        self._limits[:2] = self._range(normal_forces)
+        steps = int(number("most steps", max_steps, at_least=1))
+        self._settings = np.array(
+            [problem.rows, friction.round_dimensions, friction.torsion, problem.moment_length, friction.safety, steps, np.inf,
+             min(1.0, self.period / ramp) if ramp else 1.0, *self._com]
+        )  # fmt: skip
+        self._state = np.zeros(kernels.online_scratch(friction.d, k))
+        self._chains = np.zeros((0, 3), dtype=np.int64)
+        self._jacobian, self._gravity = np.zeros((6, 0), order="F"), np.zeros(0)
+        self._codes = {kernels.CONVERGED: Status.OK, kernels.INFEASIBLE: Status.INFEASIBLE, kernels.STALLED: Status.INACCURATE}
+        if hand is not None:
+            self._attach(hand, q)
+        elif q is not None:
+            raise InvalidInput("OnlineForces: q is a posture of the hand: give hand=..., too")
+        self._tick = kernels.online
+        self.step(np.zeros(6))  # compiles, and must not count
+        self._state[:6], self._out[:], self._started = 0.0, 0.0, False
+
+    @classmethod
+    def of(cls, plan, **settings) -> OnlineForces:
+        """For a plan's grasp, from the posture that it ends in; ``settings`` as for the class."""
+        from dataclasses import replace
+
+        problem, motion = replace(plan.problem, torques=None), plan.motion
+        given = {"hand": plan.hand, "q": motion.q[-1], "normal_forces": problem.normal_force_range(plan.forces.impact_time)}
+        return cls(problem, **given | settings)
+
+    def _range(self, given) -> np.ndarray:
+        problem = self.problem
+        if given is None:
+            return np.array(problem.normal_force_range(float(np.mean(problem.impact_time_range))))
+        try:
+            low, high = given
+        except (TypeError, ValueError):
+            raise InvalidInput(f"normal forces: expected (least, largest) [N], got {given!r}") from None
+        both = np.array([
+            array_of(f"{name} normal forces", np.broadcast_to(value, (problem.k,)) if np.ndim(value) == 0 else value, (problem.k,))
+            for name, value in (("least", low), ("largest", high))
+        ])  # fmt: skip
+        if np.any(both[0] < 0) or np.any(both[0] > both[1]):
+            raise InvalidInput(f"normal forces: expected 0 <= least <= largest [N], got {both[0].tolist()} and {both[1].tolist()}")
+        return both
+
+    def _attach(self, hand: HandModel, q) -> None:
+        contacts, chains = self.problem.contacts, []
+        self._model = hand.model.copy()
+        self._model.gravity.linear = np.array(self.problem.gravity_o)
+        self._data = self._model.createData()
+        for i, contact in enumerate(contacts):
+            if not contact.link:
+                raise InvalidInput("OnlineForces: expected contacts of a hand; these were made without one (hand=None)")
+            if contact.finger == PALM:
+                continue
+            finger = hand.finger(contact.finger)
+            joint = finger.joint_ids[finger.links.index(contact.link)]
+            while joint:
+                # A joint that follows others has a column of its own, which counts for the one that it follows.
+                chains.append((i, self._model.joints[joint].idx_vExtended, self._model.joints[joint].idx_v))
+                joint = self._model.parents[joint]
+        self._chains = np.array(chains, dtype=np.int64).reshape(-1, 3)
+        posture = contacts.posture if q is None else q
+        if posture is None:
+            raise InvalidInput("OnlineForces: these contacts have no posture: give q=..., the hand's joint positions")
+        self._move(array_of("q", posture, (hand.n,)))
+        self._jacobian = self._data.J  # Pinocchio's own memory: it follows the posture
+
+    def _move(self, q: np.ndarray) -> None:
+        pin.computeJointJacobians(self._model, self._data, q)
+        self._gravity = pin.computeGeneralizedGravity(self._model, self._data, q)
+
+    def _place(self, points, rotations) -> None:
+        self._frames[:, :3] = points - self._com
+        self._frames[:, 3:12] = np.reshape(rotations, (-1, 9))
+
+    def engage(self, contact: str | int, touches: bool = True) -> None:
+        """A contact (name or number) is gained or lost: the limits of its force go there in the time of ``ramp``, without a jump."""
+        if isinstance(contact, str):
+            if contact not in self.names:
+                raise InvalidInput(f"contact '{contact}': expected one of {', '.join(self.names)}")
+            contact = self.names.index(contact)
+        if not -len(self.names) <= contact < len(self.names):
+            raise InvalidInput(f"contact {contact}: expected a number below {len(self.names)}")
+        self._limits[3, contact] = float(bool(touches))
+        if not self._started:
+            self._limits[2, contact] = self._limits[3, contact]
+
+    def reset(self) -> None:
+        """Forget the last tick: the next one starts cold, and its forces at any rate."""
+        self._started, self._state[:6] = False, 0.0
+
+    def step(self, wrench, *, q=None, poses=None, mu=None) -> tuple[np.ndarray, np.ndarray, Status]:
+        """Forces (k, 3) [N], torques (n,) [N m] and status for the load of this tick.
+
+        Args:
+            wrench: external wrench on the object (6,), linear first, about the centre of mass, world axes [N, N m].
+            q: the hand's posture (n,) [rad]; default: the last. poses: contact frames (k, 4, 4) in the world, z the inward
+                normal; default: the last. mu: friction coefficients (k,) or one; default: the last.
+
+        Raises:
+            InvalidInput: shapes that do not fit, a number that is not finite, mu < 0; forces and torques stay as they were.
+        """
+        if type(wrench) is not np.ndarray or wrench.shape != (6,) or wrench.dtype != float or not wrench.flags.c_contiguous:
+            wrench = np.array(array_of("wrench", wrench, (6,)))
+        if q is not None or poses is not None or mu is not None:
+            self._update(q, poses, mu)
+        self._settings[6] = self._rate if self._started else np.inf
+        code, self.steps, _ = self._tick(
+            wrench, self._frames, self._limits, self._settings, self._state, self._jacobian, self._gravity, self._chains, self._out
+        )
+        if code < 0:
+            array_of("wrench", wrench, (6,))
+            raise InvalidInput("OnlineForces: expected finite numbers below 1e12, and mu >= 0")
+        self._started = True
+        self.status = Status.OK if code == 0 else self._codes[code]
+        return self.forces, self.torques, self.status
+
+    def _update(self, q, poses, mu) -> None:
+        k = len(self._frames)
+        # All checked before anything changes.
+        if q is not None:
+            if self.hand is None:
+                raise InvalidInput("q: expected none, there is no hand")
+            q = np.asarray(q, dtype=float)
+            if q.shape != (self.hand.n,) or not np.isfinite(q).all():
+                array_of("q", q, (self.hand.n,))
+        if poses is not None:
+            poses = np.asarray(poses, dtype=float)
+            if poses.shape != (k, 4, 4) or not np.isfinite(poses).all():
+                array_of("poses", poses, (k, 4, 4))
+        if mu is not None:
+            mu = np.asarray(mu, dtype=float)
+            if mu.shape not in ((), (k,)) or not np.all((mu >= 0) & (mu < np.inf)):
+                raise InvalidInput(f"mu: expected {k} numbers >= 0, or one, got {mu.tolist()}")
+            self._frames[:, 12] = mu
+        if poses is not None:
+            self._place(poses[:, :3, 3], poses[:, :3, :3])
+        if q is not None:
+            self._move(q)

@@ -1,0 +1,294 @@
+"""Forces and torques tick by tick: the optimum of an independent solver, the closest forces, rates, ramps, torques, bad input."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinograsp as pg
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.spatial import rotation_rpy
+
+MODELS = {
+    "pyramid": pg.Friction(),
+    "cone": pg.Friction(model="cone", safety=1.2),
+    "soft": pg.Friction(model="soft", torsion=4e-3),
+    "cone, torsion": pg.Friction(model="cone", torsion=4e-3),
+    "pyramid, torsion": pg.Friction(torsion=4e-3),
+}
+LOW, HIGH = 0.1, 8.0
+
+
+def problem_of(k, seed, friction, balance="wrench"):
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.3, 0.3, k)
+    points = 0.03 * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.7, 0.7, k)])
+    body = pg.Cylinder(radius=0.03, height=0.2, mass=0.2)
+    contacts = pg.contacts_at(None, body, points)
+    return pg.ForceProblem.holding(body, contacts, mu=rng.uniform(0.5, 0.9, k), friction=friction, balance=balance), rng
+
+
+class Oracle:
+    """The same minimisation in CVXPY, and the least that any forces leave unbalanced."""
+
+    def __init__(self, problem, low, high):
+        k, d, rows, arm = problem.k, problem.friction.d, problem.rows, problem.moment_length
+        friction, self.arm, self.rows = problem.friction, arm, rows
+        mu = problem.mu / friction.safety
+        self.f, self.m, self.load = cp.Variable((k, 3)), cp.Variable(k), cp.Parameter(6)
+        limits = [self.f[:, 2] >= low, self.f[:, 2] <= high]
+        torsion = friction.torsion / friction.safety
+        for i in range(k):
+            F, t = self.f[i, 2], self.f[i, :2]
+            if friction.model == "soft":
+                limits.append(cp.norm(cp.hstack([t / mu[i], self.m[i] / torsion])) <= F)
+                continue
+            limits.append(cp.norm(t) <= mu[i] * F if friction.model == "cone" else cp.abs(t) <= mu[i] * F / np.sqrt(2))
+            limits.append(cp.abs(self.m[i]) <= torsion * F if d == 4 else self.m[i] == 0)
+        scale = np.append(np.ones(3), np.full(3, 1 / arm))
+        wrench = problem.contacts.G @ cp.reshape(self.f, (3 * k,), order="C") + self.load
+        turn = problem.contacts.rotations_oc[:, :, 2].T @ self.m
+        off = cp.multiply(scale, wrench + cp.hstack([np.zeros(3), turn]))[:rows]
+        spin = self.m * 0 if d == 3 else cp.multiply(self.m, mu / torsion)
+        self.closest = cp.Problem(cp.Minimize(cp.norm(off)), limits)
+        cost = cp.sum_squares(self.f) + cp.sum_squares(spin)
+        self.best = cp.Problem(cp.Minimize(cost), [*limits, off == 0])
+
+    def __call__(self, load):
+        self.load.value = load
+        tight = {"solver": "CLARABEL", "tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11}
+        missing = self.closest.solve(**tight)
+        if missing > 1e-6:
+            return missing, None
+        self.best.solve(**tight)
+        return 0.0, self.f.value
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")  # tighter than what the other solver always reaches
+@pytest.mark.parametrize("balance", ["wrench", "force"])
+@pytest.mark.parametrize("name", MODELS)
+def test_forces_are_the_optimum_or_the_closest(name, balance):
+    held = missed = 0
+    for k, seed in ((3, 1), (6, 2)):
+        problem, rng = problem_of(k, seed, MODELS[name], balance)
+        online, oracle = pg.OnlineForces(problem, normal_forces=(LOW, HIGH)), Oracle(problem, LOW, HIGH)
+        for factor in (0.5, 1.0, 10.0, 40.0):
+            for _ in range(4):
+                load = factor * np.append(rng.normal(size=3), 0.01 * rng.normal(size=3))
+                forces, torques, status = online.step(load)
+                missing, best = oracle(load)
+                left = problem.scaled_norm(online.unbalanced)
+                assert torques.size == 0 and np.isfinite(forces).all()
+                assert online.unbalanced == pytest.approx(
+                    problem.with_load(load).residual(forces, online.moments if problem.friction.d == 4 else None), abs=1e-9
+                )
+                gauge = problem.friction.gauge(
+                    np.column_stack([forces[:, :2], online.moments])[:, : problem.friction.d - 1] / problem.friction.scale(problem.mu)
+                )
+                assert np.all(gauge <= forces[:, 2] + 1e-9) and forces[:, 2].min() >= LOW - 1e-9 and forces[:, 2].max() <= HIGH + 1e-9
+                if best is None:
+                    missed += 1
+                    assert status is Status.INFEASIBLE and left == pytest.approx(missing, rel=1e-5)
+                else:
+                    held += 1
+                    assert status is Status.OK and left <= 1e-9 * np.linalg.norm(load)
+                    assert forces == pytest.approx(best, abs=2e-5 * np.abs(best).max())
+    assert held >= 4 and missed >= 4
+
+
+def test_warm_and_cold_agree_and_forces_follow_the_load():
+    problem, _ = problem_of(5, 3, MODELS["cone"])
+    online, cold = (pg.OnlineForces(problem, normal_forces=(LOW, 20.0)) for _ in range(2))
+    before, jumps, most = None, [], 0
+    for i in range(2000):
+        load = np.array([np.sin(0.01 * i), np.cos(0.007 * i), -1.5, 0.01 * np.sin(0.013 * i), 0.005, 0.0])
+        forces, _, status = online.step(load)
+        assert status is Status.OK
+        most = max(most, online.steps)
+        if before is not None:
+            jumps.append(np.abs(forces - before).max())
+        before = forces.copy()
+        if i % 50 == 0:
+            cold.reset()
+            assert cold.step(load)[0] == pytest.approx(forces, abs=1e-8)
+    assert max(jumps) < 0.1  # the load changes by 0.012 N a tick at the most
+    assert most <= 12
+
+
+def test_nothing_is_allocated_in_the_loop():
+    problem, _ = problem_of(4, 4, MODELS["cone"])
+    online = pg.OnlineForces(problem)
+    loads = np.random.default_rng(0).normal(size=(200, 6)) * [1, 1, 1, 0.01, 0.01, 0.01]
+    for load in loads:
+        online.step(load)
+    tracemalloc.start()
+    for load in loads:
+        online.step(load)
+    current, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert current < 4e3 and peak < 2e4
+
+
+def test_never_a_number_that_is_none():
+    """Zero, huge and tiny loads, no friction, contacts without limits or pinned to one force: finite forces, an honest status."""
+    rng = np.random.default_rng(5)
+    for name, friction in MODELS.items():
+        problem, _ = problem_of(4, 6, friction)
+        for mu in (0.0, 1e-9, 0.6, 50.0):
+            for limits in ((0.0, 10.0), (0.0, 1e9), (2.0, 2.0), (0.0, 0.0)):
+                online = pg.OnlineForces(replace(problem, mu=mu), normal_forces=limits)
+                for size in (0.0, 1e-9, 1e-3, 1.0, 1e6):
+                    load = size * rng.normal(size=6)
+                    forces, _, status = online.step(load)
+                    assert np.isfinite(forces).all() and np.isfinite(online.unbalanced).all(), (name, mu, limits, size)
+                    # What the forces leave, by arithmetic of another kind.
+                    left = problem.with_load(load).residual(forces, online.moments if friction.d == 4 else None)
+                    if status is Status.OK:
+                        assert problem.scaled_norm(left) <= 1e-10 * max(problem.scaled_norm(load), np.abs(forces).max())
+
+
+def test_rates_and_ramps():
+    problem, _ = problem_of(5, 3, MODELS["cone"])
+    online = pg.OnlineForces(problem, normal_forces=(0.2, 20.0), max_rate=30.0, ramp=0.2)
+    load = np.array([0.0, 0.0, -1.5, 0.0, 0.0, 0.0])
+    before = online.step(load)[0].copy()
+    for _ in range(5):
+        forces, _, _ = online.step(10 * load)  # as if something fell on it
+        assert np.abs(forces[:, 2] - before[:, 2]).max() <= 30.0 * 1e-3 + 1e-9
+        before = forces.copy()
+    assert online.status is Status.INFEASIBLE  # not yet
+    for _ in range(600):
+        online.step(10 * load)
+    assert online.status is Status.OK
+
+    online = pg.OnlineForces(problem, normal_forces=(0.2, 20.0), ramp=0.2)
+    before = online.step(load)[0].copy()
+    for touches, ends in ((False, 0.0), (True, None)):
+        online.engage(1, touches)
+        largest = 0.0
+        for _ in range(250):
+            forces, _, status = online.step(load)
+            assert status is Status.OK
+            largest = max(largest, np.abs(forces - before).max())
+            before = forces.copy()
+        # The limits move by 0.1 N a tick; the others take over what it leaves.
+        assert largest < 0.5
+        assert forces[1, 2] == 0.0 if ends == 0.0 else forces[1, 2] >= 0.2
+    online.engage(online.names[1], False)
+    online.reset()
+    with pytest.raises(InvalidInput, match="expected one of"):
+        online.engage("nobody")
+    with pytest.raises(InvalidInput, match="below 5"):
+        online.engage(7)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench"}).plan()
+
+
+def test_torques_of_the_papers_hand_follow_the_posture(plan):
+    online, hand, contacts = pg.OnlineForces.of(plan), plan.hand, plan.problem.contacts
+    rng, data = np.random.default_rng(0), plan.hand.model.createData()
+    q0 = plan.motion.q[-1]
+    forces, torques, status = online.step(plan.problem.load)
+    assert status is Status.OK
+    model = hand.model.copy()
+    model.gravity.linear = np.array(plan.problem.gravity_o)
+    data = model.createData()
+    for i in range(5):
+        q = q0 + 0.05 * rng.normal(size=hand.n) * (i > 0)
+        forces, torques, _ = online.step(plan.problem.load, q=q)
+        # RNEA with the forces that the object gives back, where the contacts are.
+        pin.forwardKinematics(model, data, q)
+        external = pin.StdVec_Force()
+        for j in range(model.njoints):
+            external.append(pin.Force.Zero())
+        for contact, f in zip(contacts, forces):
+            finger = hand.finger(contact.finger)
+            joint = finger.joint_ids[finger.links.index(contact.link)]
+            back = -contact.rotation_oc @ f
+            external[joint] += data.oMi[joint].actInv(pin.Force(back, np.cross(contact.point_o, back)))
+        zero = np.zeros(hand.n)
+        assert torques == pytest.approx(pin.rnea(model, data, q, zero, zero, external), abs=1e-10)
+
+
+def test_torques_of_coupled_joints():
+    hand = pg.load_hand("psyonic_left")
+    q = 0.5 * (hand.lower + hand.upper)
+    data = hand.model.createData()
+    pin.forwardKinematics(hand.model, data, q)
+    fingers = hand.fingers[:4]
+    tips = {f.name: data.oMi[f.joint_ids[-1]].translation.copy() for f in fingers}
+    centre = np.mean(list(tips.values()), axis=0)
+    radius = max(np.linalg.norm(p - centre) for p in tips.values())
+    body = pg.Sphere(radius=radius, mass=0.1, pose=np.block([[np.eye(3), centre[:, None]], [np.zeros(3), 1.0]]))
+    contacts = pg.contacts_at(hand, body, tips, tolerance=1.0)
+    problem = pg.ForceProblem.holding(body, contacts, mu=0.8, friction=MODELS["soft"])
+    online = pg.OnlineForces(problem, hand=hand, q=q, normal_forces=(0.0, 30.0))
+    forces, torques, _ = online.step(problem.load)
+    expected = pg.torque_limits(hand, contacts, q, limit=1.0).torques(
+        np.einsum("kij,kj->ki", contacts.rotations_oc, forces), contacts.rotations_oc[:, :, 2] * online.moments[:, None]
+    )
+    assert np.abs(online.moments).max() > 0 and torques == pytest.approx(expected, abs=1e-10)
+
+
+def test_moved_contacts_and_other_friction():
+    problem, rng = problem_of(4, 8, MODELS["cone"])
+    online = pg.OnlineForces(problem, normal_forces=(LOW, HIGH))
+    load = np.array([0.3, -0.2, -1.0, 0.003, 0.0, 0.002])
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    turn = rotation_rpy(0.1, -0.2, 0.3)
+    com = problem.contacts.com_o
+    for i, contact in enumerate(problem.contacts):
+        poses[i, :3, :3], poses[i, :3, 3] = turn @ contact.rotation_oc, com + turn @ (contact.point_o - com)
+    plain = online.step(load)[0].copy()
+    turned = np.concatenate([turn @ load[:3], turn @ load[3:]])
+    assert online.step(turned, poses=poses)[0] == pytest.approx(plain, abs=1e-9)  # all turned alike: nothing new
+    slippery = online.step(turned, mu=0.45)[0].copy()
+    assert slippery[:, 2].sum() > plain[:, 2].sum()
+    other = pg.OnlineForces(replace(problem, mu=0.45), normal_forces=(LOW, HIGH))
+    assert other.step(load)[0] == pytest.approx(slippery, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"wrench": [0, 0, np.nan, 0, 0, 0]}, {"wrench": np.full(6, np.inf)}, {"wrench": np.zeros(5)}, {"mu": -0.1}, {"mu": [0.5, np.nan, 0.5]},
+     {"mu": [0.5]}, {"poses": np.full((3, 4, 4), np.nan)}, {"poses": np.eye(4)}, {"q": np.zeros(3)}, {"q": np.full(9, np.nan)}],
+)  # fmt: skip
+def test_bad_input_changes_nothing(plan, bad):
+    online = pg.OnlineForces.of(plan)
+    load = plan.problem.load
+    forces, torques = (value.copy() for value in online.step(load)[:2])
+    if "q" in bad and np.size(bad["q"]) == 9:
+        bad = {"q": np.full(plan.hand.n, np.nan)}
+    with pytest.raises(InvalidInput):
+        online.step(bad.get("wrench", load), **{name: value for name, value in bad.items() if name != "wrench"})
+    assert np.array_equal(online.forces, forces) and np.array_equal(online.torques, torques)
+    again, after, status = online.step(load)
+    assert status is Status.OK and again == pytest.approx(forces, abs=1e-9) and after == pytest.approx(torques, abs=1e-9)
+
+
+def test_unusable_settings_are_refused(plan):
+    problem, _ = problem_of(3, 1, MODELS["cone"])
+    for wrong, message in (
+        ({"normal_forces": (2.0, 1.0)}, "least <= largest"),
+        ({"normal_forces": 3.0}, "expected .least, largest."),
+        ({"period": 0.0}, "period"),
+        ({"max_rate": -1.0}, "rate"),
+        ({"q": np.zeros(3)}, "posture of the hand"),
+        ({"hand": plan.hand}, "without one"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            pg.OnlineForces(problem, **wrong)
+    with pytest.raises(InvalidInput, match="4 edges"):
+        pg.OnlineForces(replace(problem, friction=pg.Friction(edges=8)))
+    with pytest.raises(InvalidInput, match="ForceProblem"):
+        pg.OnlineForces(plan)
+    with pytest.raises(InvalidInput, match="torque limits"):
+        pg.OnlineForces(replace(plan.problem, torques=pg.torque_limits(plan.hand, plan.problem.contacts, plan.motion.q[-1], limit=9.0)))
