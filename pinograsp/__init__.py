@@ -15,7 +15,7 @@ _HOMES = {
     "pinograsp.forces": (
         "ForceProblem", "ForceSolution", "GridSpec", "TorqueLimits", "diagnose", "grid_search", "optimize_forces",
         "optimize_grasp", "LoadSet", "optimize_robust", "grasp_margins", "load_margin", "force_closure", "min_weight",
-        "refine_multipliers", "warm_up",
+        "refine_multipliers", "warm_up", "ForceBatch", "solve_batch",
     ),  # fmt: skip
     "pinograsp.motion": ("MotionSpec", "OnlineForces", "contact_postures", "plan_motion", "torque_limits"),
     "pinograsp.plan": ("GraspPlan", "plan_grasp"),

@@ -1,5 +1,6 @@
 """Contact forces: the problem, grid searches, the multiplier QP, convex optima with certificates, margins, robust sets."""
 
+from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.global_optimum import Branch, optimize_grasp
 from pinograsp.forces.grid import GridSpec, grid_values
 from pinograsp.forces.infeasibility import Diagnosis, Infeasibility, diagnose
@@ -18,9 +19,11 @@ __all__ = [
     "OBJECTIVES",
     "SEARCHES",
     "SOLVERS",
+    "BatchSolution",
     "Branch",
     "Certificate",
     "Diagnosis",
+    "ForceBatch",
     "ForceClosure",
     "ForceProblem",
     "ForceSolution",
@@ -42,5 +45,6 @@ __all__ = [
     "optimize_grasp",
     "optimize_robust",
     "refine_multipliers",
+    "solve_batch",
     "warm_up",
 ]

@@ -1254,7 +1254,7 @@ def _judge(A, b, lo, hi, radii, n_round, x):
 
 
 @njit(**FLAGS)
-def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, weights, terms, radii, n_round, forces, moments, answers):
+def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, squares, terms, radii, n_round, forces, moments, answers):
     """One problem of :func:`many`; its code."""
     k, d = points.shape[0], radii.shape[0] + 1
     e, n = d - 1, d * k
@@ -1278,22 +1278,20 @@ def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, weight
     for i in range(k):
         for j in range(d):
             size = widths[j, i] if j < 2 or j == e else widths[j, i] / arm
-            P[j, i], q[j, i] = 2.0 * weights[0] * size * size, 0.0
+            P[j, i], q[j, i] = 2.0 * squares * size * size, 0.0
             heaviest = max(heaviest, P[j, i])
-        q[e, i] = weights[1]
         lo[i], hi[i] = low[i] / scale, high[i] / scale
         if not lo[i] <= hi[i]:
             return INFEASIBLE
         x[e, i] = min(max(2.0 / k, lo[i]), hi[i])
         for j in range(e):
             x[j, i] = 0.0
-    unit = max(0.5 * heaviest * scale * scale, weights[1] * scale)
+    unit = 0.5 * heaviest * scale * scale
     for a in range(terms.shape[0]):
         unit = max(unit, terms[a, 0] * scale ** terms[a, 1])
     for i in range(k):
         for j in range(d):
             P[j, i] *= scale * scale / unit
-            q[j, i] *= scale / unit
     for r in range(m):
         b[r] /= scale
     coefs, exps = powers_of(terms, scale, unit)
@@ -1301,7 +1299,9 @@ def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, weight
     if code == CONVERGED:
         value, bound = _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work)
         off, violation = _judge(A, b, lo, hi, radii, n_round, x)
-        answers[0], answers[1], answers[2], answers[3] = value * unit, bound * unit, off * scale, max(violation, 0.0) * scale
+        # A bound from multipliers that are exact to rounding can exceed the value by rounding.
+        answers[0], answers[1] = value * unit, min(bound, value) * unit
+        answers[2], answers[3] = off * scale, max(violation, 0.0) * scale
         # Negated, so that what is not a number fails.
         if not (off <= 1e-10 and violation <= 1e-10 and value - bound <= 1e-8 * max(abs(value), 1e-5)):
             code = STALLED
@@ -1313,14 +1313,16 @@ def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, weight
 
 
 @njit(parallel=True, **FLAGS)
-def many(points, rotations, counts, loads, mu, torsion, low, high, arms, m, weights, terms, radii, n_round, forces, moments, answers, codes):
-    """N problems on all threads: the first counts[p] contacts of each. Fills forces (N, k, 3), moments (N, k), answers (N, 4:
+def many(points, rotations, counts, loads, mu, torsion, low, high, arms, m, squares, terms, radii, n_round, forces, moments, answers, codes):
+    """N problems on all threads: the first counts[p] contacts of each, points about the centres of mass, mu with its safety.
+
+    The objective: ``squares`` times the sum of squared forces, and terms (N, t, 2), powers of F_n. Fills forces (N, k, 3), moments (N, k), answers (N, 4:
     objective, bound, residual [N], violation [N]) and codes (N,)."""
     for p in prange(loads.shape[0]):
         k = counts[p]
         codes[p] = _one_of_many(
-            points[p, :k], rotations[p, :k], loads[p], mu[p, :k], torsion, low[p, :k], high[p, :k], arms[p], m, weights, terms, radii,
-            n_round, forces[p], moments[p], answers[p],
+            points[p, :k], rotations[p, :k], loads[p], mu[p, :k], torsion, low[p, :k], high[p, :k], arms[p], m, squares, terms[p],
+            radii, n_round, forces[p], moments[p], answers[p],
         )  # fmt: skip
 
 

@@ -1,0 +1,249 @@
+"""Many force problems at once, on all cores: arrays in, arrays out (extra ``fast``)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pinograsp.checks import array_of, one_of, read_only
+from pinograsp.contacts import Contact, ContactSet, Friction
+from pinograsp.errors import ExtraMissing, InvalidInput, Status
+from pinograsp.forces.infeasibility import forces_of
+from pinograsp.forces.optimize import solve_certified
+from pinograsp.forces.problem import BALANCES, MEASURES, ForceProblem
+from pinograsp.forces.program import assemble, weights_of
+
+_AT_ONCE = 20_000  # problems per compiled call: Ctrl-C waits for one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ForceBatch:
+    """N force problems of one friction model, with up to k contacts each; what lies beyond a problem's own is ignored.
+
+    Attributes:
+        points: contact points from the objects' centres of mass (N, k, 3) [m]. rotations: contact frames R_oc (N, k, 3, 3).
+        loads: external wrenches (N, 6), linear first, about the centres of mass [N, N m].
+        mu: friction coefficients (N, k). low, high: least and largest F_n (N, k) [N]. Numbers apply to all.
+        counts: contacts of each problem (N,); default: all k.
+        friction: model, torsion and safety factor. balance: ``"wrench"`` or ``"force"``.
+        moment_lengths: moments are divided by it to compare with forces (N,) [m]; default: the mean distance of the contacts.
+        energies: grasp energies as powers of F_n, ``{"work" or "impulse": (N, t, 2)}``, pairs of coefficient and exponent
+            (:func:`~pinograsp.contacts.energy_terms`); (t, 2) applies to all.
+    """
+
+    points: np.ndarray
+    rotations: np.ndarray
+    loads: np.ndarray
+    mu: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    counts: np.ndarray | None = None
+    friction: Friction = field(default_factory=Friction)
+    balance: str = "wrench"
+    moment_lengths: np.ndarray | None = None
+    energies: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self):
+        def put(name, value):
+            object.__setattr__(self, name, value)
+
+        points = array_of("points", self.points, (None, None, 3))
+        n, k = points.shape[:2]
+        if not n or not k:
+            raise InvalidInput(f"points: expected at least one problem with one contact, got shape {points.shape}")
+        put("points", points)
+        put("rotations", array_of("rotations", self.rotations, (n, k, 3, 3)))
+        put("loads", array_of("loads", self.loads, (n, 6)))
+        counts = np.full(n, k) if self.counts is None else np.array(self.counts)
+        if counts.shape != (n,) or counts.dtype.kind not in "iu" or counts.min() < 1 or counts.max() > k:
+            raise InvalidInput(f"counts: expected {n} whole numbers from 1 to {k}, got {self.counts!r}")
+        put("counts", read_only(counts.astype(np.int64)))
+        used = np.arange(k) < counts[:, None]
+        off = np.abs(self.rotations @ self.rotations.swapaxes(2, 3) - np.eye(3)).max(axis=(2, 3))
+        if np.any(off[used] > 1e-6):
+            at = tuple(int(i) for i in np.argwhere((off > 1e-6) & used)[0])
+            raise InvalidInput(f"rotations: expected orthonormal contact frames, that of problem {at[0]}, contact {at[1]} is not")
+        for name, least in (("mu", 0.0), ("low", 0.0), ("high", None)):
+            put(name, array_of(name, np.broadcast_to(getattr(self, name), (n, k)), (n, k)))
+            if least is not None and np.any(getattr(self, name)[used] < least):
+                raise InvalidInput(f"{name}: expected values >= 0")
+        if np.any((self.low > self.high)[used]):
+            at = tuple(int(i) for i in np.argwhere((self.low > self.high) & used)[0])
+            raise InvalidInput(f"low, high: expected low <= high, not so in problem {at[0]}, contact {at[1]}")
+        if not isinstance(self.friction, Friction):
+            raise InvalidInput(f"friction: expected a Friction, got {self.friction!r}")
+        one_of("balance", self.balance, BALANCES)
+        if self.moment_lengths is None:
+            mean = np.where(used, np.linalg.norm(points, axis=2), 0.0).sum(axis=1) / counts
+            put("moment_lengths", read_only(np.where(mean > 0, mean, 1.0)))
+        else:
+            lengths = array_of("moment lengths", np.broadcast_to(self.moment_lengths, (n,)), (n,))
+            if np.any(lengths <= 0):
+                raise InvalidInput("moment lengths: expected values > 0 [m]")
+            put("moment_lengths", lengths)
+        energies = {}
+        for name, terms in self.energies.items():
+            one_of("energy", name, MEASURES)
+            terms = np.asarray(terms, dtype=float)
+            if terms.ndim == 2:
+                terms = np.broadcast_to(terms, (n, *terms.shape))
+            energies[name] = array_of(f"terms of the {name}", terms, (n, None, 2))
+            if np.any(energies[name][:, :, 0] <= 0) or np.any(energies[name][:, :, 1] < 1):
+                raise InvalidInput(f"terms of the {name}: expected coefficients > 0 and exponents >= 1")
+        put("energies", energies)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @classmethod
+    def of(cls, problems: Sequence[ForceProblem], impact_times) -> ForceBatch:
+        """From problems, which may differ in everything but friction model and balance, each at its impact time [s].
+
+        Raises:
+            InvalidInput: torque limits, or problems of different friction models or balances.
+        """
+        problems = list(problems)
+        if not problems:
+            raise InvalidInput("batch: expected at least one problem")
+        times = np.broadcast_to(impact_times, (len(problems),))
+        first, n, k = problems[0], len(problems), max(problem.k for problem in problems)
+        made = {name: np.zeros((n, k)) for name in ("mu", "low", "high")}
+        points, rotations = np.zeros((n, k, 3)), np.zeros((n, k, 3, 3))
+        for i, (problem, at) in enumerate(zip(problems, times)):
+            if problem.friction != first.friction or problem.balance != first.balance:
+                raise InvalidInput(f"batch: expected one friction model and balance, those of problem {i} differ from the first's")
+            if problem.torques is not None:
+                raise InvalidInput(f"batch: problem {i} has torque limits: use optimize_forces")
+            own = problem.k
+            points[i, :own], rotations[i, :own] = problem.contacts.points_o - problem.contacts.com_o, problem.contacts.rotations_oc
+            made["low"][i, :own], made["high"][i, :own] = problem.normal_force_range(problem.checked_impact_time(at))
+            made["mu"][i, :own] = problem.mu
+        energies = {}
+        for name in MEASURES:
+            terms = [problem.energy_terms(at, name) for problem, at in zip(problems, times)]
+            if len({len(one) for one in terms}) == 1:
+                energies[name] = np.array(terms)
+        return cls(
+            points=points, rotations=rotations, loads=np.array([problem.load for problem in problems]), **made,
+            counts=np.array([problem.k for problem in problems]), friction=first.friction, balance=first.balance,
+            moment_lengths=np.array([problem.moment_length for problem in problems]), energies=energies,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BatchSolution:
+    """Answers to a :class:`ForceBatch`; zeros where there is none.
+
+    Attributes:
+        status: (N,) of :class:`~pinograsp.errors.Status`: ``OK``, ``INFEASIBLE`` (proven) or ``INACCURATE``.
+        forces_c: (N, k, 3) [N]. torsion: moments about the normals (N, k) [N m].
+        objective: (N,), and its proven lower bound (N,). residual: of the balance (N,) [N, moments over the moment length].
+        violation: of friction and bounds (N,) [N]. general: how many were left to the general methods. elapsed: [s].
+    """
+
+    status: np.ndarray
+    forces_c: np.ndarray
+    torsion: np.ndarray
+    objective: np.ndarray
+    bound: np.ndarray
+    residual: np.ndarray
+    violation: np.ndarray
+    general: int
+    elapsed: float
+
+    @property
+    def ok(self) -> np.ndarray:
+        """Which have forces (N,) bool."""
+        return self.status == Status.OK
+
+
+def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "least_squares", threads: int | None = None) -> BatchSolution:
+    """The least-cost forces of every problem, as :func:`optimize_forces` finds them, by the dual Newton method on all cores.
+
+    What that method does not take (pyramids of more edges, ``peak``, least squares of soft fingers) or does not finish goes to
+    the general ones, one by one.
+
+    Args:
+        batch: the problems. objective: as for :func:`optimize_forces`; energies need the batch's ``energies``.
+        threads: of the compiled code; default: all cores.
+
+    Raises:
+        InvalidInput: an objective that is unknown or has no energies. ExtraMissing: numba is not installed.
+    """
+    started = time.perf_counter()
+    try:
+        import numba
+
+        from pinograsp.forces.kernels import CONVERGED, INFEASIBLE, STALLED, many
+    except ImportError as error:
+        raise ExtraMissing(f"solve_batch needs numba: pip install 'pinograsp[fast]' ({error})") from error
+    if not isinstance(batch, ForceBatch):
+        raise InvalidInput(f"solve_batch: expected a ForceBatch (see ForceBatch.of), got {type(batch).__name__}")
+    weights = weights_of(objective, _problem(batch, 0))
+    friction, (n, k) = batch.friction, batch.mu.shape
+    for name in MEASURES:
+        if weights.get(name) and name not in batch.energies:
+            raise InvalidInput(f"objective '{name}': expected the batch's energies to have it (ForceBatch.of gives them)")
+    parts = [batch.energies[name] * [weights[name], 1.0] for name in MEASURES if weights.get(name)]
+    terms = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0, 2))
+    squares = weights.get("least_squares", 0.0)
+    takes = not weights.get("peak") and (friction.model != "pyramid" or friction.edges == 4)
+    takes = takes and not (friction.model == "soft" and squares)
+    forces, torsion, answers = np.zeros((n, k, 3)), np.zeros((n, k)), np.zeros((n, 4))
+    codes = np.full(n, STALLED)
+    radii = np.full(friction.d - 1, np.sqrt(0.5) if friction.model == "pyramid" else 1.0)
+    radii[2:] = 1.0
+    before = numba.get_num_threads()
+    try:
+        if threads is not None:
+            numba.set_num_threads(int(threads))
+        for start in range(0, n if takes else 0, _AT_ONCE):
+            at = slice(start, start + _AT_ONCE)
+            many(
+                batch.points[at], batch.rotations[at], batch.counts[at], batch.loads[at], batch.mu[at] / friction.safety,
+                friction.torsion / friction.safety, batch.low[at], batch.high[at], batch.moment_lengths[at],
+                6 if batch.balance == "wrench" else 3, squares, terms[at], radii, friction.round_dimensions, forces[at],
+                torsion[at], answers[at], codes[at],
+            )  # fmt: skip
+    except ValueError as error:
+        raise InvalidInput(f"threads: {error}") from error
+    finally:
+        numba.set_num_threads(before)
+    left = np.flatnonzero(codes == STALLED)
+    kinds = np.empty(3, dtype=object)  # one by one: assigned at once they would become plain text
+    kinds[CONVERGED], kinds[STALLED], kinds[INFEASIBLE] = Status.OK, Status.INACCURATE, Status.INFEASIBLE
+    status = kinds[codes]
+    for i in left:
+        status[i] = _by_itself(batch, int(i), weights, forces, torsion, answers)
+    return BatchSolution(
+        status=status, forces_c=forces, torsion=torsion, objective=answers[:, 0], bound=answers[:, 1], residual=answers[:, 2],
+        violation=answers[:, 3], general=len(left), elapsed=time.perf_counter() - started,
+    )  # fmt: skip
+
+
+def _problem(batch: ForceBatch, i: int) -> ForceProblem:
+    own = batch.counts[i]
+    contacts = tuple(
+        Contact(finger=f"contact {j + 1}", link="", point_o=batch.points[i, j], rotation_oc=batch.rotations[i, j], length=None, distance=0.0)
+        for j in range(own)
+    )
+    return ForceProblem(
+        contacts=ContactSet(contacts=contacts, com_o=np.zeros(3)), load=batch.loads[i], mu=batch.mu[i, :own], balance=batch.balance,
+        friction=batch.friction, moment_length=batch.moment_lengths[i],
+    )  # fmt: skip
+
+
+def _by_itself(batch: ForceBatch, i: int, weights, forces, torsion, answers) -> Status:
+    """One problem by the general methods: its status; forces, torsion and answers get its row."""
+    problem, own = _problem(batch, i), batch.counts[i]
+    terms = {name: [tuple(term) for term in batch.energies[name][i].tolist()] for name in MEASURES if weights.get(name)}
+    program = assemble(problem, weights, terms, batch.low[i, :own], batch.high[i, :own])
+    x, status, certificate, _, _ = solve_certified(problem, program, "auto")
+    if status is Status.OK:
+        forces[i, :own], torsion[i, :own] = forces_of(problem, x, program.force_scale)
+        off = np.hypot(certificate.balance_force, certificate.balance_moment / problem.moment_length)
+        answers[i] = certificate.primal, certificate.dual, off, certificate.limit_violation
+    return status
