@@ -170,7 +170,7 @@ def test_a_heavier_object_sinks_further(plan, held):
 
 
 def one_touch(depth, velocity, spin=0.0):
-    return Touches(np.array([0]), np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.array([depth]), np.array([velocity]), np.array([spin]))
+    return Touches(np.array([0]), np.array([0]), np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.array([depth]), np.array([velocity]), np.array([spin]))
 
 
 def test_normal_force_is_equation_4():
@@ -205,8 +205,20 @@ def test_soft_fingers_twist_up_to_their_limit():
 def test_points_of_an_area_share_what_the_plan_counts():
     law = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [3])
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0]])
-    four = Touches(np.zeros(4, dtype=int), points, np.tile([0.0, 0, 1], (4, 1)), np.full(4, 1e-3), np.zeros((4, 3)), np.zeros(4))
+    four = Touches(np.zeros(4, dtype=int), np.zeros(4, dtype=int), points, np.tile([0.0, 0, 1], (4, 1)), np.full(4, 1e-3), np.zeros((4, 3)), np.zeros(4))
     assert law.press(four, 1e-4).normal.sum() == pytest.approx(3 * 5e4 * 1e-3**1.5, rel=1e-12)
+
+
+def test_of_a_link_with_one_contact_its_deepest_body_presses():
+    """A second body of the same link that comes to touch, less deep, changes nothing; where more is planned all points count."""
+    n, up = 4, np.tile([0.0, 0, 1], (4, 1))
+    points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0], [0.03, 0, 0]])
+    touches = Touches(np.array([0, 0, 1, 1]), np.array([7, 8, 9, 10]), points, up, np.array([1e-3, 4e-4, 2e-4, 1e-3]), np.zeros((n, 3)), np.zeros(n))
+    law = ContactLaw(5e4, 0.0, 1.5, [0.5, 0.5], 0.0, 2e4, [1, 2])
+    counted = law.counted(touches)
+    assert counted.geometry.tolist() == [7, 9, 10]
+    forces = law.press(counted, 1e-4).normal
+    assert forces[0] == pytest.approx(5e4 * 1e-3**1.5, rel=1e-12) and np.all(forces > 0)
 
 
 # -- scene, servos, couplings ------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ moment about the normal has the same turn for its spring, and the limit e F.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -26,12 +26,13 @@ class Touches:
     """Where parts of the hand are in the object at an instant, c points.
 
     Attributes:
-        part: which part of the hand (c,). point_o: on the object's surface, world (c, 3) [m]. normal_o: into the object (c, 3).
+        part: which part of the hand (c,). geometry: which of its bodies (c,). point_o: on the object's surface, world (c, 3) [m]. normal_o: into the object (c, 3).
         depth: (c,) [m]. velocity_o: of the hand's surface relative to the object's (c, 3) [m/s]. spin: relative angular
             velocity about the normal (c,) [rad/s].
     """
 
     part: np.ndarray
+    geometry: np.ndarray
     point_o: np.ndarray
     normal_o: np.ndarray
     depth: np.ndarray
@@ -39,7 +40,7 @@ class Touches:
     spin: np.ndarray
 
 
-NO_TOUCHES = Touches(np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0))
+NO_TOUCHES = Touches(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,7 @@ class ContactLaw:
         """K [N/m^rho], lambda, rho; mu (p,), torsion [m], kt [N/m] and the number of planned contacts (p,), by part."""
         self.K, self.lam, self.rho = stiffness, damping, exponent
         self.mu, self.torsion, self.kt = np.asarray(mu, dtype=float), torsion, tangential
+        self.single = np.asarray(counts) == 1
         self.counts = np.maximum(np.asarray(counts, dtype=float), 1.0)
         p = len(self.counts)
         self.z, self.phi = np.zeros((p, 3)), np.zeros(p)
@@ -75,6 +77,17 @@ class ContactLaw:
         self._held = 0.0  # in the tangential springs
         # At the last step, by part: F_n, its damping part, tangential forces, moments about the normal.
         self._before = np.zeros(p), np.zeros(p), np.zeros((p, 3)), np.zeros(p)
+
+    def counted(self, touches: Touches) -> Touches:
+        """Of parts with one planned contact the points of their deepest body alone: others would press beside it."""
+        part = touches.part
+        if len(part) < 2 or not self.single[part].any() or np.unique(touches.geometry).size == np.unique(part).size:
+            return touches
+        keep = ~self.single[part]
+        for one in set(part[~keep].tolist()):
+            own = np.flatnonzero(part == one)
+            keep[own] = touches.geometry[own] == touches.geometry[own[touches.depth[own].argmax()]]
+        return Touches(*(getattr(touches, field.name)[keep] for field in fields(Touches)))
 
     def press(self, touches: Touches, dt: float) -> Pressing:
         """Forces now, the springs having followed the surfaces for ``dt`` [s]."""

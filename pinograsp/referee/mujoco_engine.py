@@ -70,7 +70,8 @@ class MujocoEngine:
         overlapping = np.flatnonzero(contact.dist[: data.ncon] < 0) if data.ncon else []
         if not len(overlapping):
             return NO_TOUCHES
-        bodies = model.geom_bodyid[contact.geom[overlapping]]
+        geoms = contact.geom[overlapping]
+        bodies = model.geom_bodyid[geoms]
         normal = contact.frame[overlapping][:, :3].copy()  # from the first geom to the second
         swapped = bodies[:, 0] == self.object
         normal[swapped] *= -1
@@ -81,7 +82,8 @@ class MujocoEngine:
         velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
         velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
         spin = ((mine[:, :3] - other[:, :3]) * normal).sum(axis=1)
-        return Touches(self.part_of_body[body], point, normal, depth, velocity, spin)
+        geometry = np.where(swapped, geoms[:, 1], geoms[:, 0])
+        return Touches(self.part_of_body[body], geometry, point, normal, depth, velocity, spin)
 
     def step(self, q, dq, feed_forward, touches: Touches, pressing: Pressing, wrench_o) -> None:
         """One step: motors towards q, dq (n,) with torques (n,) on top, contact forces, and a wrench (6,) on the object."""

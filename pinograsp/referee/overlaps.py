@@ -210,7 +210,7 @@ class Collider:
         return bound
 
     def collide(self, data, q: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> list[tuple]:
-        """Joint, point on the object (3,), normal (3,) and depth of every overlap, the joints as in data."""
+        """Joint, number of the geometry, point on the object (3,), normal (3,) and depth of every overlap, the joints as in data."""
         if self.last is not None:
             q_last, R_last, p_last = self.last
             turned = rotation - R_last
@@ -237,7 +237,7 @@ class Collider:
                 other = None if own is None else self.footprint.towards(-normal, rotation, position)
                 points = None if other is None else _common_area(own, other, point, normal, depth)
                 for at, deep in points or ((point, depth),):
-                    found.append((part.joint, at, normal, deep))
+                    found.append((part.joint, int(i), at, normal, deep))
         return found
 
     def _deepest(self, part: _Part, mine, pose) -> tuple[float, np.ndarray, np.ndarray]:

@@ -76,14 +76,16 @@ class PinocchioEngine:
         found = self.collider.collide(data, self.q, self.rotation, self.position)
         if not found:
             return NO_TOUCHES
-        part, point, normal, depth = zip(*found)
+        part, geometry, point, normal, depth = zip(*found)
         part, point, normal = np.array(part), np.array(point), np.array(normal)
         moving = {j: data.oMi[j].act(data.v[j]) for j in set(part.tolist())}  # at the world's origin
         linear = np.array([moving[j].linear for j in part])
         angular = np.array([moving[j].angular for j in part])
         turning = np.tile(self.rotation @ w, (len(part), 1))
         velocity = linear + cross(angular, point) - self.velocity - cross(turning, point - self.position)
-        return Touches(part, point, normal, np.array(depth), velocity, ((angular - turning) * normal).sum(axis=1))
+        return Touches(
+            part, np.array(geometry), point, normal, np.array(depth), velocity, ((angular - turning) * normal).sum(axis=1)
+        )
 
     def step(self, q, dq, feed_forward, touches: Touches, pressing: Pressing, wrench_o) -> None:
         """One step: motors towards q, dq (n,), torques (n,) on top, contact forces, and a wrench (6,) on the object."""

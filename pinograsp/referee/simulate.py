@@ -122,7 +122,7 @@ def simulate(
         since = t - task.final_time
         if shaken and not fixed:
             made.set_gravity(task.gravity_o - wrong.shake * np.sin(2 * np.pi * wrong.shake_frequency * since))
-        touches = made.touches()
+        touches = law.counted(made.touches())
         # Velocities are half a step behind positions: energies take the mean of two.
         potential, before = made.potential_energy(), kinetic
         kinetic = made.kinetic_energy()
