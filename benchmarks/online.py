@@ -1,0 +1,158 @@
+"""Contact forces tick by tick: how long a step takes, and whether a 1 kHz loop keeps its time.
+
+    python benchmarks/online.py [--steps 1000000] [--seconds 60] [--quick]
+
+``OnlineForces.step`` with a new load and a new posture at every tick, Pinocchio (joint Jacobians, gravity) and joint torques
+included: the paper's hand with 3 contacts, and a hand of 20 joints with 16, four to a finger, on a cylinder. Loads wander:
+each component is a sum of sines of unrelated periods, half to all of what the weight is. Every step is timed by itself; the
+garbage collector is off, as in a real-time loop. "cold" starts from nothing at every tick. Then the loop: a tick every
+millisecond for 60 s; a tick is missed when its forces come after the next one is due, late when the system wakes the process
+so. Writes online.csv beside this file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import time
+from pathlib import Path
+
+import numpy as np
+from results import header, write_rows
+from tqdm import tqdm
+
+import pinograsp as pg
+
+HERE = Path(__file__).resolve().parent
+PERIOD = 1e-3
+MOVES = 0.02  # [rad] of the joints about their posture
+COLUMNS = ("case", "contacts", "joints", "mode", "steps", "median_us", "p99_us", "p99_9_us", "worst_us", "ok", "newton_steps_mean",
+           "newton_steps_most", "seconds", "missed_ticks", "late_wakes")  # fmt: skip
+
+
+def papers_hand() -> tuple:
+    plan = pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone"}).plan()
+    return plan.hand, plan.motion.q[-1], plan.problem, (0.05, 60.0)
+
+
+def many_contacts() -> tuple:
+    """Four contacts on each of the four fingers of a hand of 20 joints, at the links' joints, facing a common axis."""
+    hand = pg.load_hand("humanoid")
+    q = 0.5 * (hand.lower + hand.upper)
+    fingers = [finger for finger in hand.fingers if len(finger.links) >= 4][:4]
+    origins = {f.name: hand.frame_placements(q, f.links[-4:])[:, :3, 3] for f in fingers}
+    points = np.concatenate(list(origins.values()))
+    centre = points.mean(axis=0)
+    body = pg.Cylinder(radius=float(np.linalg.norm((points - centre)[:, :2], axis=1).mean()), height=1.0, mass=0.5, pose=placed(centre))
+    links = {f.name: list(f.links[-4:]) for f in fingers}
+    contacts = pg.contacts_at(hand, body, origins, links=links, tolerance=1.0)
+    problem = pg.ForceProblem.holding(body, contacts, mu=0.8, friction=pg.Friction(model="cone"))
+    return hand, q, problem, (0.02, 60.0)
+
+
+def placed(centre) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = centre
+    return pose
+
+
+class Wander:
+    """A load and a posture at any tick."""
+
+    def __init__(self, problem, q, seed: int = 0):
+        rng = np.random.default_rng(seed)
+        self.base, self.q = np.array(problem.load), np.array(q)
+        weight = float(np.linalg.norm(self.base[:3]))
+        size = weight * np.array([1.0, 1.0, 1.0, *[problem.moment_length] * 3])
+        self.parts = [(size * rng.uniform(-0.12, 0.12, 6), rng.uniform(0.2, 3.0, 6), rng.uniform(0, 6.3, 6)) for _ in range(3)]
+        self.turns = rng.uniform(0.2, 2.0, len(q)), rng.uniform(0, 6.3, len(q))
+
+    def block(self, start: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Loads (count, 6) and postures (count, n)."""
+        t = PERIOD * np.arange(start, start + count)[:, None]
+        loads = self.base + sum(size * np.sin(6.2832 * rate * t + phase) for size, rate, phase in self.parts)
+        rate, phase = self.turns
+        return loads, self.q + MOVES * np.sin(6.2832 * rate * t + phase)
+
+
+def timed(online, wander: Wander, steps: int, mode: str, label: str) -> dict:
+    spent, newton, ok = np.empty(steps), np.empty(steps, dtype=int), 0
+    clock, step, reset = time.perf_counter_ns, online.step, online.reset
+    online.reset()
+    for at in tqdm(range(0, steps, 10_000), desc=f"{label} {mode}", unit="10^4 steps", leave=False):
+        count = min(10_000, steps - at)
+        loads, postures = wander.block(at, count)
+        gc.collect()
+        gc.disable()
+        for i in range(count):
+            load, q = loads[i], postures[i]
+            if mode == "cold":
+                reset()
+            before = clock()
+            _, _, status = step(load, q=q)
+            spent[at + i] = clock() - before
+            newton[at + i] = online.steps
+            ok += status is pg.Status.OK
+        gc.enable()
+    spent /= 1e3
+    return {
+        "mode": mode, "steps": steps, "median_us": f"{np.median(spent):.1f}", "p99_us": f"{np.percentile(spent, 99):.1f}",
+        "p99_9_us": f"{np.percentile(spent, 99.9):.1f}", "worst_us": f"{spent.max():.0f}", "ok": ok,
+        "newton_steps_mean": f"{newton.mean():.2f}", "newton_steps_most": newton.max(),
+    }  # fmt: skip
+
+
+def loop(online, wander: Wander, seconds: float) -> dict:
+    """A tick every millisecond: how many forces came too late."""
+    ticks = round(seconds / PERIOD)
+    loads, postures = wander.block(0, ticks)
+    spent, missed, late, ok = np.empty(ticks), 0, 0, 0
+    clock, step = time.perf_counter, online.step
+    gc.collect()
+    gc.disable()
+    start = clock() + 0.01
+    for i in range(ticks):
+        due = start + i * PERIOD
+        while True:
+            left = due - clock()
+            if left <= 0:
+                break
+            if left > 3e-4:
+                time.sleep(left - 2e-4)
+        begun = clock()
+        late += begun - due > 0.5 * PERIOD
+        _, _, status = step(loads[i], q=postures[i])
+        done = clock()
+        spent[i], ok = done - begun, ok + (status is pg.Status.OK)
+        missed += done > due + PERIOD
+    gc.enable()
+    return {
+        "mode": "1 kHz loop", "steps": ticks, "median_us": f"{1e6 * np.median(spent):.1f}",
+        "p99_us": f"{1e6 * np.percentile(spent, 99):.1f}", "p99_9_us": f"{1e6 * np.percentile(spent, 99.9):.1f}",
+        "worst_us": f"{1e6 * spent.max():.0f}", "ok": ok, "seconds": f"{seconds:g}", "missed_ticks": missed, "late_wakes": late,
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--steps", type=int, default=1_000_000)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of the loop")
+    parser.add_argument("--quick", action="store_true", help="10^4 steps, a loop of 1 s, nothing written")
+    options = parser.parse_args()
+    steps, seconds = (10_000, 1.0) if options.quick else (options.steps, options.seconds)
+    rows = []
+    for label, made in (("the paper's hand", papers_hand()), ("16 contacts", many_contacts())):
+        hand, q, problem, limits = made
+        online = pg.OnlineForces(problem, hand=hand, q=q, normal_forces=limits)
+        wander = Wander(problem, q)
+        base = {"case": label, "contacts": problem.k, "joints": hand.n}
+        rows += [base | timed(online, wander, steps, "warm", label), base | timed(online, wander, max(steps // 20, 1000), "cold", label)]
+        rows.append(base | loop(online, wander, seconds))
+        for row in rows[-3:]:
+            print({key: str(value) for key, value in row.items()})
+    if not options.quick:
+        write_rows(HERE / "online.csv", header(("numpy", "pin", "numba"), "seed 0"), [{c: row.get(c, "") for c in COLUMNS} for row in rows])
+
+
+if __name__ == "__main__":
+    main()
