@@ -27,9 +27,13 @@ What stands for "without this package", all in newtons with moments over the mea
 - slsqp: SciPy's SLSQP at its usual settings from even normal forces, given functions only: it takes finite differences.
   This is what one gets without writing gradients.
 - slsqp_gradients: the same with all gradients by hand; slsqp_tight: with gradients and ftol 1e-12.
+- clarabel_native, daqp_native: for least squares on cones and pyramids, the solvers' own interfaces on hand-stacked matrices that
+  are ready before the clock starts; the load alone is set inside it. Clarabel's solver is made anew for each load, with its
+  default settings; DAQP is called as ``daqp.solve``.
 - plain_qp: for least squares on pyramids, quadprog through qpsolvers on hand-stacked matrices.
 
-"auto" runs after ``pinograsp.warm_up()`` where numba (extra ``fast``) is installed; without it "auto" does what the row
+"auto" runs after ``pinograsp.warm_up()`` where numba (extra ``fast``) is installed; "online" is ``OnlineForces.step`` from scratch, where its objective is the same (least squares, no torsion, no torque
+limits). Without numba "auto" does what the row
 "daqp" says up to 20 contacts and "clarabel" above. The other solvers of this package are asked for by name;
 "answered_by" says which one gave the answers. "interior" and "newton" have rows only where they give most of them.
 "success" is the method's own word; an exception is a failure. "correct" is measured: objective within 1e-6 of the
@@ -52,12 +56,15 @@ from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
+import clarabel
 import cvxpy as cp
+import daqp
 import numpy as np
 import qpsolvers
 from matplotlib.figure import Figure
 from results import header, write_rows
 from scipy.optimize import Bounds, linprog, minimize
+from scipy.sparse import csc_matrix, eye as identity
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -71,7 +78,7 @@ TOLERANCE = 1e-6  # of a correct answer
 COMPILED = ("interior", "newton")
 PACKAGES = ("numpy", "scipy", "daqp", "clarabel", "qpsolvers", "quadprog", "piqp", "proxsuite", "osqp", "cvxpy")
 SOLVERS = ("auto", *COMPILED, "daqp", "clarabel", "quadprog", "piqp", "proxqp", "osqp")
-OTHERS = ("cvxpy", "slsqp", "slsqp_gradients", "slsqp_tight")
+OTHERS = ("cvxpy", "slsqp", "slsqp_gradients", "slsqp_tight", "clarabel_native", "daqp_native")
 OBJECTIVES = ("work", "least_squares")
 # Name, friction model, torque limits.
 FRICTIONS = (
@@ -80,8 +87,8 @@ FRICTIONS = (
     ("soft", pg.Friction(model="soft", torsion=TORSION), False),
     ("pyramid+torques", pg.Friction(), True),
 )
-GRASPS = {3: 40, 5: 40, 10: 40, 20: 10, 50: 5}
-GRASPS_QUICK = {3: 8, 5: 8, 10: 6, 20: 3, 50: 2}
+GRASPS = {3: 40, 5: 40, 10: 40, 15: 40, 20: 40, 50: 40}  # 200 solves of a method in a block
+GRASPS_QUICK = {3: 8, 5: 8, 10: 6, 15: 6, 20: 3, 50: 2}
 MODES = ("prepared", "interleaved", "new")
 ROUNDS, LOADS = 4, 5  # loads per grasp and round
 INTERLEAVED = 40  # problems
@@ -424,6 +431,98 @@ class PlainQP(OnArrays):
         return x is not None, None if x is None else x.reshape(-1, 3)
 
 
+class Online:
+    """The loop's class, from scratch at every load."""
+
+    def fresh(self, case: Case, load: np.ndarray):
+        problem = replace(case.base, contacts=replace(case.base.contacts), moment_length=None)
+        return pg.OnlineForces(problem, normal_forces=(case.lo, case.hi)), load
+
+    def again(self, known, load):
+        return known[0], load
+
+    def solve(self, inputs):
+        online, load = inputs
+        online.reset()
+        forces, _, status = online.step(load)
+        return status is pg.Status.OK, forces.copy()
+
+    def answer(self, found):
+        return found
+
+
+class ClarabelNative(OnArrays):
+    """Least squares by Clarabel's own interface."""
+
+    def __init__(self, model: str):
+        self.model, self.settings = model, clarabel.DefaultSettings()
+        self.settings.verbose = False
+
+    def fresh(self, case: Case, load: np.ndarray):
+        a, load = super().fresh(case, load)
+        k, n = a.k, 3 * a.k
+        at = np.arange(k)
+        bounds = np.zeros((2, k, n))
+        bounds[0, at, 3 * at + 2], bounds[1, at, 3 * at + 2] = -1.0, 1.0
+        h = [np.zeros(6), -a.lo, a.hi]
+        if self.model == "cone":
+            limits = np.zeros((k, 3, n))
+            limits[at, 0, 3 * at + 2] = -a.mu
+            limits[at, 1, 3 * at] = limits[at, 2, 3 * at + 1] = -1.0
+            cones = [clarabel.SecondOrderConeT(3)] * k
+        else:
+            limits = np.zeros((k, 4, n))
+            limits[at, :, 3 * at + 2] = -a.mu[:, None] / np.sqrt(2)
+            for row, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
+                limits[at, row, 3 * at + axis] = sign
+            cones = [clarabel.NonnegativeConeT(4 * k)]
+        limits = limits.reshape(-1, n)
+        rows = csc_matrix(np.concatenate([a.G, bounds.reshape(-1, n), limits]))
+        cones = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(2 * k), *cones]
+        return a, load, (2.0 * identity(n, format="csc"), np.zeros(n), rows, np.concatenate([*h, np.zeros(len(limits))]), cones)
+
+    def again(self, known, load):
+        return *super().again(known, load), known[2]
+
+    def solve(self, inputs):
+        a, load, (P, q, rows, h, cones) = inputs
+        h[:6] = -load
+        found = clarabel.DefaultSolver(P, q, rows, h, cones, self.settings).solve()
+        return str(found.status) == "Solved", np.array(found.x).reshape(-1, 3)
+
+
+class DaqpNative(OnArrays):
+    """Least squares on pyramids by DAQP's own interface."""
+
+    def fresh(self, case: Case, load: np.ndarray):
+        a, load = super().fresh(case, load)
+        k, n = a.k, 3 * a.k
+        limits, at = np.zeros((4, k, n)), np.arange(k)
+        limits[:, at, 3 * at + 2] = -a.mu / np.sqrt(2)
+        for row, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
+            limits[row, at, axis + 3 * at] = sign
+        free = np.full(n, 1e30)
+        free[2::3] = a.hi
+        least = np.full(n, -1e30)
+        least[2::3] = a.lo
+        rows = np.ascontiguousarray(np.concatenate([a.G, limits.reshape(-1, n)]))
+        upper = np.concatenate([free, np.zeros(6 + 4 * k)])
+        lower = np.concatenate([least, np.zeros(6), np.full(4 * k, -1e30)])
+        sense = np.zeros(len(upper), dtype=np.intc)
+        sense[n : n + 6] = 5  # equalities
+        return a, load, (2.0 * np.eye(n), np.zeros(n), rows, upper, lower, sense)
+
+    def again(self, known, load):
+        return *super().again(known, load), known[2]
+
+    def solve(self, inputs):
+        a, load, (H, f, rows, upper, lower, sense) = inputs
+        n = len(f)
+        upper[n : n + 6] = lower[n : n + 6] = -load
+        x, _, code, _ = daqp.solve(H, f, rows, upper, lower, sense)
+        return code == 1, np.array(x).reshape(-1, 3)
+
+
 # -- measuring ---------------------------------------------------------------------------------------------------------
 
 
@@ -473,6 +572,14 @@ def methods_of(case: Case, friction: pg.Friction, objective: str) -> dict:
     methods["slsqp_tight"] = Slsqp(friction.model, objective, powers, ftol=1e-12)
     if friction.model == "pyramid" and objective == "least_squares":
         methods["plain_qp"] = PlainQP()
+        methods["daqp_native"] = DaqpNative()
+    if friction.model in ("pyramid", "cone") and objective == "least_squares":
+        methods["clarabel_native"] = ClarabelNative(friction.model)
+        if case.base.torques is None:
+            methods["online"] = Online()
+        else:  # these know no torque limits
+            del methods["clarabel_native"]
+            methods.pop("daqp_native", None)
     return methods
 
 
@@ -586,8 +693,9 @@ class Group:
             for mode, calls in own.items():
                 times = 1e6 * np.array([seconds for seconds, _ in calls.values()])
                 row[f"{mode}_calls"] = len(times)
-                row[f"{mode}_median_us"] = f"{np.median(times):.0f}"
+                row[f"{mode}_median_us"] = f"{np.median(times):.1f}"
                 row[f"{mode}_p99_us"] = f"{np.percentile(times, 99):.0f}"
+                row[f"{mode}_p99_9_us"] = f"{np.percentile(times, 99.9):.0f}"
             told, wrong, answered = self.judged(name)
             row["success"] = f"{told.mean():.3f}"
             row["correct"] = f"{(told & np.all(wrong <= TOLERANCE, axis=1)).mean():.3f}"
@@ -597,6 +705,9 @@ class Group:
                 row[f"worst_{what}_error"] = f"{column.max():.1e}"
             for other in OTHERS:
                 for mode, mine in own.items():
+                    if other not in self.calls:
+                        row[f"{other}_over_this_{mode}"] = ""
+                        continue
                     theirs = self.calls[other][mode]
                     both = np.array([(theirs[at][0], mine[at][0]) for at in mine if at in theirs])
                     row[f"{other}_over_this_{mode}"] = f"{np.divide(*np.median(both, axis=0)):.2f}"
@@ -614,6 +725,9 @@ STYLES = {  # label, colour, line
     "slsqp_gradients": ("SLSQP, gradients", "#009E73", "--"),
     "slsqp_tight": ("SLSQP, tight", "#009E73", ":"),
     "plain_qp": ("plain QP", "#000000", ":"),
+    "online": ("pinograsp (online, cold)", "#56B4E9", "-"),
+    "clarabel_native": ("Clarabel, native", "#CC79A7", "-"),
+    "daqp_native": ("DAQP, native", "#E69F00", "-"),
 }
 
 
@@ -694,12 +808,12 @@ def _label(axes, ends) -> None:
 def table(rows: list[dict]) -> str:
     """The short table: "auto" in us, and how many times as long the others take (prepared)."""
     shown = ("prepared_median_us", "prepared_p99_us", "interleaved_median_us", "new_median_us", "correct")
-    shown += tuple(f"{other}_over_this_prepared" for other in OTHERS[:3])
-    heads = ("prepared", "p99", "interl.", "new", "correct", "cvxpy/", "slsqp/", "gradients/")
-    lines = [f"{'contacts':>8} {'friction':<16} {'objective':<14}" + "".join(f"{head:>11}" for head in heads)]
+    shown += tuple(f"{other}_over_this_prepared" for other in (*OTHERS[:3], *OTHERS[4:]))
+    heads = ("prepared", "p99", "interl.", "new", "correct", "cvxpy/", "slsqp/", "gradients/", "clarabel/", "daqp/")
+    lines = [f"{'contacts':>8} {'friction':<16} {'objective':<14} {'method':<7}" + "".join(f"{head:>11}" for head in heads)]
     for r in rows:
-        if r["method"] == "auto":
-            line = f"{r['contacts']:>8} {r['friction']:<16} {r['objective']:<14}"
+        if r["method"] in ("auto", "online"):
+            line = f"{r['contacts']:>8} {r['friction']:<16} {r['objective']:<14} {r['method']:<7}"
             lines.append(line + "".join(f"{r[column]:>11}" for column in shown))
     return "\n".join(lines)
 
