@@ -7,7 +7,8 @@ included: the paper's hand with 3 contacts, and a hand of 20 joints with 16, fou
 each component is a sum of sines of unrelated periods, half to all of what the weight is. Every step is timed by itself; the
 garbage collector is off, as in a real-time loop. "cold" starts from nothing at every tick. Then the loop: a tick every
 millisecond for 60 s; a tick is missed when its forces come after the next one is due, late when the system wakes the process
-so. Writes online.csv beside this file.
+so. Then the multiplier QP of the paper's three contacts at fixed normal forces, in alternating blocks of 500 loads, and one
+by one in turn, beside DAQP's own interface on matrices that are ready. Writes online.csv beside this file.
 """
 
 from __future__ import annotations
@@ -17,17 +18,19 @@ import gc
 import time
 from pathlib import Path
 
+import daqp
 import numpy as np
 from results import header, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
+from pinograsp.forces import MultiplierQP
 
 HERE = Path(__file__).resolve().parent
 PERIOD = 1e-3
 MOVES = 0.02  # [rad] of the joints about their posture
 COLUMNS = ("case", "contacts", "joints", "mode", "steps", "median_us", "p99_us", "p99_9_us", "worst_us", "ok", "newton_steps_mean",
-           "newton_steps_most", "seconds", "missed_ticks", "late_wakes")  # fmt: skip
+           "newton_steps_most", "seconds", "missed_ticks", "late_wakes", "daqp_median_us", "daqp_over_this")  # fmt: skip
 
 
 def papers_hand() -> tuple:
@@ -133,6 +136,39 @@ def loop(online, wander: Wander, seconds: float) -> dict:
     }  # fmt: skip
 
 
+def multipliers(blocks: int = 10) -> list[dict]:
+    """MultiplierQP and DAQP on the same loads."""
+    case = pg.load_case("paper")
+    problem = case.make_problem(case.load_hand())
+    normal = pg.grid_search(problem, progress=False).normal_forces
+    own, rng = MultiplierQP(problem, normal), np.random.default_rng(0)
+    loads = problem.load * (1 + 0.2 * rng.normal(size=(500 * blocks, 1)))
+    loads[:, :3] += 0.2 * rng.normal(size=(len(loads), 3))
+    columns = problem.scaled_columns
+    H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
+    P, Ht, fixed = H.T @ H + 1e-9 * np.eye(6), np.ascontiguousarray(H.T), columns[:, :, 2] @ normal
+    none, high, low, sense = np.zeros((0, 6)), np.ones(6), -np.ones(6), np.zeros(6, dtype=np.intc)
+    methods = {"this": own.solve, "daqp": lambda load: daqp.solve(P, Ht @ (fixed + load[:3]), none, high, low, sense)[0]}
+    rows, clock = [], time.perf_counter
+    for mode in ("blocks", "interleaved"):
+        spent = {name: [] for name in methods}
+        if mode == "blocks":
+            order = [(name, load) for block in np.split(loads, blocks) for name in methods for load in block]
+        else:
+            order = [(name, load) for load in loads for name in methods]
+        for name, load in order:
+            begun = clock()
+            methods[name](load)
+            spent[name].append(clock() - begun)
+        this, other = (1e6 * np.median(spent[name]) for name in methods)
+        rows.append({
+            "case": "multiplier QP", "contacts": 3, "mode": mode, "steps": len(loads), "median_us": f"{this:.2f}",
+            "p99_us": f"{1e6 * np.percentile(spent['this'], 99):.2f}", "p99_9_us": f"{1e6 * np.percentile(spent['this'], 99.9):.2f}",
+            "daqp_median_us": f"{other:.2f}", "daqp_over_this": f"{other / this:.2f}",
+        })  # fmt: skip
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--steps", type=int, default=1_000_000)
@@ -150,6 +186,9 @@ def main() -> None:
         rows.append(base | loop(online, wander, seconds))
         for row in rows[-3:]:
             print({key: str(value) for key, value in row.items()})
+    rows += multipliers(2 if options.quick else 20)
+    for row in rows[-2:]:
+        print(row)
     if not options.quick:
         write_rows(HERE / "online.csv", header(("numpy", "pin", "numba"), "seed 0"), [{c: row.get(c, "") for c in COLUMNS} for row in rows])
 

@@ -112,3 +112,30 @@ def test_unusable_batches_are_refused():
         pg.solve_batch(problems)
     with pytest.raises(InvalidInput, match="objective"):
         pg.solve_batch(batch, objective="beauty")
+
+
+@pytest.mark.parametrize("balance", ["force", "wrench"])
+def test_multiplier_qp_is_the_refinement(balance):
+    """The same residual as the certified refinement's, under loads that can and cannot be balanced."""
+    from pinograsp.forces import MultiplierQP, refine_multipliers
+
+    rng, balanced = np.random.default_rng(1), 0
+    for problem in problems_of(MODELS["pyramid"], 20, 7, balance):
+        normal = rng.uniform(0.2, 2.0, problem.k)
+        qp = MultiplierQP(problem, normal)
+        for size in (0.0, 0.3, 3.0):
+            multipliers = rng.uniform(-0.9, 0.9, (problem.k, 2))
+            load = -problem.with_load(np.zeros(6)).residual(problem.forces(normal, multipliers)) + size * rng.normal(size=6) * [1, 1, 1, 0.01, 0.01, 0.01]
+            known = problem.with_load(load)
+            found, exact = qp.solve(load), refine_multipliers(known, normal)
+            left = known.scaled_norm(known.residual(known.forces(normal, found)))
+            assert np.abs(found).max() <= 1.0
+            assert left == pytest.approx(exact.residual, abs=1e-7 * normal.sum()) and left >= exact.lower_bound - 1e-7 * normal.sum()
+            balanced += left < 1e-6
+    assert balanced >= 20
+    with pytest.raises(InvalidInput, match="load"):
+        qp.solve(np.full(6, np.nan))
+    with pytest.raises(InvalidInput, match="load"):
+        qp.solve([1.0, 2.0])
+    with pytest.raises(InvalidInput, match="normal forces"):
+        MultiplierQP(problem, np.zeros(problem.k))

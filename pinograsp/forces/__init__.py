@@ -5,7 +5,7 @@ from pinograsp.forces.global_optimum import Branch, optimize_grasp
 from pinograsp.forces.grid import GridSpec, grid_values
 from pinograsp.forces.infeasibility import Diagnosis, Infeasibility, diagnose
 from pinograsp.forces.margins import ForceClosure, GraspMargins, force_closure, grasp_margins, load_margin, min_weight
-from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
+from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
 from pinograsp.forces.optimize import FORCE_SOLVERS, Certificate, optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES
@@ -31,6 +31,7 @@ __all__ = [
     "GridSpec",
     "Infeasibility",
     "LoadSet",
+    "MultiplierQP",
     "MultiplierSolution",
     "RobustForces",
     "TorqueLimits",

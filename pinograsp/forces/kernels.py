@@ -54,6 +54,7 @@ _FIRST_WEIGHT, _SHRINK, _LEAST_WEIGHT = 0.1, 0.1, 1e-3  # proximal weights, from
 _ROUGHLY, _BALANCED = 1e-2, 1e-11  # residual of the balance, of the load, of the passes before and of the last
 _NEWTON_GAP = 1e-9
 _GIVE, _GIVES = 1e-3, 6  # softness of the balance where it cannot be had, squared forces weigh one; proximal passes
+_BOX_STEPS = 60
 # Interior points.
 _STEPS = 60
 _INTERIOR_GAP = 1e-8  # of the objective, where the certificate ends the search
@@ -1439,3 +1440,101 @@ def online(wrench, frames, limits, settings, state, jacobian, gravity, chains, o
 def online_scratch(d, k):
     """Numbers in the state of :func:`online`."""
     return 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
+
+
+# -- multipliers at fixed normal forces ---------------------------------------------------------------------------------
+
+
+@njit(**NEWTON)
+def box_least_squares(H, fixed, load, eps, k, y, work):
+    """Minimise 1/2 |H k + fixed + load|^2 + eps/2 |k|^2 over |k| <= 1: H (m, n), fixed and load (m,). (converged, Newton steps).
+
+    By Newton's method on the dual, whose unknowns y (m,) are the residual: k_j = -h_j . y / eps clipped to [-1, 1] leaves
+    y - H k - fixed - load = 0, the gradient of a strongly convex function. y is start and result; work: 12 + 2 n + 36 numbers.
+    """
+    m, n = H.shape
+    g, d, S, V = work[:m], work[6 : 6 + m], work[12 : 12 + n], work[12 + n : 12 + 2 * n]
+    M, inverse = work[12 + 2 * n : 48 + 2 * n].reshape((6, 6)), 1.0 / eps
+    for r in range(m):
+        if not abs(fixed[r] + load[r]) < 1e12:
+            return False, 0
+    for j in range(n):
+        t = 0.0
+        for r in range(m):
+            t += H[r, j] * y[r]
+        S[j] = t
+    for it in range(_BOX_STEPS):
+        largest, size, start, rest = 0.0, 0.0, 0.0, 0.0
+        for r in range(m):
+            g[r] = y[r] - fixed[r] - load[r]
+            for c in range(r + 1):
+                M[r, c] = 0.0
+            M[r, r] = 1.0
+            largest = max(largest, abs(fixed[r] + load[r]))
+        for j in range(n):
+            t = min(max(-S[j] * inverse, -1.0), 1.0)
+            k[j] = t
+            for r in range(m):
+                g[r] -= H[r, j] * t
+            if abs(t) < 1.0:
+                for r in range(m):
+                    for c in range(r + 1):
+                        M[r, c] += inverse * H[r, j] * H[c, j]
+        for r in range(m):
+            size = max(size, abs(g[r]))
+        if size <= 1e-12 * (1.0 + largest):
+            return True, it
+        for r in range(m):
+            t = M[r, r]
+            for l in range(r):
+                t -= M[r, l] * M[r, l]
+            M[r, r] = 1.0 / np.sqrt(max(t, 1e-300))
+            for c in range(r + 1, m):
+                t = M[c, r]
+                for l in range(r):
+                    t -= M[c, l] * M[r, l]
+                M[c, r] = t * M[r, r]
+        for r in range(m):
+            t = g[r]
+            for l in range(r):
+                t -= M[r, l] * d[l]
+            d[r] = t * M[r, r]
+        for r in range(m - 1, -1, -1):
+            t = d[r]
+            for l in range(r + 1, m):
+                t -= M[l, r] * d[l]
+            d[r] = t * M[r, r]
+        along, square = 0.0, 0.0
+        for r in range(m):
+            along += (y[r] - fixed[r] - load[r]) * d[r]
+            square += d[r] * d[r]
+            start += g[r] * d[r]
+        for j in range(n):
+            t = 0.0
+            for r in range(m):
+                t += H[r, j] * d[r]
+            V[j] = t
+        # The derivative along -d falls from `start`: its root (regula falsi, Illinois).
+        below, above, at_below, at_above, t, side = 0.0, -1.0, start, 0.0, 1.0, 0
+        for search in range(60):
+            rest = along - t * square
+            for j in range(n):
+                rest -= V[j] * min(max(-(S[j] - t * V[j]) * inverse, -1.0), 1.0)
+            if abs(rest) <= 0.1 * start:
+                break
+            if rest < 0.0:
+                above, at_above = t, rest
+                if side < 0:
+                    at_below *= 0.5
+                side = -1
+            else:
+                below, at_below = t, rest
+                if side > 0:
+                    at_above *= 0.5
+                side = 1
+            t = 4.0 * t if above < 0.0 else below + at_below * (above - below) / (at_below - at_above)
+        for r in range(m):
+            y[r] -= t * d[r]
+        for j in range(n):
+            S[j] -= t * V[j]
+    return False, _BOX_STEPS

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.checks import array_of, read_only
-from pinograsp.errors import InvalidInput, Status
+from pinograsp.errors import ExtraMissing, InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solvers import solve_qp
 
@@ -127,3 +127,52 @@ def _certified(problem: ForceProblem, normal, multipliers, solver: str, scale: f
         net_wrench=read_only(wrench),
         solver=solver,
     )
+
+
+class MultiplierQP:
+    """The multiplier QP at fixed normal forces under one load after another, compiled (extra ``fast``).
+
+    Attributes:
+        multipliers: (k, 2) of the last load; overwritten by the next.
+    """
+
+    def __init__(self, problem: ForceProblem, normal_forces):
+        """For a problem's contacts and friction, its load aside, and ``normal_forces`` (k,) [N].
+
+        Raises:
+            InvalidInput: normal forces that are negative, or all zero. ExtraMissing: numba is not installed.
+        """
+        try:
+            from pinograsp.forces.kernels import box_least_squares
+        except ImportError as error:
+            raise ExtraMissing(f"MultiplierQP needs numba: pip install 'pinograsp[fast]' ({error})") from error
+        normal = array_of("normal forces", normal_forces, (problem.k,))
+        if np.any(normal < 0) or not normal.any():
+            raise InvalidInput(f"normal forces: expected values >= 0 [N], not all zero, got {normal.tolist()}")
+        columns = problem.scaled_columns
+        H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
+        self.problem, self.normal_forces, self._solve = problem, normal, box_least_squares
+        self._scale = float(np.linalg.norm(H, axis=0).max()) or 1.0
+        self._H, self._fixed = np.ascontiguousarray(H / self._scale), columns[:, :, 2] @ normal / self._scale
+        self._row = np.ones(problem.rows) / self._scale
+        self._row[3:] /= problem.moment_length
+        self._k, self._y = np.zeros(2 * problem.k), np.zeros(problem.rows)
+        self._work = np.empty(48 + 4 * problem.k)
+        self.multipliers = self._k.reshape(-1, 2)
+        self.solve(np.zeros(6))
+
+    def solve(self, load) -> np.ndarray:
+        """Multipliers (k, 2) that leave the smallest net wrench under ``load`` (6,) [N, N m]; least norm of them.
+
+        Raises:
+            InvalidInput: a load that is not six finite numbers.
+        """
+        rows = len(self._y)
+        if type(load) is not np.ndarray or load.shape != (6,):
+            load = array_of("load", load, (6,))
+        self._y[:] = 0.0
+        done, _ = self._solve(self._H, self._fixed, load[:rows] * self._row, _LEAST_NORM, self._k, self._y, self._work)
+        if not done:
+            array_of("load", load, (6,))
+            self.multipliers[:] = refine_multipliers(self.problem.with_load(load), self.normal_forces).multipliers
+        return self.multipliers

@@ -72,7 +72,7 @@ def energy_audit(simulation) -> Figure:
               linestyle="--", label="sum of the four")  # fmt: skip
     axes.set(ylabel="energy [mJ]")
     _hold(axes, simulation)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
 
 
