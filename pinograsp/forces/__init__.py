@@ -11,6 +11,7 @@ from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES
 from pinograsp.forces.robust import LoadSet, RobustForces, optimize_robust
 from pinograsp.forces.search import SEARCHES, grid_search
+from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.forces.solvers import SOLVERS
 
@@ -20,6 +21,7 @@ __all__ = [
     "SEARCHES",
     "SOLVERS",
     "BatchSolution",
+    "BetterContacts",
     "Branch",
     "Certificate",
     "Diagnosis",
@@ -34,14 +36,17 @@ __all__ = [
     "MultiplierQP",
     "MultiplierSolution",
     "RobustForces",
+    "Sensitivity",
     "TorqueLimits",
     "diagnose",
     "force_closure",
+    "force_sensitivity",
     "grasp_margins",
     "grid_search",
     "grid_values",
     "load_margin",
     "min_weight",
+    "optimize_contacts",
     "optimize_forces",
     "optimize_grasp",
     "optimize_robust",

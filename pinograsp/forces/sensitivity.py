@@ -1,0 +1,320 @@
+"""How the optimal forces and their cost change with load, friction, contact points and normals; and better contact points.
+
+At an optimum without degeneracy the same limits stay active nearby. With z the directions that they leave free (the forces of a
+contact at its friction cone move on it), x(z) the scaled forces, A x = b the balance and y its multipliers,
+
+    J' (grad f(x) + A' y) = 0,   A x = b,   J = dx/dz,
+
+is a square system whose derivative gives dx/dtheta (implicit function theorem; Fiacco 1976). The curvature of a cone adds
+lambda F along its circle, lambda the friction multiplier. The cost alone needs no more than y: by the envelope theorem its
+derivative is that of the Lagrangian, x held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinograsp.checks import number, read_only
+from pinograsp.contacts import ContactSet
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.conic import solve_conic
+from pinograsp.forces.optimize import optimize_forces
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import _quadratic, assemble, columns_of, energy_terms_at
+from pinograsp.forces.solution import ForceSolution
+from pinograsp.spatial import skew, tangent_frame
+
+_SINGULAR = 1e-10  # of the largest singular value
+_ACTIVE = 1e-6  # multiplier of a limit that counts, of the objective's gradient
+_STEPS, _SHRINKS, _ROUNDS = 60, 12, 10
+_PROBE = 1e-6  # [m] for the surface's curvature
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sensitivity:
+    """Derivatives at an optimum. Contact frames turn by rotation vectors in world axes: a normal n that becomes n + dn by n x dn.
+
+    Attributes:
+        unique: whether the forces are determined by their cost. Where they are not (energies say nothing of tangential
+            forces), only ``cost_wrench`` means something: add a little ``least_squares`` to the objective for the others.
+        forces_wrench: (k, 3, 6) of contact forces [N] by the load. forces_mu: (k, 3, k). forces_points: (k, 3, k, 3) [N/m].
+        forces_turns: (k, 3, k, 3) [N/rad]; the frames the forces are in turn along.
+        cost_wrench (6,), cost_mu (k,), cost_points (k, 3), cost_turns (k, 3): of the objective, in its unit.
+        multipliers: of the balance (6,): what a newton or newton metre of load costs; zeros for moments in force balance.
+    """
+
+    unique: bool
+    forces_wrench: np.ndarray
+    forces_mu: np.ndarray
+    forces_points: np.ndarray
+    forces_turns: np.ndarray
+    cost_wrench: np.ndarray
+    cost_mu: np.ndarray
+    cost_points: np.ndarray
+    cost_turns: np.ndarray
+    multipliers: np.ndarray
+
+
+def force_sensitivity(solution: ForceSolution) -> Sensitivity:
+    """Derivatives of an answer of :func:`optimize_forces`; the moment length is held.
+
+    Raises:
+        InvalidInput: no certified optimum; torque limits, pyramids of more than 4 edges, or the objective ``peak``.
+    """
+    problem, friction = solution.problem, solution.problem.friction
+    if solution.status is not Status.OK or solution.certificate is None:
+        raise InvalidInput(f"sensitivity: expected a certified optimum of optimize_forces, got status '{solution.status}'")
+    if problem.torques is not None or solution.objective.get("peak") or (friction.model == "pyramid" and friction.edges != 4):
+        raise InvalidInput("sensitivity: expected no torque limits, no 'peak', and a cone, soft fingers or 4 edges")
+    k, d, rows, e = problem.k, friction.d, problem.rows, friction.d - 1
+    A, P, gradient, curvature, x = _at_optimum(solution)
+    heavy, y = gradient + P @ x, _multipliers(solution)
+    J, owner = _free_directions(solution, x, heavy + A.T @ y, float(np.abs(heavy).max()))
+    C = A @ J
+    # To the last digit, but from the solver's: with few free directions others would do as well.
+    y = y + np.linalg.lstsq(C.T, -J.T @ (heavy + A.T @ y), rcond=_SINGULAR)[0]
+    reduced = J.T @ (P + np.diag(curvature)) @ J
+    pull = heavy + A.T @ y
+    for column, (i, around) in enumerate(owner):
+        if around:  # lambda F: the cone is curved
+            own = slice(i * d, i * d + friction.round_dimensions)
+            reduced[column, column] += np.linalg.norm(pull[own]) * np.linalg.norm(x[own])
+    n = len(owner)
+    system = np.zeros((n + rows, n + rows))
+    system[:n, :n], system[:n, n:], system[n:, :n] = reduced, C.T, C
+    sizes = np.linalg.svd(system, compute_uv=False)
+    inverse = np.linalg.pinv(system, rcond=_SINGULAR)
+
+    widths = np.ones((k, d))
+    widths[:, :-1] = friction.scale(problem.mu)
+    arm = np.append(np.ones(3), np.full(3, 1 / problem.moment_length))[:rows]
+    columns, heavier = A.reshape(rows, k, d), np.diag(P).reshape(k, d)
+    z = x.reshape(k, d)
+    axes = columns[:3] / widths  # world directions per newton; the moment's has none
+    offsets = problem.contacts.points_o - problem.contacts.com_o
+
+    def change(dA: np.ndarray, i: int, of_load=None, dP=None) -> tuple[np.ndarray, float]:
+        """dx (k d,) and the cost's derivative for a change dA (rows, d) of contact i's columns, of the load, of P's diagonal."""
+        right, own = np.zeros(n + rows), slice(i * d, i * d + d)
+        slope = dA.T @ y
+        cost = float(slope @ z[i])
+        if dP is not None:
+            slope = slope + dP * z[i]
+            cost += 0.5 * float(dP @ z[i] ** 2)
+        right[:n], right[n:] = J[own].T @ slope, dA @ z[i]
+        if of_load is not None:
+            right[n:] += of_load
+            cost += float(of_load @ y)
+        return -J @ (inverse @ right)[:n], cost
+
+    def in_newtons(dx: np.ndarray) -> np.ndarray:
+        return (dx.reshape(k, d) * widths)[:, [0, 1, e]]
+
+    none = np.zeros((rows, d))
+    by_wrench, cost_wrench = np.zeros((k, 3, 6)), np.zeros(6)
+    for r in range(rows):
+        dx, cost_wrench[r] = change(none, 0, of_load=np.eye(rows)[r] * arm[r])
+        by_wrench[:, :, r] = in_newtons(dx)
+    by_mu, by_points, by_turns = np.zeros((k, 3, k)), np.zeros((k, 3, k, 3)), np.zeros((k, 3, k, 3))
+    cost_mu, cost_points, cost_turns = np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3))
+    for i in range(k):
+        if problem.mu[i] > 0:
+            dA, dP = none.copy(), np.zeros(d)
+            dA[:, :2], dP[:2] = columns[:, i, :2] / problem.mu[i], 2 * heavier[i, :2] / problem.mu[i]
+            dx, cost_mu[i] = change(dA, i, dP=dP)
+            by_mu[:, :, i] = in_newtons(dx)
+            by_mu[i, :2, i] += z[i, :2] * widths[i, :2] / problem.mu[i]
+        for c in range(3):
+            turn = skew(np.eye(3)[c])
+            dA = none.copy()
+            if rows == 6:
+                dA[3:] = turn @ (axes[:, i] * widths[i]) / problem.moment_length
+            dx, cost_points[i, c] = change(dA, i)
+            by_points[:, :, i, c] = in_newtons(dx)
+            dA = none.copy()
+            dA[:3] = turn @ columns[:3, i]
+            if rows == 6:
+                dA[3:] = skew(offsets[i]) @ dA[:3] / problem.moment_length
+                if d == 4:
+                    dA[3:, 2] = turn @ columns[3:, i, 2]
+            dx, cost_turns[i, c] = change(dA, i)
+            by_turns[:, :, i, c] = in_newtons(dx)
+    multipliers = np.zeros(6)
+    multipliers[:rows] = y * arm
+    return Sensitivity(
+        unique=bool(sizes[-1] > _SINGULAR * sizes[0]), forces_wrench=read_only(by_wrench), forces_mu=read_only(by_mu),
+        forces_points=read_only(by_points), forces_turns=read_only(by_turns), cost_wrench=read_only(cost_wrench),
+        cost_mu=read_only(cost_mu), cost_points=read_only(cost_points), cost_turns=read_only(cost_turns),
+        multipliers=read_only(multipliers),
+    )  # fmt: skip
+
+
+def _at_optimum(solution: ForceSolution):
+    """Balance A (rows, k d), P (k d, k d), linear gradient and curvature of the powers (k d,), and x (k d,), in newtons."""
+    problem, friction = solution.problem, solution.problem.friction
+    k, d = problem.k, friction.d
+    widths = friction.scale(problem.mu)
+    x = np.zeros((k, d))
+    safe = np.where(widths > 0, widths, 1.0)
+    x[:, :2] = solution.forces_c[:, :2] / safe[:, :2]
+    if d == 4:
+        x[:, 2] = solution.torsion / safe[:, 2]
+    F = x[:, -1] = solution.forces_c[:, 2]
+    P, q, _ = _quadratic(problem, solution.objective)
+    P = np.zeros((k * d, k * d)) if P is None else P
+    gradient, curvature = q.astype(float), np.zeros(k * d)
+    for name, terms in energy_terms_at(problem, solution.objective, solution.impact_time).items():
+        for coefficient, exponent in terms:
+            weight = solution.objective[name] * coefficient * exponent
+            gradient = gradient.copy()
+            gradient[d - 1 :: d] += weight * F ** (exponent - 1)
+            if exponent != 1:
+                curvature[d - 1 :: d] += weight * (exponent - 1) * F ** (exponent - 2)
+    return columns_of(problem), P, gradient, curvature, x.ravel()
+
+
+def _multipliers(solution: ForceSolution) -> np.ndarray:
+    """Of the balance (rows,), per newton."""
+    problem, weights = solution.problem, solution.objective
+    terms = energy_terms_at(problem, weights, solution.impact_time)
+    program = assemble(problem, weights, terms, *problem.normal_force_range(solution.impact_time))
+    found = solve_conic(program)
+    if found is None:
+        raise InvalidInput("sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible")
+    return found[1] * (program.objective_scale / program.force_scale)
+
+
+def _free_directions(solution: ForceSolution, x, pull, size: float) -> tuple[np.ndarray, list[tuple[int, bool]]]:
+    """J (k d, n): directions that the active limits leave; for each its contact, and whether it goes around a cone.
+
+    A limit is active where its multiplier is, told by the gradient ``pull`` (k d,) of the Lagrangian, of ``size``.
+    """
+    problem, friction, certificate = solution.problem, solution.problem.friction, solution.certificate
+    k, d, round_ = problem.k, friction.d, friction.round_dimensions
+    e, near, made, owner = d - 1, 1e-6, [], []
+    for i in range(k):
+        z, F = x[i * d : (i + 1) * d], x[i * d + e]
+        ray = np.zeros(d)
+        ray[e] = 1.0
+        own, g = [], pull[i * d : (i + 1) * d]
+        length = float(np.linalg.norm(z[:round_]))
+        if round_ and length >= F * (1 - near) and np.linalg.norm(g[:round_]) > _ACTIVE * size:
+            out = z[:round_] / length
+            ray[:round_] = out
+            for tangent in np.linalg.svd(out[None])[2][1:]:
+                own.append((np.append(tangent, np.zeros(d - round_)) * F, True))
+        elif round_:
+            own += [(np.eye(d)[j], False) for j in range(round_)]
+        for j in range(round_, e):
+            reach = (np.sqrt(0.5) if friction.model == "pyramid" and j < 2 else 1.0) * F
+            if abs(z[j]) >= reach * (1 - near) and abs(g[j]) > _ACTIVE * size:
+                ray[j] = z[j] / F
+            else:
+                own.append((np.eye(d)[j], False))
+        if not ((certificate.at_least[i] or certificate.at_most[i]) and abs(g @ ray) > _ACTIVE * size):
+            own.append((ray, False))
+        for direction, around in own:
+            column = np.zeros(k * d)
+            column[i * d : (i + 1) * d] = direction
+            made.append(column)
+            owner.append((i, around))
+    return np.array(made).reshape(-1, k * d).T, owner
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BetterContacts:
+    """Contacts moved on the object's surface.
+
+    Attributes:
+        contacts: where they are now, without links or posture. problem: with them. solution: its optimum.
+        costs: of the steps that were taken, the start's first.
+    """
+
+    contacts: ContactSet
+    problem: ForceProblem
+    solution: ForceSolution
+    costs: tuple[float, ...]
+
+
+def optimize_contacts(
+    problem: ForceProblem,
+    object,
+    impact_time: float,
+    *,
+    objective=None,
+    reach: float = 0.01,
+    tolerance: float = 1e-6,
+    solver: str = "auto",
+) -> BetterContacts:
+    """Contact points moved on the surface, each by at most ``reach``, until the certified cost falls no further nearby.
+
+    Steepest descent with the gradients of :func:`force_sensitivity`, curvature of the surface included. What is found is a local
+    minimum; whether a hand reaches it is for the caller to try (``contact_postures``).
+
+    Args:
+        problem: contacts and limits. object: a shape of :mod:`pinograsp.objects`, on whose surface the contacts are.
+        impact_time: t_I [s]. objective, solver: as for :func:`optimize_forces`.
+        reach: largest way of a contact from where it was [m]. tolerance: relative fall of the cost that ends it.
+
+    Raises:
+        InvalidInput: contacts that hold nothing to begin with, or what :func:`force_sensitivity` does not take.
+    """
+    reach = number("reach", reach, above=0, unit="m")
+    known = replace(problem, moment_length=problem.moment_length)
+    solution = optimize_forces(known, impact_time, objective=objective, solver=solver)
+    if solution.status is not Status.OK:
+        raise InvalidInput(f"optimize_contacts: expected contacts that hold the load to begin with, got '{solution.status}'")
+    start = np.array(problem.contacts.points_o)
+    costs, length = [solution.certificate.primal], 0.1 * reach
+    for _ in range(_STEPS):
+        points = np.array(known.contacts.points_o)
+        gradient = _on_surface(force_sensitivity(solution), object, points)
+        steepest = float(np.abs(gradient).max())
+        if steepest == 0:
+            break
+        better = None
+        for _ in range(_SHRINKS):
+            tried = _moved(known, object, points - length / steepest * gradient, start, reach)
+            found = optimize_forces(tried, impact_time, objective=objective, solver=solver)
+            if found.status is Status.OK and found.certificate.primal < costs[-1]:
+                better = tried, found
+                length *= 1.5
+                break
+            length *= 0.4
+        if better is None:
+            break
+        known, solution = better
+        costs.append(solution.certificate.primal)
+        if costs[-2] - costs[-1] <= tolerance * costs[-1]:
+            break
+    return BetterContacts(contacts=known.contacts, problem=known, solution=solution, costs=tuple(costs))
+
+
+def _on_surface(sensitivity: Sensitivity, object, points: np.ndarray) -> np.ndarray:
+    """Gradient of the cost over tangential moves of the contacts (k, 3), normals following the surface."""
+    _, normals, _ = object.project(points)
+    gradient = np.zeros_like(points)
+    for i, normal in enumerate(normals):
+        for tangent in tangent_frame(normal).T[:2]:
+            ends = np.array([points[i] + _PROBE * tangent, points[i] - _PROBE * tangent])
+            turn = np.cross(normal, np.subtract(*object.project(ends)[1]) / (2 * _PROBE))
+            gradient[i] += (sensitivity.cost_points[i] @ tangent + sensitivity.cost_turns[i] @ turn) * tangent
+    return gradient
+
+
+def _moved(problem: ForceProblem, object, points: np.ndarray, start: np.ndarray, reach: float) -> ForceProblem:
+    """The problem with its contacts at the surface's points nearest to ``points``, none farther than ``reach`` from its start."""
+    for _ in range(_ROUNDS):  # a point that is drawn back leaves the surface a little
+        surface, normals, _ = object.project(points)
+        way = surface - start
+        far = np.linalg.norm(way, axis=1)
+        if far.max() <= reach:
+            break
+        points = start + way * np.minimum(1.0, 0.9999 * reach / np.maximum(far, 1e-300))[:, None]
+    contacts = tuple(
+        replace(contact, point_o=point, rotation_oc=tangent_frame(normal, problem.gravity_o), distance=0.0, point_l=None)
+        for contact, point, normal in zip(problem.contacts, surface, normals)
+    )
+    return replace(problem, contacts=ContactSet(contacts=contacts, com_o=problem.contacts.com_o))

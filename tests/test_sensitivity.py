@@ -1,0 +1,130 @@
+"""Derivatives of optimal forces and of their cost against finite differences; contact points that move downhill."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinograsp as pg
+from pinograsp.contacts import ContactSet
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces import force_sensitivity, optimize_contacts
+
+MODELS = {
+    "cone": pg.Friction(model="cone", safety=1.1),
+    "pyramid": pg.Friction(),
+    "soft": pg.Friction(model="soft", torsion=4e-3),
+    "cone, torsion": pg.Friction(model="cone", torsion=4e-3),
+}
+IMPACT, STEP = 0.9, 1e-5
+BODY = pg.Cylinder(radius=0.03, height=0.3, mass=0.2)
+
+
+def problem_of(seed, friction, k=4, balance="wrench"):
+    rng = np.random.default_rng(seed)
+    while True:
+        angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.4, 0.4, k)
+        points = 0.03 * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.7, 0.7, k)])
+        contacts = pg.contacts_at(None, BODY, points)
+        load = np.append(rng.normal(size=3), 0.01 * rng.normal(size=3))
+        problem = pg.ForceProblem(contacts=contacts, load=load, mu=rng.uniform(0.5, 0.9, k), friction=friction, balance=balance, moment_length=0.03)
+        if pg.optimize_forces(problem, IMPACT).status is Status.OK:
+            return problem
+
+
+def changed(problem, i, point=None, turn=None):
+    """With contact i moved, or its frame turned by a rotation vector."""
+    contacts = list(problem.contacts)
+    own = contacts[i]
+    if point is not None:
+        own = replace(own, point_o=own.point_o + point)
+    if turn is not None:
+        own = replace(own, rotation_oc=pin.exp3(np.asarray(turn)) @ own.rotation_oc)
+    contacts[i] = own
+    return replace(problem, contacts=ContactSet(contacts=tuple(contacts), com_o=problem.contacts.com_o))
+
+
+def differences(make, objective, size=STEP):
+    """Central differences of forces and cost of ``make(step)``; None where a limit becomes active or stops being so."""
+    ends = [pg.optimize_forces(make(sign * size), IMPACT, objective=objective) for sign in (1, -1)]
+    if any(end.status is not Status.OK for end in ends):
+        return None
+    one, other = (end.certificate for end in ends)
+    if any(np.any(getattr(one, name) != getattr(other, name)) for name in ("at_friction", "at_least", "at_most")):
+        return None
+    return (ends[0].forces_c - ends[1].forces_c) / (2 * size), (one.primal - other.primal) / (2 * size)
+
+
+@pytest.mark.parametrize("objective", ["least_squares", {"work": 1.0, "least_squares": 1e-3}, "work"])
+@pytest.mark.parametrize("name", MODELS)
+def test_derivatives_are_the_limits_of_differences(name, objective):
+    checked = 0
+    for seed, balance in ((1, "wrench"), (2, "wrench"), (3, "force")):
+        problem = problem_of(seed, MODELS[name], balance=balance)
+        solution = pg.optimize_forces(problem, IMPACT, objective=objective)
+        own = force_sensitivity(solution)
+        cases = [(lambda h, r=r: problem.with_load(problem.load + h * np.eye(6)[r]), own.forces_wrench[:, :, r], own.cost_wrench[r]) for r in range(6)]
+        for i in range(problem.k if own.unique else 0):
+            cases.append((lambda h, i=i: replace(problem, mu=problem.mu + h * np.eye(problem.k)[i]), own.forces_mu[:, :, i], own.cost_mu[i]))
+            for c in range(3):
+                step = np.eye(3)[c]
+                # A metre of contact is much: a tenth of the step.
+                cases.append((lambda h, i=i, s=step: changed(problem, i, point=0.1 * h * s), 0.1 * own.forces_points[:, :, i, c], 0.1 * own.cost_points[i, c]))
+                cases.append((lambda h, i=i, s=step: changed(problem, i, turn=h * s), own.forces_turns[:, :, i, c], own.cost_turns[i, c]))
+        scale = solution.certificate.primal
+        for make, by_forces, by_cost in cases:
+            found = differences(make, objective)
+            if found is None:
+                continue
+            checked += 1
+            assert by_cost == pytest.approx(found[1], rel=2e-3, abs=2e-4 * scale)
+            if own.unique:
+                assert by_forces == pytest.approx(found[0], rel=5e-3, abs=5e-3 * max(1.0, np.abs(found[0]).max()))
+        assert objective == "work" or own.unique
+    assert checked >= (60 if objective != "work" else 12)
+
+
+def test_multipliers_price_the_load():
+    problem = problem_of(5, MODELS["cone"])
+    solution = pg.optimize_forces(problem, IMPACT, objective="least_squares")
+    own = force_sensitivity(solution)
+    assert own.multipliers == pytest.approx(own.cost_wrench, abs=1e-9)
+    # Forces that are doubled with their load cost four times as much: Euler's theorem, where no bound of F_n is active.
+    certificate = solution.certificate
+    if not (certificate.at_least.any() or certificate.at_most.any()):
+        assert own.cost_wrench @ problem.load == pytest.approx(2 * certificate.primal, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cone", "pyramid"])
+def test_contacts_move_downhill_on_the_surface(name):
+    problem = problem_of(7, MODELS[name])
+    for objective in ("work", "least_squares"):
+        better = optimize_contacts(problem, BODY, IMPACT, objective=objective, reach=8e-3)
+        start = pg.optimize_forces(problem, IMPACT, objective=objective)
+        assert better.costs[0] == pytest.approx(start.certificate.primal, rel=1e-9)
+        assert list(better.costs) == sorted(better.costs, reverse=True) and better.costs[-1] < 0.97 * better.costs[0]
+        points = better.contacts.points_o
+        assert np.hypot(*points.T[:2]) == pytest.approx(np.full(4, 0.03), abs=1e-9)
+        assert np.linalg.norm(points - problem.contacts.points_o, axis=1).max() <= 8e-3 * (1 + 1e-9)
+        again = pg.optimize_forces(better.problem, IMPACT, objective=objective, solver="clarabel")
+        assert again.certificate.primal == pytest.approx(better.costs[-1], rel=1e-6)
+
+
+def test_what_has_no_derivative_is_refused():
+    problem = problem_of(1, MODELS["cone"])
+    heavy = pg.optimize_forces(problem.with_load(1e4 * problem.load), IMPACT)
+    for solution, message in (
+        (heavy, "infeasible"),
+        (pg.optimize_forces(problem, IMPACT, objective="peak"), "peak"),
+        (pg.optimize_forces(replace(problem, friction=pg.Friction(edges=8)), IMPACT), "4 edges"),
+        (pg.grid_search(problem_of(1, MODELS["pyramid"], k=2, balance="force"), pg.GridSpec(accelerations=[0.1, 0.5]), progress=False), "certified"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            force_sensitivity(solution)
+    with pytest.raises(InvalidInput, match="hold the load"):
+        optimize_contacts(problem.with_load(1e4 * problem.load), BODY, IMPACT)
+    with pytest.raises(InvalidInput, match="reach"):
+        optimize_contacts(problem, BODY, IMPACT, reach=0.0)
