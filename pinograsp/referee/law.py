@@ -81,7 +81,7 @@ class ContactLaw:
     def counted(self, touches: Touches) -> Touches:
         """Of parts with one planned contact the points of their deepest body alone: others would press beside it."""
         part = touches.part
-        if len(part) < 2 or not self.single[part].any() or np.unique(touches.geometry).size == np.unique(part).size:
+        if len(set(touches.geometry.tolist())) == len(set(part.tolist())) or not self.single[part].any():
             return touches
         keep = ~self.single[part]
         for one in set(part[~keep].tolist()):
