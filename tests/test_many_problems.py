@@ -100,7 +100,7 @@ def checked(batch: pg.ForceBatch, objective: str, sample) -> dict:
 @pytest.mark.parametrize("model", MODELS)
 def test_random_problems(model):
     report = checked(random_batch(3000, 1, model), OBJECTIVES[model], range(0, 3000, 30))
-    assert report["refused"] == 0 and report["worst"] <= 1e-7, report
+    assert report["refused"] == 0 and report["worst"] <= 1e-8, report
     assert report[Status.OK] >= 300 and report[Status.INFEASIBLE] >= 300 and report[Status.INACCURATE] <= 3, report
 
 
@@ -109,5 +109,5 @@ def test_random_problems(model):
 def test_a_hundred_thousand_random_problems(model):
     report = checked(random_batch(34_000, 2, model), OBJECTIVES[model], range(0, 34_000, 34))
     print(model, report)
-    assert report["refused"] == 0 and report["worst"] <= 1e-7, report
+    assert report["refused"] == 0 and report["worst"] <= 1e-8, report
     assert report[Status.INACCURATE] <= 34, report
