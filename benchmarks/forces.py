@@ -740,6 +740,9 @@ def draw(rows: list[dict], path: Path) -> None:
     for objective, line in zip(OBJECTIVES, panels):
         for friction, axes in zip(names, line):
             own = [r for r in rows if r["friction"] == friction and r["objective"] == objective]
+            if not own:  # not asked for
+                axes.set_axis_off()
+                continue
             ends = []
             for method in dict.fromkeys(r["method"] for r in own):
                 curve = [r for r in own if r["method"] == method]
