@@ -184,10 +184,10 @@ def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
 
 @njit(**NEWTON)
 def _newton_direction(D, weights, give, residual, H, step):
-    """step (m,) with (D diag(weights) D' + give + a little) step = residual; False where rounding leaves no descent."""
+    """step (m,) with (D diag(weights) D' + give + a little) step = residual; H (m, m) is scratch."""
     m, n, trace, largest = D.shape[0], D.shape[1], 0.0, 0.0
     for r in range(m):
-        for s in range(r + 1):
+        for s in range(r, m):
             t = 0.0
             for l in range(n):
                 t += weights[l] * D[r, l] * D[s, l]
@@ -198,29 +198,9 @@ def _newton_direction(D, weights, give, residual, H, step):
     lift = give + 1e-14 * trace + 1e-12 + min(1e-2, 1e-3 * largest)
     for r in range(m):
         H[r, r] += lift
-    for r in range(m):
-        t = H[r, r]
-        for l in range(r):
-            t -= H[r, l] * H[r, l]
-        if not t > 0.0:
-            return False
-        H[r, r] = 1.0 / np.sqrt(t)
-        for s in range(r + 1, m):
-            t = H[s, r]
-            for l in range(r):
-                t -= H[s, l] * H[r, l]
-            H[s, r] = t * H[r, r]
-    for r in range(m):
-        t = residual[r]
-        for l in range(r):
-            t -= H[r, l] * step[l]
-        step[r] = t * H[r, r]
-    for r in range(m - 1, -1, -1):
-        t = step[r]
-        for l in range(r + 1, m):
-            t -= H[l, r] * step[l]
-        step[r] = t * H[r, r]
-    return True
+        step[r] = residual[r]
+    _factor(H)
+    _solve(H, step)
 
 
 @njit(**NEWTON)
@@ -254,7 +234,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
     """
     m, (d, k) = A.shape[0], q.shape
     n, terms = d * k, k * (5 if n_round == 3 else d)
-    residual, step, H, S = work[:m], work[6 : 6 + m], work[12:48].reshape((6, 6)), work[48 : 48 + n]
+    residual, step, H, S = work[:m], work[6 : 6 + m], work[12 : 12 + m * m].reshape((m, m)), work[48 : 48 + n]
     V, norm, weights = work[48 + n : 48 + 2 * n], work[48 + 2 * n :][:k], work[48 + 2 * n + k :][:terms]
     D = work[48 + 2 * n + k + terms :][: m * terms].reshape((m, terms))
     S2, V2, flat, costs = S.reshape((d, k)), V.reshape((d, k)), x.reshape(n), q.reshape(n)
@@ -273,8 +253,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
         if size <= tolerance:
             return CONVERGED, it
         _directions(A, S2, x, norm, w, lo, hi, radii, n_round, D, weights)
-        if not _newton_direction(D, weights, give, residual, H, step):
-            return STALLED, it
+        _newton_direction(D, weights, give, residual, H, step)
         start, fixed, pull = 0.0, 0.0, 0.0
         for r in range(m):
             start += residual[r] * step[r]
@@ -1436,7 +1415,6 @@ def online(wrench, frames, limits, settings, state, jacobian, gravity, chains, o
     return code, steps, off * scale
 
 
-@njit(**FLAGS)
 def online_scratch(d, k):
     """Numbers in the state of :func:`online`."""
     return 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
@@ -1454,7 +1432,7 @@ def box_least_squares(H, fixed, load, eps, k, y, work):
     """
     m, n = H.shape
     g, d, S, V = work[:m], work[6 : 6 + m], work[12 : 12 + n], work[12 + n : 12 + 2 * n]
-    M, inverse = work[12 + 2 * n : 48 + 2 * n].reshape((6, 6)), 1.0 / eps
+    M, inverse = work[12 + 2 * n :][: m * m].reshape((m, m)), 1.0 / eps
     for r in range(m):
         if not abs(fixed[r] + load[r]) < 1e12:
             return False, 0
@@ -1467,7 +1445,7 @@ def box_least_squares(H, fixed, load, eps, k, y, work):
         largest, size, start, rest = 0.0, 0.0, 0.0, 0.0
         for r in range(m):
             g[r] = y[r] - fixed[r] - load[r]
-            for c in range(r + 1):
+            for c in range(r + 1, m):
                 M[r, c] = 0.0
             M[r, r] = 1.0
             largest = max(largest, abs(fixed[r] + load[r]))
@@ -1478,32 +1456,16 @@ def box_least_squares(H, fixed, load, eps, k, y, work):
                 g[r] -= H[r, j] * t
             if abs(t) < 1.0:
                 for r in range(m):
-                    for c in range(r + 1):
+                    for c in range(r, m):
                         M[r, c] += inverse * H[r, j] * H[c, j]
         for r in range(m):
             size = max(size, abs(g[r]))
         if size <= 1e-12 * (1.0 + largest):
             return True, it
         for r in range(m):
-            t = M[r, r]
-            for l in range(r):
-                t -= M[r, l] * M[r, l]
-            M[r, r] = 1.0 / np.sqrt(max(t, 1e-300))
-            for c in range(r + 1, m):
-                t = M[c, r]
-                for l in range(r):
-                    t -= M[c, l] * M[r, l]
-                M[c, r] = t * M[r, r]
-        for r in range(m):
-            t = g[r]
-            for l in range(r):
-                t -= M[r, l] * d[l]
-            d[r] = t * M[r, r]
-        for r in range(m - 1, -1, -1):
-            t = d[r]
-            for l in range(r + 1, m):
-                t -= M[l, r] * d[l]
-            d[r] = t * M[r, r]
+            d[r] = g[r]
+        _factor(M)
+        _solve(M, d)
         along, square = 0.0, 0.0
         for r in range(m):
             along += (y[r] - fixed[r] - load[r]) * d[r]
