@@ -153,13 +153,20 @@ def arrays_of(case: Case) -> Arrays:
     return Arrays(k, d, G.reshape(6, -1), case.lo, case.hi, base.mu, spin, T, arm)
 
 
+def pyramid_rows(mu: np.ndarray, d: int = 3) -> np.ndarray:
+    """The pyramids as rows C x <= 0 (4 k, k d)."""
+    k = len(mu)
+    rows = np.zeros((k, 4, k, d))
+    for i in range(k):
+        rows[i, :, i, -1] = -mu[i] / np.sqrt(2)
+        rows[i, [0, 1], i, 0] = rows[i, [2, 3], i, 1] = 1.0, -1.0
+    return rows.reshape(4 * k, k * d)
+
+
 def largest_loads(G, load, lo, hi, mu) -> tuple[float, float] | None:
     """Least and largest multiple of the load that 4-edge pyramids hold, by linear programming; None: no multiple."""
     k = len(mu)
-    tangential = np.zeros((4 * k, 3 * k + 1))
-    for i in range(k):
-        for row, (axis, sign) in enumerate(((0, 1), (0, -1), (1, 1), (1, -1))):
-            tangential[4 * i + row, 3 * i + axis], tangential[4 * i + row, 3 * i + 2] = sign, -mu[i] / np.sqrt(2)
+    tangential = np.column_stack([pyramid_rows(mu), np.zeros(4 * k)])
     bounds = [b for i in range(k) for b in ((None, None), (None, None), (lo[i], hi[i]))] + [(0, None)]
     ends = []
     for sign in (1.0, -1.0):
@@ -364,11 +371,7 @@ class Slsqp(OnArrays):
         rows = [{"type": "eq", "fun": lambda x: a.G @ x + load, "jac": lambda x: a.G}]
         normal = np.arange(d - 1, n, d)
         if self.model == "pyramid":
-            C, at = np.zeros((4, k, n)), np.arange(k)
-            C[:, at, normal] = a.mu / np.sqrt(2)
-            for row, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
-                C[row, at, axis + d * at] = sign
-            C = C.reshape(-1, n)
+            C = -pyramid_rows(a.mu, d)
             rows.append({"type": "ineq", "fun": lambda x: C @ x, "jac": lambda x: C})
         else:
             # mu F_n - |u|, not its squares: with those it fails on a third of the grasps with three contacts.
@@ -412,11 +415,7 @@ class PlainQP(OnArrays):
     def fresh(self, case: Case, load: np.ndarray):
         a, load = super().fresh(case, load)
         k, n = a.k, 3 * a.k
-        C, at = np.zeros((4, k, n)), np.arange(k)
-        C[:, at, 3 * at + 2] = -a.mu / np.sqrt(2)
-        for row, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
-            C[row, at, axis + 3 * at] = sign
-        C = np.concatenate([C.reshape(-1, n), a.T, -a.T])
+        C = np.concatenate([pyramid_rows(a.mu), a.T, -a.T])
         h = np.concatenate([np.zeros(4 * k), np.ones(2 * len(a.T))])
         low, high = np.full(n, -1e3), np.full(n, 1e3)  # quadprog takes no infinity
         low[2::3], high[2::3] = a.lo, a.hi
@@ -471,10 +470,7 @@ class ClarabelNative(OnArrays):
             limits[at, 1, 3 * at] = limits[at, 2, 3 * at + 1] = -1.0
             cones = [clarabel.SecondOrderConeT(3)] * k
         else:
-            limits = np.zeros((k, 4, n))
-            limits[at, :, 3 * at + 2] = -a.mu[:, None] / np.sqrt(2)
-            for row, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
-                limits[at, row, 3 * at + axis] = sign
+            limits = pyramid_rows(a.mu)
             cones = [clarabel.NonnegativeConeT(4 * k)]
         limits = limits.reshape(-1, n)
         rows = csc_matrix(np.concatenate([a.G, bounds.reshape(-1, n), limits]))
@@ -497,15 +493,11 @@ class DaqpNative(OnArrays):
     def fresh(self, case: Case, load: np.ndarray):
         a, load = super().fresh(case, load)
         k, n = a.k, 3 * a.k
-        limits, at = np.zeros((4, k, n)), np.arange(k)
-        limits[:, at, 3 * at + 2] = -a.mu / np.sqrt(2)
-        for row, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
-            limits[row, at, axis + 3 * at] = sign
         free = np.full(n, 1e30)
         free[2::3] = a.hi
         least = np.full(n, -1e30)
         least[2::3] = a.lo
-        rows = np.ascontiguousarray(np.concatenate([a.G, limits.reshape(-1, n)]))
+        rows = np.ascontiguousarray(np.concatenate([a.G, pyramid_rows(a.mu)]))
         upper = np.concatenate([free, np.zeros(6 + 4 * k)])
         lower = np.concatenate([least, np.zeros(6), np.full(4 * k, -1e30)])
         sense = np.zeros(len(upper), dtype=np.intc)

@@ -36,7 +36,8 @@ from results import header, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
-from pinograsp.contacts.clearance import PALM, Distances, HandPart
+from pinograsp.contacts.clearance import HandPart
+from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import PinograspError, Status
 from pinograsp.forces import load_margin
 from pinograsp.hands.catalogue import CATALOGUE
@@ -136,11 +137,8 @@ def attempt_at(case: dict, kind: str, target: float, placement, body, limit) -> 
 
 def resting_place(plan) -> float:
     """How far the nearest link that is not to touch is from the object at the end of the grasp [m]."""
-    hand, distances = plan.hand, Distances(plan.hand, plan.problem.object)
-    planned = set()
-    for contact in plan.problem.contacts:
-        finger = None if contact.finger == PALM else hand.finger(contact.finger)
-        planned.add(0 if finger is None else finger.joint_ids[finger.links.index(contact.link)])
+    hand, grasp = plan.hand, Penetration(plan.hand, plan.problem.object, plan.problem.contacts)
+    distances, planned = grasp.distances, set(grasp.joints)
     distances.put(plan.motion.q[-1])
     parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects if one.parentJoint not in planned]
     return min((distances.rough(part) for part in parts), default=np.inf)

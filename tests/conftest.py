@@ -23,6 +23,12 @@ POINTS = {"thumb": (-2.6e-3, -9.6e-3, 61.5e-3), "index": (4.7e-3, 8.8e-3, 71.0e-
 PUBLISHED_FORCES = (9.873, 6.35, 4.7)
 
 
+def around_cylinder(rng, k: int, radius: float, jitter: float = 0.3) -> np.ndarray:
+    """Points (k, 3) around a cylinder of that radius, at irregular distances and heights."""
+    angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-jitter, jitter, k)
+    return radius * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.7, 0.7, k)])
+
+
 @pytest.fixture(scope="session")
 def paper_case():
     return load_case("paper")

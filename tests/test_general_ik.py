@@ -51,7 +51,7 @@ def check(name, count, seed):
                 pin.forwardKinematics(hand.model, data, posture)
                 for contact, local in zip(own, points):
                     chain = hand.finger(contact.finger)
-                    placed = data.oMi[chain.joint_ids[chain.links.index(contact.link)]].act(local)
+                    placed = data.oMi[chain.joint_of(contact.link)].act(local)
                     assert np.linalg.norm(placed - contact.point_o) < 1e-9
                 assert np.all(angles >= hand.lower[dofs] - 1e-9) and np.all(angles <= hand.upper[dofs] + 1e-9)
 

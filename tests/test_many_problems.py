@@ -7,8 +7,7 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.errors import Status
-from pinograsp.forces.batch import _problem
-from pinograsp.forces.program import assemble
+from pinograsp.forces.batch import program_of
 from pinograsp.forces.conic import solve_conic
 from pinograsp.spatial import tangent_frame
 
@@ -80,9 +79,7 @@ def checked(batch: pg.ForceBatch, objective: str, sample) -> dict:
     # A sample against another solver: its optimum, and feasibility a hair's breadth within the limits.
     worst, refused = 0.0, 0
     for i in sample:
-        problem, own = _problem(batch, int(i)), batch.counts[i]
-        terms = {"work": [tuple(term) for term in batch.energies["work"][i].tolist()]} if objective == "work" else {}
-        program = assemble(problem, {objective: 1.0}, terms, batch.low[i, :own], batch.high[i, :own])
+        _, program = program_of(batch, int(i), {objective: 1.0})
         other = solve_conic(program)
         if found.ok[i]:
             if other is not None:

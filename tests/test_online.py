@@ -9,6 +9,7 @@ import cvxpy as cp
 import numpy as np
 import pinocchio as pin
 import pytest
+from conftest import around_cylinder
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, Status
@@ -26,10 +27,8 @@ LOW, HIGH = 0.1, 8.0
 
 def problem_of(k, seed, friction, balance="wrench"):
     rng = np.random.default_rng(seed)
-    angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.3, 0.3, k)
-    points = 0.03 * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.7, 0.7, k)])
     body = pg.Cylinder(radius=0.03, height=0.2, mass=0.2)
-    contacts = pg.contacts_at(None, body, points)
+    contacts = pg.contacts_at(None, body, around_cylinder(rng, k, 0.03))
     return pg.ForceProblem.holding(body, contacts, mu=rng.uniform(0.5, 0.9, k), friction=friction, balance=balance), rng
 
 

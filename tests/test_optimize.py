@@ -571,7 +571,7 @@ def test_torques_are_those_of_the_recursive_newton_euler_algorithm(hand, contact
     external = [pin.Force.Zero() for _ in range(hand.model.njoints)]
     for contact, force, moment in zip(contacts, forces, moments):
         finger = hand.finger(contact.finger)
-        joint = finger.joint_ids[finger.links.index(contact.link)]
+        joint = finger.joint_of(contact.link)
         R, origin = data.oMi[joint].rotation, data.oMi[joint].translation
         total = -moment - np.cross(contact.point_o - origin, force)
         external[joint] = pin.Force(R.T @ -force, R.T @ total)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from conftest import around_cylinder
 
 import pinograsp as pg
 from pinograsp.contacts import ContactSet
@@ -26,9 +27,7 @@ BODY = pg.Cylinder(radius=0.03, height=0.3, mass=0.2)
 def problem_of(seed, friction, k=4, balance="wrench"):
     rng = np.random.default_rng(seed)
     while True:
-        angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.4, 0.4, k)
-        points = 0.03 * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.7, 0.7, k)])
-        contacts = pg.contacts_at(None, BODY, points)
+        contacts = pg.contacts_at(None, BODY, around_cylinder(rng, k, 0.03, jitter=0.4))
         load = np.append(rng.normal(size=3), 0.01 * rng.normal(size=3))
         problem = pg.ForceProblem(contacts=contacts, load=load, mu=rng.uniform(0.5, 0.9, k), friction=friction, balance=balance, moment_length=0.03)
         if pg.optimize_forces(problem, IMPACT).status is Status.OK:

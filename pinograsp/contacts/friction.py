@@ -64,6 +64,19 @@ class Friction:
         return {"pyramid": 0, "cone": 2, "soft": 3}[self.model]
 
     @property
+    def separates(self) -> bool:
+        """Whether U is a product of balls and intervals: a cone, a soft finger, or the pyramid of 4 edges (seen along its edges)."""
+        return self.model != "pyramid" or self.edges == 4
+
+    @property
+    def radii(self) -> np.ndarray:
+        """Half-widths (d - 1,) of those balls and intervals."""
+        radii = np.ones(self.d - 1)
+        if self.model == "pyramid":
+            radii[:2] = np.sqrt(0.5)
+        return radii
+
+    @property
     def d(self) -> int:
         """Numbers per contact: 3 (f_x, f_y, F_n) or 4 with torsion (f_x, f_y, m, F_n)."""
         return 4 if self.torsion > 0 else 3

@@ -44,10 +44,7 @@ class Penetration:
         self.normals = np.array([contact.normal_o for contact in contacts])
 
     def _joint(self, contact) -> int:
-        if contact.finger == PALM:
-            return 0
-        finger = self.hand.finger(contact.finger)
-        return finger.joint_ids[finger.links.index(contact.link)]
+        return 0 if contact.finger == PALM else self.hand.finger(contact.finger).joint_of(contact.link)
 
     def at(self, q: np.ndarray, which=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Depths (c,) [m], negative where clear, inward normals (c, 3), and points on the object's surface (c, 3) [m].

@@ -10,11 +10,12 @@ import numpy as np
 
 from pinograsp.checks import array_of, one_of, read_only
 from pinograsp.contacts import Contact, ContactSet, Friction
-from pinograsp.errors import ExtraMissing, InvalidInput, Status
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.infeasibility import forces_of
 from pinograsp.forces.optimize import solve_certified
 from pinograsp.forces.problem import BALANCES, MEASURES, ForceProblem
-from pinograsp.forces.program import assemble, weights_of
+from pinograsp.forces.program import Program, assemble, weights_of
+from pinograsp.forces.solvers import compiled_solvers
 
 _AT_ONCE = 20_000  # problems per compiled call: Ctrl-C waits for one
 
@@ -174,12 +175,9 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
         InvalidInput: an objective that is unknown or has no energies. ExtraMissing: numba is not installed.
     """
     started = time.perf_counter()
-    try:
-        import numba
+    kernels = compiled_solvers()
+    import numba
 
-        from pinograsp.forces.kernels import CONVERGED, INFEASIBLE, STALLED, many
-    except ImportError as error:
-        raise ExtraMissing(f"solve_batch needs numba: pip install 'pinograsp[fast]' ({error})") from error
     if not isinstance(batch, ForceBatch):
         raise InvalidInput(f"solve_batch: expected a ForceBatch (see ForceBatch.of), got {type(batch).__name__}")
     weights = weights_of(objective, _problem(batch, 0))
@@ -190,31 +188,29 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
     parts = [batch.energies[name] * [weights[name], 1.0] for name in MEASURES if weights.get(name)]
     terms = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0, 2))
     squares = weights.get("least_squares", 0.0)
-    takes = not weights.get("peak") and (friction.model != "pyramid" or friction.edges == 4)
-    takes = takes and not (friction.model == "soft" and squares)
+    takes = friction.separates and not weights.get("peak") and not (friction.model == "soft" and squares)
     forces, torsion, answers = np.zeros((n, k, 3)), np.zeros((n, k)), np.zeros((n, 4))
-    codes = np.full(n, STALLED)
-    radii = np.full(friction.d - 1, np.sqrt(0.5) if friction.model == "pyramid" else 1.0)
-    radii[2:] = 1.0
+    codes = np.full(n, kernels.STALLED)
     before = numba.get_num_threads()
     try:
         if threads is not None:
             numba.set_num_threads(int(threads))
         for start in range(0, n if takes else 0, _AT_ONCE):
             at = slice(start, start + _AT_ONCE)
-            many(
+            kernels.many(
                 batch.points[at], batch.rotations[at], batch.counts[at], batch.loads[at], batch.mu[at] / friction.safety,
                 friction.torsion / friction.safety, batch.low[at], batch.high[at], batch.moment_lengths[at],
-                6 if batch.balance == "wrench" else 3, squares, terms[at], radii, friction.round_dimensions, forces[at],
+                6 if batch.balance == "wrench" else 3, squares, terms[at], friction.radii, friction.round_dimensions, forces[at],
                 torsion[at], answers[at], codes[at],
             )  # fmt: skip
     except ValueError as error:
         raise InvalidInput(f"threads: {error}") from error
     finally:
         numba.set_num_threads(before)
-    left = np.flatnonzero(codes == STALLED)
+    left = np.flatnonzero(codes == kernels.STALLED)
     kinds = np.empty(3, dtype=object)  # one by one: assigned at once they would become plain text
-    kinds[CONVERGED], kinds[STALLED], kinds[INFEASIBLE] = Status.OK, Status.INACCURATE, Status.INFEASIBLE
+    kinds[kernels.CONVERGED], kinds[kernels.STALLED] = Status.OK, Status.INACCURATE
+    kinds[kernels.INFEASIBLE] = Status.INFEASIBLE
     status = kinds[codes]
     for i in left:
         status[i] = _by_itself(batch, int(i), weights, forces, torsion, answers)
@@ -236,11 +232,16 @@ def _problem(batch: ForceBatch, i: int) -> ForceProblem:
     )  # fmt: skip
 
 
-def _by_itself(batch: ForceBatch, i: int, weights, forces, torsion, answers) -> Status:
-    """One problem by the general methods: its status; forces, torsion and answers get its row."""
+def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple[ForceProblem, Program]:
+    """Problem ``i`` by itself, for the general methods; ``weights`` as of :func:`weights_of`."""
     problem, own = _problem(batch, i), batch.counts[i]
     terms = {name: [tuple(term) for term in batch.energies[name][i].tolist()] for name in MEASURES if weights.get(name)}
-    program = assemble(problem, weights, terms, batch.low[i, :own], batch.high[i, :own])
+    return problem, assemble(problem, weights, terms, batch.low[i, :own], batch.high[i, :own])
+
+
+def _by_itself(batch: ForceBatch, i: int, weights, forces, torsion, answers) -> Status:
+    """One problem by the general methods: its status; forces, torsion and answers get its row."""
+    (problem, program), own = program_of(batch, i, weights), batch.counts[i]
     x, status, certificate, _, _ = solve_certified(problem, program, "auto")
     if status is Status.OK:
         forces[i, :own], torsion[i, :own] = forces_of(problem, x, program.force_scale)

@@ -50,9 +50,7 @@ class Template:
         self.facets = np.hstack([-friction.facets, np.ones((len(friction.facets), 1))])
         self.n_round = friction.round_dimensions
         self.vertices = np.array(friction.vertices) if friction.polyhedral else np.zeros((0, 2))
-        self.radii = np.ones(d - 1)
-        if friction.model == "pyramid":
-            self.radii[:2] = np.sqrt(0.5)
+        self.radii = friction.radii
         self.components = self._by_component(program)
         self.P, coupled = np.zeros((k, d, d)), False
         if program.P is not None:
@@ -65,7 +63,7 @@ class Template:
         diagonal = np.einsum("kjj->kj", self.P)
         self.largest = float(diagonal.max())
         self.applies = not coupled and not program.peak
-        self.separates = self.applies and not len(program.R) and (friction.model != "pyramid" or friction.edges == 4)
+        self.separates = self.applies and not len(program.R) and friction.separates
         if self.separates and program.P is not None:
             own = diagonal[:, : self.n_round]
             self.separates = np.count_nonzero(self.P) <= np.count_nonzero(diagonal) and (
@@ -157,13 +155,13 @@ class Prepared:
     """Everything of a force problem but its load, at one impact time, for one objective and solver.
 
     Attributes:
-        solver: ``"newton"`` or ``"interior"``. weights: the objective. joints: names of the torque rows, in their order.
+        weights: the objective. joints: names of the torque rows, in their order.
     """
 
-    __slots__ = ("solver", "weights", "impact_time", "joints", "sizes", "numbers", "at", "k", "parts", "moment_length")
+    __slots__ = ("weights", "impact_time", "joints", "sizes", "numbers", "at", "k", "parts", "moment_length")
 
     def __init__(self, problem: ForceProblem, template: Template, solver: str, weights, impact_time: float):
-        self.solver, self.weights, self.impact_time, self.k = solver, weights, impact_time, problem.k
+        self.weights, self.impact_time, self.k = weights, impact_time, problem.k
         names = problem.torques.limited_joints if len(template.order) else ()
         self.joints = [names[row] for row in template.order]
         self.sizes, self.numbers = template.pack(problem)
@@ -179,8 +177,8 @@ class Prepared:
         """Forces for a load (6,), read-only; None where there is no certified answer.
 
         Returns:
-            whether by Newton's method (else interior points); primal, dual, size (see :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m],
-            violation [N]; and read-only net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2),
+            whether by Newton's method (else interior points); primal, dual, size (see
+            :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m], violation [N]; and read-only net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2),
             acceleration (k,) [m/s^2], and active limits: at friction, least and largest F_n (k,), torque rows (r,).
         """
         k = self.k

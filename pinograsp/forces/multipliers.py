@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.checks import array_of, read_only
-from pinograsp.errors import ExtraMissing, InvalidInput, Status
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solvers import solve_qp
+from pinograsp.forces.solvers import compiled_solvers, solve_qp
 
 BALANCED = 1e-9  # net wrench [N, moments over the moment length] that counts as equilibrium
 # A minimum counts as certified where bound and residual agree to this: relative to the largest force in play,
@@ -142,16 +142,13 @@ class MultiplierQP:
         Raises:
             InvalidInput: normal forces that are negative, or all zero. ExtraMissing: numba is not installed.
         """
-        try:
-            from pinograsp.forces.kernels import box_least_squares
-        except ImportError as error:
-            raise ExtraMissing(f"MultiplierQP needs numba: pip install 'pinograsp[fast]' ({error})") from error
+        kernels = compiled_solvers()
         normal = array_of("normal forces", normal_forces, (problem.k,))
         if np.any(normal < 0) or not normal.any():
             raise InvalidInput(f"normal forces: expected values >= 0 [N], not all zero, got {normal.tolist()}")
         columns = problem.scaled_columns
         H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
-        self.problem, self.normal_forces, self._solve = problem, normal, box_least_squares
+        self.problem, self.normal_forces, self._solve = problem, normal, kernels.box_least_squares
         self._scale = float(np.linalg.norm(H, axis=0).max()) or 1.0
         self._H, self._fixed = np.ascontiguousarray(H / self._scale), columns[:, :, 2] @ normal / self._scale
         self._row = np.ones(problem.rows) / self._scale

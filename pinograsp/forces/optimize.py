@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.checks import frozen, one_of, read_only, record_of
-from pinograsp.errors import ExtraMissing, Status
+from pinograsp.errors import Status
 from pinograsp.forces.active_set import solve_dense
 from pinograsp.forces.conic import solve_conic
 from pinograsp.forces.infeasibility import Infeasibility, forces_of, prove
@@ -28,7 +28,7 @@ from pinograsp.forces.program import (
     weights_of,
 )
 from pinograsp.forces.solution import ForceSolution
-from pinograsp.forces.solvers import SOLVERS
+from pinograsp.forces.solvers import SOLVERS, compiled_solvers
 
 _USEFUL = 1e-3  # of the load: what misses its limits by more is no answer at all
 _COMPILED = ("interior", "newton")
@@ -187,10 +187,9 @@ def warm_up() -> None:
     Raises:
         ExtraMissing: numba is not installed.
     """
-    try:
-        from pinograsp.forces import compiled
-    except ImportError as error:
-        raise ExtraMissing(f"the compiled solvers need numba: pip install 'pinograsp[fast]' ({error})") from error
+    compiled_solvers()
+    from pinograsp.forces import compiled
+
     compiled.compile_now()
 
 

@@ -22,7 +22,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.conic import solve_conic
 from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import _quadratic, assemble, columns_of, energy_terms_at
+from pinograsp.forces.program import NEAR, assemble, energy_terms_at
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.spatial import skew, tangent_frame
 
@@ -66,11 +66,11 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     problem, friction = solution.problem, solution.problem.friction
     if solution.status is not Status.OK or solution.certificate is None:
         raise InvalidInput(f"sensitivity: expected a certified optimum of optimize_forces, got status '{solution.status}'")
-    if problem.torques is not None or solution.objective.get("peak") or (friction.model == "pyramid" and friction.edges != 4):
+    if problem.torques is not None or solution.objective.get("peak") or not friction.separates:
         raise InvalidInput("sensitivity: expected no torque limits, no 'peak', and a cone, soft fingers or 4 edges")
     k, d, rows, e = problem.k, friction.d, problem.rows, friction.d - 1
-    A, P, gradient, curvature, x = _at_optimum(solution)
-    heavy, y = gradient + P @ x, _multipliers(solution)
+    A, P, gradient, curvature, x, y = _at_optimum(solution)
+    heavy = gradient + P @ x
     J, owner = _free_directions(solution, x, heavy + A.T @ y, float(np.abs(heavy).max()))
     C = A @ J
     # To the last digit, but from the solver's: with few free directions others would do as well.
@@ -152,38 +152,29 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
 
 
 def _at_optimum(solution: ForceSolution):
-    """Balance A (rows, k d), P (k d, k d), linear gradient and curvature of the powers (k d,), and x (k d,), in newtons."""
+    """Balance A (rows, k d), P (k d, k d), linear gradient and curvature of the powers (k d,), x (k d,), multipliers (rows,); in newtons."""
     problem, friction = solution.problem, solution.problem.friction
     k, d = problem.k, friction.d
+    terms = energy_terms_at(problem, solution.objective, solution.impact_time)
+    program = assemble(problem, solution.objective, terms, *problem.normal_force_range(solution.impact_time))
+    found = solve_conic(program)
+    if found is None:
+        raise InvalidInput("sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible")
     widths = friction.scale(problem.mu)
     x = np.zeros((k, d))
     safe = np.where(widths > 0, widths, 1.0)
     x[:, :2] = solution.forces_c[:, :2] / safe[:, :2]
     if d == 4:
         x[:, 2] = solution.torsion / safe[:, 2]
-    F = x[:, -1] = solution.forces_c[:, 2]
-    P, q, _ = _quadratic(problem, solution.objective)
-    P = np.zeros((k * d, k * d)) if P is None else P
-    gradient, curvature = q.astype(float), np.zeros(k * d)
-    for name, terms in energy_terms_at(problem, solution.objective, solution.impact_time).items():
-        for coefficient, exponent in terms:
-            weight = solution.objective[name] * coefficient * exponent
-            gradient = gradient.copy()
-            gradient[d - 1 :: d] += weight * F ** (exponent - 1)
-            if exponent != 1:
-                curvature[d - 1 :: d] += weight * (exponent - 1) * F ** (exponent - 2)
-    return columns_of(problem), P, gradient, curvature, x.ravel()
-
-
-def _multipliers(solution: ForceSolution) -> np.ndarray:
-    """Of the balance (rows,), per newton."""
-    problem, weights = solution.problem, solution.objective
-    terms = energy_terms_at(problem, weights, solution.impact_time)
-    program = assemble(problem, weights, terms, *problem.normal_force_range(solution.impact_time))
-    found = solve_conic(program)
-    if found is None:
-        raise InvalidInput("sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible")
-    return found[1] * (program.objective_scale / program.force_scale)
+    x[:, -1] = solution.forces_c[:, 2]
+    unit, force = program.objective_scale, program.force_scale
+    gradient, curvature = np.array(program.q), np.zeros(k * d)
+    first, second = program.slope(x[:, -1] / force)
+    gradient[d - 1 :: d] += first
+    curvature[d - 1 :: d] = second
+    P = np.zeros((k * d, k * d)) if program.P is None else program.P
+    per_newton = unit / force
+    return program.A, P * (per_newton / force), gradient * per_newton, curvature * (per_newton / force), x.ravel(), found[1] * per_newton
 
 
 def _free_directions(solution: ForceSolution, x, pull, size: float) -> tuple[np.ndarray, list[tuple[int, bool]]]:
@@ -193,14 +184,14 @@ def _free_directions(solution: ForceSolution, x, pull, size: float) -> tuple[np.
     """
     problem, friction, certificate = solution.problem, solution.problem.friction, solution.certificate
     k, d, round_ = problem.k, friction.d, friction.round_dimensions
-    e, near, made, owner = d - 1, 1e-6, [], []
+    e, made, owner = d - 1, [], []
     for i in range(k):
         z, F = x[i * d : (i + 1) * d], x[i * d + e]
         ray = np.zeros(d)
         ray[e] = 1.0
         own, g = [], pull[i * d : (i + 1) * d]
         length = float(np.linalg.norm(z[:round_]))
-        if round_ and length >= F * (1 - near) and np.linalg.norm(g[:round_]) > _ACTIVE * size:
+        if round_ and length >= F * (1 - NEAR) and np.linalg.norm(g[:round_]) > _ACTIVE * size:
             out = z[:round_] / length
             ray[:round_] = out
             for tangent in np.linalg.svd(out[None])[2][1:]:
@@ -208,8 +199,8 @@ def _free_directions(solution: ForceSolution, x, pull, size: float) -> tuple[np.
         elif round_:
             own += [(np.eye(d)[j], False) for j in range(round_)]
         for j in range(round_, e):
-            reach = (np.sqrt(0.5) if friction.model == "pyramid" and j < 2 else 1.0) * F
-            if abs(z[j]) >= reach * (1 - near) and abs(g[j]) > _ACTIVE * size:
+            reach = friction.radii[j] * F
+            if abs(z[j]) >= reach * (1 - NEAR) and abs(g[j]) > _ACTIVE * size:
                 ray[j] = z[j] / F
             else:
                 own.append((np.eye(d)[j], False))

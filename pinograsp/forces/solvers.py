@@ -1,4 +1,4 @@
-"""The only place that calls a QP solver: every tolerance is passed explicitly, none is left to a default."""
+"""The only place that calls a QP solver, or asks for the compiled ones: every tolerance is passed explicitly, none is left to a default."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import qpsolvers
 
 from pinograsp.checks import one_of
+from pinograsp.errors import ExtraMissing
 
 # ProxQP's and OSQP's own defaults (1e-3 to 1e-5) leave residuals that our certificates refuse; below 1e-10 Clarabel
 # stops short on the nearly singular Hessian. OSQP's polishing is off: it prints to stdout whatever `verbose` says.
@@ -22,6 +23,19 @@ TOLERANCES: dict[str, dict[str, float]] = {
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
 }
 SOLVERS = tuple(TOLERANCES)
+
+
+def compiled_solvers():
+    """The module :mod:`pinograsp.forces.kernels`; its first import takes a while.
+
+    Raises:
+        ExtraMissing: numba is not installed.
+    """
+    try:
+        from pinograsp.forces import kernels
+    except ImportError as error:
+        raise ExtraMissing(f"the compiled solvers need numba: pip install 'pinograsp[fast]' ({error})") from error
+    return kernels
 
 
 def solve_qp(solver: str, P, q, A=None, b=None, lb=None, ub=None) -> np.ndarray | None:

@@ -39,6 +39,10 @@ class Finger:
         """Number of actuated joints."""
         return len(self.dofs)
 
+    def joint_of(self, link: str) -> int:
+        """Pinocchio index of the joint that moves ``link``."""
+        return self.joint_ids[self.links.index(link)]
+
     @property
     def coupled(self) -> bool:
         """Whether joints of the finger move together."""

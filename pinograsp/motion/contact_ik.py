@@ -401,7 +401,7 @@ def _numerical(hand: HandModel, finger: Finger, contacts, reference, spread, sam
             pin.computeJointJacobians(model, data, q)
             error, rows = [], []
             for contact, local in zip(contacts, locals_):
-                joint = finger.joint_ids[finger.links.index(contact.link)]
+                joint = finger.joint_of(contact.link)
                 error.append(contact.point_o - data.oMi[joint].act(local))
                 rows.append(point_jacobian(model, data, joint, local)[:, finger.dofs])
             error, J = np.concatenate(error), np.concatenate(rows)

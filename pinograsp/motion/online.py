@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import array_of, number
 from pinograsp.contacts import PALM
-from pinograsp.errors import ExtraMissing, InvalidInput, Status
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem
+from pinograsp.forces.solvers import compiled_solvers
 from pinograsp.hands import HandModel
 
 _MOST = 50  # Newton steps of one try; a warm start needs one to five
@@ -56,14 +59,11 @@ class OnlineForces:
         Raises:
             InvalidInput: what cannot be used, with the reason. ExtraMissing: numba (extra ``fast``) is not installed.
         """
-        try:
-            from pinograsp.forces import kernels
-        except ImportError as error:
-            raise ExtraMissing(f"OnlineForces needs numba: pip install 'pinograsp[fast]' ({error})") from error
+        kernels = compiled_solvers()
         if not isinstance(problem, ForceProblem):
             raise InvalidInput(f"OnlineForces: expected a ForceProblem, got {type(problem).__name__}")
         friction, k = problem.friction, problem.k
-        if friction.model == "pyramid" and friction.edges != 4:
+        if not friction.separates:
             raise InvalidInput(f"OnlineForces: expected a cone, soft fingers or 4 edges, got a pyramid with {friction.edges}")
         if problem.torques is not None:
             raise InvalidInput("OnlineForces: torque limits are not part of it: give limits of F_n, or use optimize_forces")
@@ -102,8 +102,6 @@ class OnlineForces:
     @classmethod
     def of(cls, plan, **settings) -> OnlineForces:
         """For a plan's grasp, from the posture that it ends in; ``settings`` as for the class."""
-        from dataclasses import replace
-
         problem, motion = replace(plan.problem, torques=None), plan.motion
         given = {"hand": plan.hand, "q": motion.q[-1], "normal_forces": problem.normal_force_range(plan.forces.impact_time)}
         return cls(problem, **given | settings)
@@ -135,7 +133,7 @@ class OnlineForces:
             if contact.finger == PALM:
                 continue
             finger = hand.finger(contact.finger)
-            joint = finger.joint_ids[finger.links.index(contact.link)]
+            joint = finger.joint_of(contact.link)
             while joint:
                 # A joint that follows others has a column of its own, which counts for the one that it follows.
                 chains.append((i, self._model.joints[joint].idx_vExtended, self._model.joints[joint].idx_v))
@@ -194,7 +192,7 @@ class OnlineForces:
             array_of("wrench", wrench, (6,))
             raise InvalidInput("OnlineForces: expected finite numbers below 1e12, and mu >= 0")
         self._started = True
-        self.status = Status.OK if code == 0 else self._codes[code]
+        self.status = self._codes[code]
         return self.forces, self.torques, self.status
 
     def _update(self, q, poses, mu) -> None:

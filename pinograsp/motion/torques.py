@@ -74,7 +74,7 @@ def torque_limits(
         if contact.finger == PALM:
             continue  # it does not move
         finger = hand.finger(contact.finger)
-        joint = finger.joint_ids[finger.links.index(contact.link)]
+        joint = finger.joint_of(contact.link)
         point = data.oMi[joint].actInv(contact.point_o + depth[i] * contact.normal_o)
         jacobian[i] = contact_jacobian(model, data, joint, point)
     return TorqueLimits(jacobian=jacobian, bias=bias, limit=limit, joints=hand.joint_names)

@@ -205,7 +205,8 @@ def _press_surfaces(hand, finger, own, found, contacts, object, profile, which, 
     deeper = np.zeros((times.size, len(which)))
     knots = np.unique(np.linspace(0, times.size - 1, _KNOTS).astype(int))
     surfaces = None if object is None else Penetration(hand, object, contacts)
-    asked, reached, best, least, off = np.zeros((knots.size, len(which))), None, None, np.inf, np.zeros(len(which))
+    asked, best, least, off = np.zeros((knots.size, len(which))), None, np.inf, np.zeros(len(which))
+    step = reached = None  # the last change of what is asked, and the depths before it
     slope = np.ones_like(asked)  # by secants: what rolls to another place of its link moves faster or slower there
     for _ in range(_SURFACE_ROUNDS):
         motion = press(hand, finger, own, angles, points, profile, which, times, normals_first=True, deeper=deeper)
