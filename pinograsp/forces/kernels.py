@@ -1315,21 +1315,23 @@ def _not_finite(values):
 
 
 @njit(**FLAGS)
-def online(wrench, frames, limits, settings, state, jacobian, gravity, chains, out):
+def online(wrench, memory, jacobian, gravity, chains):
     """One tick of :class:`pinograsp.motion.OnlineForces`: (code, Newton steps, what is not balanced [N]).
 
-    Shapes: wrench (6,), the load; frames (k, 13): contact point about the centre of mass, contact frame by rows, mu; limits
-    (4, k): least and largest F_n, share of them that holds now, share that it moves to; settings (11,): rows of the balance,
-    round components, torsion [m], arm [m], safety factor, most steps, change of F_n and of shares per tick, centre of mass;
-    state: multipliers of the last tick (6) [N], scratch; jacobian (6, columns) of the joints, world axes, linear velocity at the
-    world's origin first; gravity (n,); chains (p, 3): a contact, a joint's column and degree of freedom. out: forces (3 k),
-    torsional moments (k), unbalanced wrench (6), torques (n); on entry the last tick's.
+    wrench (6,), the load; memory, see :func:`online_memory`; jacobian (6 columns,): of the joints, column by column, world axes,
+    linear velocity at the world's origin first; gravity (n,); chains (3 p,): contacts, each with a joint's column and degree of
+    freedom. All flat and few, since every array handed over costs a tenth of a microsecond.
 
     The objective is the sum of squares of F_n and of tangential forces; a torsional moment counts as the tangential force that
     uses as much friction. CONVERGED: balanced; INFEASIBLE: the closest forces; STALLED: not within the steps, the closest that
     were found; -1: an input is not finite or a friction coefficient negative, and nothing has changed.
     """
-    k, m, n_round, torsion, arm, safety = len(frames), int(settings[0]), int(settings[1]), settings[2] / settings[4], settings[3], settings[4]
+    settings, n = memory[:12], len(gravity)
+    k, m, n_round, torsion, arm, safety = (
+        int(settings[11]), int(settings[0]), int(settings[1]), settings[2] / settings[4], settings[3], settings[4],
+    )  # fmt: skip
+    frames, limits = memory[12 : 12 + 13 * k].reshape((k, 13)), memory[12 + 13 * k : 12 + 17 * k].reshape((4, k))
+    out, state = memory[12 + 17 * k : 18 + 21 * k + n], memory[18 + 21 * k + n :]
     d, most = 4 if torsion > 0.0 else 3, int(settings[5])
     e, n = d - 1, d * k
     if _not_finite(wrench) or _not_finite(frames) or _not_finite(gravity) or frames[:, 12].min() < 0.0:
@@ -1407,17 +1409,26 @@ def online(wrench, frames, limits, settings, state, jacobian, gravity, chains, o
             unbalanced[3 + r] += turn[r] + points[i, s] * f[t] - points[i, t] * f[s]
         P = (points[i, 0] + settings[8], points[i, 1] + settings[9], points[i, 2] + settings[10])
         a = turn[0] + P[1] * f[2] - P[2] * f[1], turn[1] + P[2] * f[0] - P[0] * f[2], turn[2] + P[0] * f[1] - P[1] * f[0]
-        while p < len(chains) and chains[p, 0] == i:
-            c = chains[p, 1]
-            t = jacobian[0, c] * f[0] + jacobian[1, c] * f[1] + jacobian[2, c] * f[2]
-            torques[chains[p, 2]] += t + jacobian[3, c] * a[0] + jacobian[4, c] * a[1] + jacobian[5, c] * a[2]
-            p += 1
+        while p < len(chains) and chains[p] == i:
+            J = jacobian[6 * chains[p + 1] :][:6]
+            t = J[0] * f[0] + J[1] * f[1] + J[2] * f[2]
+            torques[chains[p + 2]] += t + J[3] * a[0] + J[4] * a[1] + J[5] * a[2]
+            p += 3
     return code, steps, off * scale
 
 
-def online_scratch(d, k):
-    """Numbers in the state of :func:`online`."""
-    return 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
+def online_memory(d, k, n):
+    """The memory of :func:`online` (an array), and its parts, which are views of it.
+
+    settings (12,): rows of the balance, round components, torsion [m], arm [m], safety factor, most steps, change of F_n [N] and
+    of shares per tick, centre of mass, contacts. frames (k, 13): contact point about the centre of mass, contact frame by rows,
+    mu. limits (4, k): least and largest F_n, share of them that holds now, share that it moves to. out: forces (3 k), torsional
+    moments (k), unbalanced wrench (6), torques (n); on entry the last tick's. state: multipliers of the last tick (6) [N], scratch.
+    """
+    sizes = 12, 13 * k, 4 * k, 4 * k + 6 + n, 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
+    memory = np.zeros(sum(sizes))
+    settings, frames, limits, out, state = np.split(memory, np.cumsum(sizes)[:-1])
+    return memory, settings, frames.reshape(k, 13), limits.reshape(4, k), out, state
 
 
 # -- multipliers at fixed normal forces ---------------------------------------------------------------------------------

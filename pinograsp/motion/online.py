@@ -72,24 +72,23 @@ class OnlineForces:
         ramp = number("ramp", ramp, at_least=0, unit="s")
         self._rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
         n = 0 if hand is None else hand.n
-        self._out = np.zeros(4 * k + 6 + n)
+        parts = kernels.online_memory(friction.d, k, n)
+        self._memory, self._settings, self._frames, self._limits, self._out, self._state = parts
         self.forces, self.moments = self._out[: 3 * k].reshape(k, 3), self._out[3 * k : 4 * k]
         self.unbalanced, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
         self.status, self.steps, self._started = Status.OK, 0, False
-        self._frames = np.empty((k, 13))
         self._com = np.array(problem.contacts.com_o)
         self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
         self._frames[:, 12] = problem.mu
-        self._limits = np.ones((4, k))
+        self._limits[2:] = 1.0
         self._limits[:2] = self._range(normal_forces)
         steps = int(number("most steps", max_steps, at_least=1))
-        self._settings = np.array(
-            [problem.rows, friction.round_dimensions, friction.torsion, problem.moment_length, friction.safety, steps, np.inf,
-             min(1.0, self.period / ramp) if ramp else 1.0, *self._com]
+        self._settings[:] = (
+            problem.rows, friction.round_dimensions, friction.torsion, problem.moment_length, friction.safety, steps, np.inf,
+            min(1.0, self.period / ramp) if ramp else 1.0, *self._com, k,
         )  # fmt: skip
-        self._state = np.zeros(kernels.online_scratch(friction.d, k))
-        self._chains = np.zeros((0, 3), dtype=np.int64)
-        self._jacobian, self._gravity = np.zeros((6, 0), order="F"), np.zeros(0)
+        self._chains = np.zeros(0, dtype=np.int64)
+        self._jacobian, self._gravity = np.zeros(0), np.zeros(0)
         self._codes = {kernels.CONVERGED: Status.OK, kernels.INFEASIBLE: Status.INFEASIBLE, kernels.STALLED: Status.INACCURATE}
         if hand is not None:
             self._attach(hand, q)
@@ -136,14 +135,14 @@ class OnlineForces:
             joint = finger.joint_of(contact.link)
             while joint:
                 # A joint that follows others has a column of its own, which counts for the one that it follows.
-                chains.append((i, self._model.joints[joint].idx_vExtended, self._model.joints[joint].idx_v))
+                chains += (i, self._model.joints[joint].idx_vExtended, self._model.joints[joint].idx_v)
                 joint = self._model.parents[joint]
-        self._chains = np.array(chains, dtype=np.int64).reshape(-1, 3)
+        self._chains = np.array(chains, dtype=np.int64)
         posture = contacts.posture if q is None else q
         if posture is None:
             raise InvalidInput("OnlineForces: these contacts have no posture: give q=..., the hand's joint positions")
         self._move(array_of("q", posture, (hand.n,)))
-        self._jacobian = self._data.J  # Pinocchio's own memory: it follows the posture
+        self._jacobian = self._data.J.T.reshape(-1)  # Pinocchio's own memory: it follows the posture
 
     def _move(self, q: np.ndarray) -> None:
         pin.computeJointJacobians(self._model, self._data, q)
@@ -185,9 +184,7 @@ class OnlineForces:
         if q is not None or poses is not None or mu is not None:
             self._update(q, poses, mu)
         self._settings[6] = self._rate if self._started else np.inf
-        code, self.steps, _ = self._tick(
-            wrench, self._frames, self._limits, self._settings, self._state, self._jacobian, self._gravity, self._chains, self._out
-        )
+        code, self.steps, _ = self._tick(wrench, self._memory, self._jacobian, self._gravity, self._chains)
         if code < 0:
             array_of("wrench", wrench, (6,))
             raise InvalidInput("OnlineForces: expected finite numbers below 1e12, and mu >= 0")
