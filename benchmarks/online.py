@@ -3,7 +3,8 @@
     python benchmarks/online.py [--steps 1000000] [--seconds 60] [--quick]
 
 ``OnlineForces.step`` with a new load and a new posture at every tick, Pinocchio (joint Jacobians, gravity) and joint torques
-included: the paper's hand with 3 contacts, and a hand of 20 joints with 16, four to a finger, on a cylinder. Loads wander:
+included: the paper's hand with 3 contacts, and a hand of 20 joints with 16, four to a finger, on a cylinder, also with limits
+of 80 % of the torques that joints would bear at rest ("torque limits"). Loads wander:
 each component is a sum of sines of unrelated periods, half to all of what the weight is. Every step is timed by itself; the
 garbage collector is off, as in a real-time loop. "cold" starts from nothing at every tick. Then the loop: a tick every
 millisecond for 60 s; a tick is missed when its forces come after the next one is due, late when it begins half a tick after its
@@ -17,6 +18,7 @@ from __future__ import annotations
 import argparse
 import gc
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import daqp
@@ -181,7 +183,11 @@ def main() -> None:
         base = {"case": label, "contacts": problem.k, "joints": hand.n}
         rows += [base | timed(online, wander, steps, "warm", label), base | timed(online, wander, max(steps // 20, 1000), "cold", label)]
         rows.append(base | loop(online, wander, seconds))
-        for row in rows[-3:]:
+        torques = np.maximum(0.8 * np.abs(online.step(problem.load, q=q)[1]), 0.02)
+        limited = replace(problem, torques=pg.torque_limits(hand, problem.contacts, q, limit=torques))
+        limited = pg.OnlineForces(limited, hand=hand, q=q, normal_forces=limits)
+        rows.append(base | timed(limited, wander, max(steps // 20, 1000), "torque limits", label))
+        for row in rows[-4:]:
             print({key: str(value) for key, value in row.items()})
     rows += multipliers(2 if options.quick else 20)
     for row in rows[-2:]:

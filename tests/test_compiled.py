@@ -207,7 +207,7 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
             code, _ = interior_point(
                 *fixed.components, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P, fixed.q,
                 *powers_of(np.array(program.powers), 1.0, 1.0), program.lo, program.hi, fixed.n_round,
-                fixed.vertices, np.zeros(0), np.zeros(0), x, y,
+                fixed.vertices, np.zeros(0), np.zeros(0), 0.0, x, y,
             )  # fmt: skip
             assert code != CONVERGED
             if code == INFEASIBLE:

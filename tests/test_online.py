@@ -35,7 +35,7 @@ def problem_of(k, seed, friction, balance="wrench"):
 class Oracle:
     """The same minimisation in CVXPY, and the least that any forces leave unbalanced."""
 
-    def __init__(self, problem, low, high):
+    def __init__(self, problem, low, high, torques=None):
         k, d, rows, arm = problem.k, problem.friction.d, problem.rows, problem.moment_length
         friction, self.arm, self.rows = problem.friction, arm, rows
         mu = problem.mu / friction.safety
@@ -49,6 +49,11 @@ class Oracle:
                 continue
             limits.append(cp.norm(t) <= mu[i] * F if friction.model == "cone" else cp.abs(t) <= mu[i] * F / np.sqrt(2))
             limits.append(cp.abs(self.m[i]) <= torsion * F if d == 4 else self.m[i] == 0)
+        if torques is not None:
+            world = [contact.rotation_oc @ self.f[i] for i, contact in enumerate(problem.contacts)]
+            moments = [contact.normal_o * self.m[i] for i, contact in enumerate(problem.contacts)]
+            tau = torques.bias + sum(J[:3].T @ f + J[3:].T @ m for J, f, m in zip(torques.jacobian, world, moments))
+            limits.append(cp.abs(tau[torques.limited]) <= torques.limit[torques.limited])
         scale = np.append(np.ones(3), np.full(3, 1 / arm))
         wrench = problem.contacts.G @ cp.reshape(self.f, (3 * k,), order="C") + self.load
         turn = problem.contacts.rotations_oc[:, :, 2].T @ self.m
@@ -235,6 +240,61 @@ def test_torques_of_coupled_joints():
         np.einsum("kij,kj->ki", contacts.rotations_oc, forces), contacts.rotations_oc[:, :, 2] * online.moments[:, None]
     )
     assert np.abs(online.moments).max() > 0 and torques == pytest.approx(expected, abs=1e-10)
+
+
+def hand_of_many(model):
+    """Four contacts on each of three fingers: torque rows of one contact and of several."""
+    hand = pg.load_hand("humanoid")
+    q = 0.5 * (hand.lower + hand.upper)
+    fingers = [finger for finger in hand.fingers if len(finger.links) >= 4][:3]
+    origins = {f.name: hand.frame_placements(q, f.links[-4:])[:, :3, 3] for f in fingers}
+    points = np.concatenate(list(origins.values()))
+    pose = np.eye(4)
+    pose[:3, 3] = points.mean(axis=0)
+    radius = float(np.linalg.norm((points - pose[:3, 3])[:, :2], axis=1).mean())
+    body = pg.Cylinder(radius=radius, height=1.0, mass=0.5, pose=pose)
+    contacts = pg.contacts_at(hand, body, origins, links={f.name: list(f.links[-4:]) for f in fingers}, tolerance=1.0)
+    return hand, q, pg.ForceProblem.holding(body, contacts, mu=0.8, friction=model)
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
+@pytest.mark.parametrize("name", MODELS)
+def test_torque_limits(name):
+    """Where the least forces ask too much of a joint: the best that do not, or the closest; limits of some joints only."""
+    hand, q, problem = hand_of_many(MODELS[name])
+    rng, counts = np.random.default_rng(3), {"free": 0, "held": 0, "missed": 0}
+    free = pg.OnlineForces(problem, hand=hand, q=q, normal_forces=(0.02, 30.0))
+    load = np.array(problem.load)
+    usual = np.abs(free.step(load)[1])
+    for share, heavier in ((0.2, 15.0), (0.7, 1.0), (2.0, 1.0)):
+        limit = np.maximum(share * usual, 0.01)
+        limit[::5] = np.inf
+        limited = replace(problem, torques=pg.torque_limits(hand, problem.contacts, q, limit=limit))
+        online = pg.OnlineForces(limited, hand=hand, q=q, normal_forces=(0.02, 30.0))
+        for _ in range(4):
+            other = q + 0.05 * rng.normal(size=hand.n)
+            asked = heavier * load * rng.uniform(0.7, 1.3, 6)
+            forces, torques, status = online.step(asked, q=other)
+            row = pg.torque_limits(hand, problem.contacts, other, limit=limit)
+            assert np.all(np.abs(torques) <= limit * (1 + 1e-7)), share
+            missing, best = Oracle(problem, 0.02, 30.0, row)(asked)
+            left = problem.scaled_norm(online.unbalanced)
+            if best is None:
+                counts["missed"] += 1
+                assert status is Status.INFEASIBLE and left == pytest.approx(missing, rel=1e-4, abs=1e-5)
+                continue
+            within = np.all(np.abs(free.step(asked, q=other)[1]) <= limit)
+            counts["free" if within else "held"] += 1
+            assert status is Status.OK and left <= 1e-8 * np.linalg.norm(asked)
+            assert forces == pytest.approx(best, abs=1e-4 * np.abs(best).max())
+    assert min(counts.values()) >= 2, counts
+
+
+def test_torque_limits_that_gravity_alone_breaks():
+    hand, q, problem = hand_of_many(MODELS["cone"])
+    torques = pg.torque_limits(hand, problem.contacts, q, limit=1e-6)
+    forces, torques, status = pg.OnlineForces(replace(problem, torques=torques), hand=hand, q=q).step(problem.load)
+    assert status in (Status.INFEASIBLE, Status.INACCURATE) and np.isfinite(forces).all() and np.isfinite(torques).all()
 
 
 def test_moved_contacts_and_other_friction():

@@ -776,7 +776,7 @@ def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g)
 
 
 @njit(**FLAGS)
-def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, x, y):
+def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, give, x, y):
     """Minimise over the cones; x (k, d) and y (m + r,) are the results. (CONVERGED, STALLED or INFEASIBLE, steps).
 
     Shapes: A (n rounded up to a multiple of three, d k) balance (m) and torque rows that several contacts enter, n in all, by
@@ -785,7 +785,8 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
     (k, m + r): the rows that a contact enters, the first counts[i, 0] below n, counts[i, 1] in all; b (m,); P (k, d, d);
     q (k, d); lo < hi (k,); n_round components that a second-order cone bounds; vertices (e, 2) of the polygon; R_lo < R_hi
     (r,). phi' is the sum of coefs[a] F^(exps[0] exps[1 + a]) with coefs (a,) and exps (1 + a,), whole numbers from the
-    second on. Infeasible: y is a Farkas certificate.
+    second on. With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give). Infeasible: y is a Farkas
+    certificate.
     """
     k, d, all_rows = B.shape
     m, f, e, rows = b.shape[0], G.shape[0] - own.shape[0] - 1, (d - 1) * k, A.shape[0]
@@ -834,12 +835,12 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
         z[l] = mu / s[l]
     count = size + cones
     share = _TO_CONE if n_round > 0 else _TO_BOUNDARY
-    tested, short, previous = _GROWN, 0, np.inf
+    tested, short, previous, v_before, y_before = _GROWN, 0, np.inf, np.empty_like(v), np.empty_like(y)
     for step in range(_STEPS):
         # Residuals.
         far = 0.0
         for r in range(m):
-            row[r] = -b[r]
+            row[r] = -b[r] - give * multipliers[r]
         _add_products(balance, v, row)
         for r in range(m):
             far = max(far, abs(row[r]))
@@ -864,6 +865,8 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
             grad[0, e + i] += first
             H[d - 1, d - 1, i] += second
         scale = max(abs(value), 1e-6)
+        for r in range(m):
+            scale += give * multipliers[r] * multipliers[r]
         # Hessians, their factors and the Schur complement.
         _both_sides(w, 1.0, facets, weights)
         _add_weighted_limits(G, used, weights, H)
@@ -872,21 +875,25 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
         _factor_contacts(H)
         _half_solve(H, A, T)
         _gram(T, S)
-        for r in range(m, rows):
-            S[r, r] += 1.0 / weights[several + r - m]
+        for r in range(rows):
+            S[r, r] += give if r < m else 1.0 / weights[several + r - m]
         _factor(S)
         _to_contacts(v, multipliers, z, own, n, torques, up, x, y)
         done = False
-        if far <= 1e-7 and comp <= 1e-6 * scale:
+        if far <= (1e-7 if give == 0.0 else 1e-9) and comp <= 1e-6 * scale:
             bound, _ = bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, scratch)
             gap = value - bound
             for r in range(m):
-                gap += y[r] * row[r]  # what it costs to mend the balance
-            done = gap <= scale * (_INTERIOR_GAP if gap < 0.3 * previous else _CLOSED)
-            previous = gap
+                gap += y[r] * (row[r] + give * y[r])  # what it costs to mend the balance, or to miss it
+            done = gap <= scale * _INTERIOR_GAP
+            if not done and gap >= 0.3 * previous and min(gap, previous) <= scale * _CLOSED:  # rounding stops its progress
+                done = True
+                if previous < gap:
+                    v[:], y[:] = v_before, y_before
+            v_before[:], y_before[:], previous = v, y, gap
         if done:
             # What rounding leaves of the rows is mended in the barriers' metric, which spares what is at its limit.
-            for again in range(2):
+            for again in range(0 if give > 0.0 else 2):
                 for l in range(size):
                     target[l] = 0.0 if again else w[l] * off[l]
                 _both_sides(target, -1.0, facets, along)
@@ -897,13 +904,14 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
                 row[:] = -b
                 _add_products(balance, v, row)
             _to_contacts(v, multipliers, z, own, n, torques, up, x, y)
+            y[:] = y_before
             return CONVERGED, step
         grown = 0.0
         for r in range(all_rows):
             grown = max(grown, abs(y[r]))
         if not (grown < 1e15 and comp < 1e15):
             return STALLED, step
-        if far > _ROWS and (grown > tested * max(scale, 1.0) or (short > 1 and grown > 0.0)):
+        if give == 0.0 and far > _ROWS and (grown > tested * max(scale, 1.0) or (short > 1 and grown > 0.0)):
             tested = max(tested, 4.0 * grown / max(scale, 1.0))
             for r in range(all_rows):
                 y[r] /= grown
@@ -1023,7 +1031,7 @@ def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
             newton = False
     if not newton:
         code, _ = interior_point(
-            A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, x, y
+            A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, 0.0, x, y
         )
     for again in range(2):
         for r in range(m):
@@ -1319,8 +1327,9 @@ def online(wrench, memory, jacobian, gravity, chains):
     """One tick of :class:`pinograsp.motion.OnlineForces`: (code, Newton steps, what is not balanced [N]).
 
     wrench (6,), the load; memory, see :func:`online_memory`; jacobian (6 columns,): of the joints, column by column, world axes,
-    linear velocity at the world's origin first; gravity (n,); chains (3 p,): contacts, each with a joint's column and degree of
-    freedom. All flat and few, since every array handed over costs a tenth of a microsecond.
+    linear velocity at the world's origin first; gravity (n,); chains: their length 3 p, then contacts, each with a joint's column
+    and degree of freedom (3 p), then, where torques have limits, what :func:`_within_torques` takes. All flat and few, since
+    every array handed over costs a tenth of a microsecond.
 
     The objective is the sum of squares of F_n and of tangential forces; a torsional moment counts as the tangential force that
     uses as much friction. CONVERGED: balanced; INFEASIBLE: the closest forces; STALLED: not within the steps, the closest that
@@ -1331,14 +1340,14 @@ def online(wrench, memory, jacobian, gravity, chains):
         int(settings[11]), int(settings[0]), int(settings[1]), settings[2] / settings[4], settings[3], settings[4],
     )  # fmt: skip
     frames, limits = memory[12 : 12 + 13 * k].reshape((k, 13)), memory[12 + 13 * k : 12 + 17 * k].reshape((4, k))
-    out, state = memory[12 + 17 * k : 18 + 21 * k + n], memory[18 + 21 * k + n :]
+    limit, state = memory[12 + 17 * k :][:n], memory[18 + 21 * k + 2 * n :]
+    out = memory[12 + 17 * k + n : 18 + 21 * k + 2 * n]
     d, most = 4 if torsion > 0.0 else 3, int(settings[5])
     e, n = d - 1, d * k
     if _not_finite(wrench) or _not_finite(frames) or _not_finite(gravity) or frames[:, 12].min() < 0.0:
         return -1, 0, 0.0
     points, rotations = np.ascontiguousarray(frames[:, :3]), np.ascontiguousarray(frames[:, 3:12]).reshape((k, 3, 3))
-    forces, moments = out[: 3 * k].reshape((k, 3)), out[3 * k : 4 * k]
-    unbalanced, torques = out[4 * k : 4 * k + 6], out[4 * k + 6 :]
+    forces, torques = out[: 3 * k].reshape((k, 3)), out[4 * k + 6 :]
     room = state[6:]
     A, at = room[: m * n].reshape((m, n)), m * n
     widths, w, q, x = (
@@ -1387,15 +1396,39 @@ def online(wrench, memory, jacobian, gravity, chains):
                     q[j, i] = -w[j, i] * x[j, i] if stage else 0.0
             _, used = _ascend(A, b, q, w, lo, hi, radii, n_round, _GIVE, x, y, 1e-9, most, work)
             steps += used
+    off = _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, settings[8:11], wrench, jacobian, gravity, chains, out)
+    beyond = False
+    for j in range(len(limit) if len(chains) > 1 + chains[0] else 0):
+        beyond = beyond or abs(torques[j]) > limit[j]
+    if beyond:
+        # The dual has no closed form for these rows: interior points, then.
+        code, used = _within_torques(
+            A, b, w, lo, hi, radii, n_round, scale, widths, points, rotations, settings[8:11], jacobian, gravity, limit, chains, x
+        )
+        steps += used
+        off = _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, settings[8:11], wrench, jacobian, gravity, chains, out)
+        for j in range(len(limit)):
+            if code == CONVERGED and abs(torques[j]) > limit[j] * (1.0 + 1e-7):
+                code = INFEASIBLE
+    return code, steps, off * scale
+
+
+@njit(**FLAGS)
+def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out):
+    """Fills ``out`` of :func:`online` from x (d, k), and returns what it leaves of the balance."""
+    d, k = x.shape
+    e, last = d - 1, 1 + chains[0]
+    forces, moments = out[: 3 * k].reshape((k, 3)), out[3 * k : 4 * k]
+    unbalanced, torques = out[4 * k : 4 * k + 6], out[4 * k + 6 :]
     off, _ = _judge(A, b, lo, hi, radii, n_round, x)
     for r in range(6):
         unbalanced[r] = wrench[r]
     for j in range(len(torques)):
         torques[j] = gravity[j]
-    p = 0
+    p = 1
     for i in range(k):
-        forces[i, 0], forces[i, 1], forces[i, 2] = x[0, i] * scale * mu[i], x[1, i] * scale * mu[i], x[e, i] * scale
-        moments[i] = x[2, i] * scale * torsion if d == 4 else 0.0
+        forces[i, 0], forces[i, 1], forces[i, 2] = x[0, i] * scale * widths[0, i], x[1, i] * scale * widths[1, i], x[e, i] * scale
+        moments[i] = x[2, i] * scale * widths[2, i] if d == 4 else 0.0
         R = rotations[i]
         f = (
             R[0, 0] * forces[i, 0] + R[0, 1] * forces[i, 1] + R[0, 2] * forces[i, 2],
@@ -1407,14 +1440,107 @@ def online(wrench, memory, jacobian, gravity, chains):
             s, t = (r + 1) % 3, (r + 2) % 3
             unbalanced[r] += f[r]
             unbalanced[3 + r] += turn[r] + points[i, s] * f[t] - points[i, t] * f[s]
-        P = (points[i, 0] + settings[8], points[i, 1] + settings[9], points[i, 2] + settings[10])
+        P = (points[i, 0] + com[0], points[i, 1] + com[1], points[i, 2] + com[2])
         a = turn[0] + P[1] * f[2] - P[2] * f[1], turn[1] + P[2] * f[0] - P[0] * f[2], turn[2] + P[0] * f[1] - P[1] * f[0]
-        while p < len(chains) and chains[p] == i:
+        while p < last and chains[p] == i:
             J = jacobian[6 * chains[p + 1] :][:6]
             t = J[0] * f[0] + J[1] * f[1] + J[2] * f[2]
             torques[chains[p + 2]] += t + J[3] * a[0] + J[4] * a[1] + J[5] * a[2]
             p += 3
-    return code, steps, off * scale
+    return off
+
+
+@njit(**FLAGS)
+def _within_torques(A, b, w, lo, hi, radii, n_round, scale, widths, points, rotations, com, jacobian, gravity, limit, chains, x):
+    """Interior points with |gravity + J'f| <= limit (n,) and x (d, k) the result: (code, steps); the closest forces where the load
+    cannot be held so. Where no forces at all keep the limits x stays as it was.
+
+    After the chains: the number of torque rows, of those that several contacts enter, and the most that one contact has alone; per degree
+    of freedom its row or -1 (n,); own, touched, counts and used of :func:`interior_point`.
+    """
+    m, (d, k), n = A.shape[0], w.shape, len(limit)
+    e, facets, last = d - 1, 2 * (d - 1 - n_round), 1 + chains[0]
+    rows, shared, alone = chains[last], chains[last + 1], chains[last + 2]
+    row_of, at = _part(chains, last + 3, (n,))
+    own, at = _part(chains, at, (alone, k))
+    touched, at = _part(chains, at, (k, m + rows))
+    counts, at = _part(chains, at, (k, 2))
+    used, at = _part(chains, at, (facets + 1 + alone, d))
+    R, R_lo, R_hi = np.zeros((rows, d, k)), np.empty(rows), np.empty(rows)
+    for p in range(1, last, 3):
+        i, r = chains[p], row_of[chains[p + 2]]
+        J, turn = jacobian[6 * chains[p + 1] :][:6], rotations[i]
+        for j in range(d if r >= 0 else 0):
+            c = 2 if j == e else j
+            u, v, z = widths[j, i] * turn[0, c], widths[j, i] * turn[1, c], widths[j, i] * turn[2, c]
+            if j == 2 and d == 4:  # a moment about the normal
+                R[r, j, i] += J[3] * u + J[4] * v + J[5] * z
+                continue
+            f, g, h = points[i, 0] + com[0], points[i, 1] + com[1], points[i, 2] + com[2]
+            R[r, j, i] += J[0] * u + J[1] * v + J[2] * z
+            R[r, j, i] += J[3] * (g * z - h * v) + J[4] * (h * u - f * z) + J[5] * (f * v - g * u)
+    for j in range(n):
+        r = row_of[j]
+        if r >= 0:
+            size = max(np.sqrt((R[r] * R[r]).sum()), 1e-12)
+            R[r] /= size
+            R_lo[r], R_hi[r] = (-limit[j] - gravity[j]) / (size * scale), (limit[j] - gravity[j]) / (size * scale)
+    both = m + shared
+    flat, B, G = np.zeros((both + -both % 3, d * k)), np.empty((k, d, m + rows)), np.zeros((facets + 1 + alone, d, k))
+    flat[:m] = A
+    for i in range(k):
+        for j in range(d):
+            for r in range(shared):
+                flat[m + r, j * k + i] = R[r, j, i]
+            for r in range(m):
+                B[i, j, r] = A[r, j * k + i]
+            for r in range(rows):
+                B[i, j, m + r] = R[r, j, i]
+            for a in range(alone):
+                if own[a, i] >= 0:
+                    G[facets + 1 + a, j, i] = B[i, j, own[a, i]]
+        for a in range(facets):
+            G[a, n_round + a // 2, i] = (-1.0 if a % 2 else 1.0) / radii[n_round + a // 2]
+            G[a, e, i] = 1.0
+        G[facets, e, i] = 1.0
+    vertices = np.empty((0 if n_round else 4, 2))
+    for a in range(len(vertices)):
+        vertices[a] = (radii[0] if a % 2 else -radii[0], radii[1] if a // 2 else -radii[1])
+    P, q, z, y = np.zeros((k, d, d)), np.zeros((k, d)), np.empty((k, d)), np.zeros(m + rows)
+    above = np.empty(k)
+    for i in range(k):
+        above[i] = max(hi[i], lo[i] + 1e-9)
+        for j in range(d):
+            P[i, j, j] = w[j, i]
+    none, coefs = np.ones(1), np.empty(0)
+    code, steps = interior_point(
+        flat, G, used, own, B, touched, counts, both, b, P, q, coefs, none, lo, above, n_round, vertices, R_lo, R_hi, 0.0, z, y
+    )
+    found = code == CONVERGED
+    for _ in range(0 if found else _GIVES // 2):
+        done, used_up = interior_point(
+            flat, G, used, own, B, touched, counts, both, b, P, q, coefs, none, lo, above, n_round, vertices, R_lo, R_hi, _GIVE, z, y
+        )
+        steps += used_up
+        if done != CONVERGED:
+            break
+        found = True
+        for i in range(k):
+            for j in range(d):
+                q[i, j] = -w[j, i] * z[i, j]
+    if not found or _not_finite(z):
+        return STALLED if code == CONVERGED else code, steps
+    for i in range(k):
+        F = min(max(z[i, e], lo[i]), hi[i])
+        t = 0.0
+        for j in range(n_round):
+            t += z[i, j] * z[i, j]
+        shrink = min(1.0, F / max(np.sqrt(t), 1e-300))
+        for j in range(e):
+            x[j, i] = z[i, j] * shrink if j < n_round else min(max(z[i, j], -radii[j] * F), radii[j] * F)
+        x[e, i] = F
+    off, _ = _judge(A, b, lo, hi, radii, n_round, x)
+    return STALLED if code == CONVERGED and off > 1e-9 else code, steps
 
 
 def online_memory(d, k, n):
@@ -1422,13 +1548,13 @@ def online_memory(d, k, n):
 
     settings (12,): rows of the balance, round components, torsion [m], arm [m], safety factor, most steps, change of F_n [N] and
     of shares per tick, centre of mass, contacts. frames (k, 13): contact point about the centre of mass, contact frame by rows,
-    mu. limits (4, k): least and largest F_n, share of them that holds now, share that it moves to. out: forces (3 k), torsional
+    mu. limits (4, k): least and largest F_n, share of them that holds now, share that it moves to. limit (n,): of torques. out: forces (3 k), torsional
     moments (k), unbalanced wrench (6), torques (n); on entry the last tick's. state: multipliers of the last tick (6) [N], scratch.
     """
-    sizes = 12, 13 * k, 4 * k, 4 * k + 6 + n, 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
+    sizes = 12, 13 * k, 4 * k, n, 4 * k + 6 + n, 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
     memory = np.zeros(sum(sizes))
-    settings, frames, limits, out, state = np.split(memory, np.cumsum(sizes)[:-1])
-    return memory, settings, frames.reshape(k, 13), limits.reshape(4, k), out, state
+    settings, frames, limits, limit, out, state = np.split(memory, np.cumsum(sizes)[:-1])
+    return memory, settings, frames.reshape(k, 13), limits.reshape(4, k), limit, out, state
 
 
 # -- multipliers at fixed normal forces ---------------------------------------------------------------------------------
