@@ -9,6 +9,7 @@ from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refin
 from pinograsp.forces.optimize import FORCE_SOLVERS, Certificate, optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES
+from pinograsp.forces.reliability import Reliability, holding_probability
 from pinograsp.forces.robust import LoadSet, RobustForces, optimize_robust
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
@@ -35,6 +36,7 @@ __all__ = [
     "LoadSet",
     "MultiplierQP",
     "MultiplierSolution",
+    "Reliability",
     "RobustForces",
     "Sensitivity",
     "TorqueLimits",
@@ -44,6 +46,7 @@ __all__ = [
     "grasp_margins",
     "grid_search",
     "grid_values",
+    "holding_probability",
     "load_margin",
     "min_weight",
     "optimize_contacts",
