@@ -32,9 +32,9 @@ What stands for "without this package", all in newtons with moments over the mea
   default settings; DAQP is called as ``daqp.solve``.
 - plain_qp: for least squares on pyramids, quadprog through qpsolvers on hand-stacked matrices.
 
-"auto" runs after ``pinograsp.warm_up()`` where numba (extra ``fast``) is installed; "online" is ``OnlineForces.step`` from scratch, where its objective is the same (least squares, no torsion, no torque
-limits). Without numba "auto" does what the row
-"daqp" says up to 20 contacts and "clarabel" above. The other solvers of this package are asked for by name;
+"auto" runs after ``pinograsp.warm_up()`` where numba (extra ``fast``) is installed; "online" is ``OnlineForces.step`` from
+scratch, where its objective is the same (least squares, no torsion, no torque limits). Without numba "auto" does what the
+row "daqp" says up to 20 contacts and "clarabel" above. The other solvers of this package are asked for by name;
 "answered_by" says which one gave the answers. "interior" and "newton" have rows only where they give most of them.
 "success" is the method's own word; an exception is a failure. "correct" is measured: objective within 1e-6 of the
 certified optimum, balance, friction, bounds and torque limits met to 1e-6 of the load (of the limit for torques).
@@ -64,7 +64,8 @@ import qpsolvers
 from matplotlib.figure import Figure
 from results import header, write_rows
 from scipy.optimize import Bounds, linprog, minimize
-from scipy.sparse import csc_matrix, eye as identity
+from scipy.sparse import csc_matrix
+from scipy.sparse import eye as identity
 from tqdm import tqdm
 
 import pinograsp as pg

@@ -241,7 +241,7 @@ def convex_optimum(problem, impact_time, measure):
     scale = np.diag([1, 1, 1] + [1 / problem.moment_length] * 3)[: problem.rows]
     wrench = problem.contacts.G @ cp.reshape(f, 3 * k, order="C") + problem.load
     reach = law.stiffness * min(problem.acceleration_range[1] * tau**2 / 2, problem.max_depth) ** 1.5
-    constraints = [scale @ wrench == 0, F <= reach]
+    constraints = [scale @ wrench == 0, reach >= F]
     constraints += [cp.abs(f[:, axis]) <= cp.multiply(problem.pyramid, F) for axis in (0, 1)]
     task = cp.Problem(cp.Minimize(1e3 * energy), constraints)
     task.solve(solver=cp.CLARABEL)

@@ -14,8 +14,8 @@ import pytest
 import pinograsp as pg
 from pinograsp.contacts import clearance, touching
 from pinograsp.contacts.penetration import Penetration
-from pinograsp.placement import find_placements
 from pinograsp.errors import ContactNotReached, InvalidInput, SimulationDiverged
+from pinograsp.placement import find_placements
 from pinograsp.referee import Disturbance, Push, Servo, simulate
 from pinograsp.referee.law import ContactLaw, Touches
 from pinograsp.referee.naive import naive_grasp, naive_task

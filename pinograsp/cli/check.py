@@ -37,7 +37,12 @@ def check(
     ] = False,
     time_step: Annotated[float, typer.Option(help="Of the simulation \\[s].")] = 2.5e-4,
     monte_carlo: Annotated[
-        int, typer.Option(metavar="N", help="Try N times with each of several random errors, and with all: how likely it holds. Interrupted, the same command goes on.")
+        int,
+        typer.Option(
+            metavar="N",
+            help="Try N times with each of several random errors, and with all: how likely it holds. Interrupted, the same "
+            "command goes on.",
+        ),
     ] = 0,
     seed: Annotated[int, typer.Option(help="Of the random errors.")] = 0,
     thresholds: Annotated[

@@ -4,7 +4,8 @@ Every model is a convex set U of scaled tangential forces u = (u_x, u_y[, u_t]):
 f_x = mu u_x, f_y = mu u_y and the torsional moment m = torsion u_t with u in F_n U.
 
 - ``"pyramid"``: U is the regular polygon with ``edges`` vertices on the unit circle, the first at 45 deg, so the pyramid is
-  inscribed in the cone and contains the one of half the edges. Four edges are the paper's pyramid, |f_x|, |f_y| <= mu F_n / sqrt(2) (Eq. 16).
+  inscribed in the cone and contains the one of half the edges. Four edges are the paper's pyramid,
+  |f_x|, |f_y| <= mu F_n / sqrt(2) (Eq. 16).
 - ``"cone"``: U is the unit disc, Coulomb's exact second-order cone.
 - ``"soft"``: U is the unit ball: soft finger with the elliptic limit (f_x^2 + f_y^2) / mu^2 + m^2 / torsion^2 <= F_n^2
   (Howe and Cutkosky, 1996). With ``torsion > 0`` the other two models get the plain limit |m| <= torsion F_n.

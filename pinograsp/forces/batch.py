@@ -223,8 +223,8 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
 def _problem(batch: ForceBatch, i: int) -> ForceProblem:
     own = batch.counts[i]
     contacts = tuple(
-        Contact(finger=f"contact {j + 1}", link="", point_o=batch.points[i, j], rotation_oc=batch.rotations[i, j], length=None, distance=0.0)
-        for j in range(own)
+        Contact(finger=f"contact {j + 1}", link="", point_o=point, rotation_oc=rotation, length=None, distance=0.0)
+        for j, (point, rotation) in enumerate(zip(batch.points[i, :own], batch.rotations[i, :own]))
     )
     return ForceProblem(
         contacts=ContactSet(contacts=contacts, com_o=np.zeros(3)), load=batch.loads[i], mu=batch.mu[i, :own], balance=batch.balance,

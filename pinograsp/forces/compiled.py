@@ -158,7 +158,7 @@ class Prepared:
         weights: the objective. joints: names of the torque rows, in their order.
     """
 
-    __slots__ = ("weights", "impact_time", "joints", "sizes", "numbers", "at", "k", "parts", "moment_length")
+    __slots__ = ("at", "impact_time", "joints", "k", "moment_length", "numbers", "parts", "sizes", "weights")
 
     def __init__(self, problem: ForceProblem, template: Template, solver: str, weights, impact_time: float):
         self.weights, self.impact_time, self.k = weights, impact_time, problem.k
@@ -178,7 +178,8 @@ class Prepared:
 
         Returns:
             whether by Newton's method (else interior points); primal, dual, size (see
-            :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m], violation [N]; and read-only net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2),
+            :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m], violation [N]; and read-only
+            net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2),
             acceleration (k,) [m/s^2], and active limits: at friction, least and largest F_n (k,), torque rows (r,).
         """
         k = self.k

@@ -101,8 +101,8 @@ def tabulate(problem: ForceProblem, grid: GridSpec) -> tuple[list[TimeTable], di
             continue
         tau = problem.final_time - impact_time
         tests = {
-            BY_ACCELERATION: (A >= problem.acceleration_range[0] / _ROUNDING)
-            & (A <= problem.acceleration_range[1] * _ROUNDING),
+            BY_ACCELERATION: (problem.acceleration_range[0] / _ROUNDING <= A)
+            & (problem.acceleration_range[1] * _ROUNDING >= A),
             BY_SPEED: problem.shape.speed_factor * A * tau <= problem.max_speed * _ROUNDING,
             BY_DEPTH: problem.shape.depth_factor * A * tau**2 <= problem.max_depth * _ROUNDING,
         }

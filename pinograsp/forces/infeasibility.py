@@ -154,8 +154,8 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
         s = program.reduced(c)
         pulls = program.friction.support(c.reshape(program.k, program.d)[:, :-1])
         # A contact matters where the certificate pushes its force against the limit.
-        at_least = (s > near) & (F <= program.lo + near * (1 + program.lo))
-        at_most = (s < -near) & (F >= program.hi - near * (1 + program.hi))
+        at_least = (s > near) & (program.lo + near * (1 + program.lo) >= F)
+        at_most = (s < -near) & (program.hi - near * (1 + program.hi) <= F)
         friction = (pulls > near) & (program.friction.gauge(z[:, :-1]) >= F * (1 - 1e-3)) & (F > 0)
     joints, weights = (), np.zeros(0 if problem.torques is None else len(problem.torques.limit))
     if problem.torques is not None:

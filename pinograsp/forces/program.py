@@ -137,7 +137,7 @@ class Program:
         if self.peak:
             # max F >= theta . F for any weights theta >= 0 of sum one: these cancel what they can, at contacts below their own
             # largest force first (at the others the bound is sharp without); the rest goes to the largest lower bound.
-            theta = np.maximum(0.0, -s) / self.peak * (F > F.max() * (1 - 1e-3))
+            theta = np.maximum(0.0, -s) / self.peak * (F.max() * (1 - 1e-3) < F)
             free = np.where(self.hi * (1 - 1e-6) > F, theta, 0.0)
             free /= max(1.0, float(free.sum()))
             capped = np.where(self.hi * (1 - 1e-6) > F, 0.0, theta)

@@ -152,7 +152,7 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
 
 
 def _at_optimum(solution: ForceSolution):
-    """Balance A (rows, k d), P (k d, k d), linear gradient and curvature of the powers (k d,), x (k d,), multipliers (rows,); in newtons."""
+    """In newtons: balance A (rows, k d), P (k d, k d), linear gradient and curvature of the powers (k d,), x (k d,), y (rows,)."""
     problem, friction = solution.problem, solution.problem.friction
     k, d = problem.k, friction.d
     terms = energy_terms_at(problem, solution.objective, solution.impact_time)

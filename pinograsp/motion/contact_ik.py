@@ -298,7 +298,7 @@ def _sub_manipulator(planar, first, last, position, turn, target, length, refere
     if count == 1:  # Eq. (2): the joint points its link at the contact
         aim = target - position
         reach = abs(aim)
-        if length is not None and abs(reach - length) > REACHED / 2 or reach < _STRAIGHT:
+        if (length is not None and abs(reach - length) > REACHED / 2) or reach < _STRAIGHT:
             return
         if length is None and reach > abs(tip_link) * (1 + 1e-9) + REACHED:
             return  # the point lies beyond the end of the link

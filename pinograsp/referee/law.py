@@ -17,7 +17,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-
 _GRAZING = 0.1  # of the depth of the part's deepest point
 
 
@@ -26,7 +25,8 @@ class Touches:
     """Where parts of the hand are in the object at an instant, c points.
 
     Attributes:
-        part: which part of the hand (c,). geometry: which of its bodies (c,). point_o: on the object's surface, world (c, 3) [m]. normal_o: into the object (c, 3).
+        part: which part of the hand (c,). geometry: which of its bodies (c,). point_o: on the object's surface, world (c, 3) [m].
+        normal_o: into the object (c, 3).
         depth: (c,) [m]. velocity_o: of the hand's surface relative to the object's (c, 3) [m/s]. spin: relative angular
             velocity about the normal (c,) [rad/s].
     """
@@ -40,7 +40,8 @@ class Touches:
     spin: np.ndarray
 
 
-NO_TOUCHES = Touches(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0))
+_NOBODY, _NOTHING, _NOWHERE = np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 3))
+NO_TOUCHES = Touches(_NOBODY, _NOBODY, _NOWHERE, _NOWHERE, _NOTHING, _NOWHERE, _NOTHING)
 
 
 @dataclass(frozen=True, slots=True)

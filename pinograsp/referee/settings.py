@@ -42,8 +42,9 @@ class Servo:
     def of(cls, hand: HandModel, stiffness=None, damping=None) -> Servo:
         """Gains of a hand's servos: one number or (n,) each.
 
-        Rotors are the description's. Default: 50 N m/rad (55.6 kN/m where joints slide), settling in 10 ms. Where joints are coupled, motors have a rotor
-        (1e-4 kg m^2, 0.11 kg) and are critically damped: MuJoCo couples joints well only if damping need not be implicit.
+        Rotors are the description's. Default: 50 N m/rad (55.6 kN/m where joints slide), settling in 10 ms. Where joints are
+        coupled, motors have a rotor (1e-4 kg m^2, 0.11 kg) and are critically damped: MuJoCo couples joints well only if damping
+        need not be implicit.
         """
         model = hand.model
         slides = np.array([hand.is_prismatic(model.getJointId(name)) for name in hand.joint_names])
