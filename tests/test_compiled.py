@@ -251,6 +251,16 @@ def test_global_search_through_it(make_problem):
         assert fast.certificate.relative_gap <= 1e-6
 
 
+def test_every_kernel_is_compiled():
+    """A decorator that is lost changes no result, only the time."""
+    from numba.core.registry import CPUDispatcher
+
+    from pinograsp.forces import kernels
+
+    plain = [name for name, one in vars(kernels).items() if callable(one) and getattr(one, "__module__", "") == kernels.__name__]
+    assert [name for name in plain if not isinstance(getattr(kernels, name), CPUDispatcher)] == ["online_memory"]
+
+
 def test_missing_numba_names_the_extra(monkeypatch):
     for name in ("compiled", "kernels"):
         monkeypatch.delitem(sys.modules, f"pinograsp.forces.{name}", raising=False)

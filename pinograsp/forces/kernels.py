@@ -75,7 +75,7 @@ _SHARP = 1e-9  # of the load or the largest F_n: answers that miss a limit by mo
 # contacts next to each other in memory, without branches where that matters.
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
     """x (d, k), the minimiser of every contact's part of the Lagrangian at slopes S + t V (d, k); norm (k,) of its round part.
 
@@ -121,7 +121,7 @@ def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
             x[1, i] = min(max(-b / w[1, i], -radii[1] * F), radii[1] * F)
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def _slopes(A, y, out):
     """out (d k,) = A' y with A (m, d k)."""
     a, b, c = y[0], y[1], y[2]
@@ -134,7 +134,7 @@ def _slopes(A, y, out):
             out[l] = a * A[0, l] + b * A[1, l] + c * A[2, l]
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
     """D (m, terms k) and weights (terms k,) such that D diag(weights) D' is a generalised Hessian of the negative dual.
 
@@ -182,7 +182,7 @@ def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
         weights[i] = 1.0 / slope if lo[i] < F and hi[i] > F else 0.0
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def _newton_direction(D, weights, give, residual, H, step):
     """step (m,) with (D diag(weights) D' + give + a little) step = residual; H (m, m) is scratch."""
     m, n, trace, largest = D.shape[0], D.shape[1], 0.0, 0.0
@@ -203,7 +203,7 @@ def _newton_direction(D, weights, give, residual, H, step):
     _solve(H, step)
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def _proves(V, b, y, lo, hi, radii, n_round):
     """Whether y is a Farkas certificate: y . (A x - b) > 0 for all admissible x, with V = A' y (d, k). If so its largest entry
     becomes 1."""
@@ -226,7 +226,7 @@ def _proves(V, b, y, lo, hi, radii, n_round):
     return True
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, work):
     """Maximise the dual of quadratic weights w > 0 (d, k) from y (m,) in at most ``most`` steps; (code, Newton steps).
 
@@ -303,7 +303,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
     return STALLED, most
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
     """The objective at x and the bound that y proves with the tangents of the objective at x; slopes (d k,) is scratch."""
     d, k = q.shape
@@ -334,7 +334,7 @@ def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
     return value, bound
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
     """Minimise over the cones from y (m,), 0 if nothing is known; x (d, k) is start and result, y the multipliers.
 
@@ -373,7 +373,7 @@ def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
     return STALLED, steps
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def newton_scratch(d, k):
     """Numbers that :func:`dual_newton` needs to work with."""
     return 48 + 4 * d * k + k + 7 * 5 * k
@@ -385,7 +385,7 @@ def newton_scratch(d, k):
 # that the innermost loops run over contacts next to each other in memory.
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def phi(F, coefs, exps):
     """phi, phi' and phi'' at F > 0; see :func:`interior_point` for the powers."""
     value, first, second = 0.0, 0.0, 0.0
@@ -402,7 +402,7 @@ def phi(F, coefs, exps):
     return value * F, first, second / F
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _factor(H):
     """Cholesky factor U'U of H (n, n) in its upper triangle, in place, inverse pivots on the diagonal; pivots are floored."""
     n = H.shape[0]
@@ -421,7 +421,7 @@ def _factor(H):
                 H[i, c] -= t * H[r, c]
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _solve(U, v):
     """v <- (U'U)^-1 v with U from :func:`_factor`."""
     n = v.shape[0]
@@ -437,7 +437,7 @@ def _solve(U, v):
         v[r] = t * U[r, r]
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _factor_contacts(H):
     """:func:`_factor` for every contact's block of H (d, d, k); d is 3 or 4."""
     d, _, k = H.shape
@@ -459,7 +459,7 @@ def _factor_contacts(H):
             H[3, 3, i] = 1.0 / np.sqrt(max(rest, max(floor, 1e-15 * H[3, 3, i])))
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _half_solve(U, rows, out):
     """out[h] = U'^-1 rows[h] for the contacts' factors U and every row (n, d k)."""
     d, _, k = U.shape
@@ -476,7 +476,7 @@ def _half_solve(U, rows, out):
                 out[h, 3 * k + i] = rest * U[3, 3, i]
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _back_solve(U, v):
     """v <- U^-1 v for the contacts' factors U; v (1, d k)."""
     d, _, k = U.shape
@@ -491,7 +491,7 @@ def _back_solve(U, v):
         v[0, i], v[0, k + i], v[0, 2 * k + i] = (s - U[0, 1, i] * t - U[0, 2, i] * u) * U[0, 0, i], t, u
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _add_products(A, v, out):
     """out += A v; the number of rows is a multiple of three."""
     for r in range(0, A.shape[0], 3):
@@ -502,7 +502,7 @@ def _add_products(A, v, out):
         out[r], out[r + 1], out[r + 2] = out[r] + a, out[r + 1] + b, out[r + 2] + c
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _add_combination(A, y, sign, out):
     """out += sign A' y; the number of rows is a multiple of three."""
     for r in range(0, A.shape[0], 3):
@@ -511,7 +511,7 @@ def _add_combination(A, y, sign, out):
             out[0, l] += A[r, l] * a + A[r + 1, l] * b + A[r + 2, l] * c
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _gram(T, S):
     """S = T T', its upper triangle, in blocks of three rows and columns."""
     for r in range(0, T.shape[0], 3):
@@ -532,7 +532,7 @@ def _gram(T, S):
 # torque rows of one contact. Torque rows of several contacts, ``shared``, follow as rows by themselves.
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _limits_along(G, used, shared, v, out):
     """out = G v. ``used`` (limits of a contact, d): whether a component enters."""
     _, d, k = G.shape
@@ -548,7 +548,7 @@ def _limits_along(G, used, shared, v, out):
     _add_products(shared, v, out[G.shape[0] * k :])
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _add_limits(G, used, v, out):
     """out += G' v, but for torque rows of several contacts."""
     _, d, k = G.shape
@@ -559,7 +559,7 @@ def _add_limits(G, used, v, out):
                     out[0, j * k + i] += G[a, j, i] * v[a * k + i]
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _add_weighted_limits(G, used, w, H):
     """H += G' diag(w) G, but for torque rows of several contacts."""
     _, d, k = G.shape
@@ -571,7 +571,7 @@ def _add_weighted_limits(G, used, w, H):
                         H[j, c, i] += G[a, j, i] * G[a, c, i] * w[a * k + i]
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _both_sides(v, sign, one_sided, out):
     """Per limit the entry of its lower side and sign times that of its upper one, which facets do not have."""
     other = out.shape[0] - one_sided
@@ -584,19 +584,19 @@ def _both_sides(v, sign, one_sided, out):
 # Vectors of second-order cones are tuples (u, u, u or 0, head).
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _in_cone(v, i, k, n_round):
     """Contact i's components of v (1, d k) that a second-order cone bounds."""
     return v[0, i], v[0, k + i], v[0, 2 * k + i] if n_round == 3 else 0.0, v[0, v.shape[1] - k + i]
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _row(v, i):
     """Row i of v (k, 4)."""
     return v[i, 0], v[i, 1], v[i, 2], v[i, 3]
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _to_cone(v, dv, step):
     """The largest step up to ``step`` that keeps v + step dv in the cone."""
     a = dv[3] * dv[3] - dv[0] * dv[0] - dv[1] * dv[1] - dv[2] * dv[2]
@@ -613,7 +613,7 @@ def _to_cone(v, dv, step):
     return min(step, -v[3] / dv[3]) if dv[3] < 0.0 else step
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _scaling(s, z):
     """Nesterov and Todd's scaling (vector, size) of a cone's vector and its multiplier."""
     ss = np.sqrt(max(s[3] * s[3] - s[0] * s[0] - s[1] * s[1] - s[2] * s[2], 1e-300))
@@ -624,7 +624,7 @@ def _scaling(s, z):
     return (a * s[0] - b * z[0], a * s[1] - b * z[1], a * s[2] - b * z[2], a * s[3] + b * z[3]), np.sqrt(ss / zz)
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _scaled(bar, scale, v, sign):
     """W v for sign 1, W^-1 v for sign -1 and the inverse scale."""
     along = bar[0] * v[0] + bar[1] * v[1] + bar[2] * v[2]
@@ -633,7 +633,7 @@ def _scaled(bar, scale, v, sign):
     return scale * (v[0] + t * bar[0]), scale * (v[1] + t * bar[1]), scale * (v[2] + t * bar[2]), head
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _scale_cones(x, zc, n_round, bar, eta, H):
     """Scalings of all cones and their Hessians, added to H; returns the sum of the complementarity."""
     d, _, k = H.shape
@@ -654,7 +654,7 @@ def _scale_cones(x, zc, n_round, bar, eta, H):
     return comp
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
     """Steps of the cones' multipliers for the step dx; the largest step up to alpha. The predictor leaves its Jordan products
     in ``centring``."""
@@ -676,7 +676,7 @@ def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
     return alpha
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _centre_cones(zc, bar, eta, centre, centring):
     """Jordan products p in ``centring`` become W^-1 (lambda \\ (centre e - p)), lambda = W z."""
     for i in range(eta.shape[0]):
@@ -690,7 +690,7 @@ def _centre_cones(zc, bar, eta, centre, centring):
         centring[i, 0], centring[i, 1], centring[i, 2], centring[i, 3] = c
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _to_boundary(v, dv, alpha):
     """The largest step up to alpha that keeps v + alpha dv at least 0."""
     for l in range(v.shape[0]):
@@ -699,7 +699,7 @@ def _to_boundary(v, dv, alpha):
     return alpha
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def support(g, n_round, vertices):
     """max of g . u over U (:class:`~pinograsp.contacts.Friction`); vertices (e, 2) of the polygon, (0, 2) without one."""
     total = 0.0 if n_round > 0 else -np.inf
@@ -713,7 +713,7 @@ def support(g, n_round, vertices):
     return total
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g):
     """Lower bound of the objective that y proves with tangents near x, ``Program.lower_bound`` compiled, and the objective at x.
 
@@ -751,7 +751,7 @@ def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, ve
     return total, value
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _newton_step(T, H, S, G, used, sides, weights, multipliers, row, dx, dy):
     """dx, the right-hand side without limits on entry, becomes the step of x; dy that of the rows' multipliers.
 
@@ -768,7 +768,7 @@ def _newton_step(T, H, S, G, used, sides, weights, multipliers, row, dx, dy):
     _back_solve(H, dx)
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g):
     """Farkas bound of the multipliers y = [balance; torque rows], ``Program.excluded`` compiled. g (d,) is scratch."""
     k, d, n = B.shape
@@ -776,7 +776,7 @@ def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g)
     return bound_of(y, x, B, touched, counts, b, P, x, none, none, lo, hi, n_round, vertices, R_lo, R_hi, g)[0]
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, give, x, y):
     """Minimise over the cones; x (k, d) and y (m + r,) are the results. (CONVERGED, STALLED or INFEASIBLE, steps).
 
@@ -971,7 +971,7 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
     return STALLED, _STEPS
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _to_contacts(v, multipliers, z, own, n, torques, up, x, y):
     """x (k, d) from its components v, and the multipliers of all rows in their order."""
     k, d = x.shape
@@ -989,7 +989,7 @@ def _to_contacts(v, multipliers, z, own, n, torques, up, x, y):
 # -- answers and their checks -----------------------------------------------------------------------------------------
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def powers_of(terms, scale, unit):
     """phi' as the solvers take it, from pairs (coefficient, exponent): the exponents are 1, 1 + 1 / rho and 1 + 2 / rho."""
     count = terms.shape[0]
@@ -1004,7 +1004,7 @@ def powers_of(terms, scale, unit):
     return coefs, exps
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
            correction, x, y, gauge, residual):  # fmt: skip
     """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound, by Newton's method); fills x, y, gauge (k,),
@@ -1074,7 +1074,7 @@ def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
     return code, violation, value, bound, newton
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _part(packed, start, shape):
     """The array of this shape that begins at ``start``, and where the next one does."""
     size = 1
@@ -1083,7 +1083,7 @@ def _part(packed, start, shape):
     return packed[start : start + size].reshape(shape), start + size
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def whole(sizes, numbers, at, load, out, active):
     """One force problem from its load (6,) [N, N m] to everything its record holds.
 
@@ -1198,7 +1198,7 @@ def whole(sizes, numbers, at, load, out, active):
 # -- many problems, and one again and again ---------------------------------------------------------------------------
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _columns(points, rotations, mu, torsion, arm, A, widths):
     """Balance A (m, d k) by component from contact points (k, 3) about the centre of mass and frames (k, 3, 3), moments over
     ``arm``; widths (d, k): what a component of one newton at the friction limit is [N, N m]."""
@@ -1221,7 +1221,7 @@ def _columns(points, rotations, mu, torsion, arm, A, widths):
                 A[r, 2 * k + i] = rotations[i, r - 3, 2] * torsion / arm if r >= 3 else 0.0
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _judge(A, b, lo, hi, radii, n_round, x):
     """Norm of A x - b and the largest violation of friction and bounds on F_n."""
     m, (d, k) = A.shape[0], x.shape
@@ -1243,7 +1243,7 @@ def _judge(A, b, lo, hi, radii, n_round, x):
     return np.sqrt(off), violation
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, squares, terms, radii, n_round, forces, moments, answers):
     """One problem of :func:`many`; its code."""
     k, d = points.shape[0], radii.shape[0] + 1
@@ -1302,7 +1302,7 @@ def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, square
     return code
 
 
-njit(parallel=True, **FLAGS)
+@njit(parallel=True, **FLAGS)
 def many(points, rotations, counts, loads, mu, torsion, low, high, arms, m, squares, terms, radii, n_round, forces, moments,
          answers, codes):  # fmt: skip
     """N problems on all threads: the first counts[p] contacts of each, points about the centres of mass, mu with its safety.
@@ -1317,7 +1317,7 @@ def many(points, rotations, counts, loads, mu, torsion, low, high, arms, m, squa
         )  # fmt: skip
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _not_finite(values):
     for v in values.ravel():
         if not abs(v) < 1e12:
@@ -1325,7 +1325,7 @@ def _not_finite(values):
     return False
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def online(wrench, memory, jacobian, gravity, chains):
     """One tick of :class:`pinograsp.motion.OnlineForces`: (code, Newton steps, what is not balanced [N]).
 
@@ -1420,7 +1420,7 @@ def online(wrench, memory, jacobian, gravity, chains):
     return code, steps, off * scale
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out):
     """Fills ``out`` of :func:`online` from x (d, k), and returns what it leaves of the balance."""
     d, k = x.shape
@@ -1457,7 +1457,7 @@ def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations,
     return off
 
 
-njit(**FLAGS)
+@njit(**FLAGS)
 def _within_torques(A, b, w, lo, hi, radii, n_round, scale, widths, points, rotations, com, jacobian, gravity, limit, chains, x):
     """Interior points with |gravity + J'f| <= limit (n,) and x (d, k) the result: (code, steps); the closest forces where the load
     cannot be held so. Where no forces at all keep the limits x stays as it was.
@@ -1568,7 +1568,7 @@ def online_memory(d, k, n):
 # -- multipliers at fixed normal forces ---------------------------------------------------------------------------------
 
 
-njit(**NEWTON)
+@njit(**NEWTON)
 def box_least_squares(H, fixed, load, eps, k, y, work):
     """Minimise 1/2 |H k + fixed + load|^2 + eps/2 |k|^2 over |k| <= 1: H (m, n), fixed and load (m,). (converged, Newton steps).
 
