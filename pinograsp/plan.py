@@ -19,6 +19,7 @@ from pinograsp.forces import (
     force_closure,
     grasp_margins,
     grid_search,
+    load_margin,
     optimize_grasp,
 )
 from pinograsp.hands import HandModel
@@ -28,6 +29,7 @@ from pinograsp.objects.body import Body
 _SLIDES = 1e-4  # [m] across the normal: worth telling
 # Rounds of force search and motion until the holding torques at the posture found are within their limits.
 _TORQUE_ROUNDS = 6
+_DIRECTIONS = 48  # around a plane, in which margins are kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -189,9 +191,29 @@ class GraspPlan:
             "stiffness_N_m": np.asarray(stiffness.matrix).tolist(),
         }
 
+    def _margins_around(self) -> tuple[np.ndarray, np.ndarray]:
+        """Unit vectors (3, d, 3) around the planes xy, xz, yz, and the largest force along each on top of the load (3, d) [N]."""
+        problem = replace(self.problem, friction=replace(self.problem.friction, safety=1.0))
+
+        def margin(direction) -> float:
+            held = load_margin(problem, np.append(direction, np.zeros(3)), normal_forces=self.forces.normal_forces)
+            return max(0.0, held)  # forces on their limits leave nothing, and rounding of that may be less than nothing
+
+        reach = {(axis, sign): margin(sign * np.eye(3)[axis]) for axis in range(3) for sign in (1.0, -1.0)}
+        angles = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
+        directions = np.zeros((3, _DIRECTIONS, 3))
+        for plane, axes in enumerate(((0, 1), (0, 2), (1, 2))):
+            for axis, share in zip(axes, (np.cos(angles), np.sin(angles))):
+                # Denser where the set is thin: as on an ellipse that reaches as far.
+                size = np.where(share > 0, reach[axis, 1.0], reach[axis, -1.0])
+                directions[plane][:, axis] = share * np.maximum(size, 1e-3 * max(1e-3, *reach.values()))
+        directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+        return directions, np.array([[margin(direction) for direction in plane] for plane in directions])
+
     def arrays(self) -> dict[str, np.ndarray]:
         """The plan's arrays: shapes and units as in :class:`~pinograsp.motion.Motion` and the contact set."""
         motion, contacts, compliance = self.motion, self.problem.contacts, self.problem.compliance
+        directions, margins = self._margins_around()
         profile = self.forces.profile
         depth, rate = profile.depth(motion.times), profile.rate(motion.times)
         return {
@@ -221,8 +243,52 @@ class GraspPlan:
             "contact_links": np.array([contact.link for contact in contacts]),
             "torque_limit": self.hand.effort_or_infinity if self.problem.torques is None else self.problem.torques.limit,
             # Branch and bound: start and end of each interval of t_I [s], its proven bound, the best objective then.
+            # Largest forces along directions in the planes xy, xz, yz that may come on top of the load [N], the squeeze held.
+            "margin_directions": directions,
+            "margin_forces": margins,
             "branches": np.array([(b.start, b.end, b.lower_bound, b.best) for b in self.forces.branches]).reshape(-1, 4),
         }
+
+    def to_csv(self, path, *, followers: bool = False, **settings):
+        """Write the motion for a controller as a table; see :meth:`pinograsp.handover.JointTrajectory.to_csv`.
+
+        ``settings``: rate, start, lead, blend, as for :func:`pinograsp.handover.joint_trajectory`. Returns the trajectory, which
+        tells how far it is from the plan.
+        """
+        from pinograsp.handover import joint_trajectory
+
+        return joint_trajectory(self, **settings).to_csv(path, followers=followers)
+
+    def to_ros2(
+        self, path=None, *, followers: bool = False, effort: bool = True, goal: bool = False, frame: str = "", **settings
+    ) -> dict:
+        """The motion as ROS 2's ``trajectory_msgs/JointTrajectory``, written where a path (.yaml, .json) is given.
+
+        See :meth:`pinograsp.handover.JointTrajectory.to_ros2`; ``settings`` as for :meth:`to_csv`.
+        """
+        from pinograsp.handover import joint_trajectory
+
+        return joint_trajectory(self, **settings).to_ros2(path, followers=followers, effort=effort, goal=goal, frame=frame)
+
+    def to_mujoco(self, path, *, model=None, qpos=None, feed_forward: bool = True, prefix: str = "", **settings):
+        """Write the motion as MuJoCo keyframes (.xml) and controls over time (.npz beside it); returns the trajectory.
+
+        See :meth:`pinograsp.handover.JointTrajectory.to_mujoco`; ``settings`` as for :meth:`to_csv`.
+        """
+        from pinograsp.handover import joint_trajectory
+
+        trajectory = joint_trajectory(self, **settings)
+        return trajectory.to_mujoco(path, model=model, qpos=qpos, feed_forward=feed_forward, prefix=prefix)
+
+    def show(self, *, simulation=None, port: int = 8080, open_browser: bool = True):
+        """Open a live page with hand, object, forces and friction over time; see :func:`pinograsp.viz.viewer.view`.
+
+        Returns the viewer; its :meth:`~pinograsp.viz.viewer.Viewer.close` takes the page down. Needs the extra ``viz``.
+        """
+        from pinograsp.storage import run_of
+        from pinograsp.viz.viewer import view
+
+        return view(run_of(self), simulation=simulation, port=port, open_browser=open_browser)
 
 
 def _on_edge(body, point_o) -> bool:

@@ -1,8 +1,12 @@
-"""The readable report of a run, and the tables of the command line."""
+"""The readable report of a run, as Markdown and as one HTML file, and the tables of the command line."""
 
 from __future__ import annotations
 
+import base64
+import html
 import math
+import re
+from pathlib import Path
 
 from pinograsp.storage import Run
 
@@ -15,6 +19,45 @@ def number(value: float | None, digits: int = 4) -> str:
         return "0"
     exponent = math.floor(math.log10(abs(value)))
     return f"{value:.{max(digits - 1 - exponent, 0)}f}" if -4 <= exponent < 6 else f"{value:.{digits - 2}e}"
+
+
+def headline(run: Run, check: dict | None = None) -> list[str]:
+    """The answer first, a line each: does it hold, how hard, how much energy, with which margin, and what the referee saw.
+
+    ``check``: ``check.json`` of a simulation of the run, if there was one.
+    """
+    s = run.summary
+    held = {"ok": "Yes. The contact forces hold the load", "unbalanced": "Almost. The contact forces hold the load but for"}
+    if s["status"] == "ok":
+        first = f"{held['ok']}, forces and moments in balance." if s["balance"] == "wrench" else f"{held['ok']}; moments are not balanced."
+    elif s["status"] == "unbalanced":
+        first = f"{held['unbalanced']} {number(s['net_force_N'], 3)} N and {number(s['net_moment_Nm'], 3)} N m."
+    else:
+        first = f"The plan is not complete ({s['status']}): {s['remedy']}"
+    forces = s["normal_forces_N"]
+    listed = ", ".join(f"{name} {value:.2f} N" for name, value in forces.items())
+    energy = f"{1e3 * s['work_J']:.2f} mJ of work (Eq. 9), {s['impulse_Ns']:.3f} N s as impulse (Eq. 11)"
+    if s["certificate"] is not None:
+        energy += f"; within a share of {max(s['certificate']['relative_gap'], 0.0):.0e} of the least {_objective(s)}, proven"
+    margins = s["margins"]
+    factor = "any multiple of the load" if margins["load_factor"] is None else f"{margins['load_factor']:.3g} times the load"
+    used = [value for value in margins["friction_used"].values() if value is not None]
+    margin = f"the squeeze holds {factor}"
+    if used:
+        margin += f"; friction is used up to {100 * max(used):.0f} %"
+    lines = [
+        f"**Does it hold?** {first}",
+        f"**How hard?** {sum(forces.values()):.2f} N of normal force in all: {listed}; at most {s['peak_torque_Nm']:.3g} N m at a joint.",
+        f"**How much energy?** {energy}.",
+        f"**Which margin?** {margin[0].upper()}{margin[1:]}.",
+    ]
+    if check is None:
+        lines.append("**Simulated?** Not yet: `pinograsp check` does it.")
+    else:
+        verdict = "Held" if check["held"] else "Lost"
+        lines.append(f"**Simulated?** {verdict} ({check['engine']}): {check['reason']}; normal forces at most "
+                     f"{100 * check['force_error']:.1f} % off the plan.")  # fmt: skip
+    return lines
 
 
 def answer(run: Run) -> list[tuple[str, str]]:
@@ -98,11 +141,15 @@ def failure(run: Run) -> str:
     )
 
 
-def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
-    """``report.md`` of a run. ``comparison`` holds rows of :mod:`pinograsp.cases.published`."""
+def markdown(run: Run, figures: list[str] | None = None, check: dict | None = None) -> str:
+    """``report.md`` of a run.
+
+    ``figures``: names of the files beside it. ``check``: ``check.json`` of a simulation.
+    """
     s = run.summary
     lines = [f"# Grasp plan: {run.settings.get('name', run.layout['hand'])}", ""]
-    lines += _table(("", ""), answer(run))
+    lines += [*(f"- {line}" for line in headline(run, check)), "", *_figures(figures, _FIRST), "## In figures", ""]
+    lines += _table(("quantity", "value"), answer(run))
     if s["remedy"]:
         lines += [f"**{s['status']}**: {s['remedy']}", ""]
     if s["cautions"]:
@@ -138,15 +185,100 @@ def markdown(run: Run, comparison=(), figures: list[str] | None = None) -> str:
                   f"{s['certificate']['limit_violation_N']:.1e} N.", ""]  # fmt: skip
     else:
         lines += _grid_section(s)
-    if comparison:
+    if s.get("comparison"):
         lines += ["## Beside the paper", ""]
-        lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(comparison))
+        lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(s["comparison"]))
     if run.settings.get("assumed"):
         lines += ["## Assumed inputs", "", *(f"- `{key}`: {why}" for key, why in run.settings["assumed"].items()), ""]
-    if figures:
-        lines += ["## Figures", "", *(f"![{name}]({name})" for name in figures), ""]
+    rest = [name for name in figures or () if Path(name).stem not in _FIRST]
+    if rest:
+        lines += ["## Figures", "", *_figures(rest, None)]
+    lines += _settings(run.settings)
     lines += ["Made with " + ", ".join(f"{name} {version}" for name, version in run.versions.items()) + ".", ""]
     return "\n".join(lines)
+
+
+_FIRST = ("contact_forces",)
+_CAPTIONS = {
+    "contact_forces": "Normal forces and penetration depths in the grasp phase",
+    "joint_angles": "Joint angles, approach and grasp phase (grey)",
+    "joint_rates": "Joint rates",
+    "grasp_energy": "Grasp energy as it builds up",
+    "friction_use": "Share of Coulomb's limit that each contact uses",
+    "wrench_margin": "Forces that may come on top of the load",
+    "search_over_time": "The search over the impact time: proven bounds, what was found, and the gap",
+}
+
+
+def _figures(names, only) -> list[str]:
+    """Figures with captions: those ``only``, or all."""
+    lines = []
+    for name in names or ():
+        stem = Path(name).stem
+        if only is None or stem in only:
+            finger = stem.removeprefix("torques_")
+            caption = _CAPTIONS.get(stem, f"Joint torques of the {finger}" if finger != stem else stem.replace("_", " "))
+            lines += [f"![{caption}]({name})", ""]
+    return lines
+
+
+def _settings(settings: dict) -> list[str]:
+    """What was asked for, key by key."""
+    rows = [(key, str(value)) for key, value in _flat(settings) if key != "name" and not key.startswith("assumed.")]
+    return ["## Settings", "", *_table(("key", "value"), rows)] if rows else []
+
+
+def _flat(settings, prefix: str = ""):
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif value is not None:
+            yield f"{prefix}{key}", value
+
+
+_STYLE = """
+:root { color-scheme: light; }
+body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto; max-width: 60rem; padding: 1rem; }
+h1 { font-size: 1.6rem; margin: 0.5rem 0 1rem; } h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 2px solid #0072B2; }
+h1 + ul { list-style: none; padding: 0; display: grid; gap: 0.5rem; grid-template-columns: repeat(auto-fit, minmax(16rem, 1fr)); }
+h1 + ul li { border-left: 4px solid #0072B2; background: #f2f6fa; padding: 0.6rem 0.8rem; overflow-wrap: anywhere; }
+h1 + ul strong { display: block; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.9rem; }
+th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.7rem 0.25rem 0; border-bottom: 1px solid #ddd; overflow-wrap: anywhere; }
+figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption { font-size: 0.9rem; color: #444; }
+code { font-size: 0.9em; } pre { overflow-x: auto; background: #f5f5f5; padding: 0.6rem; }
+@media print { body { max-width: none; font-size: 11pt; } figure, tr, h1 + ul li { break-inside: avoid; } h2 { break-after: avoid; } }
+"""
+
+
+def page(text: str, folder: str | Path) -> str:
+    """Markdown as one HTML file: pictures of ``folder`` are inside, nothing comes from a network."""
+    from markdown_it import MarkdownIt
+
+    made = MarkdownIt("commonmark", {"html": False}).enable("table")
+    tokens = made.parse(text)
+    for token in tokens:
+        for child in token.children or ():
+            if child.type == "image":
+                path = Path(folder) / child.attrs["src"]
+                child.attrs["src"] = "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+    body = made.renderer.render(tokens, made.options, {})
+    body = body.replace("<table>", '<div class="wide"><table>').replace("</table>", "</table></div>")
+    # A picture alone in its paragraph is a figure, and its description the caption.
+    body = re.sub(r'<p>(<img [^>]*alt="([^"]*)"[^>]*>)</p>', r"<figure>\1<figcaption>\2</figcaption></figure>", body)
+    title = html.escape(text.splitlines()[0].lstrip("# "))
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, '
+        f'initial-scale=1"><title>{title}</title><style>{_STYLE}</style></head>\n<body>\n{body}</body></html>\n'
+    )
+
+
+def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = None) -> None:
+    """``report.md`` and ``report.html`` into a folder that has the figures already."""
+    folder = Path(folder)
+    text = markdown(run, list(figures), check) if run.arrays else failure(run)
+    (folder / "report.md").write_text(text, encoding="utf-8")
+    (folder / "report.html").write_text(page(text, folder), encoding="utf-8")
 
 
 def _grid_section(s: dict) -> list[str]:
@@ -158,9 +290,9 @@ def _grid_section(s: dict) -> list[str]:
 
 
 def comparison_rows(comparison) -> list[tuple[str, ...]]:
-    """Rows of a comparison as text: quantity, unit, paper, ours, difference, note."""
+    """``summary["comparison"]`` as text: quantity, unit, paper, ours, difference, note."""
     return [
-        (row.quantity, row.unit, number(row.published), number(row.ours), number(row.difference, 3), row.note)
+        (row["quantity"], row["unit"], number(row["published"]), number(row["ours"]), number(row["difference"], 3), row["note"])
         for row in comparison
     ]
 

@@ -158,6 +158,44 @@ def write_folder(folder: str | Path, fill: Callable[[Path], None], *, force: boo
     return folder
 
 
+def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
+    """Files that ``fill(path)`` writes, moved into a run's folder one by one; they replace earlier ones.
+
+    Raises:
+        ResultsNotWritten: the folder cannot be written.
+    """
+    folder = Path(folder)
+    try:
+        with tempfile.TemporaryDirectory(prefix=".new-", dir=folder) as staging:
+            fill(Path(staging))
+            new = sorted(Path(staging).iterdir())
+            listing = folder / "files.txt"
+            known = listing.read_text(encoding="utf-8").split() if listing.is_file() else []
+            for path in new:
+                path.replace(folder / path.name)
+            (Path(staging) / "files.txt").write_text("\n".join(sorted({*known, *(path.name for path in new)})) + "\n", encoding="utf-8")
+            (Path(staging) / "files.txt").replace(listing)
+    except OSError as error:
+        raise ResultsNotWritten(f"cannot write into '{folder}': {error}") from error
+
+
+def newest_check(folder: str | Path) -> Path | None:
+    """The folder of the last simulation of a run, where there is one below the run's own."""
+    checks = [path.parent for path in Path(folder).glob("*/check.json")]
+    return max(checks, key=lambda path: (path / "check.json").stat().st_mtime) if checks else None
+
+
+def load_check(folder: str | Path) -> tuple[dict, dict[str, np.ndarray]]:
+    """Summary and arrays of a simulation; :class:`InvalidInput` where the folder holds none."""
+    folder = Path(folder)
+    try:
+        summary = json.loads((folder / "check.json").read_text(encoding="utf-8"))
+        with np.load(folder / "check.npz", allow_pickle=False) as stored:
+            return summary, {name: stored[name] for name in stored.files}
+    except Exception as error:  # the readers raise whatever comes of a broken file
+        raise InvalidInput(f"'{folder}' holds no readable check: {type(error).__name__}: {error}") from error
+
+
 def check_folder(folder: str | Path, force: bool) -> None:
     """Raise :class:`ResultsNotWritten` unless a run may be written to ``folder`` (call it before long work)."""
     folder = Path(folder)

@@ -14,8 +14,8 @@ PACKAGE = ROOT / "pinograsp"
 
 # The way of the data: a room imports only from itself and from rooms before it.
 ROOMS = [
-    "errors", "checks", "spatial", "hands", "objects", "contacts", "forces", "motion", "placement", "plan", "storage",
-    "referee", "viz", "cases", "report", "cli",
+    "errors", "checks", "spatial", "hands", "objects", "contacts", "forces", "motion", "placement", "handover", "storage",
+    "referee", "viz", "plan", "cases", "sweep", "report", "cli",
 ]  # fmt: skip
 OWNERS = {
     "pinocchio": {"hands", "contacts", "motion", "placement", "referee"},
@@ -29,13 +29,16 @@ OWNERS = {
     "clarabel": {"forces"},
     "numba": {"forces"},
     "matplotlib": {"viz"},
+    "viser": {"viz"},
     "pydantic": {"cases"},
-    "ruamel": {"cases"},
+    "ruamel": {"cases", "handover"},
     "typer": {"cli"},
     "rich": {"cli"},
-    "tqdm": {"forces", "placement", "referee"},
-    "joblib": {"placement", "referee"},
+    "tqdm": {"forces", "placement", "referee", "sweep"},
+    "joblib": {"placement", "referee", "sweep"},
     "cloudpickle": {"placement", "referee"},
+    "pyarrow": {"sweep"},
+    "distributed": {"sweep"},
 }
 # Rooms that must work without the solvers: pictures and reports of stored runs.
 WITHOUT_SOLVERS = ("storage", "viz", "report")

@@ -217,10 +217,11 @@ def test_unwritable_places_and_foreign_folders(run, tmp_path):
 
 
 def test_report_reads_well(run, rows):
-    text = markdown(run, rows.values(), ["joint_angles.png"])
+    compared = replace(run, summary=run.summary | {"comparison": [row.summary() for row in rows.values()]})
+    text = markdown(compared, ["joint_angles.png"])
     for expected in (
         "| status | ok |", "thumb 9.803", "## Notes", "limits of thumb_abduction set to -15..130", "moments are not",
-        "55.90", "## Assumed inputs", "`friction.mu`", "![joint_angles.png](joint_angles.png)", "Eq. 13a",
+        "55.90", "## Assumed inputs", "`friction.mu`", "](joint_angles.png)", "Eq. 13a",
     ):  # fmt: skip
         assert expected in text, expected
     assert "nan" not in text.lower().replace("finance", "")
@@ -240,7 +241,7 @@ def test_numbers_for_people():
 
 
 def test_comparison_rows_are_text(rows):
-    assert all(isinstance(cell, str) for row in comparison_rows(rows.values()) for cell in row)
+    assert all(isinstance(cell, str) for row in comparison_rows([row.summary() for row in rows.values()]) for cell in row)
 
 
 def test_figures_show_what_was_planned(run, tmp_path):
@@ -257,12 +258,13 @@ def test_figures_show_what_was_planned(run, tmp_path):
     assert forces.axes[1].lines[0].get_ydata()[-1] == pytest.approx(1e3 * run.summary["max_penetration_m"])
     paths = save_figures(run, tmp_path)
     assert [path.name for path in paths] == [
-        "joint_angles.png", "torques_thumb.png", "torques_index.png", "torques_middle.png", "contact_forces.png",
+        "joint_angles.png", "joint_rates.png", "torques_thumb.png", "torques_index.png", "torques_middle.png", "contact_forces.png",
+        "grasp_energy.png", "friction_use.png", "wrench_margin.png",
     ]  # fmt: skip
     for path in paths:
-        assert np.std(imread(path)[:, :, :3]) > 0.02  # not blank
+        assert np.std(imread(path)[:, :, :3]) > 0.02, path.name  # not blank
 
 
 def test_figures_come_from_a_stored_run_too(run, tmp_path):
     save_run(run, tmp_path / "run")
-    assert len(save_figures(load_run(tmp_path / "run"), tmp_path)) == 5
+    assert len(save_figures(load_run(tmp_path / "run"), tmp_path)) == 9

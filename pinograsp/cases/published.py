@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,10 @@ class Row:
     def difference(self) -> float | None:
         """ours - published."""
         return None if self.published is None or self.ours is None else self.ours - self.published
+
+    def summary(self) -> dict:
+        """As plain JSON values."""
+        return asdict(self) | {"difference": self.difference}
 
 
 def compare(case: Case, plan: GraspPlan) -> list[Row]:

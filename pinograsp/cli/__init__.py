@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import typer
 
-from pinograsp.cli import check, hands, plan  # they register their commands
+from pinograsp.cli import check, hands, plan, report, sweep, view  # they register their commands
 from pinograsp.cli.app import app, status_of
 from pinograsp.errors import NoGrasp, PinograspError, Status
 
-__all__ = ["app", "check", "hands", "main", "plan"]
+__all__ = ["app", "check", "hands", "main", "plan", "report", "sweep", "view"]
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -112,13 +113,11 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
             _keep_proof(error, loaded, folder, force)
         raise
     run = run_of(planned, loaded.settings())
-    comparison = []
     if case == "paper":
         from pinograsp.cases.published import compare
 
-        comparison = compare(loaded, planned)
-
-    _finish(run, comparison, folder, force, as_json)
+        run = replace(run, summary=run.summary | {"comparison": [row.summary() for row in compare(loaded, planned)]})
+    _finish(run, folder, force, as_json)
 
 
 def _plan_object(hand, spec, root, placing: _Placing, out, options: dict, force: bool, as_json: bool) -> None:
@@ -135,7 +134,7 @@ def _plan_object(hand, spec, root, placing: _Placing, out, options: dict, force:
         closure.hand, closure, search=search, solver=solver, progress=False if as_json else None, **settings, **chosen
     )
     record = {"name": f"{hand}, {spec}", "hand": hand, "object": spec, "root": root, **placing._asdict()}
-    _finish(run_of(planned, record), [], folder, force, as_json)
+    _finish(run_of(planned, record), folder, force, as_json)
 
 
 def _closed(hand: str, spec: str, root: str | None, placing: _Placing, quiet: bool):
@@ -205,22 +204,21 @@ def close(
         raise typer.Exit(3)
 
 
-def _finish(run, comparison: list, folder: Path, force: bool, as_json: bool) -> None:
+def _finish(run, folder: Path, force: bool, as_json: bool) -> None:
     """Save a run with its report and figures, print it, and leave with its exit code."""
     from pinograsp.storage import save_run
 
     def extras(path: Path) -> None:
-        from pinograsp.report import markdown
+        from pinograsp.report import write_report
         from pinograsp.viz.figures import save_figures
 
-        figures = [figure.name for figure in save_figures(run, path)]
-        (path / "report.md").write_text(markdown(run, comparison, figures), encoding="utf-8")
+        write_report(run, path, [figure.name for figure in save_figures(run, path)])
 
     save_run(run, folder, force=force, extras=extras)
     if as_json:
         typer.echo(json.dumps({**run.summary, "folder": str(folder)}, allow_nan=False))
     else:
-        _print(run, comparison, folder)
+        _print(run, folder)
     if run.summary["status"] == "interrupted":
         raise typer.Exit(130)
     if run.summary["status"] not in _DONE:
@@ -228,17 +226,16 @@ def _finish(run, comparison: list, folder: Path, force: bool, as_json: bool) -> 
 
 
 def _keep_proof(error, loaded, folder: Path, force: bool) -> None:
-    from pinograsp.report import failure
+    from pinograsp.report import write_report
     from pinograsp.storage import run_of_failure, save_run
 
     layout = {"hand": loaded.hand.source, "contacts": [contact.finger for contact in loaded.contacts]}
     run = run_of_failure(error, layout, loaded.settings())
-    report = failure(run)
-    save_run(run, folder, force=force, extras=lambda path: (path / "report.md").write_text(report, encoding="utf-8"))
-    typer.echo(f"the proof is written to {folder}: report.md, plan.json", err=True)
+    save_run(run, folder, force=force, extras=lambda path: write_report(run, path))
+    typer.echo(f"the proof is written to {folder}: report.html, report.md, plan.json", err=True)
 
 
-def _print(run, comparison, folder: Path) -> None:
+def _print(run, folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -250,14 +247,14 @@ def _print(run, comparison, folder: Path) -> None:
     for row in answer(run):
         table.add_row(*row)
     console.print(table)
-    if comparison:
+    if run.summary.get("comparison"):
         beside = Table(title="\nBeside the paper", title_justify="left", box=None, header_style="bold")
         for name in ("quantity", "unit"):
             beside.add_column(name)
         for name in ("paper", "ours", "difference"):
             beside.add_column(name, justify="right", no_wrap=True)
         beside.add_column("note")
-        for row in comparison_rows(comparison):
+        for row in comparison_rows(run.summary["comparison"]):
             beside.add_row(*row)
         console.print(beside)
     for note in run.summary["notes"]:
@@ -266,4 +263,4 @@ def _print(run, comparison, folder: Path) -> None:
         console.print(f"caution: {caution}")
     if run.summary["remedy"]:
         console.print(f"{run.summary['status']}: {run.summary['remedy']}")
-    console.print(f"\nwritten to {folder}: report.md, plan.json, plan.npz and figures", soft_wrap=True)
+    console.print(f"\nwritten to {folder}: report.html, report.md, plan.json, plan.npz and figures", soft_wrap=True)

@@ -107,7 +107,8 @@ def slip_threshold(
         tolerance: (held - lost) / held at the end [-].
         planned: smallest mu by the planner's account, for comparison.
         jobs: processes; with more than one, values are tried in advance that may not be needed. The result is the same.
-        disturbance: what else is not as planned. **settings: of :func:`~pinograsp.referee.simulate`.
+        disturbance: what else is not as planned.
+        **settings: of :func:`~pinograsp.referee.simulate`.
 
     Raises:
         InvalidInput: unusable settings.

@@ -1,12 +1,16 @@
-"""Figures of a run, as Matplotlib figures: the paper's Figs. 14 to 18. They need a :class:`~pinograsp.storage.Run` only."""
+"""Figures of a run, as Matplotlib figures: the paper's Figs. 14 to 18 and more. They need a :class:`~pinograsp.storage.Run` only."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.integrate import cumulative_trapezoid
 
+from pinograsp.checks import one_of
+from pinograsp.errors import InvalidInput
 from pinograsp.storage import Run
 
 # Okabe-Ito colours, told apart by colour-blind readers too, and line styles for print.
@@ -37,17 +41,34 @@ def _moving(run: Run) -> list[str]:
     return [name for name, dofs in run.layout["fingers"].items() if np.ptp(q[:, dofs], axis=0).max(initial=0.0) > 0]
 
 
-def joint_angles(run: Run) -> Figure:
-    """Joint angles over time, a panel per moving finger (Fig. 14 d-f)."""
+def _per_finger(run: Run, values: np.ndarray, ylabel: str) -> Figure:
+    """values (m, n) over time, a panel per moving finger."""
     fingers = _moving(run)
-    figure = Figure(figsize=(4.2 * len(fingers), 3.6), layout="constrained")
-    for axes, name in zip(np.ravel(figure.subplots(1, len(fingers), squeeze=False)), fingers):
+    if not fingers:
+        raise InvalidInput("figure: expected a run in which joints move, got one in which none does")
+    columns = min(3, len(fingers))
+    rows = -(-len(fingers) // columns)
+    figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
+    panels = np.ravel(figure.subplots(rows, columns, squeeze=False))
+    for axes in panels[len(fingers) :]:
+        axes.set_axis_off()
+    for axes, name in zip(panels, fingers):
         dofs = run.layout["fingers"][name]
-        _lines(axes, run.arrays["times"], np.degrees(run.arrays["q"][:, dofs]), [run.layout["joints"][i] for i in dofs])
+        _lines(axes, run.arrays["times"], values[:, dofs], [run.layout["joints"][i] for i in dofs])
         _phases(axes, run)
-        axes.set(title=name, ylabel="joint angle [deg]", xlim=(0, run.summary["final_time_s"]))
+        axes.set(title=name, ylabel=ylabel, xlim=(0, run.summary["final_time_s"]))
         axes.legend(fontsize=8, loc="center left")
     return figure
+
+
+def joint_angles(run: Run) -> Figure:
+    """Joint angles over time, a panel per moving finger (Fig. 14 d-f)."""
+    return _per_finger(run, np.degrees(run.arrays["q"]), "joint angle [deg]")
+
+
+def joint_rates(run: Run) -> Figure:
+    """Joint rates over time, a panel per moving finger."""
+    return _per_finger(run, np.degrees(run.arrays["dq"]), "joint rate [deg/s]")
 
 
 def joint_torques(run: Run, finger: str) -> Figure:
@@ -95,12 +116,140 @@ def contact_forces(run: Run) -> Figure:
     return figure
 
 
+def grasp_energy(run: Run) -> Figure:
+    """Grasp energy as it builds up in the grasp phase: work (Eq. 9) and impulse (Eq. 11), which have a factor rho + 1."""
+    impact, arrays = int(run.arrays["impact"]), run.arrays
+    times, rates = arrays["times"][impact:], arrays["rate"][impact:]
+    forces = (1 + arrays["contact_law"][2]) * arrays["normal_forces"][impact:]
+    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
+    for axes, power, ylabel, scale in zip(
+        figure.subplots(1, 2), (forces * rates, forces), ("grasp energy as work, Eq. (9) [mJ]", "as impulse, Eq. (11) [N s]"), (1e3, 1.0)
+    ):
+        grown = scale * cumulative_trapezoid(power, times, axis=0, initial=0.0)
+        _lines(axes, times, grown, run.layout["contacts"])
+        axes.plot(times, grown.sum(axis=1), color="0.2", linewidth=2.0, label="all")
+        axes.set(ylabel=ylabel, xlabel="time [s]", xlim=(times[0], times[-1]))
+        axes.grid(alpha=0.3, linewidth=0.5)
+        axes.legend(fontsize=8, loc="upper left")
+    return figure
+
+
+def friction_use(run: Run) -> Figure:
+    """How much of Coulomb's cone, mu F_n, each contact uses over the grasp phase; above 100 % it would slip."""
+    arrays, friction = run.arrays, run.summary["friction"]
+    forces = np.einsum("kji,mkj->mki", arrays["rotations_oc"], arrays["forces_o"])
+    limit = arrays["mu"] * forces[:, :, 2]
+    pressed = limit > 1e-3 * limit.max()  # where next to nothing presses the share says nothing
+    share = np.where(pressed, np.hypot(forces[:, :, 0], forces[:, :, 1]) / np.where(pressed, limit, 1.0), np.nan)
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    axes = figure.subplots()
+    shown = arrays["times"] >= run.summary["impact_time_s"]
+    _lines(axes, arrays["times"][shown], 100 * share[shown], run.layout["contacts"])
+    axes.axhline(100, color="0.2", linewidth=1.2)
+    axes.text(arrays["times"][-1], 99, "slips above ", ha="right", va="top", fontsize=8, color="0.2")
+    if friction["safety"] > 1:
+        axes.axhline(100 / friction["safety"], color="0.4", linewidth=0.9, linestyle=":")
+        axes.text(arrays["times"][-1], 99 / friction["safety"], f"safety factor {friction['safety']:g} ", ha="right", va="top",
+                  fontsize=8, color="0.4")  # fmt: skip
+    axes.set(xlabel="time [s]", ylabel="tangential force, of mu F_n [%]", ylim=(0, max(105, 1.05 * np.nanmax(100 * share[shown]))))
+    axes.grid(alpha=0.3, linewidth=0.5)
+    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
+    return figure
+
+
+def wrench_margin(run: Run) -> Figure:
+    """The largest force in each direction that may come on top of the load while the squeeze stays, in three planes."""
+    arrays = run.arrays
+    if "margin_forces" not in arrays:
+        raise InvalidInput("figure: this run did not keep its margins in all directions: plan it again")
+    directions, margins = arrays["margin_directions"], arrays["margin_forces"]
+    figure = Figure(figsize=(11.4, 4.2), layout="constrained")
+    planes = (("x", "y"), ("x", "z"), ("y", "z"))
+    for axes, plane, along, reach, colour in zip(figure.subplots(1, 3), planes, directions, margins, COLOURS):
+        points = (reach[:, None] * along)[:, ["xyz".index(axis) for axis in plane]]
+        closed = np.vstack([points, points[:1]])
+        axes.fill(closed[:, 0], closed[:, 1], color=colour, alpha=0.25)
+        axes.plot(closed[:, 0], closed[:, 1], color=colour, linewidth=1.6)
+        axes.plot(0, 0, "+", color="0.2")
+        axes.set(xlabel=f"force along {plane[0]} [N]", ylabel=f"force along {plane[1]} [N]")
+        axes.grid(alpha=0.3, linewidth=0.5)
+    figure.suptitle("Disturbing forces on the centre of mass that friction still holds, besides the load (gravity along -z)", fontsize=10)
+    return figure
+
+
+def search_over_time(run: Run) -> Figure:
+    """Grasp energy against the impact time: what is proven for each interval of t_I, the best found, and the gap as it closes."""
+    branches = run.arrays["branches"]
+    if not len(branches):
+        raise InvalidInput("figure: expected a run of search='convex'; the grids prove no bounds")
+    unit = {"work": "J", "impulse": "N s"}.get(run.summary["measure"], "")
+    start, end, bound, best = branches.T
+    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
+    map_, gap = figure.subplots(1, 2)
+    known = np.isfinite(bound)
+    map_.hlines(bound[known], start[known], end[known], color=COLOURS[0], linewidth=1.6, label="proven: no less in this interval")
+    if (~known).any():
+        floor = np.nanmin(np.where(known, bound, np.nan)) if known.any() else 0.0
+        map_.hlines(np.full((~known).sum(), floor), start[~known], end[~known], color="0.6", linewidth=3.0, alpha=0.5,
+                    label="no forces in this interval")  # fmt: skip
+    final = run.summary["certificate"]["primal"]
+    map_.plot(run.summary["impact_time_s"], final, "o", color=COLOURS[1], label="found")
+    map_.set(xlabel="impact time t_I [s]", ylabel=f"{run.summary['measure']} [{unit}]")
+    steps = np.arange(1, len(branches) + 1)
+    known = np.isfinite(best)
+    gap.step(steps[known], best[known], where="post", color=COLOURS[1], linewidth=1.6, label="best found")
+    dual = run.summary["certificate"]["dual"]
+    gap.axhline(dual, color=COLOURS[0], linewidth=1.4, linestyle="--", label="proven in the end")
+    gap.set(xlabel="intervals looked at", ylabel=f"{run.summary['measure']} [{unit}]")
+    gap.set_title(f"gap in the end {run.summary['certificate']['relative_gap']:.1e}", fontsize=10)
+    for axes in (map_, gap):
+        axes.grid(alpha=0.3, linewidth=0.5)
+        axes.legend(fontsize=8)
+    return figure
+
+
+def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Figure:
+    """A value of a sweep over one or two of its inputs; where nothing holds the map stays empty.
+
+    Args:
+        columns: of the sweep's table, name to values (r,). value: the column to show. x, y: columns of inputs on a grid;
+            without ``y`` a line.
+    """
+    for name in (value, x, *(() if y is None else (y,))):
+        one_of("column", name, columns)
+    values = np.array([np.nan if v is None else v for v in columns[value]], dtype=float)
+    across = np.array(columns[x], dtype=float)
+    figure = Figure(figsize=(6.8, 4.6), layout="constrained")
+    axes = figure.subplots()
+    if y is None:
+        order = np.argsort(across)
+        axes.plot(across[order], values[order], "o-", color=COLOURS[0], linewidth=1.4, markersize=4)
+        axes.set(xlabel=x, ylabel=value)
+        axes.grid(alpha=0.3, linewidth=0.5)
+        return figure
+    up = np.array(columns[y], dtype=float)
+    xs, ys = np.unique(across), np.unique(up)
+    cells = np.full((len(ys), len(xs)), np.nan)
+    cells[np.searchsorted(ys, up), np.searchsorted(xs, across)] = values
+    drawn = axes.pcolormesh(xs, ys, np.ma.masked_invalid(cells), cmap="cividis", shading="nearest")
+    axes.set_facecolor("0.85")
+    figure.colorbar(drawn, ax=axes, label=value)
+    axes.set(xlabel=x, ylabel=y, title="grey: no grasp")
+    return figure
+
+
 def save_figures(run: Run, folder: str | Path) -> list[Path]:
     """Write every figure of a run as PNG; returns the paths in the order of the paper's figures."""
     touching = {name.split("/")[0] for name in run.layout["contacts"]}
-    figures = {"joint_angles": joint_angles(run)} if _moving(run) else {}
+    figures = {"joint_angles": joint_angles(run), "joint_rates": joint_rates(run)} if _moving(run) else {}
     figures |= {f"torques_{name}": joint_torques(run, name) for name in run.layout["fingers"] if name in touching}
     figures["contact_forces"] = contact_forces(run)
+    figures["grasp_energy"] = grasp_energy(run)
+    figures["friction_use"] = friction_use(run)
+    if "margin_forces" in run.arrays:
+        figures["wrench_margin"] = wrench_margin(run)
+    if len(run.arrays["branches"]):
+        figures["search_over_time"] = search_over_time(run)
     paths = []
     for name, figure in figures.items():
         paths.append(Path(folder) / f"{name.replace('/', '_')}.png")

@@ -1,0 +1,20 @@
+"""An Allegro hand from its plain URDF, no side file: where it can hold a ball, and the plan."""
+
+import pinograsp as pg
+from pinograsp.hands.catalogue import file_of
+from pinograsp.placement import find_placements
+
+hand = pg.load_hand(file_of("allegro_right"))  # any path to a .urdf, .xacro or MJCF .xml
+print(hand.describe())
+
+ball = pg.Sphere(radius=0.03, mass=0.2)
+friction = pg.Friction(model="cone", safety=1.2)
+found = find_placements(hand, ball, mu=0.7, friction=friction, count=12, seed=0)
+best = found.best
+print(f"{len(found.placements)} of {found.tried} placements hold; the best {best.load_margin:.1f} times the load")
+
+plan = pg.plan_grasp(best.closure.hand, best.closure, mu=0.7, friction=friction)
+print(plan.status, plan.problem.contacts.names, plan.forces.normal_forces.round(3), "N")
+print(f"peak torque {plan.motion.peak_torque:.3f} N m")
+for caution in plan.cautions:
+    print("caution:", caution)

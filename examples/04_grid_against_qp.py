@@ -1,0 +1,17 @@
+"""The paper's grid search, the same grid with a QP over the friction multipliers, and the certified convex optimum."""
+
+import time
+
+import pinograsp as pg
+
+problem = pg.load_case("paper", {"forces.measure": "work"}).make_problem(pg.load_case("paper").load_hand())
+print(f"{'search':>10} {'work [mJ]':>10} {'net force [N]':>14} {'time [ms]':>10}")
+for search in ("paper", "paper+qp", "hybrid"):
+    begun = time.perf_counter()
+    found = pg.grid_search(problem, search=search, progress=False)
+    spent = time.perf_counter() - begun
+    print(f"{search:>10} {1e3 * found.work:10.3f} {found.net_force:14.2e} {1e3 * spent:10.1f}")
+begun = time.perf_counter()
+best = pg.optimize_grasp(problem)
+spent = time.perf_counter() - begun
+print(f"{'convex':>10} {1e3 * best.work:10.3f} {best.net_force:14.2e} {1e3 * spent:10.1f}   gap {best.certificate.relative_gap:.0e}")

@@ -1,0 +1,35 @@
+"""Weak motors: the same grasp with torque limits, with the least motor heat, and why it fails where the limits are too low."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import pinograsp as pg
+from pinograsp.placement import find_placements
+
+hand, bottle = pg.load_hand("humanoid"), pg.Cylinder(radius=0.025, height=0.2, mass=0.8)
+settings = {"mu": 0.7, "friction": pg.Friction(model="cone")}
+closure = find_placements(hand, bottle, wrap=True, count=4, seed=0, **settings).best.closure
+contacts, impact = closure.contacts(), 0.9
+problem = pg.ForceProblem.holding(bottle, contacts, **settings)
+
+
+def limited(limit):
+    """The problem with every joint limited to so many newton metres."""
+    return replace(problem, torques=pg.torque_limits(closure.hand, contacts, contacts.posture, limit=limit))
+
+
+def told(name, problem, objective):
+    found = pg.optimize_forces(problem, impact, objective=objective)
+    if not found.found:
+        print(f"{name:>18}: {found.status}")
+        return
+    torque = limited(10.0).torques.torques(np.einsum("kij,kj->ki", contacts.rotations_oc, found.forces_c))
+    print(f"{name:>18}: work {1e3 * found.work:.3f} mJ, largest torque {np.abs(torque).max():.4f} N m, heat {torque @ torque:.5f} (N m)^2")
+
+
+told("least work", problem, "work")
+for limit in (0.4, 0.35, 0.3, 0.25):
+    told(f"within {limit:g} N m", limited(limit), "work")
+told("least motor heat", limited(10.0), "motor_heat")
+print(pg.diagnose(limited(0.2), impact))

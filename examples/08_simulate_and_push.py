@@ -1,0 +1,17 @@
+"""Another program judges: MuJoCo plays the plan with a free object, then pushes it, then makes it slippery."""
+
+import pinograsp as pg
+from pinograsp.referee import Disturbance, Push
+
+changes = {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone", "friction.safety": 1.3}
+plan = pg.load_case("paper", changes | {"motion.touch": "surface"}).plan()
+
+trials = {
+    "as planned": Disturbance(),
+    "a push of 1 N sideways": Disturbance(pushes=(Push(wrench_o=[1.0, 0, 0, 0, 0, 0], start=0.1, duration=0.1),)),
+    "5 % heavier": Disturbance(mass_factor=1.05),
+    "mu 0.3 instead of 0.7": Disturbance(mu=0.3),
+}
+for name, disturbance in trials.items():
+    verdict = pg.simulate(plan, disturbance=disturbance, hold=0.4).verdict
+    print(f"{name:>24}: {'held' if verdict.held else 'lost'}, {verdict.reason}")

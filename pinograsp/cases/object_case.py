@@ -1,0 +1,123 @@
+"""A hand closed on an object, as checked values: what ``pinograsp plan --hand HAND --object SPEC`` plans."""
+
+from __future__ import annotations
+
+import functools
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pinograsp.cases.case import NotNegative, _Section
+from pinograsp.contacts import FRICTION_MODELS, Closure, Friction, close_hand
+from pinograsp.errors import InvalidInput
+from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem
+from pinograsp.hands import HandModel, load_hand
+from pinograsp.objects import object_from
+from pinograsp.objects.body import Body
+from pinograsp.placement import find_placements
+from pinograsp.plan import GraspPlan, plan_grasp
+from pinograsp.spatial import pose_of, rotation_rpy
+
+_TORSION = 5e-3  # [m] of soft fingers, as on the command line
+
+
+class ObjectCase(_Section):
+    """The options of ``pinograsp plan``, by their names.
+
+    ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields, ``{"shape": "sphere", "radius": 0.03, ...}``.
+    ``at`` is the object in the hand's frame: x, y, z [m] and optionally roll, pitch, yaw [deg]; without it the best of ``samples``
+    placements is taken. ``folder`` is where relative paths start.
+    """
+
+    hand: str
+    object: str | dict[str, Any]
+    root: str | None = None
+    at: tuple[float, ...] | None = None
+    mu: NotNegative = 0.7
+    friction: Literal[FRICTION_MODELS] = "cone"
+    safety: Annotated[float, Field(ge=1)] = 1.0
+    samples: Annotated[int, Field(ge=1)] = 48
+    seed: Annotated[int, Field(ge=0)] = 0
+    wrap: bool = False
+    hulls: bool = False
+    search: Literal[(*SEARCHES, "convex")] | None = None
+    balance: Literal["force", "wrench"] | None = None
+    measure: Literal["impulse", "work"] | None = None
+    objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
+    solver: Literal[FORCE_SOLVERS] = "auto"
+    folder: Path = Field(Path("."), exclude=True)
+
+    def settings(self) -> dict:
+        """As plain values, defaults filled in."""
+        return self.model_dump(mode="json")
+
+    def load_hand(self) -> HandModel:
+        """The hand at the world's origin; loaded once."""
+        beside = self.folder / self.hand
+        return _hand(str(beside) if beside.is_file() else self.hand, self.root, self.hulls)
+
+    def make_object(self) -> Body:
+        """The object at the world's origin."""
+        fields = object_fields(self.object)
+        path = self.folder / str(fields.get("path", ""))
+        if path.is_file():
+            fields["path"] = path
+        return object_from(f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items()))
+
+    def closure(self) -> Closure:
+        """The hand closed on the object, at ``at`` or at the best placement found."""
+        hand, thing = self.load_hand(), self.make_object()
+        if self.at is None:
+            found = find_placements(
+                hand, thing, count=self.samples, seed=self.seed, wrap=self.wrap, jobs=1, progress=False, **self._friction()
+            )
+            if found.interrupted:
+                raise KeyboardInterrupt
+            return found.best.closure
+        if len(self.at) not in (3, 6):
+            raise InvalidInput(f"at: expected x, y, z or x, y, z, roll, pitch, yaw [m, deg], got {len(self.at)} numbers")
+        turn = rotation_rpy(*np.radians(self.at[3:])) if len(self.at) == 6 else None
+        return close_hand(hand, thing.placed(pose_of(self.at[:3], turn)), wrap=self.wrap)
+
+    def problem(self) -> ForceProblem:
+        """The force problem of the closed hand, without torque limits."""
+        closure = self.closure()
+        return ForceProblem.holding(closure.object, closure.contacts(), **self._friction(), **self._chosen())
+
+    def plan(self, *, progress: bool | None = None) -> GraspPlan:
+        """Close the hand and plan: see :func:`~pinograsp.plan.plan_grasp`."""
+        closure = self.closure()
+        return plan_grasp(
+            closure.hand, closure, search=self.search, solver=None if self.solver == "auto" else self.solver,
+            objective=self.objective, progress=progress, **self._friction(), **self._chosen(),
+        )  # fmt: skip
+
+    def _friction(self) -> dict:
+        torsion = {"torsion": _TORSION} if self.friction == "soft" else {}
+        return {"mu": self.mu, "friction": Friction(model=self.friction, safety=self.safety, **torsion)}
+
+    def _chosen(self) -> dict:
+        return {name: value for name in ("balance", "measure") if (value := getattr(self, name)) is not None}
+
+
+def object_fields(spec: str | dict) -> dict[str, Any]:
+    """An object's text as its fields, so that one of them can be changed: ``{"shape": ..., "radius": "0.02", ...}``."""
+    if isinstance(spec, dict):
+        return dict(spec)
+    shape, _, rest = spec.partition(":")
+    parts = [part.partition("=") for part in re.split(r",(?=\s*\w+\s*=)", rest)] if rest.strip() else []
+    return {"shape": shape.strip(), **{name.strip(): value.strip() for name, _, value in parts}}
+
+
+def _text(value) -> str:
+    if isinstance(value, list | tuple):
+        return "x".join(map(str, value))
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+@functools.lru_cache(maxsize=4)
+def _hand(source: str, root: str | None, hulls: bool) -> HandModel:
+    return load_hand(source, root=root, hulls=hulls)

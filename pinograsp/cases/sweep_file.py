@@ -1,0 +1,393 @@
+"""The sweep file: which inputs of a case take which values. YAML in, checked values out, and the inputs of every plan."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import functools
+import hashlib
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+
+from pinograsp.cases.case import Case, NotNegative, Positive, _parse_yaml, _put, _Section, load_case
+from pinograsp.cases.object_case import ObjectCase, object_fields
+from pinograsp.errors import CaseRejected, InvalidInput
+from pinograsp.forces import ForceProblem
+from pinograsp.hands import HandModel
+
+IMPACT_TIME = "impact_time"  # the one input that no case has: t_I of forces alone
+_MOST = 10_000_000  # rows; their indices are kept in memory
+_BIGGEST = 10_000_000  # bytes of a sweep file: lists of values may be long
+_LOOKED_AT = 20  # first rows of which one must be usable
+
+
+def _rising(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] >= pair[1]:
+        raise ValueError(f"expected the lower end first, got {pair[0]:g}, {pair[1]:g}")
+    return pair
+
+
+Pair = Annotated[tuple[float, float], AfterValidator(_rising)]
+PositivePair = Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
+
+
+class Span(_Section):
+    """``steps`` values from ``from`` to ``to``, both included, evenly spaced or with even ratios (``log``)."""
+
+    from_: float = Field(alias="from")
+    to: float
+    steps: Annotated[int, Field(ge=2, le=_MOST)]
+    spacing: Literal["linear", "log"] = "linear"
+
+    @model_validator(mode="after")
+    def _log_is_of_positive_numbers(self):
+        if self.spacing == "log" and min(self.from_, self.to) <= 0:
+            raise ValueError("spacing 'log' needs from and to above 0")
+        return self
+
+    def values(self) -> list[float]:
+        made = (np.geomspace if self.spacing == "log" else np.linspace)(self.from_, self.to, self.steps)
+        return made.tolist()
+
+
+class Draw(_Section):
+    """How values are drawn: exactly one of the distributions. ``normal`` is mean and standard deviation."""
+
+    uniform: Pair | None = None
+    log_uniform: PositivePair | None = None
+    normal: tuple[float, NotNegative] | None = None
+    choice: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_distribution(self):
+        if sum(value is not None for value in (self.uniform, self.log_uniform, self.normal, self.choice)) != 1:
+            raise ValueError("give one of uniform, log_uniform, normal and choice")
+        return self
+
+    def values(self, count: int, seed: list[int]) -> list:
+        """``count`` of them; more of them begin with the same ones."""
+        rng = np.random.default_rng(seed)
+        if self.choice is not None:
+            return [self.choice[int(i)] for i in len(self.choice) * rng.random(count)]
+        if self.normal is not None:
+            return rng.normal(*self.normal, size=count).tolist()
+        if self.log_uniform is not None:
+            return np.exp(rng.uniform(*np.log(self.log_uniform), size=count)).tolist()
+        return rng.uniform(*self.uniform, size=count).tolist()
+
+
+class Samples(_Section):
+    """``count`` random draws of all other keys, which are inputs of the case, independent of each other."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Draw]
+
+    count: Annotated[int, Field(ge=1, le=_MOST)]
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @property
+    def draws(self) -> dict[str, Draw]:
+        return self.__pydantic_extra__
+
+
+# Tagged, so that a mistake in one kind is not told as one in the other as well.
+Values = Annotated[
+    Annotated[Span, Tag("range")] | Annotated[Annotated[tuple[Any, ...], Field(min_length=1)], Tag("list")],
+    Discriminator(lambda value: "range" if isinstance(value, dict | Span) else "list"),
+]
+
+
+class SweepSpec(_Section):
+    """A whole sweep: a case, or a hand and an object; ``set``: fixed inputs; ``over``: a grid of all combinations; ``samples``:
+    random draws, all of them at every point of the grid. ``folder`` is where relative paths start (the sweep file's own)."""
+
+    schema_: Literal[1] = Field(1, alias="schema")
+    case: str | None = None
+    hand: str | None = None
+    object: str | dict[str, Any] | None = None
+    what: Literal["plan", "forces"] = "plan"
+    set: dict[str, Any] = Field({})
+    over: dict[str, Values] = Field({})
+    samples: Samples | None = None
+    name: str = Field("sweep", exclude=True)
+    folder: Path = Field(Path("."), exclude=True)
+
+    @model_validator(mode="after")
+    def _fits_together(self):
+        if (self.case is None) == (self.hand is None) or (self.hand is None) != (self.object is None):
+            raise ValueError("expected either case, or hand and object")
+        if not self.over and not (self.samples and self.samples.draws):
+            raise ValueError("nothing to vary: expected inputs under over or under samples")
+        for a, b in (("set", "over"), ("set", "samples"), ("over", "samples")):
+            twice = sorted(self._keys_of(a) & self._keys_of(b))
+            if twice:
+                raise ValueError(f"expected every input once, got {', '.join(twice)} under {a} and {b}")
+        named = self._keys_of("set") | self._keys_of("over") | self._keys_of("samples")
+        if (IMPACT_TIME in named) != (self.what == "forces"):
+            wanted = "needs" if self.what == "forces" else "has no"
+            raise ValueError(f"what: {self.what} {wanted} {IMPACT_TIME} [s] under set, over or samples")
+        if self.rows > _MOST:
+            raise ValueError(f"expected at most {_MOST} rows, got {self.rows}: take fewer values or draws")
+        return self
+
+    def _keys_of(self, part: str) -> frozenset[str]:
+        found = getattr(self, part)
+        return frozenset((found.draws if found else ()) if part == "samples" else found)
+
+    @functools.cached_property
+    def grid(self) -> dict[str, list]:
+        """The values of each input of the grid."""
+        return {key: values.values() if isinstance(values, Span) else list(values) for key, values in self.over.items()}
+
+    @functools.cached_property
+    def drawn(self) -> dict[str, list]:
+        """The draws of each random input; they do not depend on which others there are."""
+        if self.samples is None:
+            return {}
+        return {key: draw.values(self.samples.count, [self.samples.seed, *key.encode()]) for key, draw in self.samples.draws.items()}
+
+    @property
+    def rows(self) -> int:
+        """Number of plans."""
+        sizes = [values.steps if isinstance(values, Span) else len(values) for values in self.over.values()]
+        return math.prod(sizes) * (self.samples.count if self.samples else 1)
+
+    @property
+    def inputs(self) -> dict[str, list]:
+        """The inputs that vary, with their values."""
+        return {**self.grid, **self.drawn}
+
+    def row(self, index: int) -> dict[str, Any]:
+        """The inputs of a plan: grid first, the last key fastest; draws within a point of the grid."""
+        count = self.samples.count if self.samples else 1
+        at, draw = divmod(index, count)
+        picked = {}
+        for key, values in reversed(self.grid.items()):
+            at, i = divmod(at, len(values))
+            picked[key] = values[i]
+        return {**{key: picked[key] for key in self.grid}, **{key: values[draw] for key, values in self.drawn.items()}}
+
+    @functools.cached_property
+    def base(self) -> Base:
+        """The case with its fixed inputs, ready for the rows.
+
+        Raises:
+            CaseRejected: the case cannot be used, an input does not exist, or none of the first rows can be used.
+        """
+        fixed = {key: value for key, value in self.set.items() if key != IMPACT_TIME}
+        always = {key: value for key, value in self.set.items() if key == IMPACT_TIME}
+        if self.case is not None:
+            beside = self.folder / self.case
+            source = beside if beside.is_file() else self.case
+            known = _names(load_case(source).settings())
+            try:
+                made = load_case(source, fixed)
+            except CaseRejected as error:
+                raise self._rejected(error, fixed, known) from None
+            data = made.model_dump(mode="json", by_alias=True, exclude_unset=True)
+        else:
+            made, fields = self.folder, object_fields(self.object)
+            data = {"hand": self.hand, "object": fields}
+            known = _names({**ObjectCase(hand="", object="").settings(), "object": fields})
+            try:
+                data = _changed(data, fixed)
+                made = ObjectCase.model_validate({**data, "folder": self.folder})
+            except (CaseRejected, ValidationError) as error:
+                raise self._rejected(error, fixed, known) from None
+        base = Base(kind="case" if self.case else "object", what=self.what, folder=str(made.folder), data=data, always=always)
+        for key, values in self.inputs.items():
+            if key not in known and key != IMPACT_TIME:
+                self._known(base, key, values[0], known)
+        first = None
+        for index in range(min(self.rows, _LOOKED_AT)):
+            try:
+                base.look(self.row(index))
+                break
+            except InvalidInput as error:
+                first = first or error
+        else:
+            raise CaseRejected(f"sweep '{self.name}': none of the first rows can be used: {first}")
+        return base
+
+    def _known(self, base: Base, key: str, value, known: list[str]) -> None:
+        """Refuse an input that no case has. Those that a case may have, but has no value of, are known by trying."""
+        try:
+            base.look({key: value})
+        except InvalidInput as error:
+            if any(words in str(error) for words in ("unknown key", "no further keys", "expected an index", "field of ")):
+                raise self._rejected(error, [key], known) from None
+
+    def _rejected(self, error, keys, known: list[str]) -> CaseRejected:
+        text = "; ".join(_lines(error, known)) if isinstance(error, ValidationError) else str(error).replace("--set ", "")
+        near = {key: found[0] for key in keys if key not in known and (found := difflib.get_close_matches(key, known, n=1))}
+        hint = "".join(f"; '{key}': did you mean '{name}'?" for key, name in near.items()) if "did you mean" not in text else ""
+        return CaseRejected(f"sweep '{self.name}': {text}{hint}")
+
+    def settings(self) -> dict:
+        """The sweep as plain values, with the values of its case and what its hand's file holds, for the record of a run."""
+        made = self.base.case({})
+        source = made.folder / (made.hand.source if isinstance(made, Case) else made.hand)
+        digest = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else None
+        told = self.model_dump(mode="json", by_alias=True)
+        return {**told, "of": made.settings(), "hand_file_sha256": digest}
+
+
+class Base(_Section):
+    """What rows have in common, as plain values that go to other processes: ``always`` is the impact time where it is fixed."""
+
+    kind: Literal["case", "object"]
+    what: Literal["plan", "forces"]
+    folder: str
+    data: dict[str, Any]
+    always: dict[str, Any]
+
+    def case(self, inputs: dict[str, Any]) -> HeldCase | ObjectCase:
+        """The case of one row.
+
+        Raises:
+            CaseRejected: values that cannot be used: all of them named at once.
+        """
+        changes = {key: value for key, value in inputs.items() if key != IMPACT_TIME}
+        kind = HeldCase if self.kind == "case" else ObjectCase
+        try:
+            return kind.model_validate({**_changed(self.data, changes), "folder": self.folder})
+        except CaseRejected as error:
+            raise CaseRejected(str(error).removeprefix("--set ")) from None
+        except ValidationError as error:
+            raise CaseRejected("; ".join(_lines(error, []))) from None
+
+    def look(self, inputs: dict[str, Any]) -> None:
+        """Refuse what can be seen to be wrong with a row without planning it: :class:`~pinograsp.errors.InvalidInput`."""
+        case = self.case(inputs)
+        hand = case.load_hand()
+        if self.kind == "object":
+            case.make_object()
+        elif self.what == "forces":
+            case.problem().checked_impact_time(self.impact_time(inputs))
+        else:
+            case.make_problem(hand)
+
+    def impact_time(self, inputs: dict[str, Any]) -> float:
+        """t_I of a row [s], for forces alone."""
+        return {**self.always, **inputs}[IMPACT_TIME]
+
+
+class HeldCase(Case):
+    """A case whose hand is loaded once for all rows that share it."""
+
+    def load_hand(self) -> HandModel:
+        """The hand, placed, with the case's limits."""
+        key = self.folder, self.hand.model_dump_json()
+        if key not in _HANDS:
+            if len(_HANDS) == _HANDS_KEPT:
+                _HANDS.clear()
+            _HANDS[key] = super().load_hand()
+        return _HANDS[key]
+
+    def problem(self) -> ForceProblem:
+        """The force problem, without torque limits.
+
+        Raises:
+            CaseRejected: the case has torque limits.
+        """
+        if self.limits.torque_limit is not None:
+            raise CaseRejected("limits.torque_limit: expected none with what: forces, got one: set it to null, or plan")
+        return self.make_problem(self.load_hand())
+
+    @property
+    def objective(self) -> str | dict | None:
+        return self.forces.objective
+
+    @property
+    def search(self) -> str:
+        return self.forces.search
+
+
+_HANDS: dict[tuple, HandModel] = {}
+_HANDS_KEPT = 4
+
+
+def load_sweep(source: str | Path | dict) -> SweepSpec:
+    """A sweep from a YAML file, or from the same as a mapping.
+
+    Raises:
+        CaseRejected: no such file, broken YAML, unknown keys or unusable values, in the sweep or in its case.
+    """
+    name, folder, data = "sweep", Path("."), source
+    if not isinstance(source, dict):
+        path = Path(source)
+        name, folder = str(path), path.resolve().parent
+        try:
+            if not path.is_file():
+                raise CaseRejected(f"no sweep '{name}': expected a YAML file with case, over, samples")
+            if path.stat().st_size > _BIGGEST:
+                raise CaseRejected(f"sweep '{name}': {path.stat().st_size} bytes; a sweep file has at most {_BIGGEST}")
+            data = _parse_yaml(path.read_text(encoding="utf-8"), f"sweep '{name}'")
+        except (OSError, UnicodeDecodeError) as error:
+            raise CaseRejected(f"sweep '{name}' cannot be read: {error}") from error
+        if not isinstance(data, dict):
+            raise CaseRejected(f"sweep '{name}': expected a mapping with case, over, samples, got {type(data).__name__}")
+    for key in ("name", "folder"):
+        if key in data:
+            raise CaseRejected(f"sweep '{name}': {key}: unknown key")
+    try:
+        spec = SweepSpec.model_validate({**data, "name": name, "folder": folder})
+        json.dumps([spec.set, spec.object, {key: v for key, v in spec.over.items() if not isinstance(v, Span)}])
+    except ValidationError as error:
+        raise CaseRejected(f"sweep '{name}' is not valid: " + "; ".join(_lines(error, _OWN))) from None
+    except (TypeError, ValueError) as error:
+        raise CaseRejected(f"sweep '{name}': expected numbers, texts, lists and mappings as values: {error}") from None
+    spec.base  # noqa: B018  (its errors come now, not with the first row)
+    return spec
+
+
+_OWN = [
+    *(field.alias or name for name, field in SweepSpec.model_fields.items() if not field.exclude),
+    *(field.alias or name for kind in (Span, Draw, Samples) for name, field in kind.model_fields.items()),
+]
+
+
+def _lines(error: ValidationError, known: list[str]) -> Iterator[str]:
+    """What is wrong, each once, unknown keys with the nearest spelling among ``known``."""
+    told = set()
+    for one in error.errors():
+        where = ".".join(str(part) for part in one["loc"] if part not in ("range", "list", "Steps", "tuple[float, ...]"))
+        text, got = one["msg"].removeprefix("Value error, "), one["input"]
+        if one["type"] == "extra_forbidden":
+            near = difflib.get_close_matches(str(one["loc"][-1]), known, n=1)
+            text = "unknown key" + (f"; did you mean '{near[0]}'?" if near else "")
+        elif one["type"] == "tuple_type" and where.startswith("over."):
+            text = f"expected a list of values, or {{from, to, steps}} (got {got!r})"
+        elif where.startswith("samples.") and one["type"] in ("model_type", "model_attributes_type"):
+            text = f"expected a distribution, for example {{uniform: [0.4, 1.0]}} (got {got!r})"
+        elif isinstance(got, str | int | float | None):
+            text += f" (got {got!r})"
+        line = f"{where}: {text}" if where else text
+        if line not in told:
+            told.add(line)
+            yield line
+
+
+def _changed(data: dict, changes: dict[str, Any]) -> dict:
+    made = copy.deepcopy(data)
+    for key, value in changes.items():
+        _put(made, key, copy.deepcopy(value))
+    return made
+
+
+def _names(value, name: str = "") -> list[str]:
+    """The dotted names of all that is in plain values, sections included."""
+    if isinstance(value, dict):
+        parts = value.items()
+    elif isinstance(value, list):
+        parts = enumerate(value)
+    else:
+        return [name]
+    inner = [one for key, part in parts for one in _names(part, f"{name}.{key}" if name else str(key))]
+    return [*([name] if name else []), *inner]

@@ -1,0 +1,41 @@
+"""``pinograsp report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pinograsp.cli.app import app
+
+
+@app.command()
+def report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run, as `pinograsp plan` writes it.")],
+    check: Annotated[
+        Path | None, typer.Option(help="Folder of a simulation to tell about; default: the newest below the run.")
+    ] = None,
+) -> None:
+    """Write a run's report and figures again, with the verdict of its newest simulation.
+
+    Examples:
+
+      pinograsp report runs/paper
+
+      pinograsp check runs/paper && pinograsp report runs/paper
+    """
+    from pinograsp.report import write_report
+    from pinograsp.storage import add_files, load_check, load_run, newest_check
+    from pinograsp.viz.figures import save_figures
+
+    loaded = load_run(run)
+    found = check if check is not None else newest_check(run)
+    verdict = None if found is None else load_check(found)[0]
+
+    def fill(path: Path) -> None:
+        figures = [figure.name for figure in save_figures(loaded, path)] if loaded.arrays else []
+        write_report(loaded, path, figures, verdict)
+
+    add_files(run, fill)
+    typer.echo(f"written to {run}: report.html, report.md and figures")

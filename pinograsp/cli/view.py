@@ -1,0 +1,67 @@
+"""``pinograsp view``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pinograsp.cli.app import app
+from pinograsp.errors import InvalidInput, ResultsNotWritten
+
+
+@app.command()
+def view(
+    run: Annotated[Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.")],
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page that opens from disk, without a server or a network.")
+    ] = None,
+    check: Annotated[
+        Path | None, typer.Option(help="Folder of a check to show beside the plan; default: the latest one in the run's folder.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Of the live page; the next one that is free.")] = 8080,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the live page in a browser.")] = True,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite FILE.")] = False,
+) -> None:
+    """Look at a plan: hand, object, forces and friction over time, and its simulation where there is one.
+
+    The live page needs the extra viz; Ctrl-C ends it.
+
+    Examples:
+
+      pinograsp view runs/paper
+
+      pinograsp view runs/paper --html paper.html
+
+      pinograsp view runs/paper --port 9000 --no-browser
+    """
+    from pinograsp.storage import load_run
+
+    if html is not None and html.exists() and not force:
+        raise ResultsNotWritten(f"'{html}' already exists: choose another --html, or overwrite it with --force")
+    loaded = load_run(run)
+    simulation = check if check is not None else _latest(run)
+    if html is not None:
+        from pinograsp.viz.viewer import save_html
+
+        save_html(loaded, html, simulation=simulation)
+        typer.echo(f"written to {html} ({html.stat().st_size / 1e6:.1f} MB)")
+        return
+    if not 0 <= port < 65536:
+        raise InvalidInput(f"--port: expected a number from 0 to 65535, got {port}")
+    from pinograsp.viz.viewer import view as show
+
+    with show(loaded, simulation=simulation, port=port, open_browser=browser) as viewer:
+        try:
+            beside = "" if simulation is None else f", with the simulation in {simulation}"
+            typer.echo(f"{run} at {viewer.url}{beside}; Ctrl-C ends it")
+            viewer.wait()
+        except KeyboardInterrupt:
+            typer.echo("")
+
+
+def _latest(run: Path) -> Path | None:
+    """The check that was written last into a run's folder."""
+    checks = [path.parent for path in run.glob("*/check.npz")]
+    return max(checks, key=lambda path: (path / "check.npz").stat().st_mtime_ns, default=None)

@@ -1,0 +1,252 @@
+"""The record of a hand-over, its files, and their readers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from pinograsp.checks import array_of, one_of, read_only
+from pinograsp.errors import InvalidInput
+from pinograsp.handover.actuators import controls
+from pinograsp.handover.files import write, yaml_of
+from pinograsp.handover.quintic import between, interpolated
+from pinograsp.hands.coupling import Coupling
+
+_FIELDS = {"position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "effort"}
+_MESSAGE = {"positions": "q", "velocities": "dq", "accelerations": "ddq", "effort": "effort"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointTrajectory:
+    """Joint positions and what goes with them, at a controller's rate; it starts and ends at rest.
+
+    Attributes:
+        names: of the actuated joints (n,), in the order of the hand's q. times: (m,) [s], from 0 in equal steps.
+        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2; m where joints slide]. effort: feed-forward torques (m, n) [N m or N]: inverse
+            dynamics of this very path and the plan's contact forces; they end as the plan's holding torques.
+        joints: all joints of the hand, coupled ones included. couplings: by coupled joint, what it follows and how.
+        begin, impact_time, final_time: t = 0, t_I and t_F of the plan on this clock [s].
+        blends: intervals in which the path is not the plan's (start, end) [s].
+        deviation: how far joints are from the plan at most, a controller's quintic interpolation between samples included (n,)
+            [rad or m]. contact_deviation: how far that moves each contact point, by contact [m].
+        notes: what the receiver should know.
+
+    Trajectories that were read from a file have names, times and samples; the rest is None or empty.
+    """
+
+    names: tuple[str, ...]
+    times: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    effort: np.ndarray
+    joints: tuple[str, ...] = ()
+    couplings: Mapping[str, Coupling] = field(default_factory=dict)
+    begin: float | None = None
+    impact_time: float | None = None
+    final_time: float | None = None
+    blends: tuple[tuple[float, float], ...] = ()
+    deviation: np.ndarray | None = None
+    contact_deviation: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        times = array_of("times", self.times, (None,))
+        if times.size < 1 or times[0] < 0 or np.any(np.diff(times) <= 0):
+            raise InvalidInput("times: expected at least one, from 0 s on, each later than the one before")
+        object.__setattr__(self, "times", times)
+        for name in _FIELDS.values():
+            object.__setattr__(self, name, array_of(name, getattr(self, name), (times.size, len(self.names))))
+
+    def at(self, times) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as controllers interpolate."""
+        times = np.clip(array_of("times", times, (None,)), self.times[0], self.times[-1])
+        return *between(self.times, (self.q, self.dq, self.ddq), times), interpolated(times, self.times, self.effort)
+
+    def with_followers(self) -> JointTrajectory:
+        """The same with a column for every joint, coupled ones included, whose effort is 0: their motors are those they follow."""
+        missing = [name for name in self.couplings if name not in self.names]
+        if not missing:
+            return self
+        columns = {attribute: dict(zip(self.names, getattr(self, attribute).T)) for attribute in _FIELDS.values()}
+        off = {} if self.deviation is None else dict(zip(self.names, self.deviation))
+        for name in missing:
+            coupling = self.couplings[name]
+            for attribute in ("q", "dq", "ddq"):
+                columns[attribute][name] = coupling.factor * columns[attribute][coupling.followed]
+            columns["q"][name] = columns["q"][name] + coupling.offset
+            columns["effort"][name] = np.zeros(self.times.size)
+            off[name] = abs(coupling.factor) * off.get(coupling.followed, 0.0)
+        order = [name for name in self.joints if name in columns["q"]]
+        stacked = {attribute: np.column_stack([values[name] for name in order]) for attribute, values in columns.items()}
+        deviation = None if self.deviation is None else read_only([off[name] for name in order])
+        return replace(self, names=tuple(order), deviation=deviation, **stacked)
+
+    def describe(self) -> str:
+        """Length, deviations and notes, as readable text."""
+        step = self.times[1] - self.times[0] if self.times.size > 1 else 0.0
+        lines = [f"trajectory of {len(self.names)} joints: {self.times.size} samples, {1e3 * step:g} ms apart, {self.times[-1]:.4g} s"]
+        if self.begin is not None:
+            lines.append(f"  the plan begins at {self.begin:.4g} s, impact at {self.impact_time:.4g} s, t_F at {self.final_time:.4g} s")
+        lines += [f"  blended from {start:.4g} to {end:.4g} s" for start, end in self.blends]
+        if self.deviation is not None:
+            worst = int(np.argmax(self.deviation))
+            lines.append(f"  off the plan by {self.deviation[worst]:.2g} rad or m at most ({self.names[worst]})")
+        lines += [f"  {contact}: off by {1e3 * by:.2g} mm at most" for contact, by in self.contact_deviation.items()]
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def to_csv(self, path: str | Path, *, followers: bool = False) -> JointTrajectory:
+        """Write a table: ``time`` [s] and, by joint, ``JOINT/position``, ``/velocity``, ``/acceleration``, ``/effort``.
+
+        ``followers`` adds coupled joints. An existing file is replaced. Returns what was written.
+
+        Raises:
+            ResultsNotWritten: the place cannot be written.
+        """
+        own = self.with_followers() if followers else self
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(["time", *(f"{name}/{kind}" for kind in _FIELDS for name in own.names)])
+        rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in _FIELDS.values())])
+        table.writerows([repr(value) for value in row] for row in rows.tolist())
+        write(Path(path), text.getvalue().encode())
+        return own
+
+    def to_ros2(
+        self, path: str | Path | None = None, *, followers: bool = False, effort: bool = True, goal: bool = False, frame: str = ""
+    ) -> dict:
+        """The message ``trajectory_msgs/JointTrajectory`` as plain values; written to ``path`` where one is given.
+
+        Send it with ``ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory --yaml-file FILE``. Its stamp is zero,
+        which starts it on arrival; so the robot must be at the first point, or ``start`` must be where it is.
+
+        Args:
+            path: ``.yaml``, ``.yml`` or ``.json``; an existing file is replaced.
+            effort: without it the field stays empty: JointTrajectoryController takes efforts if it has an effort interface,
+                and some releases refuse any message that has them.
+            goal: as ``trajectory`` of a ``control_msgs/action/FollowJointTrajectory`` goal. frame: ``header.frame_id``.
+
+        Raises:
+            InvalidInput: another suffix. ResultsNotWritten: the place cannot be written.
+        """
+        if path is not None:
+            one_of("suffix of a ROS 2 message", Path(path).suffix, (".yaml", ".yml", ".json"))
+        own = self.with_followers() if followers else self
+        columns = {name: getattr(own, attribute).tolist() for name, attribute in _MESSAGE.items()}
+        if not effort:
+            columns["effort"] = [[] for _ in own.times]
+        points = []
+        for i, t in enumerate(own.times):
+            sec, nanosec = divmod(round(float(t) * 10**9), 10**9)
+            points.append({name: rows[i] for name, rows in columns.items()} | {"time_from_start": {"sec": sec, "nanosec": nanosec}})
+        header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
+        message = {"header": header, "joint_names": list(own.names), "points": points}
+        message = {"trajectory": message} if goal else message
+        if path is not None:
+            text = json.dumps(message, allow_nan=False) + "\n" if Path(path).suffix == ".json" else yaml_of(message)
+            write(Path(path), text.encode())
+        return message
+
+    def to_mujoco(self, path: str | Path, *, model=None, qpos=None, feed_forward: bool = True, prefix: str = "") -> JointTrajectory:
+        """Write keyframes ``start``, ``impact`` and ``final``, and next to them an ``.npz`` of the controls over time.
+
+        ``<include file="PATH"/>`` in the hand's MJCF file adds the keyframes. The archive holds ``times`` (m,), ``ctrl``
+        (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), and the names in ``joints`` and ``actuators``.
+
+        Args:
+            path: ``.xml``; existing files are replaced.
+            model: a ``mujoco.MjModel`` that has the hand's joints by their names, with ``prefix`` before them, and anything
+                else besides. Controls then follow from each actuator's transmission (joint or fixed tendon), gain and bias,
+                motors, velocity and position servos alike: at the trajectory's state its force makes the trajectory's effort.
+                Default: a hand alone, joints in the order of ``joints``, one position servo per actuated joint in the order
+                of ``names``, whose control is the joint's position.
+            qpos: of what is not the hand (nq,); default: the model's own ``qpos0``.
+            feed_forward: False: actuators get no effort beyond what their own gains make of an error: for a hand that
+                moves without the object, which would give way to the contact forces.
+
+        Returns:
+            The trajectory; its notes tell which joints nothing moves, and which controls leave their range.
+
+        Raises:
+            InvalidInput: another suffix, not a model, or one without the hand's joints. ResultsNotWritten.
+        """
+        path = Path(path)
+        one_of("suffix of MuJoCo keyframes", path.suffix, (".xml",))
+        own, notes = self.with_followers(), []
+        if model is None:
+            if qpos is not None:
+                raise InvalidInput("qpos: expected with a model=, whose other joints it places; got it alone")
+            driven = [i for i, name in enumerate(self.names) if name not in self.couplings]
+            arrays = {"qpos": own.q, "qvel": own.dq, "ctrl": self.q[:, driven]}
+            names = {"joints": own.names, "actuators": [self.names[i] for i in driven]}
+        else:
+            arrays, names = controls(model, self, own, qpos, feed_forward, prefix, notes)
+        arrays = {"times": own.times, **arrays}
+        keys = [("start", 0), ("impact", self.impact_time), ("final", own.times.size - 1)]
+        lines = [
+            f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(names[kind]))} -->"  # no comment may hold two hyphens in a row
+            for what, kind in (("qpos", "joints"), ("ctrl", "actuators"))
+        ]
+        for name, i in keys:
+            if name == "impact":
+                if i is None:
+                    continue
+                i = min(int(np.searchsorted(own.times, i - 1e-9)), own.times.size - 1)  # the first sample that touches
+            values = {
+                "time": arrays["times"][i : i + 1], "qpos": arrays["qpos"][i], "qvel": arrays["qvel"][i], "ctrl": arrays["ctrl"][i],
+            }  # fmt: skip
+            text = " ".join(f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size)
+            lines.append(f'<key name="{name}" {text}/>')
+        archive = io.BytesIO()
+        np.savez_compressed(archive, **arrays, **{kind: np.array(values, dtype=str) for kind, values in names.items()})
+        write(path.with_suffix(".npz"), archive.getvalue())
+        inner = "\n".join(f"    {line}" for line in lines)
+        write(path, f"<mujoco>\n  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>\n".encode())
+        return replace(self, notes=(*self.notes, *notes))
+
+
+def read_csv(path: str | Path) -> JointTrajectory:
+    """The trajectory in a table that :meth:`JointTrajectory.to_csv` wrote; :class:`InvalidInput` where it is none."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            header, *rows = csv.reader(file)
+        values = np.array(rows, dtype=float).reshape(-1, len(header))
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"'{path}': expected a table of numbers with a line of names: {error}") from error
+    n = (len(header) - 1) // len(_FIELDS)
+    names = [name.rpartition("/")[0] for name in header[1 : n + 1]]
+    if header != ["time", *(f"{name}/{kind}" for kind in _FIELDS for name in names)]:
+        raise InvalidInput(f"'{path}': expected columns time, JOINT/{', JOINT/'.join(_FIELDS)}, got {', '.join(header[:9])}...")
+    blocks = np.split(values[:, 1:], len(_FIELDS), axis=1)
+    return JointTrajectory(names=tuple(names), times=values[:, 0], **dict(zip(_FIELDS.values(), blocks)))
+
+
+def read_ros2(path: str | Path) -> JointTrajectory:
+    """The trajectory in a message that :meth:`JointTrajectory.to_ros2` wrote (fields that are empty are 0). JSON reads much faster.
+
+    Raises:
+        InvalidInput: no JSON or YAML (by suffix), or no ``trajectory_msgs/JointTrajectory``.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    path = Path(path)
+    one_of("suffix of a ROS 2 message", path.suffix, (".yaml", ".yml", ".json"))
+    try:
+        text = path.read_text(encoding="utf-8")
+        message = json.loads(text) if path.suffix == ".json" else YAML(typ="safe").load(text)
+        message = message.get("trajectory", message)
+        names, points = tuple(map(str, message["joint_names"])), message["points"]
+        times = [point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points]
+        columns = {attribute: [point.get(name) or [0.0] * len(names) for point in points] for name, attribute in _MESSAGE.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, YAMLError) as error:
+        raise InvalidInput(f"'{path}': expected a trajectory_msgs/JointTrajectory: {type(error).__name__}: {error}") from error
+    return JointTrajectory(names=names, times=times, **columns)

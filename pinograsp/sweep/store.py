@@ -1,0 +1,241 @@
+"""The rows of a sweep on disk: Parquet files written as the rows come, so that a sweep goes on where it was stopped."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from collections import Counter
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
+
+# pyarrow's and other readers of whole folders pass over names that begin like these.
+SCHEMA, MANIFEST, _LOCK = "pinograsp.sweep/1", "_manifest.json", ".lock"
+_MERGED = 100  # parts that become one
+
+
+class Store:
+    """The rows on disk: part files of a folder, each written aside and renamed, below a manifest that says which sweep they are of.
+
+    A context: it keeps the folder from other writers meanwhile. ``have`` (rows,) says which rows are there, ``counts`` how many
+    of each status. A part is called after the writes that it holds, ``part-<first>-<last>.parquet``: a merged one takes the place
+    of those within its range, whether or not they could still be removed.
+    """
+
+    def __init__(self, folder: Path, settings: dict, rows: int, kinds: dict[str, str]):
+        self.folder, self.kinds, self.schema = folder, kinds, _schema(kinds)
+        self.have, self.counts, self.kept, self.lock = np.zeros(rows, dtype=bool), Counter(), [], None
+        text = json.dumps(settings, sort_keys=True)
+        manifest = {
+            "schema": SCHEMA, "hash": hashlib.sha256(text.encode()).hexdigest(), "rows": rows, "columns": kinds, "settings": settings,
+            "versions": {name: version(name) for name in ("pinograsp", "pin", "numpy", "pyarrow")},
+        }  # fmt: skip
+        try:
+            self._open(manifest)
+        except OSError as error:
+            self.__exit__()
+            raise ResultsNotWritten(f"cannot write '{folder}': {error}") from error
+        except InvalidInput:
+            self.__exit__()
+            raise
+
+    def _open(self, manifest: dict) -> None:
+        path = self.folder / MANIFEST
+        if not path.exists() and self.folder.exists():
+            foreign = sorted(one.name for one in self.folder.iterdir() if one.name not in (_LOCK, _aside(path).name))
+            if foreign:
+                raise ResultsNotWritten(
+                    f"folder '{self.folder}' holds files that no sweep wrote ({', '.join(foreign[:5])}): give another folder"
+                )
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.lock = (self.folder / _LOCK).open("w")
+        try:
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ResultsNotWritten(f"folder '{self.folder}': another sweep is writing there: wait for it, or stop it") from None
+        except OSError:  # a file system without locks
+            pass
+        if path.exists():
+            found = _manifest(self.folder)
+            if found["hash"] != manifest["hash"]:
+                differ = [name for name in ("rows",) if found["rows"] != manifest["rows"]] + _differences(
+                    found["settings"], json.loads(json.dumps(manifest["settings"]))
+                )
+                raise ResultsNotWritten(
+                    f"folder '{self.folder}' holds another sweep ({', '.join(differ[:5])}): they are not mixed, give another folder"
+                )
+        else:
+            _whole(path, lambda aside: aside.write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8"))
+        live, stale = _parts(self.folder)
+        for one in [*stale, *self.folder.glob(".part-*")]:
+            one.unlink()
+        for one in live:
+            table = _read(one, ["index", "status"])
+            self.have[table["index"].to_numpy()] = True
+            self.counts.update(table["status"].to_pylist())
+        self.next = 1 + max((_span(one)[1] for one in live), default=-1)
+
+    @property
+    def done(self) -> int:
+        """Number of rows that are there."""
+        return int(self.have.sum())
+
+    def add(self, rows: list[dict]) -> None:
+        """Keep rows; on disk with the next :meth:`save`."""
+        self.kept += rows
+
+    def save(self) -> None:
+        """Write what has been added. Interrupted anywhere and called again, it writes no row twice."""
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        if not self.kept:
+            return
+        columns = {
+            name: [_CELLS.get(kind, _plain)(row.get(name)) for row in self.kept]
+            for name, kind in {"index": "whole", **self.kinds}.items()
+        }
+        path = self.folder / f"part-{self.next:06d}-{self.next:06d}.parquet"
+        try:
+            table = pa.table(columns, schema=self.schema)
+            _whole(path, lambda aside: parquet.write_table(table, aside))
+        except OSError as error:
+            raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
+        new, self.kept, self.next = self.kept, [], self.next + 1
+        self.have[[row["index"] for row in new]] = True
+        self.counts.update(row["status"] for row in new)
+        if self.next % _MERGED == 0:
+            self.merge()
+
+    def merge(self) -> None:
+        """Small parts as one: a sweep of a day would leave tens of thousands."""
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        small = [one for one in _parts(self.folder)[0] if _span(one)[0] == _span(one)[1]]
+        if len(small) < 2:
+            return
+        path = self.folder / f"part-{_span(small[0])[0]:06d}-{_span(small[-1])[1]:06d}.parquet"
+        try:
+            table = pa.concat_tables([_read(one) for one in small])
+            _whole(path, lambda aside: parquet.write_table(table, aside))
+            for one in small:
+                one.unlink()
+        except OSError as error:
+            raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self.lock is not None:
+            self.lock.close()
+
+
+def read_sweep(folder: str | Path):
+    """The rows of a sweep, in order of their index, as a ``pyarrow.Table`` (``.to_pandas()``, ``["work_J"].to_numpy()``); those of one
+    that was interrupted, or is still running, as far as they are.
+
+    Raises:
+        InvalidInput: the folder holds no sweep, or a broken one. ExtraMissing: pyarrow (extra ``sweep``) is not installed.
+    """
+    folder = Path(folder)
+    schema = _schema(_manifest(folder)["columns"])
+    import pyarrow as pa
+
+    while True:
+        try:
+            tables = [_read(one) for one in _parts(folder)[0]]
+        except FileNotFoundError:  # merged just now
+            continue
+        return pa.concat_tables(tables).sort_by("index") if tables else schema.empty_table()
+
+
+def _schema(kinds: dict[str, str]):
+    """The columns of a sweep by their kinds, as a ``pyarrow.Schema``."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet
+    except ImportError as error:
+        raise ExtraMissing(f"sweeps are kept as Parquet, which needs pyarrow: pip install 'pinograsp[sweep]' ({error})") from error
+    types = {
+        "text": pa.string(), "json": pa.string(), "number": pa.float64(), "whole": pa.int64(), "flag": pa.bool_(),
+        "numbers": pa.list_(pa.float64()), "texts": pa.list_(pa.string()),
+    }  # fmt: skip
+    return pa.schema([("index", pa.int64()), *((name, types[kind]) for name, kind in kinds.items())])
+
+
+def _plain(value):
+    return value
+
+
+# pyarrow takes no whole number for a float that is not exactly one.
+_CELLS = {
+    "json": json.dumps,
+    "number": lambda value: None if value is None else float(value),
+    "numbers": lambda value: None if value is None else [float(one) for one in value],
+}
+
+
+def _manifest(folder: Path) -> dict:
+    try:
+        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InvalidInput(f"'{folder}' holds no sweep: expected a folder that 'pinograsp sweep' has written") from None
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"'{folder}' holds no readable sweep: {MANIFEST}: {error}") from error
+    if not isinstance(found, dict) or found.get("schema") != SCHEMA:
+        raise InvalidInput(f"'{folder}' holds no sweep of schema {SCHEMA}: give another folder")
+    return found
+
+
+def _parts(folder: Path) -> tuple[list[Path], list[Path]]:
+    """The parts in order, and those that a merged one has taken the place of."""
+    live, stale, end = [], [], -1
+    for path in sorted(folder.glob("part-*-*.parquet"), key=lambda path: (_span(path)[0], -_span(path)[1])):
+        (live if _span(path)[0] > end else stale).append(path)
+        end = max(end, _span(path)[1])
+    return live, stale
+
+
+def _span(path: Path) -> tuple[int, int]:
+    _, first, last = path.stem.split("-")
+    return int(first), int(last)
+
+
+def _read(path: Path, columns: list[str] | None = None):
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        return parquet.ParquetFile(path).read(columns)
+    except FileNotFoundError:
+        raise
+    except (OSError, pa.ArrowException) as error:
+        raise InvalidInput(f"'{path}' cannot be read: remove it, and its rows are planned again ({error})") from error
+
+
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name}")
+
+
+def _whole(path: Path, write) -> None:
+    """Write a file aside with ``write(path)`` and rename it: there it is whole, or not at all."""
+    aside = _aside(path)
+    write(aside)
+    with aside.open("rb") as stream:
+        os.fsync(stream.fileno())
+    aside.replace(path)
+
+
+def _differences(a, b, name: str = "") -> list[str]:
+    """Names of the plain values that differ."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        inner = ((key, _differences(a.get(key), b.get(key), f"{name}.{key}" if name else key)) for key in sorted({*a, *b}))
+        return [one for _, found in inner for one in found]
+    return [] if a == b else [name]

@@ -1,0 +1,175 @@
+"""A run as one HTML file, which opens from disk and needs nothing but a browser with WebGL 2."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import tempfile
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from pinograsp.errors import ResultsNotWritten
+from pinograsp.storage import Run
+from pinograsp.viz.scene import ViewScene, scene_of
+from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, arrow
+
+
+def save_html(run: Run, path: str | Path, *, simulation=None) -> Path:
+    """Write a page that shows a run: one file, which opens from disk, without a server or a network; returns its path.
+
+    Args:
+        run, simulation: as for :func:`~pinograsp.viz.viewer.view`. path: of the file; what is there is overwritten.
+
+    Raises:
+        InvalidInput, HandNotLoaded: as there. ResultsNotWritten: the file cannot be written.
+    """
+    page = _page(scene_of(run, simulation))
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                stream.write(page)
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(name, 0o666 & ~umask)  # mkstemp makes it private; a page is as readable as any other file
+            os.replace(name, path)
+        except BaseException:
+            os.unlink(name)
+            raise
+    except OSError as error:
+        raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
+    return path
+
+
+class _Bytes:
+    """Arrays one after the other, each told as [type, offset, shape]."""
+
+    def __init__(self):
+        self.parts, self.size = [], 0
+
+    def put(self, array, kind: str = "f4") -> list:
+        array = np.ascontiguousarray(array, dtype=f"<{kind}")
+        told = [kind, self.size, list(array.shape)]
+        padded = array.tobytes() + bytes(-array.nbytes % 4)
+        self.parts.append(padded)
+        self.size += len(padded)
+        return told
+
+    def mesh(self, vertices, faces) -> list:
+        return [self.put(vertices), self.put(faces, "u2" if len(vertices) < 65536 else "u4")]
+
+
+def _page(scene: ViewScene) -> str:
+    template = files("pinograsp.viz").joinpath("viewer.html").read_text(encoding="utf-8")
+    # "<" could end the script element that holds the record.
+    record = json.dumps(_record(scene), allow_nan=False).replace("<", "\\u003c")
+    return template.replace("__DATA__", record)
+
+
+def _record(scene: ViewScene) -> dict:
+    """The scene as plain JSON values, arrays in base64."""
+    block, simulated = _Bytes(), scene.simulated
+    limits = [float(limit) if np.isfinite(limit) and limit > 0 else None for limit in scene.limits]
+    sentences = [scene.phase(i) for i in range(len(scene.times))]
+    told = list(dict.fromkeys(sentences))
+    shape = "pyramid" if scene.pyramids else "cone"
+    alone, apart = scene.centre, 0.0
+    if simulated is not None:
+        alone, apart = scene.centre - simulated.beside / 2, float(np.linalg.norm(simulated.beside)) / 2
+    right = np.cross(scene.up, scene.view)
+    top = np.cross(scene.view, right / np.linalg.norm(right))
+    record = {
+        "title": scene.title,
+        "subtitle": scene.subtitle,
+        "status": scene.status,
+        "good": scene.status == "ok",
+        "remedy": scene.remedy,
+        "facts": [list(fact) for fact in scene.facts],
+        "cautions": list(scene.cautions),
+        "times": block.put(scene.times),
+        "start": scene.frame_at(scene.closed),
+        "phases": _phases(scene),
+        "sentences": told,
+        "phase": [told.index(sentence) for sentence in sentences],
+        "links": scene.link_poses.shape[1],
+        "solids": [
+            {"name": one.name, "link": one.link, "colour": one.colour, "mesh": block.mesh(one.vertices, one.faces)}
+            for one in scene.solids
+        ],
+        "link_poses": block.put(scene.link_poses),
+        "object_pose": None if scene.object_pose is None else scene.object_pose.tolist(),
+        "contacts": [{"name": name, "colour": colour} for name, colour in zip(scene.contacts, scene.colours)],
+        "points": scene.points_o.ravel().tolist(),
+        "rotations": scene.rotations_oc.ravel().tolist(),
+        "cones": [block.mesh(*cone) for cone in scene.cones],
+        "cone_height": scene.cone_height,
+        "cone_name": f"friction {shape}s",
+        "cone_told": f"{shape}s: forces on the object that friction allows",
+        "arrow": [block.mesh(*part) for part in arrow()],
+        "axes": AXES,
+        "load_colour": LOAD,
+        "forces": block.put(scene.forces_o),
+        "normal": block.put(scene.normal),
+        "tangential": block.put(scene.tangential),
+        "used": block.put(scene.used),
+        "load": scene.load_o.tolist(),
+        "com": scene.com_o.tolist(),
+        "joints": [{"name": name, "slides": bool(slides), "limit": limit}
+                   for name, slides, limit in zip(scene.joints, scene.sliding, limits)],
+        "fingers": fingers_shown(scene),
+        "q": block.put(scene.q),
+        "torques": block.put(scene.torques),
+        "force_scale": scene.force_scale,
+        "up": scene.up.tolist(),
+        "ground": scene.ground,
+        "cell": 0.01 if scene.extent[1:].max() < 0.3 else 0.05,
+        "centre": scene.centre.tolist(),
+        "centre_alone": alone.tolist(),
+        "view": scene.view.tolist(),
+        "extent": scene.extent.tolist(),
+        "alone": float(scene.extent[0]) - apart,
+        "sign": (alone + top * scene.extent[1]).tolist(),
+        "simulated": None,
+    }  # fmt: skip
+    if simulated is not None:
+        record["simulated"] = {
+            "held": simulated.held,
+            "reason": simulated.reason,
+            "engine": simulated.engine,
+            "link_poses": block.put(simulated.link_poses),
+            "object_poses": block.put(simulated.object_poses),
+            "parts": list(simulated.parts),
+            "planned": simulated.planned.tolist(),
+            "normal": block.put(simulated.normal_forces),
+            "forces": block.put(simulated.forces_o),
+            "points": [point.tolist() if np.isfinite(point).all() else None for point in simulated.points_b],
+            "colours": [scene.colour_of(part, i) for i, part in enumerate(simulated.parts)],
+            "drift": block.put(simulated.drift),
+            "beside": simulated.beside.tolist(),
+            "colour": GHOST,
+        }
+    record["bytes"] = base64.b64encode(b"".join(block.parts)).decode("ascii")
+    return record
+
+
+def _phases(scene: ViewScene) -> list:
+    """[name, first instant, last instant] of each phase that there is."""
+    touch, closed, last = scene.frame_at(scene.touch), scene.frame_at(scene.closed), len(scene.times) - 1
+    phases = [["approach", 0, touch], ["grasp", touch, closed], ["simulated hold", closed, last]]
+    return [phase for phase in phases if phase[1] < phase[2]]
+
+
+def fingers_shown(scene: ViewScene) -> list:
+    """[finger, joints] of those that move or bear torque; each joint once."""
+    shown, seen = [], set()
+    for name, dofs in scene.fingers.items():
+        own = [i for i in dofs if i not in seen]
+        seen.update(own)
+        if own and max(np.ptp(scene.q[:, own], axis=0).max(), np.abs(scene.torques[:, own]).max()) > 1e-6:
+            shown.append([name, own])
+    return shown

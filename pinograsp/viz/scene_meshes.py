@@ -1,0 +1,228 @@
+"""Triangles of what the viewer draws: hands and objects, friction cones and arrows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.transform import Rotation
+
+from pinograsp.errors import InvalidInput
+from pinograsp.hands.model import HandModel
+from pinograsp.viz.figures import COLOURS
+
+# Greys for the hand, and of the Okabe-Ito colours the one that no curve in the figures has: yellow, for the object.
+PALM, LINK, OBJECT, GHOST = "#7C8794", "#B9C1CA", "#F0E442", "#9DB2C7"
+AXES = (COLOURS[1], COLOURS[2], COLOURS[0])  # x, y, z of the contact frames
+LOAD = "#000000"
+_TINT = 0.45  # how far a link that touches takes on its contact's colour
+_AROUND = 32  # edges of a circle: smooth at the size of a screen
+_CREASE = np.radians(35.0)  # faces that meet at more than this show their edge
+_SAME = 1e-6  # vertices nearer than this, of the shape's size, are one
+
+Triangles = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solid:
+    """A part that moves as a whole.
+
+    Attributes:
+        name: for people. link: index into ``ViewScene.link_poses``; None: the object.
+        vertices: (n, 3) in the frame that moves it [m]. faces: (m, 3). colour: ``#rrggbb``.
+    """
+
+    name: str
+    link: int | None
+    vertices: np.ndarray
+    faces: np.ndarray
+    colour: str
+
+
+class Links:
+    """Placements of the joints that carry geometry."""
+
+    def __init__(self, hand: HandModel):
+        self.hand = hand
+        frames = {one.parentJoint: hand.model.frames[one.parentFrame] for one in hand.geometry.geometryObjects}
+        self.index = {joint: i for i, joint in enumerate(frames)}
+        self.names = [frame.name for frame in frames.values()]
+        self.back = np.array([frame.placement.inverse().homogeneous for frame in frames.values()]).reshape(-1, 4, 4)
+
+    def poses(self, q: np.ndarray) -> np.ndarray:
+        """(f, l, 7) at q (f, n)."""
+        return sevens(np.array([self.hand.frame_placements(one, self.names) for one in q]).reshape(len(q), -1, 4, 4) @ self.back)
+
+
+def sevens(poses: np.ndarray) -> np.ndarray:
+    """Placements (..., 4, 4) as positions and quaternions w, x, y, z (..., 7)."""
+    quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat()[:, [3, 0, 1, 2]]
+    return np.concatenate([poses[..., :3, 3], quaternions.reshape(*poses.shape[:-2], 4)], axis=-1)
+
+
+def solids_of(hand: HandModel, thing, links: Links, touching: dict[str, str]) -> tuple[Solid, ...]:
+    solids = []
+    for one in hand.geometry.geometryObjects:
+        vertices, faces = triangles_of(one.geometry)
+        frame = hand.model.frames[one.parentFrame]
+        colour = LINK if one.parentJoint else PALM
+        colour = _mixed(colour, touching[frame.name]) if frame.name in touching else colour
+        solids.append(Solid(
+            name=one.name, link=links.index[one.parentJoint], faces=faces, colour=colour,
+            vertices=vertices @ one.placement.rotation.T + one.placement.translation,
+        ))  # fmt: skip
+    if thing is not None:
+        vertices, faces = triangles_of(thing.collision_geometry)
+        solids.append(Solid(name="object", link=None, vertices=vertices, faces=faces, colour=OBJECT))
+    return tuple(solids)
+
+
+def _mixed(colour: str, other: str) -> str:
+    values = (1 - _TINT) * rgb(colour) + _TINT * rgb(other)
+    return "#" + "".join(f"{round(value):02X}" for value in values)
+
+
+def rgb(colour: str) -> np.ndarray:
+    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
+
+
+def placed(solid: Solid, pose: np.ndarray) -> np.ndarray:
+    """A solid's vertices (n, 3) where its frame is at ``pose`` (7,) [m]."""
+    return Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(solid.vertices) + pose[:3]
+
+
+def cloud_of(solids, link_poses: np.ndarray, object_pose) -> np.ndarray:
+    """Vertices (n, 3) at one instant [m], enough to tell how much room all takes."""
+    clouds = [np.zeros((0, 3))]
+    for solid in solids:
+        few = replace(solid, vertices=solid.vertices[:: 1 + len(solid.vertices) // 500])
+        clouds.append(placed(few, object_pose if solid.link is None else link_poses[solid.link]))
+    return np.concatenate(clouds)
+
+
+# -- shapes -----------------------------------------------------------------------------------------------------------
+
+
+def triangles_of(shape) -> Triangles:
+    """Vertices (n, 3) [m] and faces (m, 3), outwards, of a shape of coal in its own frame.
+
+    Vertices at creases are repeated, so that normals averaged over the faces at a vertex shade smooth parts smoothly and
+    edges sharply. Shapes are told by the names of their classes.
+
+    Raises:
+        InvalidInput: a shape without a surface that is known.
+    """
+    kind = type(shape).__name__
+    if kind == "Box":
+        return creased(*_box(np.ravel(shape.halfSide)))
+    if kind == "Sphere":
+        return creased(*_lathe(*_arc(shape.radius, 0.0)))
+    if kind == "Ellipsoid":
+        vertices, faces = creased(*_lathe(*_arc(1.0, 0.0)))
+        return vertices * np.ravel(shape.radii), faces
+    if kind == "Capsule":
+        return creased(*_lathe(*_arc(shape.radius, shape.halfLength)))
+    if kind == "Cylinder":
+        r, h = shape.radius, shape.halfLength
+        return creased(*_lathe([0.0, r, r, 0.0], [-h, -h, h, h]))
+    if kind.startswith("BVHModel"):
+        return creased(np.array(shape.vertices()), _rows(shape.tri_indices, shape.num_tris))
+    if kind.startswith("Convex"):
+        vertices, faces = np.array(shape.points()), _rows(shape.polygons, shape.num_polygons)
+        return creased(vertices, _outwards(vertices, faces))
+    raise InvalidInput(f"viewer: expected a box, sphere, ellipsoid, capsule, cylinder, mesh or hull, got {kind}")
+
+
+def friction_cone(mu: float, height: float, edges: int | None = None) -> Triangles:
+    """The directions that friction can bear, apex at the origin, about +z; open at the far end.
+
+    Args:
+        mu: friction coefficient; the half-angle is atan(mu). height: along z [m].
+        edges: of a pyramid, which is inscribed in the cone with its first edge at 45 deg from x; None: a cone.
+    """
+    angles = 2 * np.pi * np.arange(edges or _AROUND) / (edges or _AROUND) + (np.pi / 4 if edges else 0.0)
+    rim = height * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones_like(angles)])
+    i = np.arange(len(angles))
+    faces = np.column_stack([0 * i, 1 + np.roll(i, -1), 1 + i])
+    return creased(np.vstack([np.zeros(3), rim]), faces, np.pi / 2 if edges is None else _CREASE)
+
+
+def arrow() -> tuple[Triangles, Triangles]:
+    """Shaft and head of an arrow along +z, each from z = 0 to 1 and of radius 1, to be scaled."""
+    return creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0])), creased(*_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
+
+
+def creased(vertices: np.ndarray, faces: np.ndarray, crease: float = _CREASE) -> Triangles:
+    """The same surface with equal vertices made one, then repeated where faces meet at more than ``crease`` [rad]."""
+    vertices, faces = _welded(np.asarray(vertices, dtype=float), np.asarray(faces))
+    if not len(faces):
+        return vertices, faces
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    # A corner is a vertex as one face sees it; corners across a smooth edge are the same vertex.
+    m, n = len(faces), len(vertices)
+    corner = np.arange(3 * m).reshape(m, 3)
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    key = np.minimum(start, end) * n + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    first, second = order[:-1], order[1:]
+    shared = key[first] == key[second]
+    first, second = first[shared], second[shared]
+    smooth = (normals[first // 3] * normals[second // 3]).sum(axis=1) > np.cos(crease)
+    first, second = first[smooth], second[smooth]
+    after = np.roll(corner, -1, axis=1).ravel()
+    same = start[first] == start[second]  # faces that are wound alike run along their edge in opposite directions
+    links = np.concatenate([first, after[first]]), np.concatenate(
+        [np.where(same, second, after[second]), np.where(same, after[second], second)]
+    )
+    count, label = connected_components(coo_array((np.ones(len(links[0])), links), shape=(3 * m, 3 * m)), directed=False)
+    split = np.empty((count, 3))
+    split[label] = vertices[start]
+    return split, label.reshape(m, 3)
+
+
+def _welded(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
+    size = np.ptp(vertices, axis=0).max(initial=0.0) or 1.0
+    _, kept, same = np.unique(np.round(vertices / (_SAME * size)), axis=0, return_index=True, return_inverse=True)
+    vertices, faces = vertices[kept], same.ravel()[faces]
+    flat = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+    return vertices, faces[~flat]
+
+
+def _rows(triangle, count: int) -> np.ndarray:
+    return np.array([[t[0], t[1], t[2]] for t in map(triangle, range(count))], dtype=np.int64).reshape(-1, 3)
+
+
+def _outwards(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Faces of a convex hull, turned so that they wind outwards."""
+    a, b, c = np.moveaxis(vertices[faces] - vertices.mean(axis=0), 1, 0)
+    inside = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
+    return np.where(inside[:, None], faces[:, ::-1], faces)
+
+
+def _box(half: np.ndarray) -> Triangles:
+    corners = half * (2.0 * np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(8, 3) - 1)
+    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return corners, np.vstack([quads[:, :3], quads[:, [0, 2, 3]]])
+
+
+def _arc(radius: float, half_length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Profile of a sphere, or of a capsule whose half-spheres are centred at +-half_length."""
+    angle = np.linspace(0, np.pi / 2, _AROUND // 4 + 1)
+    across, up = radius * np.cos(angle), half_length + radius * np.sin(angle)
+    return np.r_[across[::-1], across], np.r_[-up[::-1], up]
+
+
+def _lathe(radii, heights) -> Triangles:
+    """The surface of a profile (p,) turned about z, from its lower end to its upper one."""
+    radii, heights = np.asarray(radii), np.asarray(heights)
+    angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    vertices = np.concatenate([np.column_stack([r * ring, np.full(_AROUND, z)]) for r, z in zip(radii, heights)])
+    i, j = np.meshgrid(np.arange(len(radii) - 1), np.arange(_AROUND), indexing="ij")
+    low, high, next_ = i * _AROUND, (i + 1) * _AROUND, (j + 1) % _AROUND
+    a, b, c, d = (part.ravel() for part in (low + j, low + next_, high + next_, high + j))
+    return vertices, np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])

@@ -1,0 +1,317 @@
+"""A run to look at and to turn round: a live page, or one HTML file that needs nothing but a browser."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pinograsp.checks import number
+from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.spatial import tangent_frame
+from pinograsp.storage import Run
+from pinograsp.viz.page import save_html
+from pinograsp.viz.panel import foot, forces, head, told, torques
+from pinograsp.viz.scene import ViewScene, scene_of
+from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, rgb
+
+__all__ = ["Viewer", "save_html", "view"]
+
+_RATE = 30.0  # instants a second while it plays
+_LAYERS = {"hand": "hand", "object": "object", "frames": "contact frames", "cones": "friction cones", "forces": "forces",
+           "labels": "labels", "ground": "ground", "simulation": "simulation"}  # fmt: skip
+_FOV = np.radians(35.0)
+
+
+def view(run: Run, *, simulation=None, port: int = 8080, host: str = "localhost", open_browser: bool = True) -> Viewer:
+    """Show a run on a live page, in a browser on this machine.
+
+    Args:
+        run: of a plan, fresh (:func:`~pinograsp.storage.run_of`) or read back. simulation: of it, to stand beside it: a
+            :class:`~pinograsp.referee.simulation.Simulation`, or the folder of a check.
+        port: the first one to try. host: ``"0.0.0.0"`` lets other machines look on as well.
+        open_browser: whether to open the page; its address is ``viewer.url``.
+
+    Raises:
+        InvalidInput: a run without a plan or without its hand, a simulation that is not one of it, an unusable port.
+        HandNotLoaded: mesh files that are missing.
+        ExtraMissing: viser (extra ``viz``) is not installed.
+    """
+    if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 65536:
+        raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {port!r}")
+    scene = scene_of(run, simulation)
+    viewer = Viewer(scene, port, host)
+    if open_browser:
+        import webbrowser
+
+        webbrowser.open(viewer.url)
+    return viewer
+
+
+# -- the live page -----------------------------------------------------------------------------------------------------
+
+
+class Viewer:
+    """A running page: ``url`` says where; :meth:`show`, :meth:`play` and :meth:`close` work it from Python.
+
+    Attributes:
+        scene: what it shows. server: the ``viser.ViserServer``, to which more can be added. url: address of the page.
+    """
+
+    def __init__(self, scene: ViewScene, port: int, host: str):
+        try:
+            import viser
+        except ImportError as error:
+            raise ExtraMissing(
+                f"the live page needs viser: pip install 'pinograsp[viz]', or write a file: save_html, --html ({error})"
+            ) from error
+        self.scene = scene
+        self.server = viser.ViserServer(host=host, port=port, label="pinograsp", verbose=False)
+        shown = "localhost" if host in ("0.0.0.0", "127.0.0.1", "::") else host
+        self.url = f"http://{shown}:{self.server.get_port()}"
+        self._frame, self._scale = scene.frame_at(scene.closed), scene.force_scale
+        self._lock, self._closed = threading.RLock(), threading.Event()
+        self._playing = threading.Event()
+        self._layers: dict[str, list] = {name: [] for name in _LAYERS}
+        self._on = dict.fromkeys(_LAYERS, True)
+        try:
+            self._set_stage()
+            self._add_bodies()
+            self._add_contacts()
+            self._add_panel()
+            self._draw()
+        except BaseException:
+            self.server.stop()
+            raise
+        self._thread = threading.Thread(target=self._run, name="pinograsp-viewer", daemon=True)
+        self._thread.start()
+
+    def show(self, time: float) -> None:
+        """Stop playing, and show the instant nearest to ``time`` [s]."""
+        self.pause()
+        self._slider.value = self.scene.frame_at(number("time", time, unit="s"))
+
+    @property
+    def time(self) -> float:
+        """The instant shown [s]."""
+        return float(self.scene.times[self._frame])
+
+    def play(self) -> None:
+        """Play from here, from the start where it is at its end."""
+        if self._frame >= len(self.scene.times) - 1:
+            self._slider.value = 0
+        self._playing.set()
+        self._play.label = "Pause"
+
+    def pause(self) -> None:
+        """Stop playing."""
+        self._playing.clear()
+        self._play.label = "Play"
+
+    def wait(self) -> None:
+        """Return when the viewer is closed; Ctrl-C comes through."""
+        while not self._closed.wait(0.2):
+            pass
+
+    def close(self) -> None:
+        """Take the page down; a second time does nothing."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self._playing.set()  # the player leaves its wait
+            self._thread.join(timeout=2.0)
+            self.server.stop()
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        while not self._closed.is_set():
+            self._playing.wait()
+            if self._closed.is_set():
+                return
+            if self._frame >= len(self.scene.times) - 1:
+                self.pause()
+            else:
+                self._slider.value = self._frame + 1
+            time.sleep(1.0 / (_RATE * self._speed.value))
+
+    # What is in the scene.
+
+    def _set_stage(self) -> None:
+        scene, world = self.scene, self.server.scene
+        world.set_up_direction(tuple(map(float, scene.up)))
+        world.configure_environment_map("studio", environment_intensity=0.35)
+        # The panel covers a quarter of the width, on the right.
+        width, height, depth = scene.extent
+        distance = 0.6 * depth + 1.1 * max(height, width / 1.1) / np.tan(_FOV / 2)
+        camera = self.server.initial_camera
+        camera.fov, camera.near, camera.far = float(_FOV), float(0.01 * distance), float(100 * distance)
+        aside = 0.25 * width * np.cross(scene.up, scene.view) / np.linalg.norm(np.cross(scene.up, scene.view))
+        camera.look_at, camera.position = scene.centre + aside, scene.centre + aside + distance * scene.view
+        reach, cell = float(8 * scene.extent.max()), 0.01 if scene.extent[1:].max() < 0.3 else 0.05
+        self._keep("ground", world.add_grid(
+            "/ground", width=reach, height=reach, cell_size=cell, section_size=5 * cell, cell_color=(214, 220, 227),
+            section_color=(160, 170, 181), fade_distance=3 * reach, shadow_opacity=0.2,
+            wxyz=_turn(tangent_frame(scene.up, np.zeros(3))), position=scene.centre + (scene.ground - scene.up @ scene.centre) * scene.up,
+        ))  # fmt: skip
+
+    def _add_bodies(self) -> None:
+        scene, world = self.scene, self.server.scene
+        sets = [("plan", scene.link_poses, scene.object_pose is not None, "hand", "object", np.zeros(3))]
+        if scene.simulated is not None:
+            sets.append(("simulation", scene.simulated.link_poses, True, "simulation", "simulation", scene.simulated.beside))
+        self._links, self._bodies, self._root, self._ghost = [], [], None, []
+        for name, poses, body, hand_layer, body_layer, shift in sets:
+            root = world.add_frame(f"/{name}", show_axes=False, position=shift)
+            self._root = root if name == "simulation" else None
+            frames = [world.add_frame(f"/{name}/link{i}", show_axes=False) for i in range(poses.shape[1])]
+            self._links.append(frames)
+            self._bodies.append(world.add_frame(f"/{name}/object", show_axes=False) if body else None)
+            for i, solid in enumerate(scene.solids):
+                parent = f"/{name}/object" if solid.link is None else f"/{name}/link{solid.link}"
+                colour = solid.colour if name == "plan" or solid.link is None else GHOST
+                opacity = 0.6 if solid.link is None else None
+                mesh = world.add_mesh_simple(
+                    f"{parent}/{i}", solid.vertices, solid.faces, color=_colour(colour), side="double", opacity=opacity
+                )
+                if name == "simulation":
+                    self._ghost.append((mesh, opacity))
+                self._keep(body_layer if solid.link is None else hand_layer, mesh)
+
+    def _add_contacts(self) -> None:
+        scene, world, k = self.scene, self.server.scene, len(self.scene.contacts)
+        width = 0.011 * float(scene.extent[1:].max())
+        thick = {"shaft_radius": width, "head_radius": 2.3 * width, "head_length": 5 * width}
+        thin = {name: 0.42 * value for name, value in thick.items()}
+        ends = scene.points_o[:, None] + 0.6 * scene.cone_height * np.moveaxis(scene.rotations_oc, 1, 2)
+        points = np.stack([np.repeat(scene.points_o[:, None], 3, axis=1), ends], axis=2).reshape(-1, 2, 3)
+        self._keep("frames", world.add_arrows("/contacts/frames", points, np.array([_dark(c) for c in AXES] * k), **thin))
+        outside = scene.points_o - 0.5 * scene.cone_height * scene.rotations_oc[:, :, 2]
+        self._arrows, self._labels = [], []
+        for i, name in enumerate(scene.colours):
+            colour, dark = _colour(name), _dark(name)
+            vertices, faces = scene.cones[i]
+            at = {"wxyz": _turn(scene.rotations_oc[i]), "position": scene.points_o[i]}
+            self._keep("cones", world.add_mesh_simple(
+                f"/contacts/cone{i}", vertices, faces, color=colour, opacity=0.3, side="double", cast_shadow=False, **at,
+            ))  # fmt: skip
+            self._arrows.append(world.add_arrows(f"/contacts/force{i}", scene.arrows(self._frame)[i : i + 1], dark, **thick))
+            self._labels.append(world.add_label(f"/contacts/label{i}", "", position=outside[i], anchor="bottom-center"))
+        self._load = world.add_arrows("/contacts/load", np.zeros((1, 2, 3)), _dark(LOAD), **thick)
+        self._head, self._pressing = thick["head_length"], []
+        if scene.simulated is not None:
+            for i, part in enumerate(scene.simulated.parts):
+                colour = _dark(scene.colour_of(part, i))
+                self._pressing.append(world.add_arrows(f"/simulation/force{i}", np.zeros((1, 2, 3)), colour, **thick))
+            top = scene.centre - scene.simulated.beside / 2 + scene.extent[1] * scene.up
+            verdict = "held" if scene.simulated.held else "lost"
+            self._keep("labels", world.add_label("/signs/plan", "planned", position=top))
+            self._keep("simulation", world.add_label("/simulation/sign", f"simulated: {verdict}", position=top))
+
+    def _keep(self, layer: str, handle) -> None:
+        self._layers[layer].append(handle)
+
+    # The panel.
+
+    def _add_panel(self) -> None:
+        gui, scene = self.server.gui, self.scene
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
+        gui.add_html(head(scene))
+        last = len(scene.times) - 1
+        marks = {0: "0 s", last: f"{scene.times[-1]:.3g} s", scene.frame_at(scene.touch): "touch", scene.frame_at(scene.closed): "t_F"}
+        self._slider = gui.add_slider("time", min=0, max=max(last, 1), step=1, initial_value=self._frame, marks=tuple(marks.items()),
+                                      hint="from instant to instant: they are closer together where forces build up")  # fmt: skip
+        self._play = gui.add_button("Play")
+        self._forces = gui.add_html("")
+        with gui.add_folder("Show"):
+            for name, text in _LAYERS.items():
+                if name != "simulation" or scene.simulated is not None:
+                    told_as = "friction pyramids" if name == "cones" and scene.pyramids else text
+                    self._add_toggle(gui.add_checkbox(told_as, True), name)
+            if scene.simulated is not None:
+                beside = gui.add_checkbox("simulation beside", True)
+                beside.on_update(lambda _: self._set_beside(bool(beside.value)))
+            arrows = gui.add_slider("arrows [mm/N]", min=1e2 * scene.force_scale, max=1e4 * scene.force_scale, step=10 * scene.force_scale,
+                                    initial_value=1e3 * scene.force_scale)  # fmt: skip
+            self._speed = gui.add_slider("play speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
+        with gui.add_folder("Margins of the grasp"):
+            gui.add_html(foot(scene))
+        with gui.add_folder("Joint torques"):
+            self._torques = gui.add_html("")
+        self._slider.on_update(lambda _: self._go(min(int(self._slider.value), last)))
+        self._play.on_click(lambda _: self.pause() if self._playing.is_set() else self.play())
+        arrows.on_update(lambda _: self._rescale(1e-3 * arrows.value))
+
+    def _add_toggle(self, box, layer: str) -> None:
+        def change(_) -> None:
+            with self._lock:
+                self._on[layer] = bool(box.value)
+                for handle in self._layers[layer]:
+                    handle.visible = self._on[layer]
+                self._draw()
+
+        box.on_update(change)
+
+    def _set_beside(self, beside: bool) -> None:
+        """Move the simulation beside the plan, or let it shine through it."""
+        with self._lock:
+            self._root.position = self.scene.simulated.beside * beside
+            for mesh, opacity in self._ghost:
+                mesh.opacity = opacity if beside else 0.3
+
+    def _go(self, frame: int) -> None:
+        with self._lock:
+            self._frame = frame
+            self._draw()
+
+    def _rescale(self, scale: float) -> None:
+        with self._lock:
+            self._scale = scale
+            self._draw()
+
+    def _draw(self) -> None:
+        scene, i = self.scene, self._frame
+        tracks = [(scene.link_poses[i], scene.object_pose)]
+        if scene.simulated is not None:
+            tracks.append((scene.simulated.link_poses[i], scene.simulated.object_poses[i]))
+        with self.server.atomic():
+            for (links, body), frames, thing in zip(tracks, self._links, self._bodies):
+                for pose, frame in zip(links, frames):
+                    frame.position, frame.wxyz = pose[:3], pose[3:]
+                if thing is not None:
+                    thing.position, thing.wxyz = body[:3], body[3:]
+            for points, handle in zip(scene.arrows(i, self._scale), self._arrows):
+                self._aim(handle, points)
+            self._aim(self._load, np.stack([scene.com_o, scene.com_o + self._scale * scene.load_o]))
+            if scene.simulated is not None:
+                for points, handle in zip(scene.simulated.arrows(i, self._scale), self._pressing):
+                    self._aim(handle, points, self._on["simulation"])
+            for k, label in enumerate(self._labels):
+                label.text = f"{scene.contacts[k]} {told(scene.normal[i, k])} N"
+                label.visible = bool(self._on["labels"] and scene.normal[i, k] > 0)
+            self._forces.content, self._torques.content = forces(scene, i), torques(scene, i)
+
+    def _aim(self, handle, points: np.ndarray, on: bool = True) -> None:
+        length = float(np.linalg.norm(points[1] - points[0]))
+        handle.visible = bool(on and self._on["forces"] and length > 1e-5)
+        if length > 1e-5:
+            handle.points, handle.head_length = points[None].astype(np.float32), min(self._head, 0.6 * length)
+
+
+def _turn(rotation: np.ndarray) -> np.ndarray:
+    """Quaternion w, x, y, z of a rotation (3, 3)."""
+    return Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
+
+
+def _colour(text: str) -> tuple[int, int, int]:
+    return tuple(map(int, rgb(text)))
+
+
+def _dark(text: str) -> tuple[int, int, int]:
+    """The colour as viser's arrows need it: they take the values as linear ones, so that they come out brighter."""
+    return tuple(round(255 * (value / 255) ** 2.2) for value in _colour(text))

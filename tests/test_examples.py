@@ -1,0 +1,60 @@
+"""The numbered examples and the README's Python, run as a reader would: from a folder of their own, by themselves."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9][0-9]_*.py"))
+# What a reader looks for in what they print.
+EXPECTED = {
+    "00": ("ok t_I = 0.9167", "57.09 mJ", "peak torque"),
+    "01": ("hand pincer: 4 joints, 2 fingers", "ok ["),
+    "02": ("placements hold", "ok (", "peak torque"),
+    "03": ("closed:", "mJ"),
+    "04": ("hybrid     56.163", "convex     55.777"),
+    "05": ("contacts", "palm"),
+    "06": ("least motor heat", "the largest load that could be held"),
+    "07": ("a step takes", "three times the load: infeasible"),
+    "08": ("as planned: held", "mu 0.3 instead of 0.7: lost"),
+    "09": ("100 plans", "ok"),
+}
+SLOW = ("03", "05", "09")
+
+
+def run(path: Path, folder: Path) -> str:
+    done = subprocess.run([sys.executable, str(path)], cwd=folder, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stdout
+
+
+def test_examples_are_numbered_short_and_said_to_be_what_they_are():
+    assert [path.name[:2] for path in EXAMPLES] == [f"{i:02d}" for i in range(10)]
+    for path in EXAMPLES:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert len(lines) < 60 and lines[0].startswith('"""'), path.name
+
+
+@pytest.mark.parametrize(
+    "path", [pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.name[:2] in SLOW else []) for path in EXAMPLES]
+)
+def test_example_runs(path, tmp_path):
+    told = run(path, tmp_path)
+    for words in EXPECTED[path.name[:2]]:
+        assert words in told, told
+
+
+@pytest.mark.slow
+def test_the_readmes_python_runs(tmp_path):
+    """Its blocks one after the other, as they continue each other."""
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)
+    assert len(blocks) >= 5
+    script = tmp_path / "readme.py"
+    script.write_text("\n".join(blocks), encoding="utf-8")
+    assert "ok" in run(script, tmp_path)

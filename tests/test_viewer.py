@@ -1,0 +1,626 @@
+"""The viewer: what it draws is where and as large as it should be, and real browsers show it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pinograsp.cases import load_case
+from pinograsp.contacts.friction import Friction
+from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
+from pinograsp.forces import ForceProblem
+from pinograsp.hands import load_hand
+from pinograsp.hands.record import hand_record
+from pinograsp.hands.summary import overview
+from pinograsp.objects import Cylinder, Mesh
+from pinograsp.objects.record import object_record
+from pinograsp.plan import plan_grasp
+from pinograsp.referee import simulate
+from pinograsp.spatial import pose_of, tangent_frame
+from pinograsp.storage import Run, run_of, save_run
+from pinograsp.viz.scene import scene_of
+from pinograsp.viz.scene_meshes import friction_cone, triangles_of
+from pinograsp.viz.viewer import save_html, view
+
+HANDS = [row["name"] for row in overview()[0]]
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return load_case("paper", {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1,
+                               "motion.touch": "surface"}).plan()  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(plan) -> Run:
+    return run_of(plan, {"name": "paper"})
+
+
+@pytest.fixture(scope="module")
+def simulation(plan):
+    pytest.importorskip("mujoco", reason="the simulation needs MuJoCo: pip install 'pinograsp[sim]'")
+    return simulate(plan, hold=0.1)
+
+
+def run_with(hand, seed: int = 0) -> Run:
+    """A run of a hand that closes and presses with three fingertips' worth of made-up forces on a cylinder."""
+    rng = np.random.default_rng(seed)
+    times = np.linspace(0, 1, 60)
+    lower, upper = np.maximum(hand.lower, -2.0), np.minimum(hand.upper, 2.0)
+    q = lower + (0.2 + 0.5 * times[:, None]) * (upper - lower)
+    links = [finger.links[-1] for finger in hand.fingers]
+    points = hand.frame_placements(q[-1], links)[:, :3, 3]
+    thing = Cylinder(radius=0.02, height=0.1, mass=0.3, pose=pose_of(points.mean(axis=0) + 1e-3))
+    normals = thing.com_o - points
+    rotations = np.array([tangent_frame(normal) for normal in normals])
+    strength = np.where(times[:, None] > 0.8, times[:, None] - 0.8, 0.0) * rng.uniform(5, 20, len(links))
+    forces = np.einsum("mk,kij,j->mki", strength, rotations, [0.2, 0.1, 1.0])
+    arrays = {
+        "times": times, "impact": np.array(48), "q": q, "torques": 0.1 * q, "holding_torques": 0.1 * q[-1], "forces_o": forces,
+        "normal_forces": strength, "points_o": points, "rotations_oc": rotations, "com_o": thing.com_o,
+        "load": np.array([0, 0, -2.943, 0, 0, 0]), "gravity": np.array([0, 0, -9.81]), "mu": np.full(len(links), 0.5),
+        "contact_links": np.array(links), "torque_limit": hand.effort_or_infinity,
+    }  # fmt: skip
+    layout = {"hand": hand.name, "joints": list(hand.joint_names), "contacts": links,
+              "fingers": {finger.name: finger.dofs.tolist() for finger in hand.fingers}}  # fmt: skip
+    friction = {"mu": [0.5] * len(links), "model": "cone", "edges": None, "safety": 1.0, "torsion_m": 0.0}
+    summary = {"status": "ok", "remedy": "", "friction": friction, "balance": "wrench", "work_J": 0.01, "net_force_N": 0.0,
+               "net_moment_Nm": 0.0, "max_penetration_m": 1e-3, "peak_torque_Nm": 0.2}  # fmt: skip
+    scene = {"hand": hand_record(hand), "object": object_record(thing)}
+    return Run(summary=summary, arrays=arrays, layout=layout, settings={}, versions={}, scene=scene)
+
+
+# -- geometry ----------------------------------------------------------------------------------------------------------
+
+
+def volume(vertices, faces) -> float:
+    """By the divergence theorem: positive where faces wind outwards."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+def hull_points(count: int = 60) -> np.ndarray:
+    return np.random.default_rng(3).normal(size=(count, 3))
+
+
+def hull_of_points():
+    from scipy.spatial import ConvexHull
+
+    return Mesh(vertices=hull_points(), faces=ConvexHull(hull_points()).simplices, mass=1.0, convex=True).collision_geometry
+
+
+@pytest.mark.parametrize(
+    "shape, least",
+    [
+        (coal.Box(0.1, 0.2, 0.3), 1.0),
+        (coal.Sphere(0.1), 0.98),
+        (coal.Ellipsoid(0.1, 0.02, 0.3), 0.98),
+        (coal.Capsule(0.05, 0.2), 0.98),
+        (coal.Cylinder(0.05, 0.2), 0.99),
+        (hull_of_points(), 1.0),
+    ],
+    ids=lambda value: type(value).__name__ if not isinstance(value, float) else "",
+)
+def test_triangles_fill_the_shape_they_stand_for(shape, least):
+    """Inscribed, so slightly less volume; outwards, or it would be negative."""
+    vertices, faces = triangles_of(shape)
+    assert least * shape.computeVolume() * (1 - 1e-9) <= volume(vertices, faces) <= shape.computeVolume() * (1 + 1e-9)
+    shape.computeLocalAABB()
+    assert np.allclose(vertices.min(axis=0), np.ravel(shape.aabb_local.min_), atol=2e-3)
+    assert np.allclose(vertices.max(axis=0), np.ravel(shape.aabb_local.max_), atol=2e-3)
+
+
+def test_creases_are_sharp_and_round_parts_smooth():
+    box, _ = triangles_of(coal.Box(1, 1, 1))
+    assert len(box) == 24  # a corner for each of three faces
+    ball, faces = triangles_of(coal.Sphere(1.0))
+    assert len(ball) == len(np.unique(ball.round(9), axis=0))  # no vertex twice
+    cylinder, _ = triangles_of(coal.Cylinder(1.0, 2.0))
+    rim = cylinder[np.abs(np.linalg.norm(cylinder[:, :2], axis=1) - 1) < 1e-9]
+    assert len(rim) == 2 * len(np.unique(rim.round(9), axis=0))  # rims twice: for the side and for the cap
+
+
+def test_unknown_shapes_are_refused():
+    with pytest.raises(InvalidInput, match="got Halfspace"):
+        triangles_of(coal.Halfspace(np.array([0, 0, 1.0]), 0.0))
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.7, 1.5])
+@pytest.mark.parametrize("edges", [None, 4, 8])
+def test_friction_cones_have_the_half_angle_of_mu(mu, edges):
+    vertices, faces = friction_cone(mu, 0.03, edges)
+    rim = np.unique(vertices[vertices[:, 2] > 0].round(12), axis=0)
+    assert np.allclose(rim[:, 2], 0.03)
+    assert np.allclose(np.arctan2(np.linalg.norm(rim[:, :2], axis=1), rim[:, 2]), np.arctan(mu))
+    assert len(rim) == (edges or len(rim)) and len(faces) == len(rim)
+    if edges:  # its edges are where the problem's are
+        wanted = mu * 0.03 * Friction(model="pyramid", edges=edges).vertices
+        assert np.allclose(sorted(rim[:, :2].round(9).tolist()), sorted(wanted.round(9).tolist()))
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_every_hand_of_the_catalogue_can_be_drawn(name):
+    """Each part lies where Pinocchio places its geometry, at the start and at the end; coal knows how large it is."""
+    hand = load_hand(name)
+    run = run_with(hand)
+    scene = scene_of(run)
+    parts = hand.geometry.geometryObjects
+    assert [solid.name for solid in scene.solids] == [one.name for one in parts] + ["object"]
+    data, geometry = hand.model.createData(), pin.GeometryData(hand.geometry)
+    for frame, q in ((0, run.arrays["q"][0]), (-1, run.arrays["q"][-1])):
+        pin.updateGeometryPlacements(hand.model, data, hand.geometry, geometry, q)
+        for solid, one, place in zip(scene.solids, parts, geometry.oMg):
+            pose = scene.link_poses[frame, solid.link]
+            drawn = solid.vertices @ pin.Quaternion(*pose[3:]).toRotationMatrix().T + pose[:3]
+            own = (drawn - place.translation) @ place.rotation
+            one.geometry.computeLocalAABB()
+            box = np.array([np.ravel(one.geometry.aabb_local.min_), np.ravel(one.geometry.aabb_local.max_)])
+            assert np.abs(np.array([own.min(axis=0), own.max(axis=0)]) - box).max() < 2e-3 * np.ptp(box, axis=0).max() + 1e-6
+    assert np.ptp(scene.link_poses, axis=0).max() > 1e-3  # it moves
+    assert np.isfinite(scene.extent).all() and scene.extent.min() > 0
+
+
+def test_hulls_are_drawn():
+    hand = load_hand("psyonic_right", hulls=True)
+    for solid, one in zip(scene_of(run_with(hand)).solids, hand.geometry.geometryObjects):
+        assert volume(solid.vertices, solid.faces) == pytest.approx(one.geometry.computeVolume(), rel=1e-6)
+
+
+# -- forces and numbers ------------------------------------------------------------------------------------------------
+
+
+def test_arrows_are_in_proportion_to_the_forces(run):
+    scene = scene_of(run)
+    for instant in (0.3, 0.95, 1.0):
+        i = scene.frame_at(instant)
+        arrows = scene.arrows(i)
+        sample = int(np.abs(run.arrays["times"] - scene.times[i]).argmin())
+        forces = run.arrays["forces_o"][sample]
+        assert np.allclose(arrows[:, 0], run.arrays["points_o"])
+        assert np.allclose(arrows[:, 1] - arrows[:, 0], scene.force_scale * forces, atol=1e-12)
+        assert np.allclose(scene.arrows(i, 0.002)[:, 1] - arrows[:, 0], 0.002 * forces, atol=1e-12)
+    assert np.all(scene.arrows(scene.frame_at(0.3))[:, 0] == scene.arrows(scene.frame_at(0.3))[:, 1])
+    longest = np.linalg.norm(scene.arrows(-1)[:, 1] - scene.arrows(-1)[:, 0], axis=1).max()
+    assert 0.1 < longest / (2 * scene.extent.max()) < 0.6  # neither lost nor all over the picture
+
+
+def test_friction_used_is_that_of_the_margins(run, make_problem, hand):
+    scene = scene_of(run)
+    assert np.allclose(scene.used[scene.frame_at(1.0)], list(run.summary["margins"]["friction_used"].values()), rtol=1e-6)
+    assert np.isnan(scene.used[0]).all()
+    soft = make_problem(balance="wrench", friction=Friction(model="soft", torsion=5e-3, safety=1.2))
+    soft = run_of(plan_grasp(hand, soft, search="convex"))
+    assert np.allclose(scene_of(soft).used[-1], list(soft.summary["margins"]["friction_used"].values()), rtol=1e-6)
+
+
+def test_torques_and_forces_are_the_runs_at_every_instant(run):
+    scene = scene_of(run)
+    at = np.searchsorted(run.arrays["times"], scene.times)
+    assert np.array_equal(run.arrays["times"][at], scene.times)
+    assert np.array_equal(scene.torques, run.arrays["torques"][at]) and np.array_equal(scene.q, run.arrays["q"][at])
+    assert np.allclose(scene.normal, run.arrays["normal_forces"][at], atol=1e-9)
+    steps = np.diff(scene.times)
+    touch = scene.frame_at(scene.touch)
+    assert np.median(steps[touch:]) < 0.3 * np.median(steps[:touch])  # forces build up in slow motion
+    assert scene.phase(0).startswith("Approach") and scene.phase(len(scene.times) - 1).startswith("Grasp complete")
+
+
+def test_the_camera_sees_everything(run):
+    scene = scene_of(run)
+    right = np.cross(scene.up, scene.view)
+    axes = np.stack([right / np.linalg.norm(right), np.cross(scene.view, right) / np.linalg.norm(right), scene.view])
+    assert np.allclose(axes @ axes.T, np.eye(3))
+    for i in (0, len(scene.times) - 1):
+        for solid in scene.solids:
+            pose = scene.object_pose if solid.link is None else scene.link_poses[i, solid.link]
+            seen = (solid.vertices @ pin.Quaternion(*pose[3:]).toRotationMatrix().T + pose[:3] - scene.centre) @ axes.T
+            assert np.all(np.abs(seen) <= scene.extent + 1e-3)
+
+
+# -- what is refused ---------------------------------------------------------------------------------------------------
+
+
+def test_runs_without_a_plan_or_a_hand_are_refused(run, tmp_path):
+    with pytest.raises(InvalidInput, match="run with its hand"):
+        scene_of(replace(run, scene={}))
+    with pytest.raises(InvalidInput, match=r"without .*forces_o.*infeasible"):
+        scene_of(replace(run, arrays={}, summary={"status": "infeasible"}))
+    with pytest.raises(InvalidInput, match="expected a run"):
+        save_html("runs/paper", tmp_path / "a.html")
+    with pytest.raises(InvalidInput, match="20 joints"):
+        scene_of(replace(run, arrays={**run.arrays, "q": run.arrays["q"][:, :5]}))
+    with pytest.raises(InvalidInput, match="work_J"):
+        scene_of(replace(run, summary={key: value for key, value in run.summary.items() if key != "work_J"}))
+    with pytest.raises(InvalidInput, match="port"):
+        view(run, port=-1, open_browser=False)
+    with pytest.raises(ResultsNotWritten):
+        save_html(run, "/proc/nothing/here.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_without_its_object_shows_the_hand(run):
+    scene = scene_of(replace(run, scene={**run.scene, "object": None}))
+    assert scene.object_pose is None and all(solid.link is not None for solid in scene.solids)
+
+
+def test_simulations_of_something_else_are_refused(run, simulation, tmp_path):
+    with pytest.raises(InvalidInput, match="pinograsp check"):
+        scene_of(run, tmp_path)
+    with pytest.raises(InvalidInput, match="folder of a check"):
+        scene_of(run, 3)
+    with pytest.raises(InvalidInput, match="this run's hand"):
+        scene_of(run, replace(simulation, q=simulation.q[:, :7]))
+
+
+def test_without_viser_the_extra_is_named(run, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(ExtraMissing, match=re.escape("pip install 'pinograsp[viz]'")):
+        view(run, open_browser=False)
+    save_html(run, tmp_path / "still.html")
+
+
+# -- the simulation ----------------------------------------------------------------------------------------------------
+
+
+def stored(simulation, folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "check.json").write_text(json.dumps(simulation.summary()))
+    np.savez_compressed(folder / "check.npz", **simulation.arrays())
+    return folder
+
+
+def test_the_simulation_stands_beside_the_plan_at_the_same_instants(run, simulation, tmp_path):
+    scene = scene_of(run, simulation)
+    shown = scene.simulated
+    assert shown.held and scene.times[-1] == pytest.approx(simulation.times[-1], abs=2e-3)
+    assert len(shown.link_poses) == len(scene.link_poses) == len(scene.times)
+    assert np.allclose(shown.object_poses[-1, :3], simulation.object_poses[-1][:3, 3], atol=1e-9)
+    assert np.allclose(shown.drift[-1], simulation.drift[-1], atol=1e-9)
+    # Contact points of the parts, through the object's pose in the simulation: at t_F they are the plan's but for the drift.
+    i = scene.frame_at(1.0)
+    arrows = shown.arrows(i, 0.003)
+    planned = {name: point for name, point in zip(scene.contacts, scene.points_o)}
+    assert np.allclose(arrows[:, 0], [planned[part] for part in shown.parts], atol=1e-3)
+    assert np.allclose(arrows[:, 1] - arrows[:, 0], 0.003 * shown.forces_o[i])
+    # After t_F the plan stays as it is, with the torques that hold.
+    assert np.array_equal(scene.q[-1], run.arrays["q"][-1]) and np.array_equal(scene.torques[-1], run.arrays["holding_torques"])
+    assert abs(shown.beside @ scene.up) < 1e-12 and abs(shown.beside @ scene.view) < 1e-12  # to the right
+    again = scene_of(run, stored(simulation, tmp_path / "check"))
+    assert np.array_equal(again.simulated.link_poses, shown.link_poses) and again.simulated.reason == shown.reason
+
+
+# -- the file ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_file_is_whole_and_small(run, tmp_path):
+    path = save_html(run, tmp_path / "deep" / "paper.html")
+    text = path.read_text(encoding="utf-8")
+    assert path.stat().st_size < 5e6
+    assert "__DATA__" not in text
+    addresses = set(re.findall(r"https?://[^\s\"']+", text))
+    assert addresses <= {"http://www.w3.org/2000/svg"}  # a name, not an address
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)=", text)
+    assert [path.name for path in path.parent.iterdir()] == ["paper.html"]
+    json.loads(text.split('id="data">')[1].split("</script>")[0], parse_constant=lambda name: pytest.fail(name))
+
+
+def test_names_cannot_leave_the_record(run, tmp_path):
+    evil = replace(run, settings={"name": "</script><script>alert(1)</script>"})
+    text = save_html(evil, tmp_path / "a.html").read_text(encoding="utf-8")
+    assert text.count("</script>") == 2 and "<script>alert" not in text
+    from pinograsp.viz.panel import forces, head
+
+    scene = scene_of(replace(evil, layout={**run.layout, "contacts": ["<img src=x>", "b", "c"]}))
+    assert "<script" not in head(scene) and "<img" not in forces(scene, 0)
+
+
+# -- the command -------------------------------------------------------------------------------------------------------
+
+
+def test_view_writes_a_file_and_keeps_what_is_there(command, run, tmp_path):
+    save_run(run, tmp_path / "a")
+    code, out, err = command("view", "a", "--html", "a.html")
+    assert code == 0 and "written to a.html" in out, err
+    before = (tmp_path / "a.html").read_bytes()
+    code, _, err = command("view", "a", "--html", "a.html")
+    assert code == 2 and "--force" in err
+    assert command("view", "a", "--html", "a.html", "--force")[0] == 0
+    assert (tmp_path / "a.html").read_bytes() == before
+    code, _, err = command("view", "nowhere")
+    assert code == 2 and "no readable run" in err
+    code, _, err = command("view", "a", "--port", "70000", "--no-browser")
+    assert code == 2 and "--port" in err
+
+
+def test_view_takes_the_latest_check(command, run, simulation, tmp_path):
+    save_run(run, tmp_path / "a")
+    alone = (command("view", "a", "--html", "alone.html"), (tmp_path / "alone.html").read_text())[1]
+    stored(simulation, tmp_path / "a" / "check")
+    assert command("view", "a", "--html", "both.html")[0] == 0
+    both = (tmp_path / "both.html").read_text()
+    assert '"simulated": null' in alone and '"simulated": null' not in both
+    (tmp_path / "empty").mkdir()
+    code, _, err = command("view", "a", "--check", "empty", "--html", "c.html")
+    assert code == 2 and "pinograsp check" in err
+
+
+def test_ctrl_c_ends_the_live_page(run, tmp_path):
+    pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
+    save_run(run, tmp_path / "a")
+    script = "from pinograsp.cli import main; import sys; sys.argv = ['pinograsp', 'view', 'a', '--no-browser', '--port', '0']; main()"
+    process = subprocess.Popen([sys.executable, "-u", "-c", script], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        for line in process.stdout:
+            if "Ctrl-C" in line:
+                break
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 0 and "Traceback" not in err, err
+
+
+# -- browsers ----------------------------------------------------------------------------------------------------------
+
+ARGUMENTS = [
+    "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    playwright = pytest.importorskip("playwright.sync_api", reason="tests of the viewer in a browser need playwright: pip install playwright")
+    with playwright.sync_playwright() as started:
+        own = started.chromium.executable_path
+        installed = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+        if installed is None and not Path(own).exists():
+            pytest.skip("tests of the viewer in a browser need Chromium: apt install chromium, or playwright install chromium")
+        browser = started.chromium.launch(executable_path=installed or own, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@contextlib.contextmanager
+def page_of(chromium, url: str, width: int = 1100, height: int = 700):
+    """A page that must neither complain nor ask for anything from elsewhere."""
+    page = chromium.new_page(viewport={"width": width, "height": height})
+    complaints, elsewhere = [], []
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    near = ("file:", "data:", "blob:", "http://localhost:", "ws://localhost:")
+    page.on("request", lambda request: None if request.url.startswith(near) else elsewhere.append(request.url))
+    page.on("websocket", lambda socket: None if socket.url.startswith(near) else elsewhere.append(socket.url))
+    page.goto(url)
+    try:
+        yield page
+        assert complaints == []
+        assert elsewhere == []
+    finally:
+        page.close()
+
+
+def pixels(target) -> np.ndarray:
+    """A picture (h, w, 3) of a page or an element, 0 to 1."""
+    from matplotlib.image import imread
+
+    return imread(io.BytesIO(target.screenshot()))[..., :3]
+
+
+def differing(a, b) -> float:
+    """Share of pixels that are not the same."""
+    return float((np.abs(a - b).max(axis=2) > 0.03).mean())
+
+
+def yellow(picture) -> float:
+    """Share of pixels of the object's colour."""
+    r, g, b = np.moveaxis(picture, 2, 0)
+    return float(((r > 0.5) & (g > 0.5) & (np.minimum(r, g) - b > 0.25)).mean())
+
+
+def slide(page, value: int) -> None:
+    page.locator("#slider").evaluate("(e, v) => { e.value = v; e.dispatchEvent(new Event('input')); }", value)
+    page.wait_for_function("v => document.body.dataset.drawn == v", arg=value)
+
+
+@pytest.fixture
+def offline(chromium, run, tmp_path):
+    path = save_html(run, tmp_path / "paper.html")
+    with page_of(chromium, path.as_uri()) as page:
+        page.wait_for_function("() => document.body.dataset.drawn !== undefined")
+        yield page
+
+
+def test_the_file_draws_the_grasp_and_follows_its_slider(offline, run):
+    scene = scene_of(run)
+    canvas = offline.locator("#scene")
+    start = scene.frame_at(scene.closed)
+    closed = pixels(canvas)
+    assert len(np.unique((closed * 255).astype(int).reshape(-1, 3), axis=0)) > 1000  # not blank: shaded surfaces
+    assert yellow(closed) > 0.01
+    assert f"{scene.closed:.3f} s" in offline.locator("#clock").inner_text()
+    row = offline.locator("#forces tr").nth(1).inner_text().split()
+    assert row[0] == "thumb" and float(row[1]) == pytest.approx(run.summary["normal_forces_N"]["thumb"], rel=6e-3)
+    assert f"{100 * scene.used[start, 0]:.0f}" in row
+    slide(offline, 0)
+    opened = pixels(canvas)
+    assert differing(closed, opened) > 0.03
+    slide(offline, 100)
+    assert differing(pixels(canvas), opened) > 0.03  # the hand alone: nothing else changes in the approach
+    slide(offline, 0)
+    assert offline.locator("#forces tr").nth(1).inner_text().split()[1] == "0"
+    assert "Approach" in offline.locator("#caption").inner_text()
+    torque = offline.locator("#torques").inner_text()
+    slide(offline, start)
+    assert differing(pixels(canvas), closed) < 1e-3  # and back
+    assert offline.locator("#torques").inner_text() != torque
+    assert "plan: ok" in offline.locator("#status").inner_text()
+    assert "force closure" in offline.locator("#margins").inner_text()
+
+
+def test_every_layer_of_the_file_can_be_switched(offline):
+    canvas = offline.locator("#scene")
+    everything = pixels(offline)
+    for layer in ("hand", "object", "frames", "cones", "forces", "labels", "ground"):
+        box = offline.locator(f"#layer-{layer}")
+        box.uncheck()
+        offline.wait_for_timeout(150)
+        without = pixels(offline)
+        assert differing(everything, without) > 3e-4, layer
+        if layer == "object":
+            assert yellow(pixels(canvas)) < 1e-3
+        box.check()
+        offline.wait_for_timeout(150)
+        assert differing(everything, pixels(offline)) < 1e-3, layer
+
+
+def test_the_files_arrows_grow_with_the_force(offline, run):
+    """With all else hidden, the thumb's arrow is as long on the screen as its force is large."""
+    scene = scene_of(run)
+    for layer in ("hand", "object", "frames", "cones", "labels", "ground"):
+        offline.locator(f"#layer-{layer}").uncheck()
+    offline.evaluate("() => { for (const id of ['caption', 'legend']) document.getElementById(id).style.visibility = 'hidden'; }")
+
+    def length(frame: int) -> float:
+        slide(offline, frame)
+        r, g, b = np.moveaxis(pixels(offline.locator("#scene")), 2, 0)
+        rows, columns = np.nonzero((b > 0.4) & (r < 0.25) & (g < 0.6))
+        return float(np.hypot(np.ptp(rows), np.ptp(columns))) if rows.size else 0.0
+
+    last = len(scene.times) - 1
+    half = int(np.abs(scene.normal[:, 0] - 0.5 * scene.normal[last, 0]).argmin())
+    assert length(0) == 0.0
+    whole = length(last)
+    assert whole > 60
+    assert length(half) / whole == pytest.approx(scene.normal[half, 0] / scene.normal[last, 0], abs=0.08)
+
+
+def test_the_file_plays_turns_and_scales_its_arrows(offline):
+    canvas = offline.locator("#scene")
+    slide(offline, 0)
+    offline.locator("#play").click()
+    offline.wait_for_function("() => +document.getElementById('slider').value > 10")
+    offline.locator("#play").click()
+    value = offline.locator("#slider").input_value()
+    offline.wait_for_timeout(300)
+    assert offline.locator("#slider").input_value() == value and int(value) > 10
+    slide(offline, 235)
+    before = pixels(canvas)
+    offline.locator("#slide-scale").evaluate("e => { e.value = +e.min; e.dispatchEvent(new Event('input')); }")
+    offline.wait_for_timeout(150)
+    short = pixels(canvas)
+    assert differing(before, short) > 1e-3
+    box = canvas.bounding_box()
+    offline.mouse.move(box["x"] + 300, box["y"] + 300)
+    offline.mouse.down()
+    offline.mouse.move(box["x"] + 420, box["y"] + 280, steps=4)
+    offline.mouse.up()
+    offline.wait_for_timeout(150)
+    assert differing(short, pixels(canvas)) > 0.05
+    offline.mouse.dblclick(box["x"] + 300, box["y"] + 300)
+    offline.wait_for_timeout(150)
+    assert differing(short, pixels(canvas)) < 1e-3  # back to where it was
+
+
+def test_the_file_shows_the_simulation(chromium, run, simulation, tmp_path):
+    path = save_html(run, tmp_path / "both.html", simulation=simulation)
+    assert path.stat().st_size < 5e6
+    with page_of(chromium, path.as_uri()) as page:
+        page.wait_for_function("() => document.body.dataset.drawn !== undefined")
+        assert "simulation: HELD" in page.locator("#panel").inner_text()
+        canvas = page.locator("#scene")
+        beside = pixels(canvas)
+        half = beside.shape[1] // 2
+        assert yellow(beside[:, :half]) > 2e-3 and yellow(beside[:, half:]) > 2e-3  # an object on either side
+        page.locator("#layer-simulation").uncheck()
+        page.wait_for_timeout(150)
+        alone = pixels(canvas)
+        assert yellow(alone[:, :half]) > 2e-3 and yellow(alone[:, half:]) < 1e-4
+        page.locator("#layer-simulation").check()
+        page.locator("#layer-beside").uncheck()  # over the plan, and the plan to the middle
+        page.wait_for_timeout(150)
+        over = pixels(canvas)
+        assert differing(over, alone) > 0.05 and yellow(over[:, : half // 3]) < 1e-4
+
+
+@pytest.fixture
+def live(run):
+    pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
+    with view(run, port=0, open_browser=False) as viewer:
+        yield viewer
+
+
+def settled(page, done, timeout: float = 120.0) -> np.ndarray:
+    """The picture once it is as wanted: the page fades in, slowly where graphics are computed."""
+    until = time.monotonic() + timeout
+    while True:
+        picture = pixels(page)
+        if done(picture):
+            return picture
+        assert time.monotonic() < until, "the live page does not come to show what it should"
+        page.wait_for_timeout(500)
+
+
+def test_the_live_page_draws_follows_time_and_switches_layers(chromium, live):
+    with page_of(chromium, live.url, 1100, 400) as page:
+        closed = settled(page, lambda picture: yellow(picture) > 5e-3)
+        assert "1.000 s" in page.inner_text("body") and "plan: ok" in page.inner_text("body")
+        page.wait_for_timeout(3000)
+        closed = pixels(page)
+        left = np.s_[:, : closed.shape[1] // 2]  # the panel is on the right
+        live.show(0.4)
+        page.wait_for_function("() => document.body.innerText.includes('Approach')")
+        settled(page, lambda picture: differing(picture[left], closed[left]) > 0.01)
+        assert live.time == pytest.approx(0.4, abs=0.01)
+        slider = page.get_by_role("slider").first
+        slider.focus()
+        page.keyboard.press("Home")
+        page.wait_for_function("() => document.body.innerText.includes('0.000 s')")
+        assert live.time == 0.0
+        page.get_by_role("checkbox", name="object").first.uncheck()
+        settled(page, lambda picture: yellow(picture) < 1e-3)
+
+
+def test_the_live_page_plays_and_closes(live):
+    live.show(0.0)
+    live.play()
+    until = time.monotonic() + 20
+    while live.time < 0.05 and time.monotonic() < until:
+        time.sleep(0.05)
+    assert live.time >= 0.05
+    live.pause()
+    live.show(1.0)
+    assert live.time == 1.0
+    live.close()
+    live.close()
+    with pytest.raises(OSError):
+        import urllib.request
+
+        urllib.request.urlopen(live.url, timeout=2)
+
+
+def test_a_plan_shows_itself(plan):
+    pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
+    with plan.show(port=0, open_browser=False) as viewer:
+        assert viewer.url.startswith("http://localhost:") and viewer.time == 1.0
+
+
+def test_planning_does_not_need_the_viewer(make_problem):
+    """Neither does importing the page's writer need viser: it is looked for where the live page starts."""
+    script = "import sys; import pinograsp.plan, pinograsp.viz.viewer; assert 'viser' not in sys.modules"
+    subprocess.run([sys.executable, "-c", script], check=True)
+    assert isinstance(make_problem(), ForceProblem)
