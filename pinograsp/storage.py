@@ -182,7 +182,7 @@ def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
 def newest_check(folder: str | Path) -> Path | None:
     """The folder of the last simulation of a run, where there is one below the run's own."""
     checks = [path.parent for path in Path(folder).glob("*/check.json")]
-    return max(checks, key=lambda path: (path / "check.json").stat().st_mtime) if checks else None
+    return max(checks, key=lambda path: (path / "check.json").stat().st_mtime_ns, default=None)
 
 
 def load_check(folder: str | Path) -> tuple[dict, dict[str, np.ndarray]]:
@@ -193,7 +193,9 @@ def load_check(folder: str | Path) -> tuple[dict, dict[str, np.ndarray]]:
         with np.load(folder / "check.npz", allow_pickle=False) as stored:
             return summary, {name: stored[name] for name in stored.files}
     except Exception as error:  # the readers raise whatever comes of a broken file
-        raise InvalidInput(f"'{folder}' holds no readable check: {type(error).__name__}: {error}") from error
+        raise InvalidInput(
+            f"simulation: expected a folder that 'pinograsp check' wrote, got '{folder}' ({type(error).__name__}: {error})"
+        ) from error
 
 
 def check_folder(folder: str | Path, force: bool) -> None:

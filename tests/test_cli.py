@@ -382,3 +382,28 @@ def test_the_catalogue_is_listed_within_seconds(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "so101" in done.stdout and float(done.stdout.rsplit("took", 1)[1]) < 10  # 2 s on a laptop
     assert done.stderr == "" and list(tmp_path.iterdir()) == []
+
+
+def test_bench_tells_times_of_this_machine(command):
+    code, out, err = command("bench", "--contacts", "3", "--contacts", "6", "--json")
+    told = json.loads(out)
+    assert code == 0 and told["compiled"] and [row["contacts"] for row in told["rows"]] == [3, 6]
+    for row in told["rows"]:
+        assert 0 < row["online_step_us"] < row["optimize_forces_us"] < 1e5 and 0 < row["batch_per_problem_us"] < 1e5
+    code, out, _ = command("bench", "--contacts", "4")
+    assert code == 0 and len(out.splitlines()) == 2 and "online_step_us" in out
+    code, _, err = command("bench", "--contacts", "2")
+    assert code == 2 and "at least 3" in err
+
+
+def test_quiet_and_verbose(command):
+    code, out, err = command("--quiet", "hands")
+    assert (code, out, err) == (0, "", "")
+    code, out, err = command("--verbose", "plan", "nothing_like_it")
+    assert code == 2 and "Traceback" in err and "no case 'nothing_like_it'" in err
+    code, out, err = command("plan", "nothing_like_it")
+    assert code == 2 and "Traceback" not in err
+
+
+def test_shells_can_complete(command):
+    assert "--install-completion" in command("--help")[1]

@@ -36,12 +36,12 @@ def view(
 
       pinograsp view runs/paper --port 9000 --no-browser
     """
-    from pinograsp.storage import load_run
+    from pinograsp.storage import load_run, newest_check
 
     if html is not None and html.exists() and not force:
         raise ResultsNotWritten(f"'{html}' already exists: choose another --html, or overwrite it with --force")
     loaded = load_run(run)
-    simulation = check if check is not None else _latest(run)
+    simulation = check if check is not None else newest_check(run)
     if html is not None:
         from pinograsp.viz.viewer import save_html
 
@@ -59,9 +59,3 @@ def view(
             viewer.wait()
         except KeyboardInterrupt:
             typer.echo("")
-
-
-def _latest(run: Path) -> Path | None:
-    """The check that was written last into a run's folder."""
-    checks = [path.parent for path in run.glob("*/check.npz")]
-    return max(checks, key=lambda path: (path / "check.npz").stat().st_mtime_ns, default=None)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import binomtest
 
 from pinograsp.checks import array_of, number, read_only
 from pinograsp.errors import InvalidInput, Status
@@ -44,6 +43,8 @@ class Reliability:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % confidence interval of the probability (Wilson's score); undecided samples count as lost."""
+        from scipy.stats import binomtest  # slow to import
+
         low, high = binomtest(int(self.held.sum()), len(self.held)).proportion_ci(0.95, method="wilson")
         return float(low), float(high)
 

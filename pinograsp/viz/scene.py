@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from pinograsp.contacts.friction import Friction
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.spatial import tangent_frame
-from pinograsp.storage import Run
+from pinograsp.storage import Run, load_check
 from pinograsp.viz.figures import COLOURS
 from pinograsp.viz.scene_meshes import Links, Solid, Triangles, cloud_of, friction_cone, placed, sevens, solids_of
 
@@ -347,15 +346,7 @@ def _facts(s: dict):
 def _check_of(simulation, n: int) -> dict:
     """Summary and arrays of a simulation, or of the folder that ``pinograsp check`` wrote."""
     if isinstance(simulation, str | Path):
-        folder = Path(simulation)
-        try:
-            summary = json.loads((folder / "check.json").read_text(encoding="utf-8"))
-            with np.load(folder / "check.npz", allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-        except Exception as error:  # the readers raise whatever comes of a broken file
-            raise InvalidInput(
-                f"simulation: expected a folder that 'pinograsp check' wrote, got '{folder}' ({type(error).__name__}: {error})"
-            ) from error
+        summary, arrays = load_check(simulation)
     elif hasattr(simulation, "summary") and hasattr(simulation, "arrays"):
         summary, arrays = simulation.summary(), simulation.arrays()
     else:
