@@ -171,3 +171,25 @@ def test_unusable_sets(make_problem):
 def test_crossed_bounds(make_problem):
     problem = make_problem(balance="wrench", max_normal_force=1e-3)
     assert optimize_robust(problem, LoadSet(wrenches=[problem.load]), 0.8).status is Status.INFEASIBLE
+
+
+def test_the_load_that_cannot_be_held_is_found_in_bulk(make_problem, monkeypatch):
+    """With the compiled solvers loaded all loads are looked at together: the proof is of the same load."""
+    import sys
+
+    import pinograsp as pg
+    from pinograsp.forces import batch
+
+    problem = make_problem(balance="wrench", friction=CONE)
+    load = np.array(problem.load)
+    loads = LoadSet(wrenches=[0.2 * load, 0.5 * load, 0.9 * load, 40 * load, 0.4 * load])
+    pg.warm_up()
+    asked = []
+    bulk = batch.solve_batch
+    monkeypatch.setattr(batch, "solve_batch", lambda *args, **kwargs: asked.append(bulk(*args, **kwargs)) or asked[-1])
+    found = optimize_robust(problem, loads, 0.85)
+    assert [answer.ok.tolist() for answer in asked] == [[True, True, True, False, True]]
+    monkeypatch.delitem(sys.modules, "pinograsp.forces.compiled")
+    plain = optimize_robust(problem, loads, 0.85)
+    assert len(asked) == 1 and found.status is plain.status is Status.INFEASIBLE
+    assert found.infeasibility.margin == pytest.approx(plain.infeasibility.margin, rel=1e-9) and plain.infeasibility.margin > 0

@@ -15,6 +15,7 @@ Friction coefficients within a range: the least of them is the worst case, since
 from __future__ import annotations
 
 import itertools
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -355,8 +356,7 @@ class _Robust:
             torsion = u[:, :, 2] * scale[:, 2] if self.e == 3 else np.zeros((self.s, self.k))
             normal = F * p.force_scale
         elif status is Status.INFEASIBLE:
-            for wrench in self.loads.wrenches:
-                single = replace(problem, load=wrench)
+            for single in self.suspects():
                 proof = prove(single, feasibility(single, *problem.normal_force_range(self.t)))
                 if proof is not None:
                     break
@@ -377,6 +377,16 @@ class _Robust:
             infeasibility=proof,
             elapsed=time.perf_counter() - started,
         )
+
+    def suspects(self) -> list[ForceProblem]:
+        """The loads one by one; where the compiled solvers are loaded, those that cannot be held by themselves alone."""
+        singles = [replace(self.problem, load=wrench) for wrench in self.loads.wrenches]
+        if "pinograsp.forces.compiled" not in sys.modules or self.problem.torques is not None:
+            return singles
+        from pinograsp.forces.batch import ForceBatch, solve_batch
+
+        held = solve_batch(ForceBatch.of(singles, self.t), objective="work").ok
+        return [single for single, ok in zip(singles, held) if not ok]
 
     def ball_violation(self, u: np.ndarray, F: np.ndarray, response: np.ndarray) -> float:
         """How far the worst disturbance of the ball exceeds friction or a torque limit, and the residual of A_t L = -1."""
