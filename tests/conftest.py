@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import signal
 import sys
 
 import numpy as np
@@ -17,6 +18,10 @@ from pinograsp.spatial import pose_of, tangent_frame
 # The same examples every time, and no clock in the verdict.
 settings.register_profile("deterministic", derandomize=True, deadline=None)
 settings.load_profile("deterministic")
+
+# Where tests run in the background Ctrl-C is ignored, and processes that they start would ignore it as well.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The paper's printed contact points, written out again: tests do not share the package's tables.
 POINTS = {"thumb": (-2.6e-3, -9.6e-3, 61.5e-3), "index": (4.7e-3, 8.8e-3, 71.0e-3), "middle": (1.7e-3, 9.7e-3, 50.0e-3)}

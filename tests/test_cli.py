@@ -87,7 +87,7 @@ def test_default_folders_never_collide(command, tmp_path):
 
 
 @pytest.mark.parametrize("search", ["paper", "paper+qp", "hybrid"])
-@pytest.mark.parametrize("solver", ["daqp", "clarabel"])
+@pytest.mark.parametrize("solver", ["daqp", pytest.param("clarabel", marks=pytest.mark.slow)])
 def test_searches_and_solvers(command, search, solver):
     code, out, _ = command("plan", "paper", "--json", "--search", search, "--solver", solver)
     document = json.loads(out)

@@ -1,8 +1,7 @@
-"""The numbered examples and the README's Python, run as a reader would: from a folder of their own, by themselves."""
+"""The numbered examples, run as a reader would: from a folder of their own, by themselves."""
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -48,13 +47,3 @@ def test_example_runs(path, tmp_path):
     told = run(path, tmp_path)
     for words in EXPECTED[path.name[:2]]:
         assert words in told, told
-
-
-@pytest.mark.slow
-def test_the_readmes_python_runs(tmp_path):
-    """Its blocks one after the other, as they continue each other."""
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)
-    assert len(blocks) >= 5
-    script = tmp_path / "readme.py"
-    script.write_text("\n".join(blocks), encoding="utf-8")
-    assert "ok" in run(script, tmp_path)
