@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import cvxpy as cp
 import numpy as np
 import pytest
 
+import pinograsp as pg
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import LoadSet, TorqueLimits, load_margin, optimize_forces, optimize_robust
@@ -168,16 +170,18 @@ def test_unusable_sets(make_problem):
             bad()
 
 
-def test_crossed_bounds(make_problem):
+@pytest.mark.parametrize("compiled", [False, True])
+def test_crossed_bounds(make_problem, monkeypatch, compiled):
+    if compiled:
+        pg.warm_up()
+    else:
+        monkeypatch.delitem(sys.modules, "pinograsp.forces.compiled", raising=False)
     problem = make_problem(balance="wrench", max_normal_force=1e-3)
     assert optimize_robust(problem, LoadSet(wrenches=[problem.load]), 0.8).status is Status.INFEASIBLE
 
 
 def test_the_load_that_cannot_be_held_is_found_in_bulk(make_problem, monkeypatch):
     """With the compiled solvers loaded all loads are looked at together: the proof is of the same load."""
-    import sys
-
-    import pinograsp as pg
     from pinograsp.forces import batch
 
     problem = make_problem(balance="wrench", friction=CONE)

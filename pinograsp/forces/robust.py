@@ -381,7 +381,8 @@ class _Robust:
     def suspects(self) -> list[ForceProblem]:
         """The loads one by one; where the compiled solvers are loaded, those that cannot be held by themselves alone."""
         singles = [replace(self.problem, load=wrench) for wrench in self.loads.wrenches]
-        if "pinograsp.forces.compiled" not in sys.modules or self.problem.torques is not None:
+        low, high = self.problem.normal_force_range(self.t)
+        if "pinograsp.forces.compiled" not in sys.modules or self.problem.torques is not None or np.any(low > high):
             return singles
         from pinograsp.forces.batch import ForceBatch, solve_batch
 
