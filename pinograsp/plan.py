@@ -191,8 +191,11 @@ class GraspPlan:
             "stiffness_N_m": np.asarray(stiffness.matrix).tolist(),
         }
 
-    def _margins_around(self) -> tuple[np.ndarray, np.ndarray]:
-        """Unit vectors (3, d, 3) around the planes xy, xz, yz, and the largest force along each on top of the load (3, d) [N]."""
+    def margins_around(self) -> dict[str, np.ndarray]:
+        """Forces that may come on top of the load while the squeeze stays, around the planes xy, xz, yz.
+
+        ``margin_directions``: unit vectors (3, d, 3); ``margin_forces``: the largest force along each (3, d) [N].
+        """
         problem = replace(self.problem, friction=replace(self.problem.friction, safety=1.0))
 
         def margin(direction) -> float:
@@ -208,12 +211,12 @@ class GraspPlan:
                 size = np.where(share > 0, reach[axis, 1.0], reach[axis, -1.0])
                 directions[plane][:, axis] = share * np.maximum(size, 1e-3 * max(1e-3, *reach.values()))
         directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-        return directions, np.array([[margin(direction) for direction in plane] for plane in directions])
+        forces = np.array([[margin(direction) for direction in plane] for plane in directions])
+        return {"margin_directions": directions, "margin_forces": forces}
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The plan's arrays: shapes and units as in :class:`~pinograsp.motion.Motion` and the contact set."""
         motion, contacts, compliance = self.motion, self.problem.contacts, self.problem.compliance
-        directions, margins = self._margins_around()
         profile = self.forces.profile
         depth, rate = profile.depth(motion.times), profile.rate(motion.times)
         return {
@@ -243,9 +246,6 @@ class GraspPlan:
             "contact_links": np.array([contact.link for contact in contacts]),
             "torque_limit": self.hand.effort_or_infinity if self.problem.torques is None else self.problem.torques.limit,
             # Branch and bound: start and end of each interval of t_I [s], its proven bound, the best objective then.
-            # Largest forces along directions in the planes xy, xz, yz that may come on top of the load [N], the squeeze held.
-            "margin_directions": directions,
-            "margin_forces": margins,
             "branches": np.array([(b.start, b.end, b.lower_bound, b.best) for b in self.forces.branches]).reshape(-1, 4),
         }
 

@@ -30,7 +30,7 @@ class Run:
     """A plan as data, fresh or read back: everything that reports and figures need.
 
     Attributes:
-        summary: ``GraspPlan.summary()``. arrays: ``GraspPlan.arrays()``.
+        summary: ``GraspPlan.summary()``. arrays: ``GraspPlan.arrays()`` and ``GraspPlan.margins_around()``.
         layout: names: ``{"hand", "joints": [...], "fingers": {name: [dof, ...]}, "contacts": [...]}``.
         settings: the case that made it (empty for a plan made from Python). versions: packages and their versions.
         scene: ``{"hand": hand_record(...), "object": object_record(...)}``, None for what cannot be written down; empty
@@ -72,7 +72,7 @@ def run_of(plan, settings: dict | None = None) -> Run:
     }
     return Run(
         summary=plan.summary(),
-        arrays=plan.arrays(),
+        arrays=plan.arrays() | plan.margins_around(),
         layout=layout,
         settings=settings or {},
         versions=_versions(plan.forces.solver),
@@ -147,15 +147,43 @@ def write_folder(folder: str | Path, fill: Callable[[Path], None], *, force: boo
         fill(staging)
         files = sorted(path.name for path in staging.iterdir())
         (staging / "files.txt").write_text("\n".join(files) + "\n", encoding="utf-8")
-        umask = os.umask(0)
-        os.umask(umask)
-        staging.chmod(0o777 & ~umask)  # mkdtemp makes it private; results are as readable as any other folder
+        staging.chmod(0o777 & ~_umask())  # mkdtemp makes it private; results are as readable as any other folder
         _move_into_place(staging, folder)
     except OSError as error:
         raise ResultsNotWritten(f"cannot write '{folder}': {error}") from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return folder
+
+
+def write_file(path: str | Path, content: bytes) -> Path:
+    """One file, whole or not at all: written next to its place, then renamed; returns its path.
+
+    Raises:
+        ResultsNotWritten: it cannot be written.
+    """
+    path = Path(path)
+    staging = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, staging = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+        os.chmod(staging, 0o666 & ~_umask())  # mkstemp makes it private; results are as readable as any other file
+        os.replace(staging, path)
+    except BaseException as error:
+        if staging is not None:
+            Path(staging).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
+        raise
+    return path
+
+
+def _umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
 
 
 def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:

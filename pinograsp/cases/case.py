@@ -335,16 +335,8 @@ def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = N
     """
     name = str(source)
     path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(source)
-    if not path.is_file():
-        raise CaseRejected(f"no case '{name}': expected a YAML file or one of: {', '.join(builtin_cases())}")
-    try:
-        if path.stat().st_size > _BIGGEST:
-            raise CaseRejected(f"case '{name}': {path.stat().st_size} bytes; a case file has at most {_BIGGEST}")
-        data = _parse_yaml(path.read_text(encoding="utf-8"), f"case '{name}'")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CaseRejected(f"case '{name}' cannot be read: {error}") from error
-    if not isinstance(data, dict):
-        raise CaseRejected(f"case '{name}': expected a mapping with hand, object, contacts..., got {type(data).__name__}")
+    wanted = f"a YAML file or one of: {', '.join(builtin_cases())}"
+    data = read_mapping(path, "case", name, wanted, _BIGGEST, "hand, object, contacts...")
     for key, value in _changes(changes).items():
         _put(data, key, value)
     if "folder" in data:
@@ -354,6 +346,26 @@ def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = N
     except ValidationError as error:
         lines = dict.fromkeys(_line(e) for e in error.errors())
         raise CaseRejected(f"case '{name}' is not valid: " + "; ".join(lines)) from None
+
+
+def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, keys: str) -> dict:
+    """The mapping in a YAML file of at most ``biggest`` bytes; ``kind`` and ``name`` are what errors call it.
+
+    Raises:
+        CaseRejected: no such file (``wanted`` is expected), one that cannot be read, or no mapping with ``keys``.
+    """
+    what = f"{kind} '{name}'"
+    try:
+        if not path.is_file():
+            raise CaseRejected(f"no {what}: expected {wanted}")
+        if path.stat().st_size > biggest:
+            raise CaseRejected(f"{what}: {path.stat().st_size} bytes; a {kind} file has at most {biggest}")
+        data = _parse_yaml(path.read_text(encoding="utf-8"), what)
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseRejected(f"{what} cannot be read: {error}") from error
+    if not isinstance(data, dict):
+        raise CaseRejected(f"{what}: expected a mapping with {keys}, got {type(data).__name__}")
+    return data
 
 
 def _parse_yaml(text: str, what: str):

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
-from pinograsp.cases.case import Case, NotNegative, Positive, _parse_yaml, _put, _Section, load_case
+from pinograsp.cases.case import Case, NotNegative, Positive, _put, _Section, load_case, read_mapping
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
@@ -323,16 +323,8 @@ def load_sweep(source: str | Path | dict) -> SweepSpec:
     if not isinstance(source, dict):
         path = Path(source)
         name, folder = str(path), path.resolve().parent
-        try:
-            if not path.is_file():
-                raise CaseRejected(f"no sweep '{name}': expected a YAML file with case, over, samples")
-            if path.stat().st_size > _BIGGEST:
-                raise CaseRejected(f"sweep '{name}': {path.stat().st_size} bytes; a sweep file has at most {_BIGGEST}")
-            data = _parse_yaml(path.read_text(encoding="utf-8"), f"sweep '{name}'")
-        except (OSError, UnicodeDecodeError) as error:
-            raise CaseRejected(f"sweep '{name}' cannot be read: {error}") from error
-        if not isinstance(data, dict):
-            raise CaseRejected(f"sweep '{name}': expected a mapping with case, over, samples, got {type(data).__name__}")
+        keys = "case, over, samples"
+        data = read_mapping(path, "sweep", name, f"a YAML file with {keys}", _BIGGEST, keys)
     for key in ("name", "folder"):
         if key in data:
             raise CaseRejected(f"sweep '{name}': {key}: unknown key")

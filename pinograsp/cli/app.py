@@ -19,6 +19,8 @@ app = typer.Typer(
     help="Grasp forces in newtons, joint torques and trajectories for robotic hands.",
 )
 
+HELD = ("ok", "unbalanced")  # statuses of plans that are usable
+
 # Options that commands share.
 Root = Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand, on an arm or a robot.")]
 At = Annotated[

@@ -10,10 +10,8 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from pinograsp.cli.app import At, FrictionModel, Hulls, Json, Mu, Root, Safety, Samples, Seed, Wrap, app, errors_told, fresh_folder
+from pinograsp.cli.app import HELD, At, FrictionModel, Hulls, Json, Mu, Root, Safety, Samples, Seed, Wrap, app, errors_told, fresh_folder
 from pinograsp.errors import GraspInfeasible, InvalidInput, Status
-
-_DONE = ("ok", "unbalanced")
 
 
 class _Placing(NamedTuple):
@@ -221,7 +219,7 @@ def _finish(run, folder: Path, force: bool, as_json: bool) -> None:
         _print(run, folder)
     if run.summary["status"] == "interrupted":
         raise typer.Exit(130)
-    if run.summary["status"] not in _DONE:
+    if run.summary["status"] not in HELD:
         raise typer.Exit(3)
 
 

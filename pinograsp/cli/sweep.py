@@ -9,9 +9,7 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, app, errors_told
-
-_HELD = ("ok", "unbalanced")
+from pinograsp.cli.app import HELD, Json, app, errors_told
 
 
 @app.command()
@@ -48,7 +46,7 @@ def sweep(
         _print(done)
     if done.interrupted:
         raise typer.Exit(130)
-    if not any(done.counts.get(status) for status in _HELD):
+    if not any(done.counts.get(status) for status in HELD):
         raise typer.Exit(3)
 
 

@@ -16,9 +16,10 @@ import numpy as np
 from pinograsp.checks import array_of, one_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import controls
-from pinograsp.handover.files import write, yaml_of
 from pinograsp.handover.quintic import between, interpolated
+from pinograsp.handover.yaml_text import yaml_of
 from pinograsp.hands.coupling import Coupling
+from pinograsp.storage import write_file
 
 _FIELDS = {"position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "effort"}
 _MESSAGE = {"positions": "q", "velocities": "dq", "accelerations": "ddq", "effort": "effort"}
@@ -117,7 +118,7 @@ class JointTrajectory:
         table.writerow(["time", *(f"{name}/{kind}" for kind in _FIELDS for name in own.names)])
         rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in _FIELDS.values())])
         table.writerows([repr(value) for value in row] for row in rows.tolist())
-        write(Path(path), text.getvalue().encode())
+        write_file(path, text.getvalue().encode())
         return own
 
     def to_ros2(
@@ -152,7 +153,7 @@ class JointTrajectory:
         message = {"trajectory": message} if goal else message
         if path is not None:
             text = json.dumps(message, allow_nan=False) + "\n" if Path(path).suffix == ".json" else yaml_of(message)
-            write(Path(path), text.encode())
+            write_file(path, text.encode())
         return message
 
     def to_mujoco(self, path: str | Path, *, model=None, qpos=None, feed_forward: bool = True, prefix: str = "") -> JointTrajectory:
@@ -207,9 +208,9 @@ class JointTrajectory:
             lines.append(f'<key name="{name}" {text}/>')
         archive = io.BytesIO()
         np.savez_compressed(archive, **arrays, **{kind: np.array(values, dtype=str) for kind, values in names.items()})
-        write(path.with_suffix(".npz"), archive.getvalue())
+        write_file(path.with_suffix(".npz"), archive.getvalue())
         inner = "\n".join(f"    {line}" for line in lines)
-        write(path, f"<mujoco>\n  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>\n".encode())
+        write_file(path, f"<mujoco>\n  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>\n".encode())
         return replace(self, notes=(*self.notes, *notes))
 
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import base64
 import json
-import os
-import tempfile
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
-from pinograsp.errors import ResultsNotWritten
-from pinograsp.storage import Run
+from pinograsp.storage import Run, write_file
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, arrow
 
@@ -26,24 +23,7 @@ def save_html(run: Run, path: str | Path, *, simulation=None) -> Path:
     Raises:
         InvalidInput, HandNotLoaded: as there. ResultsNotWritten: the file cannot be written.
     """
-    page = _page(scene_of(run, simulation))
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                stream.write(page)
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(name, 0o666 & ~umask)  # mkstemp makes it private; a page is as readable as any other file
-            os.replace(name, path)
-        except BaseException:
-            os.unlink(name)
-            raise
-    except OSError as error:
-        raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
-    return path
+    return write_file(path, _page(scene_of(run, simulation)).encode())
 
 
 class _Bytes:

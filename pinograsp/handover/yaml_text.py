@@ -1,31 +1,8 @@
-"""Files of a hand-over, written whole or not at all."""
+"""A ROS 2 message as YAML text."""
 
 from __future__ import annotations
 
 import json
-import os
-import tempfile
-from pathlib import Path
-
-from pinograsp.errors import ResultsNotWritten
-
-
-def write(path: Path, content: bytes) -> None:
-    """Whole or not at all: written next to its place, then renamed."""
-    staging = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, staging = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(staging, 0o666 & ~umask)  # mkstemp makes it private
-        os.replace(staging, path)
-    except OSError as error:
-        if staging is not None:
-            Path(staging).unlink(missing_ok=True)
-        raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
 
 
 def yaml_of(message: dict) -> str:
