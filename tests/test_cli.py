@@ -69,21 +69,17 @@ def test_json_is_one_object_and_nothing_else(command, tmp_path):
     assert stored["settings"]["forces"]["measure"] == "work"
 
 
-def test_existing_folder_needs_force(command, tmp_path):
-    assert command("plan", "paper", "--json", "--out", "a")[0] == 0
-    before = (tmp_path / "a" / "plan.json").read_bytes()
-    code, out, err = command("plan", "paper", "--out", "a")
-    assert code == 2 and "--force" in err and out == ""
-    assert (tmp_path / "a" / "plan.json").read_bytes() == before
-    assert command("plan", "paper", "--json", "--out", "a", "--force", "--balance", "wrench")[0] == 0
-    assert (tmp_path / "a" / "plan.json").read_bytes() != before
-
-
-def test_default_folders_never_collide(command, tmp_path):
+def test_folders_never_collide_and_replacing_one_needs_force(command, tmp_path):
     for expected in ("paper", "paper-2"):
         code, out, _ = command("plan", "paper", "--json")
         assert code == 0 and json.loads(out)["folder"] == os.path.join("runs", expected)
     assert sorted(os.listdir(tmp_path / "runs")) == ["paper", "paper-2"]
+    before = (tmp_path / "runs" / "paper" / "plan.json").read_bytes()
+    code, out, err = command("plan", "paper", "--out", "runs/paper")
+    assert code == 2 and "--force" in err and out == ""
+    assert (tmp_path / "runs" / "paper" / "plan.json").read_bytes() == before
+    assert command("plan", "paper", "--json", "--out", "runs/paper", "--force", "--balance", "wrench")[0] == 0
+    assert (tmp_path / "runs" / "paper" / "plan.json").read_bytes() != before
 
 
 @pytest.mark.parametrize("search", ["paper", "paper+qp", "hybrid"])

@@ -53,6 +53,7 @@ def test_motion_carries_the_forces_out(hand):
     assert np.abs(plan.motion.torques[-1] - without).max() > 4e-4
 
 
+@pytest.mark.slow
 def test_torque_limits_of_a_plan_hold_at_the_end():
     settings = {**CONVEX, "forces.balance": "force"}  # in wrench balance three contacts leave no room
     free = load_case("paper", settings).plan()

@@ -78,7 +78,7 @@ def normal_force(plan, **disturbance) -> float:
     return float(run.normal_forces[run.times > run.times[-1] - 0.06].mean(axis=0).sum())
 
 
-@pytest.mark.parametrize("shape", ["cylinder", "sphere"])
+@pytest.mark.parametrize("shape", [pytest.param("cylinder", marks=pytest.mark.slow), "sphere"])
 def test_slip_threshold_is_the_weight_over_the_normal_forces(plan, planned, shape):
     if shape == "sphere":
         plan = planned(2, pg.Sphere(radius=0.025, mass=0.2))
@@ -95,6 +95,7 @@ def test_slip_threshold_is_the_weight_over_the_normal_forces(plan, planned, shap
     assert "holds with mu" in found.describe()
 
 
+@pytest.mark.slow
 def test_load_threshold_is_the_friction_over_the_weight(plan):
     found = load_threshold(plan, tolerance=0.004, planned=SAFETY, **QUICK)
     exact = MU * normal_force(plan, mass_factor=found.held) / (0.3 * G)
@@ -104,6 +105,7 @@ def test_load_threshold_is_the_friction_over_the_weight(plan):
     json.dumps(found.summary(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_brackets_beyond_the_plan(task):
     """Twice the load needs more friction than planned; thresholds do not depend on jobs."""
     heavy = Disturbance(mass_factor=2.0)
