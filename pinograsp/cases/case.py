@@ -35,11 +35,11 @@ Range = Annotated[tuple[Positive, Positive], AfterValidator(_increasing)]
 Angles = dict[str, tuple[float, ...]]
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class HandSection(_Section):
+class HandSection(Section):
     """Which hand, where, with which names and limits."""
 
     source: str
@@ -51,7 +51,7 @@ class HandSection(_Section):
     xacro_args: dict[str, Any] = {}
 
 
-class ObjectSection(_Section):
+class ObjectSection(Section):
     """A sphere or a cylinder; the position is the centre of mass."""
 
     shape: Literal["cylinder", "sphere"]
@@ -68,7 +68,7 @@ class ObjectSection(_Section):
         return self
 
 
-class ContactSection(_Section):
+class ContactSection(Section):
     """One contact: finger, point, and for several contacts of a finger the touching link and its contact length."""
 
     finger: str
@@ -77,7 +77,7 @@ class ContactSection(_Section):
     length_mm: Positive | None = None
 
 
-class FrictionSection(_Section):
+class FrictionSection(Section):
     """Friction model; ``safety`` divides mu, ``torsion_mm`` is the largest moment per newton of normal force."""
 
     mu: NotNegative
@@ -93,13 +93,13 @@ class FrictionSection(_Section):
         return self
 
 
-class ComplianceSection(_Section):
+class ComplianceSection(Section):
     stiffness: Positive = 5.0e4
     damping: NotNegative = 100.0
     exponent: Positive = 1.5
 
 
-class DecelerationSection(_Section):
+class DecelerationSection(Section):
     """Shape of the deceleration over the grasp phase: exactly one of the three."""
 
     linear: tuple[float, float] | None = None
@@ -120,7 +120,7 @@ class DecelerationSection(_Section):
         return DecelerationShape.sampled(self.sampled)
 
 
-class LimitsSection(_Section):
+class LimitsSection(Section):
     """Eqs. (13) and (14); caps, torque limits and other decelerations than the constant one need the convex search."""
 
     final_time: Positive = 1.0
@@ -139,7 +139,7 @@ class LimitsSection(_Section):
         return self
 
 
-class ForcesSection(_Section):
+class ForcesSection(Section):
     search: Literal[(*SEARCHES, "convex")] = "hybrid"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Literal["impulse", "work"] = "impulse"
@@ -148,7 +148,7 @@ class ForcesSection(_Section):
     moment_length_mm: Positive | None = None
 
 
-class Steps(_Section):
+class Steps(Section):
     """start, start + step, ... up to stop."""
 
     start: float
@@ -156,14 +156,14 @@ class Steps(_Section):
     step: Positive
 
 
-class GridSection(_Section):
+class GridSection(Section):
     impact_times: Steps | tuple[float, ...] = Steps(start=0.80, stop=0.95, step=0.05)
     accelerations: Steps | tuple[float, ...] = Steps(start=0.01, stop=1.0, step=0.005)
     multipliers: Steps | tuple[float, ...] = Steps(start=-1.0, stop=1.0, step=0.1)
     net_force_limit: NotNegative = 0.1
 
 
-class MotionSection(_Section):
+class MotionSection(Section):
     """Postures and sampling. ``touch``: what of a link is at its contact point: the end of its length l_c, on the line along it
     (the paper), or its surface, as where the plan is to be simulated."""
 
@@ -176,7 +176,7 @@ class MotionSection(_Section):
     acceleration_at_start: Literal["rest", "paper"] = "rest"
 
 
-class Case(_Section):
+class Case(Section):
     """A whole case. ``folder`` is where relative hand paths start (the case file's own)."""
 
     schema_: Literal[1] = Field(1, alias="schema")
@@ -338,14 +338,19 @@ def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = N
     wanted = f"a YAML file or one of: {', '.join(builtin_cases())}"
     data = read_mapping(path, "case", name, wanted, _BIGGEST, "hand, object, contacts...")
     for key, value in _changes(changes).items():
-        _put(data, key, value)
+        put_value(data, key, value)
     if "folder" in data:
         raise CaseRejected(f"case '{name}': folder: unknown key")
+    return validated(Case, {**data, "folder": path.resolve().parent}, f"case '{name}'")
+
+
+def validated(kind: type[Section], data: dict, what: str):
+    """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` names all that is wrong with ``what``."""
     try:
-        return Case.model_validate({**data, "folder": path.resolve().parent})
+        return kind.model_validate(data)
     except ValidationError as error:
         lines = dict.fromkeys(_line(e) for e in error.errors())
-        raise CaseRejected(f"case '{name}' is not valid: " + "; ".join(lines)) from None
+        raise CaseRejected(f"{what} is not valid: " + "; ".join(lines)) from None
 
 
 def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, keys: str) -> dict:
@@ -387,7 +392,7 @@ def _changes(changes) -> dict[str, Any]:
     return parsed
 
 
-def _put(data: dict, key: str, value) -> None:
+def put_value(data: dict, key: str, value) -> None:
     *parents, last = key.split(".")
     for i, parent in enumerate(parents):
         inner = data.setdefault(parent, {}) if isinstance(data, dict) else None

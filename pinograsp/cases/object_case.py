@@ -8,23 +8,28 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from pinograsp.cases.case import NotNegative, _Section
+from pinograsp.cases.case import NotNegative, Section, validated
 from pinograsp.contacts import FRICTION_MODELS, Closure, Friction, close_hand
-from pinograsp.errors import InvalidInput
 from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
-from pinograsp.placement import find_placements
+from pinograsp.placement import PlacementSearch, find_placements
 from pinograsp.plan import GraspPlan, plan_grasp
 from pinograsp.spatial import pose_of, rotation_rpy
 
 _TORSION = 5e-3  # [m] of soft fingers, as on the command line
 
 
-class ObjectCase(_Section):
+def _pose(at: tuple[float, ...]) -> tuple[float, ...]:
+    if len(at) not in (3, 6):
+        raise ValueError(f"expected x, y, z or x, y, z, roll, pitch, yaw [m, deg], got {len(at)} numbers")
+    return at
+
+
+class ObjectCase(Section):
     """The options of ``pinograsp plan``, by their names.
 
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields, ``{"shape": "sphere", "radius": 0.03, ...}``.
@@ -35,7 +40,7 @@ class ObjectCase(_Section):
     hand: str
     object: str | dict[str, Any]
     root: str | None = None
-    at: tuple[float, ...] | None = None
+    at: Annotated[tuple[float, ...], AfterValidator(_pose)] | None = None
     mu: NotNegative = 0.7
     friction: Literal[FRICTION_MODELS] = "cone"
     safety: Annotated[float, Field(ge=1)] = 1.0
@@ -49,6 +54,15 @@ class ObjectCase(_Section):
     objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
     solver: Literal[FORCE_SOLVERS] = "auto"
     folder: Path = Field(Path("."), exclude=True)
+
+    @classmethod
+    def of(cls, **values) -> ObjectCase:
+        """From keyword arguments.
+
+        Raises:
+            CaseRejected: values that cannot be used, all of them named at once.
+        """
+        return validated(cls, values, "hand and object")
 
     def settings(self) -> dict:
         """As plain values, defaults filled in."""
@@ -67,29 +81,31 @@ class ObjectCase(_Section):
             fields["path"] = path
         return object_from(f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items()))
 
+    def placements(self, *, jobs: int | None = None, progress: bool | None = None) -> PlacementSearch:
+        """Where the hand may come to the object: see :func:`~pinograsp.placement.find_placements`."""
+        return find_placements(
+            self.load_hand(), self.make_object(), count=self.samples, seed=self.seed, wrap=self.wrap, jobs=jobs, progress=progress,
+            **self._friction(),
+        )  # fmt: skip
+
     def closure(self) -> Closure:
-        """The hand closed on the object, at ``at`` or at the best placement found."""
-        hand, thing = self.load_hand(), self.make_object()
+        """The hand closed on the object, at ``at`` or at the best placement found (in this process)."""
         if self.at is None:
-            found = find_placements(
-                hand, thing, count=self.samples, seed=self.seed, wrap=self.wrap, jobs=1, progress=False, **self._friction()
-            )
+            found = self.placements(jobs=1, progress=False)
             if found.interrupted:
                 raise KeyboardInterrupt
             return found.best.closure
-        if len(self.at) not in (3, 6):
-            raise InvalidInput(f"at: expected x, y, z or x, y, z, roll, pitch, yaw [m, deg], got {len(self.at)} numbers")
         turn = rotation_rpy(*np.radians(self.at[3:])) if len(self.at) == 6 else None
-        return close_hand(hand, thing.placed(pose_of(self.at[:3], turn)), wrap=self.wrap)
+        return close_hand(self.load_hand(), self.make_object().placed(pose_of(self.at[:3], turn)), wrap=self.wrap)
 
     def problem(self) -> ForceProblem:
         """The force problem of the closed hand, without torque limits."""
         closure = self.closure()
         return ForceProblem.holding(closure.object, closure.contacts(), **self._friction(), **self._chosen())
 
-    def plan(self, *, progress: bool | None = None) -> GraspPlan:
-        """Close the hand and plan: see :func:`~pinograsp.plan.plan_grasp`."""
-        closure = self.closure()
+    def plan(self, closure: Closure | None = None, *, progress: bool | None = None) -> GraspPlan:
+        """Close the hand, unless ``closure`` is it closed already, and plan: see :func:`~pinograsp.plan.plan_grasp`."""
+        closure = self.closure() if closure is None else closure
         return plan_grasp(
             closure.hand, closure, search=self.search, solver=None if self.solver == "auto" else self.solver,
             objective=self.objective, progress=progress, **self._friction(), **self._chosen(),

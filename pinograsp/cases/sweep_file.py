@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
-from pinograsp.cases.case import Case, NotNegative, Positive, _put, _Section, load_case, read_mapping
+from pinograsp.cases.case import Case, NotNegative, Positive, Section, load_case, put_value, read_mapping
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
@@ -37,7 +37,7 @@ Pair = Annotated[tuple[float, float], AfterValidator(_rising)]
 PositivePair = Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
 
 
-class Span(_Section):
+class Span(Section):
     """``steps`` values from ``from`` to ``to``, both included, evenly spaced or with even ratios (``log``)."""
 
     from_: float = Field(alias="from")
@@ -56,7 +56,7 @@ class Span(_Section):
         return made.tolist()
 
 
-class Draw(_Section):
+class Draw(Section):
     """How values are drawn: exactly one of the distributions. ``normal`` is mean and standard deviation."""
 
     uniform: Pair | None = None
@@ -82,7 +82,7 @@ class Draw(_Section):
         return rng.uniform(*self.uniform, size=count).tolist()
 
 
-class Samples(_Section):
+class Samples(Section):
     """``count`` random draws of all other keys, which are inputs of the case, independent of each other."""
 
     model_config = ConfigDict(extra="allow")
@@ -103,7 +103,7 @@ Values = Annotated[
 ]
 
 
-class SweepSpec(_Section):
+class SweepSpec(Section):
     """A whole sweep: a case, or a hand and an object; ``set``: fixed inputs; ``over``: a grid of all combinations; ``samples``:
     random draws, all of them at every point of the grid. ``folder`` is where relative paths start (the sweep file's own)."""
 
@@ -238,7 +238,7 @@ class SweepSpec(_Section):
         return {**told, "of": made.settings(), "hand_file_sha256": digest}
 
 
-class Base(_Section):
+class Base(Section):
     """What rows have in common, as plain values that go to other processes: ``always`` is the impact time where it is fixed."""
 
     kind: Literal["case", "object"]
@@ -369,7 +369,7 @@ def _lines(error: ValidationError, known: list[str]) -> Iterator[str]:
 def _changed(data: dict, changes: dict[str, Any]) -> dict:
     made = copy.deepcopy(data)
     for key, value in changes.items():
-        _put(made, key, copy.deepcopy(value))
+        put_value(made, key, copy.deepcopy(value))
     return made
 
 

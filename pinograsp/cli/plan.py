@@ -6,25 +6,12 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import typer
 
 from pinograsp.cli.app import HELD, At, FrictionModel, Hulls, Json, Mu, Root, Safety, Samples, Seed, Wrap, app, errors_told, fresh_folder
 from pinograsp.errors import GraspInfeasible, InvalidInput, Status
-
-
-class _Placing(NamedTuple):
-    """The options that say how the hand comes to the object."""
-
-    at: str | None
-    mu: float
-    friction: str
-    samples: int
-    seed: int
-    wrap: bool
-    safety: float
-    hulls: bool
 
 
 @app.command()
@@ -84,8 +71,9 @@ def plan(
             elif case is None and hand is not None and object is not None:
                 if changes:
                     raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-                placing = _Placing(at, mu, friction, samples, seed, wrap, safety, hulls)
-                _plan_object(hand, object, root, placing, out, options, force, as_json)
+                placing = {"mu": mu, "friction": friction, "safety": safety, "samples": samples, "seed": seed, "wrap": wrap, "hulls": hulls}
+                chosen = {key: value for key, value in options.items() if value is not None}
+                _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
             else:
                 raise InvalidInput("expected either CASE, or --hand and --object")
     except KeyboardInterrupt:
@@ -118,55 +106,30 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
     _finish(run, folder, force, as_json)
 
 
-def _plan_object(hand, spec, root, placing: _Placing, out, options: dict, force: bool, as_json: bool) -> None:
-    """Place the hand, close it on the object, plan."""
-    from pinograsp.plan import plan_grasp
-    from pinograsp.storage import check_folder, run_of
-
-    folder = out if out is not None else fresh_folder(f"{Path(hand).stem}-{spec.split(':')[0]}")
-    check_folder(folder, force)
-    closure, settings = _closed(hand, spec, root, placing, as_json)
-    chosen = {key: value for key, value in options.items() if value is not None}
-    solver, search = chosen.pop("solver", None), chosen.pop("search", None)
-    planned = plan_grasp(
-        closure.hand, closure, search=search, solver=solver, progress=False if as_json else None, **settings, **chosen
-    )
-    record = {"name": f"{hand}, {spec}", "hand": hand, "object": spec, "root": root, **placing._asdict()}
-    _finish(run_of(planned, record), folder, force, as_json)
-
-
-def _closed(hand: str, spec: str, root: str | None, placing: _Placing, quiet: bool):
-    """The hand closed on an object, where it is said to be or at the best placement found; settings of the problem."""
-    from pinograsp.contacts import Friction, close_hand
-    from pinograsp.hands import load_hand
-    from pinograsp.objects import object_from
-    from pinograsp.placement import find_placements
-
-    loaded, thing = load_hand(hand, root=root, hulls=placing.hulls), object_from(spec)
-    torsion = {"torsion": 5e-3} if placing.friction == "soft" else {}
-    settings = {"mu": placing.mu, "friction": Friction(model=placing.friction, safety=placing.safety, **torsion)}
-    if placing.at is not None:
-        return close_hand(loaded, thing.placed(_pose(placing.at)), wrap=placing.wrap), settings
-    found = find_placements(
-        loaded, thing, count=placing.samples, seed=placing.seed, wrap=placing.wrap,
-        progress=False if quiet else None, **settings,
-    )
-    return found.best.closure, settings
-
-
-def _pose(text: str):
-    """A pose from x,y,z[,roll,pitch,yaw] in m and degrees."""
-    import numpy as np
-
-    from pinograsp.spatial import pose_of, rotation_rpy
+def _object_case(hand: str, object: str, root: str | None, at: str | None, **options):
+    """The checked options of a hand and an object; ``at`` is x,y,z[,roll,pitch,yaw] in m and degrees."""
+    from pinograsp.cases.object_case import ObjectCase
 
     try:
-        values = [float(value) for value in text.split(",")]
+        place = None if at is None else tuple(float(value) for value in at.split(","))
     except ValueError:
-        values = []
-    if len(values) not in (3, 6) or not np.all(np.isfinite(values)):
-        raise InvalidInput(f"--at: expected x,y,z or x,y,z,roll,pitch,yaw [m, deg], got '{text}'")
-    return pose_of(values[:3], rotation_rpy(*np.radians(values[3:])) if len(values) == 6 else None)
+        raise InvalidInput(f"--at: expected x,y,z or x,y,z,roll,pitch,yaw [m, deg], got '{at}'") from None
+    return ObjectCase.of(hand=hand, object=object, root=root, at=place, **options)
+
+
+def _closed(case, quiet: bool):
+    """The hand closed on the object, where it is said to be or at the best placement found."""
+    return case.closure() if case.at is not None else case.placements(progress=False if quiet else None).best.closure
+
+
+def _plan_object(case, out, force: bool, as_json: bool) -> None:
+    """Place the hand, close it on the object, plan."""
+    from pinograsp.storage import check_folder, run_of
+
+    folder = out if out is not None else fresh_folder(f"{Path(case.hand).stem}-{case.object.split(':')[0]}")
+    check_folder(folder, force)
+    planned = case.plan(_closed(case, as_json), progress=False if as_json else None)
+    _finish(run_of(planned, {"name": f"{case.hand}, {case.object}", **case.settings()}), folder, force, as_json)
 
 
 @app.command()
@@ -195,8 +158,8 @@ def close(
       pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
     """
     with errors_told(as_json):
-        placing = _Placing(at, mu, friction, samples, seed, wrap, safety, hulls)
-        closure, _ = _closed(hand, object, root, placing, as_json)
+        placing = {"mu": mu, "friction": friction, "safety": safety, "samples": samples, "seed": seed, "wrap": wrap, "hulls": hulls}
+        closure = _closed(_object_case(hand, object, root, at, **placing), as_json)
     typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
     if not closure.touches:
         raise typer.Exit(3)
