@@ -304,10 +304,6 @@ class HeldCase(Case):
     def objective(self) -> str | dict | None:
         return self.forces.objective
 
-    @property
-    def search(self) -> str:
-        return self.forces.search
-
 
 _HANDS: dict[tuple, HandModel] = {}
 _HANDS_KEPT = 4

@@ -14,7 +14,7 @@ import numpy as np
 
 from pinograsp.cases.sweep_file import Base
 from pinograsp.errors import ExtraMissing, GraspInfeasible, InvalidInput, NoGrasp, PinograspError, PlacementNotFound, Status
-from pinograsp.forces import ForceBatch, solve_batch, warm_up
+from pinograsp.forces import ForceBatch, solve_batch
 
 # Columns beside index and inputs, with their kinds; empty where a row has no such figure.
 FIGURES = {
@@ -84,13 +84,6 @@ def _base(payload: str) -> Base:
     return Base.model_validate_json(payload)
 
 
-@functools.lru_cache(maxsize=1)
-def _warm() -> None:
-    """The compiled solvers, once per process, where they are installed."""
-    with contextlib.suppress(ExtraMissing):
-        warm_up()
-
-
 def _row(make, *args) -> dict:
     """What ``make`` returns, or its failure as a row."""
     started = time.perf_counter()
@@ -114,10 +107,7 @@ def status_of(error: Exception) -> str:
 
 
 def _planned(base: Base, inputs: dict) -> dict:
-    case = base.case(inputs)
-    if case.search in (None, "convex"):
-        _warm()
-    plan = case.plan(progress=False)
+    plan = base.case(inputs).plan(progress=False)
     if plan.status is Status.INTERRUPTED:  # the search hears Ctrl-C first
         raise KeyboardInterrupt
     told = plan.summary()
@@ -144,7 +134,6 @@ def _planned(base: Base, inputs: dict) -> dict:
 
 def _forces(base: Base, rows: list[tuple[int, dict]], started: float) -> list[dict]:
     """Forces alone: one batch for all rows of one friction model, balance and objective."""
-    _warm()
     groups: dict = {}
     made = list(_in_time(started, rows, lambda inputs: _row(_problem, base, inputs)))
     for i, row in enumerate(made):

@@ -76,8 +76,7 @@ def sweep(
     Args:
         spec: a sweep file, the same as a mapping, or what :func:`~pinograsp.cases.sweep_file.load_sweep` has read.
         folder: for the rows: Parquet files, written every two seconds, whole or not at all; a new folder, or one of this sweep.
-        jobs: processes of ``"joblib"``; -1: all cores. 1: this process, where the compiled solvers, if they are installed, stay
-            in use (:func:`~pinograsp.warm_up`).
+        jobs: processes of ``"joblib"``; -1: all cores. 1: this process.
         backend: ``"joblib"``, or ``"dask"``: the cluster of ``scheduler``, an address such as ``"tcp://10.0.0.1:8786"``; its workers
             need this package, and the files of hands and meshes at the same paths.
         progress: bar on stderr: None (on a terminal), True or False.
