@@ -244,9 +244,11 @@ h1 + ul { list-style: none; padding: 0; display: grid; gap: 0.5rem; grid-templat
 h1 + ul li { border-left: 4px solid #0072B2; background: #f2f6fa; padding: 0.6rem 0.8rem; overflow-wrap: anywhere; }
 h1 + ul strong { display: block; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.9rem; }
-th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.7rem 0.25rem 0; border-bottom: 1px solid #ddd; overflow-wrap: anywhere; }
+th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.7rem 0.25rem 0; border-bottom: 1px solid #ddd; }
+td + td { overflow-wrap: anywhere; }
 figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption { font-size: 0.9rem; color: #444; }
 code { font-size: 0.9em; } pre { overflow-x: auto; background: #f5f5f5; padding: 0.6rem; }
+@media screen and (max-width: 40rem) { figure { overflow-x: auto; } figure img { max-width: none; width: 40rem; } }
 @media print { body { max-width: none; font-size: 11pt; } figure, tr, h1 + ul li { break-inside: avoid; } h2 { break-after: avoid; } }
 """
 
