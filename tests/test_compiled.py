@@ -388,3 +388,17 @@ def test_problems_go_to_other_processes(contact_set):
         again = optimize_forces(there.problem, 0.85, solver="interior")
         assert again.certificate.primal == pytest.approx(found.certificate.primal, rel=1e-8)
     assert len(compiled.whole.signatures) == known
+
+
+def test_compiling_is_announced_on_a_terminal_and_only_then(tmp_path):
+    """Once, when functions are not in the cache yet; loading them from there says nothing."""
+    script = (
+        "import sys, numpy as np; sys.stderr.isatty = lambda: {}; from pinograsp.forces.solvers import compiled_solvers as load; "
+        "kernels, _ = load(), load(); kernels.phi(1.0, np.ones(1), np.ones(2)); kernels.support(np.ones(3), 2, np.ones((0, 2)))"
+    )
+    for cache, terminal, told in (("a", True, 1), ("a", True, 0), ("b", False, 0)):
+        done = subprocess.run(
+            [sys.executable, "-c", script.format(terminal)], capture_output=True, text=True, check=True,
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / cache)},
+        )  # fmt: skip
+        assert done.stderr.count("compiling solvers") == told and done.stdout == ""
