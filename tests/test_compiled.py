@@ -398,7 +398,7 @@ def test_compiling_is_announced_on_a_terminal_and_only_then(tmp_path):
     )
     for cache, terminal, told in (("a", True, 1), ("a", True, 0), ("b", False, 0)):
         done = subprocess.run(
-            [sys.executable, "-c", script.format(terminal)], capture_output=True, text=True, check=True,
+            [sys.executable, "-c", script.format(terminal)], cwd=tmp_path, capture_output=True, text=True, check=True,
             env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / cache)},
         )  # fmt: skip
         assert done.stderr.count("compiling solvers") == told and done.stdout == ""

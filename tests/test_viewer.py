@@ -22,7 +22,6 @@ import pytest
 from pinograsp.cases import load_case
 from pinograsp.contacts.friction import Friction
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
-from pinograsp.forces import ForceProblem
 from pinograsp.hands import load_hand
 from pinograsp.hands.record import hand_record
 from pinograsp.hands.summary import overview
@@ -619,8 +618,7 @@ def test_a_plan_shows_itself(plan):
         assert viewer.url.startswith("http://localhost:") and viewer.time == 1.0
 
 
-def test_planning_does_not_need_the_viewer(make_problem):
+def test_planning_does_not_need_the_viewer(tmp_path):
     """Neither does importing the page's writer need viser: it is looked for where the live page starts."""
     script = "import sys; import pinograsp.plan, pinograsp.viz.viewer; assert 'viser' not in sys.modules"
-    subprocess.run([sys.executable, "-c", script], check=True)
-    assert isinstance(make_problem(), ForceProblem)
+    subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
