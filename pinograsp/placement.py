@@ -20,6 +20,7 @@ from pinograsp.contacts import Closure, check_geometry, clearance, close_hand, f
 from pinograsp.errors import PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
+from pinograsp.interrupts import interrupts_kept
 from pinograsp.motion import torque_limits
 
 _ALIGNED = 0.7  # share of the samples whose object axes are aligned with the hand's
@@ -108,7 +109,7 @@ def find_placements(
     found, outcomes, tried, interrupted = [], {}, 0, False
     bar = tqdm(total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False)
     # Meshes are heavy: they go to every process once, and never come back.
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, interrupts_kept() as interrupt:
         case = (hand, object, torque_limit, impact_time, wrap, settings)
         if joblib.effective_n_jobs(jobs) > 1:
             path = Path(folder) / "case.pickle"
@@ -124,6 +125,7 @@ def find_placements(
                     closure = replace(placement.closure, hand=hand.placed(placement.pose), object=object)
                     forces = replace(placement.forces, problem=replace(placement.forces.problem, object=object))
                     found.append(replace(placement, closure=closure, forces=forces))
+                interrupt()
         except KeyboardInterrupt:
             interrupted = True
     bar.close()

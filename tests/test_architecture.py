@@ -14,7 +14,7 @@ PACKAGE = ROOT / "pinograsp"
 
 # The way of the data: a room imports only from itself and from rooms before it.
 ROOMS = [
-    "errors", "checks", "spatial", "hands", "objects", "contacts", "forces", "motion", "placement", "storage", "handover",
+    "errors", "checks", "interrupts", "spatial", "hands", "objects", "contacts", "forces", "motion", "placement", "storage", "handover",
     "referee", "viz", "plan", "cases", "sweep", "report", "cli",
 ]  # fmt: skip
 OWNERS = {

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from pinograsp.checks import array_of, number
 from pinograsp.errors import InvalidInput
+from pinograsp.interrupts import interrupts_kept
 from pinograsp.referee.settings import Disturbance, Push, Servo
 from pinograsp.referee.trial_log import TrialLog
 from pinograsp.referee.trials import Outcome, common_settings, handed_over, run_trial
@@ -237,7 +238,7 @@ def monte_carlo(
         total=len(wanted), initial=len(wanted) - len(todo), desc="Monte Carlo", unit="trial",
         disable=None if progress is None else not progress, leave=False,
     )  # fmt: skip
-    with log, bar, handed_over(task, settings, jobs) as case:
+    with log, bar, handed_over(task, settings, jobs) as case, interrupts_kept() as interrupt:
         work = (
             joblib.delayed(_try)(case, *_drawn(task, errors, seed, name, trial), name, trial) for name, trial in todo
         )
@@ -249,6 +250,7 @@ def monte_carlo(
                     "reason": outcome.reason,
                 })  # fmt: skip
                 bar.update()
+                interrupt()
         except KeyboardInterrupt:
             interrupted = True
     rows = tuple(log.rows[key] for key in wanted if key in log.rows)

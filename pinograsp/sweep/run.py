@@ -18,6 +18,7 @@ from tqdm import tqdm
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.checks import one_of
 from pinograsp.errors import ExtraMissing, InvalidInput, PinograspError
+from pinograsp.interrupts import interrupts_kept
 from pinograsp.sweep.rows import FIGURES, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
 
@@ -107,7 +108,7 @@ def sweep(
             disable=None if progress is None else not progress, leave=False,
         )  # fmt: skip
         interrupted, saved = False, time.perf_counter()
-        with bar, contextlib.closing(results):
+        with bar, contextlib.closing(results), interrupts_kept() as interrupt:
             try:
                 for rows, seconds, left in results:
                     chunks.told(seconds / len(rows), left)
@@ -116,6 +117,7 @@ def sweep(
                     if time.perf_counter() - saved >= _SAVED_EVERY:
                         store.save()
                         saved = time.perf_counter()
+                    interrupt()
             except KeyboardInterrupt:
                 interrupted = True
             finally:
