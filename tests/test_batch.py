@@ -133,6 +133,13 @@ def test_multiplier_qp_is_the_refinement(balance):
             assert left == pytest.approx(exact.residual, abs=1e-7 * normal.sum()) and left >= exact.lower_bound - 1e-7 * normal.sum()
             balanced += left < 1e-6
     assert balanced >= 20
+    whole = np.array(qp.solve(np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])))
+    strided = np.zeros((6, 2))
+    strided[2] = -1.0
+    for same in ([0, 0, -1, 0, 0, 0], np.array([0, 0, -1, 0, 0, 0]), strided[:, 0]):  # any load of six numbers
+        assert np.array_equal(qp.solve(same), whole)
+    with pytest.raises(InvalidInput, match="load"):
+        qp.solve(np.array(["much"] * 6))
     with pytest.raises(InvalidInput, match="load"):
         qp.solve(np.full(6, np.nan))
     with pytest.raises(InvalidInput, match="load"):

@@ -1569,31 +1569,33 @@ def online_memory(d, k, n):
 
 
 @njit(**NEWTON)
-def box_least_squares(H, fixed, load, eps, k, y, work):
-    """Minimise 1/2 |H k + fixed + load|^2 + eps/2 |k|^2 over |k| <= 1: H (m, n), fixed and load (m,). (converged, Newton steps).
+def box_least_squares(memory):
+    """Minimise 1/2 |H k + b|^2 + eps/2 |k|^2 over |k| <= 1, in the arrays of :func:`box_memory`; whether it converged.
 
     By Newton's method on the dual, whose unknowns y (m,) are the residual: k_j = -h_j . y / eps clipped to [-1, 1] leaves
-    y - H k - fixed - load = 0, the gradient of a strongly convex function. y is start and result; work: 12 + 2 n + 36 numbers.
+    y - H k - b = 0, the gradient of a strongly convex function.
     """
-    m, n = H.shape
-    g, d, S, V = work[:m], work[6 : 6 + m], work[12 : 12 + n], work[12 + n : 12 + 2 * n]
-    M, inverse = work[12 + 2 * n :][: m * m].reshape((m, m)), 1.0 / eps
+    m, n, inverse = int(memory[0]), int(memory[1]), 1.0 / memory[2]
+    load, row, fixed, at = memory[3:9], memory[9 : 9 + m], memory[9 + m : 9 + 2 * m], 9 + 2 * m
+    H, k = memory[at : at + m * n].reshape((m, n)), memory[at + m * n : at + m * n + n]
+    work = memory[at + m * n + n :]
+    g, d, b, y, S, V = work[:m], work[6 : 6 + m], work[12 : 12 + m], work[18 : 18 + m], work[24 : 24 + n], work[24 + n : 24 + 2 * n]
+    M = work[24 + 2 * n :][: m * m].reshape((m, m))
+    largest = 0.0
     for r in range(m):
-        if not abs(fixed[r] + load[r]) < 1e12:
-            return False, 0
+        b[r], y[r] = fixed[r] + load[r] * row[r], 0.0
+        if not abs(b[r]) < 1e12:
+            return False
+        largest = max(largest, abs(b[r]))
     for j in range(n):
-        t = 0.0
+        S[j] = 0.0
+    for _ in range(_BOX_STEPS):
+        size, start, rest = 0.0, 0.0, 0.0
         for r in range(m):
-            t += H[r, j] * y[r]
-        S[j] = t
-    for it in range(_BOX_STEPS):
-        largest, size, start, rest = 0.0, 0.0, 0.0, 0.0
-        for r in range(m):
-            g[r] = y[r] - fixed[r] - load[r]
+            g[r] = y[r] - b[r]
             for c in range(r + 1, m):
                 M[r, c] = 0.0
             M[r, r] = 1.0
-            largest = max(largest, abs(fixed[r] + load[r]))
         for j in range(n):
             t = min(max(-S[j] * inverse, -1.0), 1.0)
             k[j] = t
@@ -1606,14 +1608,14 @@ def box_least_squares(H, fixed, load, eps, k, y, work):
         for r in range(m):
             size = max(size, abs(g[r]))
         if size <= 1e-12 * (1.0 + largest):
-            return True, it
+            return True
         for r in range(m):
             d[r] = g[r]
         _factor(M)
         _solve(M, d)
         along, square = 0.0, 0.0
         for r in range(m):
-            along += (y[r] - fixed[r] - load[r]) * d[r]
+            along += (y[r] - b[r]) * d[r]
             square += d[r] * d[r]
             start += g[r] * d[r]
         for j in range(n):
@@ -1644,4 +1646,16 @@ def box_least_squares(H, fixed, load, eps, k, y, work):
             y[r] -= t * d[r]
         for j in range(n):
             S[j] -= t * V[j]
-    return False, _BOX_STEPS
+    return False
+
+
+def box_memory(m, n):
+    """The memory of :func:`box_least_squares` (an array), and its parts, which are views of it.
+
+    sizes (3,): m, n, eps. load (6,), row (m,), fixed (m,): b = fixed + row * load[:m]. H (m, n). k (n,): the result.
+    """
+    sizes = 3, 6, m, m, m * n, n, 60 + 2 * n
+    memory = np.zeros(sum(sizes))
+    settings, load, row, fixed, H, k, _ = np.split(memory, np.cumsum(sizes)[:-1])
+    settings[:2] = m, n
+    return memory, settings, load, row, fixed, H.reshape(m, n), k

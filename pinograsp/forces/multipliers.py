@@ -149,13 +149,12 @@ class MultiplierQP:
         columns = problem.scaled_columns
         H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
         self.problem, self.normal_forces, self._solve = problem, normal, kernels.box_least_squares
-        self._scale = float(np.linalg.norm(H, axis=0).max()) or 1.0
-        self._H, self._fixed = np.ascontiguousarray(H / self._scale), columns[:, :, 2] @ normal / self._scale
-        self._row = np.ones(problem.rows) / self._scale
-        self._row[3:] /= problem.moment_length
-        self._k, self._y = np.zeros(2 * problem.k), np.zeros(problem.rows)
-        self._work = np.empty(48 + 4 * problem.k)
-        self.multipliers = self._k.reshape(-1, 2)
+        scale = float(np.linalg.norm(H, axis=0).max()) or 1.0
+        self._memory, settings, self._load, row, fixed, scaled, k = kernels.box_memory(*H.shape)
+        settings[2], scaled[:], fixed[:] = _LEAST_NORM, H / scale, columns[:, :, 2] @ normal / scale
+        row[:] = 1 / scale
+        row[3:] /= problem.moment_length
+        self.multipliers = k.reshape(-1, 2)
         self.solve(np.zeros(6))
 
     def solve(self, load) -> np.ndarray:
@@ -164,12 +163,10 @@ class MultiplierQP:
         Raises:
             InvalidInput: a load that is not six finite numbers.
         """
-        rows = len(self._y)
-        if type(load) is not np.ndarray or load.shape != (6,):
+        if type(load) is not np.ndarray or load.shape != (6,) or load.dtype.char != "d":
             load = array_of("load", load, (6,))
-        self._y[:] = 0.0
-        done, _ = self._solve(self._H, self._fixed, load[:rows] * self._row, _LEAST_NORM, self._k, self._y, self._work)
-        if not done:
+        self._load[:] = load
+        if not self._solve(self._memory):
             array_of("load", load, (6,))
             self.multipliers[:] = refine_multipliers(self.problem.with_load(load), self.normal_forces).multipliers
         return self.multipliers
