@@ -27,11 +27,12 @@ def headline(run: Run, check: dict | None = None) -> list[str]:
     ``check``: ``check.json`` of a simulation of the run, if there was one.
     """
     s = run.summary
-    held = {"ok": "Yes. The contact forces hold the load", "unbalanced": "Almost. The contact forces hold the load but for"}
     if s["status"] == "ok":
-        first = f"{held['ok']}, forces and moments in balance." if s["balance"] == "wrench" else f"{held['ok']}; moments are not balanced."
+        moments = ", forces and moments in balance" if s["balance"] == "wrench" else "; moments are not balanced"
+        first = f"Yes. The contact forces hold the load{moments}."
     elif s["status"] == "unbalanced":
-        first = f"{held['unbalanced']} {number(s['net_force_N'], 3)} N and {number(s['net_moment_Nm'], 3)} N m."
+        left = f"{number(s['net_force_N'], 3)} N and {number(s['net_moment_Nm'], 3)} N m"
+        first = f"Almost. The contact forces hold the load but for {left}."
     else:
         first = f"The plan is not complete ({s['status']}): {s['remedy']}"
     forces = s["normal_forces_N"]

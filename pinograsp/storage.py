@@ -169,8 +169,10 @@ def write_file(path: str | Path, content: bytes) -> Path:
         handle, staging = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
         with os.fdopen(handle, "wb") as stream:
             stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())  # renamed before its content is on disk, it could be empty after a power cut
         os.chmod(staging, 0o666 & ~_umask())  # mkstemp makes it private; results are as readable as any other file
-        os.replace(staging, path)
+        Path(staging).replace(path)
     except BaseException as error:
         if staging is not None:
             Path(staging).unlink(missing_ok=True)

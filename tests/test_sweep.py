@@ -422,15 +422,15 @@ def test_an_interruption_while_rows_are_saved_doubles_none(tmp_path, monkeypatch
     """Ctrl-C right after the rename: the rows are saved again, under the same name."""
     from pinograsp.sweep import store as module
 
-    plain, hits = module._whole, []
+    plain, hits = module.write_file, []
 
-    def interrupted(path, write):
-        plain(path, write)
+    def interrupted(path, content):
+        plain(path, content)
         if path.name.startswith("part") and not hits:
             hits.append(path)
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "_whole", interrupted)
+    monkeypatch.setattr(module, "write_file", interrupted)
     monkeypatch.setattr(run, "_SAVED_EVERY", 0.0)
     done = sweep(GRID, tmp_path / "out", jobs=1, progress=False)
     assert hits and done.interrupted and 0 < done.done < 6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -349,7 +350,7 @@ def validated(kind: type[Section], data: dict, what: str):
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        lines = dict.fromkeys(_line(e) for e in error.errors())
+        lines = dict.fromkeys(map(line_of, error.errors()))
         raise CaseRejected(f"{what} is not valid: " + "; ".join(lines)) from None
 
 
@@ -409,11 +410,18 @@ def put_value(data: dict, key: str, value) -> None:
         data[last] = value
 
 
-def _line(error) -> str:
-    # Tagged parts of a union (Steps | tuple) only blur the path for a reader.
-    where = ".".join(str(part) for part in error["loc"] if part not in ("Steps", "tuple[float, ...]"))
-    text = error["msg"].removeprefix("Value error, ")
+def line_of(error, known: list[str] = ()) -> str:
+    """One of pydantic's errors in words; an unknown key with the nearest spelling among ``known``."""
+    where = place_of(error)
+    text, got = error["msg"].removeprefix("Value error, "), error["input"]
     if error["type"] == "extra_forbidden":
-        return f"{where}: unknown key"
-    got = error["input"]
-    return f"{where}: {text}" + (f" (got {got!r})" if isinstance(got, str | int | float | None) else "")
+        near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
+        text = "unknown key" + (f"; did you mean '{near[0]}'?" if near else "")
+    elif isinstance(got, str | int | float | None):
+        text += f" (got {got!r})"
+    return f"{where}: {text}" if where else text
+
+
+def place_of(error) -> str:
+    """The dotted key that one of pydantic's errors is about, without tags of unions, which only blur it."""
+    return ".".join(str(part) for part in error["loc"] if part not in ("Steps", "tuple[float, ...]", "range", "list"))

@@ -8,14 +8,13 @@ import functools
 import hashlib
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
-from pinograsp.cases.case import Case, NotNegative, Positive, Section, load_case, put_value, read_mapping
+from pinograsp.cases.case import Case, NotNegative, Positive, Section, line_of, load_case, place_of, put_value, read_mapping
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
@@ -341,25 +340,18 @@ _OWN = [
 ]
 
 
-def _lines(error: ValidationError, known: list[str]) -> Iterator[str]:
+def _lines(error: ValidationError, known: list[str]) -> list[str]:
     """What is wrong, each once, unknown keys with the nearest spelling among ``known``."""
-    told = set()
-    for one in error.errors():
-        where = ".".join(str(part) for part in one["loc"] if part not in ("range", "list", "Steps", "tuple[float, ...]"))
-        text, got = one["msg"].removeprefix("Value error, "), one["input"]
-        if one["type"] == "extra_forbidden":
-            near = difflib.get_close_matches(str(one["loc"][-1]), known, n=1)
-            text = "unknown key" + (f"; did you mean '{near[0]}'?" if near else "")
-        elif one["type"] == "tuple_type" and where.startswith("over."):
-            text = f"expected a list of values, or {{from, to, steps}} (got {got!r})"
-        elif where.startswith("samples.") and one["type"] in ("model_type", "model_attributes_type"):
-            text = f"expected a distribution, for example {{uniform: [0.4, 1.0]}} (got {got!r})"
-        elif isinstance(got, str | int | float | None):
-            text += f" (got {got!r})"
-        line = f"{where}: {text}" if where else text
-        if line not in told:
-            told.add(line)
-            yield line
+    return list(dict.fromkeys(_line(one, known) for one in error.errors()))
+
+
+def _line(error, known: list[str]) -> str:
+    where = place_of(error)
+    if error["type"] == "tuple_type" and where.startswith("over."):
+        return f"{where}: expected a list of values, or {{from, to, steps}} (got {error['input']!r})"
+    if where.startswith("samples.") and error["type"] in ("model_type", "model_attributes_type"):
+        return f"{where}: expected a distribution, for example {{uniform: [0.4, 1.0]}} (got {error['input']!r})"
+    return line_of(error, known)
 
 
 def _changed(data: dict, changes: dict[str, Any]) -> dict:

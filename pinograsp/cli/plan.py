@@ -85,10 +85,8 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
     from pinograsp.cases import load_case
     from pinograsp.storage import check_folder, run_of
 
-    loaded = load_case(case, changes)
-    chosen = {f"forces.{key}": value for key, value in options.items() if value is not None}
-    if chosen:
-        loaded = load_case(case, [*(changes or []), *(f'{key}="{value}"' for key, value in chosen.items())])
+    chosen = [f'forces.{key}="{value}"' for key, value in options.items() if value is not None]
+    loaded = load_case(case, [*(changes or []), *chosen])
     folder = out if out is not None else fresh_folder(loaded.name)
     check_folder(folder, force)
     try:

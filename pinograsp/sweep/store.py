@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
-import os
 from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
@@ -13,9 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
+from pinograsp.storage import write_file
 
 # pyarrow's and other readers of whole folders pass over names that begin like these.
 SCHEMA, MANIFEST, _LOCK = "pinograsp.sweep/1", "_manifest.json", ".lock"
+_ASIDE = f".{MANIFEST}-"  # what a manifest is called until it is whole
 _MERGED = 100  # parts that become one
 
 
@@ -47,7 +48,7 @@ class Store:
     def _open(self, manifest: dict) -> None:
         path = self.folder / MANIFEST
         if not path.exists() and self.folder.exists():
-            foreign = sorted(one.name for one in self.folder.iterdir() if one.name not in (_LOCK, _aside(path).name))
+            foreign = sorted(one.name for one in self.folder.iterdir() if one.name != _LOCK and not one.name.startswith(_ASIDE))
             if foreign:
                 raise ResultsNotWritten(
                     f"folder '{self.folder}' holds files that no sweep wrote ({', '.join(foreign[:5])}): give another folder"
@@ -70,9 +71,9 @@ class Store:
                     f"folder '{self.folder}' holds another sweep ({', '.join(differ[:5])}): they are not mixed, give another folder"
                 )
         else:
-            _whole(path, lambda aside: aside.write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8"))
+            write_file(path, (json.dumps(manifest, indent=2) + "\n").encode())
         live, stale = _parts(self.folder)
-        for one in [*stale, *self.folder.glob(".part-*")]:
+        for one in [*stale, *self.folder.glob(".part-*"), *self.folder.glob(f"{_ASIDE}*")]:
             one.unlink()
         for one in live:
             table = _read(one, ["index", "status"])
@@ -92,7 +93,6 @@ class Store:
     def save(self) -> None:
         """Write what has been added. Interrupted anywhere and called again, it writes no row twice."""
         import pyarrow as pa
-        from pyarrow import parquet
 
         if not self.kept:
             return
@@ -101,11 +101,7 @@ class Store:
             for name, kind in {"index": "whole", **self.kinds}.items()
         }
         path = self.folder / f"part-{self.next:06d}-{self.next:06d}.parquet"
-        try:
-            table = pa.table(columns, schema=self.schema)
-            _whole(path, lambda aside: parquet.write_table(table, aside))
-        except OSError as error:
-            raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
+        write_file(path, _parquet(pa.table(columns, schema=self.schema)))
         new, self.kept, self.next = self.kept, [], self.next + 1
         self.have[[row["index"] for row in new]] = True
         self.counts.update(row["status"] for row in new)
@@ -115,15 +111,13 @@ class Store:
     def merge(self) -> None:
         """Small parts as one: a sweep of a day would leave tens of thousands."""
         import pyarrow as pa
-        from pyarrow import parquet
 
         small = [one for one in _parts(self.folder)[0] if _span(one)[0] == _span(one)[1]]
         if len(small) < 2:
             return
         path = self.folder / f"part-{_span(small[0])[0]:06d}-{_span(small[-1])[1]:06d}.parquet"
         try:
-            table = pa.concat_tables([_read(one) for one in small])
-            _whole(path, lambda aside: parquet.write_table(table, aside))
+            write_file(path, _parquet(pa.concat_tables([_read(one) for one in small])))
             for one in small:
                 one.unlink()
         except OSError as error:
@@ -220,17 +214,13 @@ def _read(path: Path, columns: list[str] | None = None):
         raise InvalidInput(f"'{path}' cannot be read: remove it, and its rows are planned again ({error})") from error
 
 
-def _aside(path: Path) -> Path:
-    return path.with_name(f".{path.name}")
+def _parquet(table) -> bytes:
+    import pyarrow as pa
+    from pyarrow import parquet
 
-
-def _whole(path: Path, write) -> None:
-    """Write a file aside with ``write(path)`` and rename it: there it is whole, or not at all."""
-    aside = _aside(path)
-    write(aside)
-    with aside.open("rb") as stream:
-        os.fsync(stream.fileno())
-    aside.replace(path)
+    sink = pa.BufferOutputStream()
+    parquet.write_table(table, sink)
+    return sink.getvalue().to_pybytes()
 
 
 def _differences(a, b, name: str = "") -> list[str]:

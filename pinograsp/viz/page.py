@@ -101,13 +101,13 @@ def _record(scene: ViewScene) -> dict:
         "com": scene.com_o.tolist(),
         "joints": [{"name": name, "slides": bool(slides), "limit": limit}
                    for name, slides, limit in zip(scene.joints, scene.sliding, limits)],
-        "fingers": fingers_shown(scene),
+        "fingers": list(scene.fingers.items()),
         "q": block.put(scene.q),
         "torques": block.put(scene.torques),
         "force_scale": scene.force_scale,
         "up": scene.up.tolist(),
         "ground": scene.ground,
-        "cell": 0.01 if scene.extent[1:].max() < 0.3 else 0.05,
+        "cell": scene.cell,
         "centre": scene.centre.tolist(),
         "centre_alone": alone.tolist(),
         "view": scene.view.tolist(),
@@ -142,14 +142,3 @@ def _phases(scene: ViewScene) -> list:
     touch, closed, last = scene.frame_at(scene.touch), scene.frame_at(scene.closed), len(scene.times) - 1
     phases = [["approach", 0, touch], ["grasp", touch, closed], ["simulated hold", closed, last]]
     return [phase for phase in phases if phase[1] < phase[2]]
-
-
-def fingers_shown(scene: ViewScene) -> list:
-    """[finger, joints] of those that move or bear torque; each joint once."""
-    shown, seen = [], set()
-    for name, dofs in scene.fingers.items():
-        own = [i for i in dofs if i not in seen]
-        seen.update(own)
-        if own and max(np.ptp(scene.q[:, own], axis=0).max(), np.abs(scene.torques[:, own]).max()) > 1e-6:
-            shown.append([name, own])
-    return shown

@@ -6,7 +6,6 @@ from html import escape
 
 import numpy as np
 
-from pinograsp.viz.page import fingers_shown
 from pinograsp.viz.scene import ViewScene
 
 _CELL = "padding:1px 0 1px 6px;text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums"
@@ -49,7 +48,7 @@ def forces(scene: ViewScene, frame: int) -> str:
 def torques(scene: ViewScene, frame: int) -> str:
     """Joint positions and torques at an instant, beside the torque limits."""
     rows = [_row("joint", "position", "torque", "of its limit", grey=True)]
-    for finger, dofs in fingers_shown(scene):
+    for finger, dofs in scene.fingers.items():
         rows.append(_row(f"<b>{escape(finger)}</b>"))
         for i in dofs:
             q, torque, slides, limit = scene.q[frame, i], scene.torques[frame, i], scene.sliding[i], scene.limits[i]

@@ -71,8 +71,8 @@ class ViewScene:
             contact frames, of ``cone_height`` [m]. pyramids: whether they have edges.
         forces_o: on the object (f, k, 3) [N]. normal, tangential: (f, k) [N]. used: share of the friction limit (f, k), NaN
             without force. load_o: weight and other loads (3,) [N]. com_o: (3,) [m].
-        joints: names (n). fingers: joints by finger. sliding: (n,). q: (f, n) [rad, m]. torques: (f, n), limits: (n,), infinity:
-            none [N m, N].
+        joints: names (n). fingers: joints by finger, of those that move or bear torque; each joint once. sliding: (n,).
+            q: (f, n) [rad, m]. torques: (f, n), limits: (n,), infinity: none [N m, N].
         force_scale: length of arrows [m/N].
         up: (3,). ground: its height along ``up`` [m]. centre: what to look at [m], from the direction ``view`` (3,); ``extent``:
             half the size of the scene to the right, upwards and along ``view`` [m].
@@ -117,6 +117,11 @@ class ViewScene:
     view: np.ndarray
     extent: np.ndarray
     simulated: Simulated | None
+
+    @property
+    def cell(self) -> float:
+        """Side of the ground's squares [m]."""
+        return 0.01 if self.extent[1:].max() < 0.3 else 0.05
 
     def frame_at(self, time: float) -> int:
         """The instant nearest to ``time`` [s]."""
@@ -191,6 +196,7 @@ def scene_of(run: Run, simulation=None) -> ViewScene:
     friction, height = run.summary["friction"], 0.16 * size
     edges = friction["edges"] if friction["model"] == "pyramid" else None
     held = times > arrays["times"][-1]
+    q, torques = arrays["q"][plan], np.where(held[:, None], arrays["holding_torques"], arrays["torques"][plan])
     return ViewScene(
         title=str(run.settings.get("name", layout["hand"])),
         subtitle=f"{hand.name}, {hand.n} joints" + ("" if thing is None else f"; {_in_words(thing)}"),
@@ -218,10 +224,10 @@ def scene_of(run: Run, simulation=None) -> ViewScene:
         load_o=arrays["load"][:3],
         com_o=arrays["com_o"],
         joints=tuple(map(str, layout["joints"])),
-        fingers={str(name): list(map(int, dofs)) for name, dofs in layout["fingers"].items()},
+        fingers=_busy(layout["fingers"], q, torques),
         sliding=np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]),
-        q=arrays["q"][plan],
-        torques=np.where(held[:, None], arrays["holding_torques"], arrays["torques"][plan]),
+        q=q,
+        torques=torques,
         limits=arrays["torque_limit"],
         force_scale=scale,
         up=up,
@@ -234,6 +240,17 @@ def scene_of(run: Run, simulation=None) -> ViewScene:
 
 
 # -- time --------------------------------------------------------------------------------------------------------------
+
+
+def _busy(fingers: dict, q: np.ndarray, torques: np.ndarray) -> dict[str, list[int]]:
+    """Joints by finger, of the fingers that move or bear torque; each joint once."""
+    busy, seen = {}, set()
+    for name, dofs in fingers.items():
+        own = [int(i) for i in dofs if i not in seen]
+        seen.update(own)
+        if own and max(np.ptp(q[:, own], axis=0).max(), np.abs(torques[:, own]).max()) > 1e-6:
+            busy[str(name)] = own
+    return busy
 
 
 def _instants(arrays, check) -> tuple[np.ndarray, np.ndarray]:

@@ -153,7 +153,7 @@ class Viewer:
         camera.fov, camera.near, camera.far = float(_FOV), float(0.01 * distance), float(100 * distance)
         aside = 0.25 * width * np.cross(scene.up, scene.view) / np.linalg.norm(np.cross(scene.up, scene.view))
         camera.look_at, camera.position = scene.centre + aside, scene.centre + aside + distance * scene.view
-        reach, cell = float(8 * scene.extent.max()), 0.01 if scene.extent[1:].max() < 0.3 else 0.05
+        reach, cell = float(8 * scene.extent.max()), scene.cell
         self._keep("ground", world.add_grid(
             "/ground", width=reach, height=reach, cell_size=cell, section_size=5 * cell, cell_color=(214, 220, 227),
             section_color=(160, 170, 181), fade_distance=3 * reach, shadow_opacity=0.2,
