@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import secrets
 import signal
 import sys
 
@@ -22,6 +23,16 @@ settings.load_profile("deterministic")
 # Where tests run in the background Ctrl-C is ignored, and processes that they start would ignore it as well.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_addoption(parser):
+    parser.addoption("--fuzz-seed", type=int, default=secrets.randbelow(10**9), help="seed of the hostile inputs (default: a fresh one)")
+    parser.addoption("--fuzz-count", type=int, default=3000, help="hostile inputs of each kind")
+
+
+def pytest_report_header(config):
+    return f"hostile inputs: --fuzz-seed {config.getoption('--fuzz-seed')} --fuzz-count {config.getoption('--fuzz-count')}"
+
 
 # The paper's printed contact points, written out again: tests do not share the package's tables.
 POINTS = {"thumb": (-2.6e-3, -9.6e-3, 61.5e-3), "index": (4.7e-3, 8.8e-3, 71.0e-3), "middle": (1.7e-3, 9.7e-3, 50.0e-3)}
