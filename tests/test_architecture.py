@@ -30,6 +30,7 @@ OWNERS = {
     "numba": {"forces"},
     "matplotlib": {"viz"},
     "viser": {"viz"},
+    "websockets": {"viz"},
     "pydantic": {"cases"},
     "ruamel": {"cases", "handover"},
     "typer": {"cli"},

@@ -612,6 +612,67 @@ def test_the_live_page_plays_and_closes(live):
         urllib.request.urlopen(live.url, timeout=2)
 
 
+def answer_to(viewer, host: str, origin: str | None = None, upgrade: bool = True) -> int:
+    """HTTP status of a request to the live page, over a socket."""
+    import socket
+
+    port = viewer.server.get_port()
+    lines = ["GET / HTTP/1.1", f"Host: {host.format(port=port)}"]
+    lines += [] if origin is None else [f"Origin: {origin.format(port=port)}"]
+    if upgrade:
+        lines += ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13",
+                  f"Sec-WebSocket-Protocol: viser-v{__import__('viser').__version__}"]  # fmt: skip
+    with socket.create_connection(("127.0.0.1", port), timeout=20) as stream:
+        stream.sendall("\r\n".join([*lines, "", ""]).encode())
+        return int(stream.makefile("rb").readline().split()[1])
+
+
+def test_no_web_page_from_elsewhere_reads_the_live_page(live):
+    assert answer_to(live, "localhost:{port}", "http://localhost:{port}") == 101
+    assert answer_to(live, "127.0.0.1:{port}", "http://127.0.0.1:{port}") == 101
+    assert answer_to(live, "localhost:{port}") == 101  # no browser
+    assert answer_to(live, "localhost:{port}", upgrade=False) == 200
+    for origin in ("http://evil.example", "https://localhost.evil.example", "null", "http://localhost:1", "file://", "http://[", ""):
+        assert answer_to(live, "localhost:{port}", origin) == 403, origin
+    for host in ("evil.example:{port}", "evil.example", "localhost.evil.example:{port}", "", "[", "192.168.1.2:{port}"):
+        for upgrade in (True, False):
+            assert answer_to(live, host, f"http://{host}", upgrade) == 403, host
+            assert answer_to(live, host, None, upgrade) == 403, host
+
+
+def test_a_page_for_other_machines_answers_to_addresses_and_its_own_names():
+    import socket
+
+    from pinograsp.viz.access import welcome
+
+    for name in ("192.168.1.2:8080", "[fe80::1]:8080", "localhost", socket.gethostname()):
+        assert welcome("0.0.0.0", [name], [f"http://{name}"]), name
+        assert not welcome("0.0.0.0", [name], ["http://evil.example"])
+    assert not welcome("0.0.0.0", ["evil.example"], ["http://evil.example"])
+    assert not welcome("0.0.0.0", ["localhost", "localhost"], [])
+
+
+def test_the_live_page_listens_on_the_loopback_interface_alone(live):
+    listening = "0A"
+    rows = [line.split() for kind in ("tcp", "tcp6") if (path := Path(f"/proc/net/{kind}")).exists() for line in path.read_text().splitlines()[1:]]
+    port = f"{live.server.get_port():04X}"
+    found = {row[1].split(":")[0] for row in rows if row[1].endswith(f":{port}") and row[3] == listening}
+    assert found and found <= {"0100007F", "00000000000000000000000001000000"}
+
+
+def test_a_live_page_that_cannot_listen_says_so(run):
+    import socket
+
+    pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with view(run, port=port, host="127.0.0.1", open_browser=False) as viewer:
+            assert viewer.server.get_port() > port
+    for host in ("no.such.host.invalid", "192.0.2.1", 7):
+        with pytest.raises(InvalidInput, match="host"):
+            view(run, host=host, open_browser=False)
+
+
 def test_a_plan_shows_itself(plan):
     pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
     with plan.show(port=0, open_browser=False) as viewer:

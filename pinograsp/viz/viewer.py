@@ -12,6 +12,7 @@ from pinograsp.checks import number
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.spatial import tangent_frame
 from pinograsp.storage import Run
+from pinograsp.viz.access import free_port, guarded
 from pinograsp.viz.page import save_html
 from pinograsp.viz.panel import foot, forces, head, told, torques
 from pinograsp.viz.scene import ViewScene, scene_of
@@ -31,7 +32,8 @@ def view(run: Run, *, simulation=None, port: int = 8080, host: str = "localhost"
     Args:
         run: of a plan, fresh (:func:`~pinograsp.storage.run_of`) or read back. simulation: of it, to stand beside it: a
             :class:`~pinograsp.referee.simulation.Simulation`, or the folder of a check.
-        port: the first one to try. host: ``"0.0.0.0"`` lets other machines look on as well.
+        port: the first one to try. host: ``"0.0.0.0"`` lets other machines look on as well, by this one's address or name. Web
+            pages from elsewhere are refused.
         open_browser: whether to open the page; its address is ``viewer.url``.
 
     Raises:
@@ -68,7 +70,9 @@ class Viewer:
                 f"the live page needs viser: pip install 'pinograsp[viz]', or write a file: save_html, --html ({error})"
             ) from error
         self.scene = scene
-        self.server = viser.ViserServer(host=host, port=port, label="pinograsp", verbose=False)
+        port = free_port(host, port)
+        with guarded(host):
+            self.server = viser.ViserServer(host=host, port=port, label="pinograsp", verbose=False)
         shown = "localhost" if host in ("0.0.0.0", "127.0.0.1", "::") else host
         self.url = f"http://{shown}:{self.server.get_port()}"
         self._frame, self._scale = scene.frame_at(scene.closed), scene.force_scale
