@@ -20,6 +20,7 @@ from pinograsp.referee import Disturbance, Push, Servo, simulate
 from pinograsp.referee.law import ContactLaw, Touches
 from pinograsp.referee.naive import naive_grasp, naive_task
 from pinograsp.referee.task import Task
+from pinograsp.referee.trials import common_settings, run_trial
 
 SURFACE = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1, "motion.touch": "surface"}
 
@@ -286,6 +287,30 @@ def test_nothing_is_held_without_friction_however_short_or_coarse(plan, engine):
         assert not simulate(plan, disturbance=Disturbance(mu=0.0), time_step=1e-3, engine=engine, **settings).verdict.held
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
+@pytest.mark.parametrize("settings", [{}, {"mode": "prescribed"}, {"letting_go": 0.0}], ids=str)
+def test_an_object_that_flies_off_at_once_is_lost(plan, engine, settings, tmp_path, monkeypatch):
+    """A thing of a milligram among forces of newtons leaves within the first step: far away is not held, whatever was seen of it."""
+    monkeypatch.chdir(tmp_path)
+    light = Disturbance(mass_factor=1e-6)
+    simulation = simulate(plan, disturbance=light, time_step=1e-3, engine=engine, **settings)
+    assert not simulation.verdict.held and "away" in simulation.verdict.reason
+    start = simulation.object_poses[simulation.complete]
+    assert start[:3, 3] == pytest.approx(plan.problem.object.pose[:3, 3], abs=1e-12)  # as planned, when it is let go
+    assert simulation.verdict.drift > 0.05 and simulation.drift[-1] == pytest.approx(simulation.verdict.drift)
+    outcome = run_trial(common_settings(plan, {"time_step": 1e-3, "engine": engine, **settings}), light)
+    assert not outcome.held and outcome.drift > 0.05
+    assert not any(tmp_path.iterdir())  # no log of MuJoCo's
+
+
+def test_what_nothing_touches_is_not_held(plan):
+    """Without weight and without contacts an object stays where it is: nobody holds it."""
+    task = Task.of(plan)
+    open_hand = replace(task, q=np.tile(task.q[0], (len(task.q), 1)), dq=np.zeros_like(task.dq), gravity_o=np.zeros(3))
+    verdict = simulate(open_hand, hold=0.1, time_step=1e-3).verdict
+    assert verdict.drift < 1e-6 and not verdict.held and "nothing touched" in verdict.reason
+
+
 def test_pushes_act_before_the_end_or_are_refused(plan):
     push = Push(wrench_o=[0, 0, -1000, 0, 0, 0], start=0.1, duration=0.1)
     with pytest.raises(InvalidInput, match=r"hold: expected at least 0\.2 s"):
@@ -446,7 +471,11 @@ def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
         ({"engine": "adams"}, "engine: expected one of"),
         ({"mode": "sideways"}, "mode: expected one of"),
         ({"hold": -1.0}, "hold: expected"),
+        ({"hold": 0.0}, "hold: expected at least a step"),
+        ({"hold": 1e308}, "hold, time step: expected at most 2000000 steps"),
         ({"time_step": 0.0}, "time step: expected"),
+        ({"time_step": 1e-320}, "hold, time step: expected at most 2000000 steps"),
+        ({"time_step": 0.2}, "time step: expected at most 0.05 s"),
         ({"letting_go": np.nan}, "letting go: expected"),
         ({"sample": 0.7}, "sample: expected at most"),
         ({"disturbance": {"mu": 0.1}}, "disturbance: expected a Disturbance"),

@@ -9,6 +9,10 @@ import pinocchio as pin
 from pinograsp.referee.law import NO_TOUCHES, Pressing, Touches, cross
 from pinograsp.referee.scene import build
 
+# MuJoCo would print that a state is unstable, and write MUJOCO_LOG.TXT into the working folder; the simulation tells it by itself.
+if mujoco.get_mju_user_warning() is None:
+    mujoco.set_mju_user_warning(lambda text: None)
+
 
 class MujocoEngine:
     """Hand and object, stepped in time. Vectors of joints are in the order of the hand's q; world axes.

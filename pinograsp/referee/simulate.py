@@ -20,7 +20,9 @@ from pinograsp.referee.verdict import verdict_of
 ENGINES, MODES = ("mujoco", "pinocchio"), ("servo", "prescribed")
 TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
 _SUPPORT = 200.0  # [rad/s] of the object on the support that lets it go
-_COARSEST = 0.05  # [s] between samples
+_COARSEST = 0.05  # [s] between samples, which are steps at least
+_FEWEST_STEPS = 10  # until the grasp is complete
+_MOST_STEPS = 2_000_000  # their samples take half a gigabyte
 _FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has come apart
 
 
@@ -47,11 +49,11 @@ def simulate(
 
     Args:
         plan: a :class:`~pinograsp.plan.GraspPlan`, a run, or the folder of one.
-        hold: how long after the support is gone [s].
+        hold: how long after the support is gone [s]; with the release at least a step.
         engine: ``"mujoco"`` (extra ``sim``), or ``"pinocchio"``: a second opinion with nothing else installed.
         mode: ``"servo"``; or ``"prescribed"``: the joints are moved as commanded, whatever it takes (the paper's Adams set-up).
         disturbance: what is not as planned. servo: gains; default :meth:`Servo.of`.
-        time_step: [s]. sample: interval between samples of the record [s].
+        time_step: at most 0.05 s, and two million steps in all [s]. sample: interval between samples of the record [s].
         release: False keeps the object fixed to the end. letting_go: how long the support that has held the object takes to
             give way after t_F [s]; 0: it is gone at once, which doubles the load for a moment.
         object: what is held, where the plan does not know.
@@ -72,7 +74,18 @@ def simulate(
     letting_go = number("letting go", letting_go, at_least=0, unit="s")
     if number("sample", sample, above=0, unit="s") > _COARSEST:
         raise InvalidInput(f"sample: expected at most {_COARSEST:g} s, got {sample:g} s: the verdict is read from the samples")
-    every = max(1, round(sample / dt))
+    longest = min(_COARSEST, task.final_time / _FEWEST_STEPS)
+    if dt > longest:
+        raise InvalidInput(f"time step: expected at most {longest:g} s, got {dt:g} s")
+    duration = task.final_time + hold + (letting_go if release else 0.0)
+    if not duration / dt <= _MOST_STEPS:
+        raise InvalidInput(
+            f"hold, time step: expected at most {_MOST_STEPS} steps, got {duration / dt:.3g} ({duration:g} s in steps of {dt:g} s): "
+            "hold for less, or take longer steps"
+        )
+    if release and hold < dt:
+        raise InvalidInput(f"hold: expected at least a step, {dt:g} s, got {hold:g} s: what is not held for a while is not held")
+    every = max(1, round(min(sample / dt, _MOST_STEPS)))
     servo = Servo.of(task.hand) if servo is None else servo
     wrong = Disturbance() if disturbance is None else disturbance
     for name, given, kind in (("servo", servo, Servo), ("disturbance", wrong, Disturbance)):
@@ -87,8 +100,8 @@ def simulate(
 
     made = _engine(engine)(task, time_step=dt, servo=servo, mass_factor=wrong.mass_factor)
     law = _law(task, made.parts, wrong.mu)
-    steps = round((task.final_time + hold + (letting_go if release else 0.0)) / dt)
-    instants = dt * np.arange(steps + 1)
+    steps, let_go = round(duration / dt), round(task.final_time / dt)
+    instants = dt * np.arange(min(steps, let_go + 2) + 1)  # from there on the last ones hold
     course, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, task.final_time)
     q_ref, dq_ref = course(until), course(until, 1)
     ddq_ref = np.zeros_like(q_ref)
@@ -110,14 +123,15 @@ def simulate(
     joint_work = load_work = 0.0
     base = kinetic = last = None
     shaken = bool(np.any(wrong.shake))
-    let_go = round(task.final_time / dt)
+    gone = False
     for i in range(steps + 2):  # the last is for what the sample before it lacks
         t = dt * i
         fixed = not release or i < let_go
-        now = min(i, steps)
-        if fixed or prescribed:
+        now = min(i, len(instants) - 1)
+        still = fixed or i == let_go  # it is let go from where it was, at rest
+        if still or prescribed:
             made.place(
-                q_ref[now] if prescribed else made.q, dq_ref[now] if prescribed else made.dq, pose if fixed else None
+                q_ref[now] if prescribed else made.q, dq_ref[now] if prescribed else made.dq, pose if still else None
             )
         since = t - task.final_time
         if shaken and not fixed:
@@ -140,15 +154,17 @@ def simulate(
         wrench = np.zeros(6)
         if not fixed:
             wrench = task.load + wrong.wrench(since - letting_go) + support.wrench(since, made, touches, pressing)
-        due = i % every == 0 or i == steps or (release and i == let_go)
+        due = i % every == 0 or i in (steps, let_go)
         if due:
+            if i == let_go:
+                samples.complete = len(samples.rows)
             last = [t, made.q, speeds, None, made.object_pose, touches, pressing, law.slip.copy(),
                     [0.0, 0.0, potential, law.elastic, law.damped, law.slipped, law.normal_work]]  # fmt: skip
         if prescribed:
             made.step_prescribed(ddq_ref[now], touches, pressing, wrench)
         else:
             made.step(q_ref[now], dq_ref[now], torque_ref[now], touches, pressing, wrench)
-        after = dq_ref[min(i + 1, steps)] if prescribed else made.dq
+        after = dq_ref[min(i + 1, len(instants) - 1)] if prescribed else made.dq
         if not np.abs(after).max(initial=0.0) < _FASTEST or not np.isfinite(made.object_twist).all():
             raise SimulationDiverged(t, dt)
         joint_work += 0.5 * dt * float(made.torques @ speeds)
@@ -157,7 +173,7 @@ def simulate(
             last[3], last[-1][:2] = made.torques, (joint_work, load_work)
         joint_work += 0.5 * dt * float(made.torques @ after)
         load_work += 0.0 if fixed else 0.5 * dt * float(wrench @ made.object_twist)
-    return _record(task, samples, made, law, engine, mode, dt, release, wrong, every * dt, time.perf_counter() - started)
+    return _record(task, samples, made, engine, mode, dt, release, wrong, gone, time.perf_counter() - started)
 
 
 def _engine(name: str):
@@ -213,7 +229,7 @@ class _Samples:
     """What is recorded on the way, by part of the hand."""
 
     def __init__(self, parts: int):
-        self.parts, self.rows = parts, []
+        self.parts, self.rows, self.complete = parts, [], 0  # the sample at t_F
 
     def add(self, sample: list, kinetic: float) -> None:
         t, q, dq, torques, pose, touches, pressing, slip, energies = sample
@@ -230,7 +246,7 @@ class _Samples:
         return [np.array(column) for column in zip(*self.rows)]
 
 
-def _record(task, samples, made, law, engine, mode, dt, release, wrong, interval, elapsed) -> Simulation:
+def _record(task, samples, made, engine, mode, dt, release, wrong, gone, elapsed) -> Simulation:
     times, q, dq, torques, poses, forces, normal, across, depths, slips, energies = samples.columns()
     joints = [task.joint_of(link) for link in task.links]
     planned = np.bincount(joints, weights=task.normal_forces, minlength=made.parts)
@@ -245,14 +261,13 @@ def _record(task, samples, made, law, engine, mode, dt, release, wrong, interval
     }  # fmt: skip
     audited = not np.any(wrong.shake)
     released = task.final_time if release else None
-    complete = min(int(times.searchsorted(task.final_time - 0.5 * dt)), times.size - 1)
     return Simulation(
-        verdict=verdict_of(task, joints, shown, released, audited, complete, common),
+        verdict=verdict_of(task, joints, shown, released, audited, samples.complete, gone, common),
         engine=engine,
         mode=mode,
         time_step=dt,
         release=released,
-        complete=complete,
+        complete=samples.complete,
         dq=read_only(dq),
         forces_o=read_only(forces[:, shown]),
         tangential_forces=read_only(across[:, shown]),

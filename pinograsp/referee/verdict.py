@@ -11,8 +11,9 @@ _BEYOND = 1e-3  # [rad or m] past a joint's limit
 _AT_LIMIT = 1e-6  # of a torque limit
 
 
-def verdict_of(task, joints, shown, release, audited: bool, complete: int, samples: dict) -> Verdict:
-    """The verdict on a task from the samples of its simulation; ``release`` [s] or None, ``complete``: the sample at t_F."""
+def verdict_of(task, joints, shown, release, audited: bool, complete: int, gone: bool, samples: dict) -> Verdict:
+    """The verdict on a task from the samples of its simulation: ``release`` [s] or None; ``complete``: the sample at t_F, before
+    which the object does not move; ``gone``: it was that far away that the simulation ended early."""
     times, poses = samples["times"], samples["object_poses"]
     normal, planned = samples["normal_forces"], samples["planned_forces"]
     start, end = poses[complete], poses[-1]
@@ -22,7 +23,7 @@ def verdict_of(task, joints, shown, release, audited: bool, complete: int, sampl
     gravity = np.linalg.norm(task.gravity_o)
     up = -task.gravity_o / gravity if gravity > 0 else np.array([0.0, 0.0, 1.0])
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
-    held, reason = _held(times, poses, complete, drift, turn, release)
+    held, reason = _held(times, poses, normal, drift, turn, release, gone)
 
     # The last tenth of the hold: whatever still swings is averaged.
     last = slice(min(times.size - 1, times.size - max(1, (times.size - complete) // 10)), None)
@@ -57,11 +58,11 @@ def verdict_of(task, joints, shown, release, audited: bool, complete: int, sampl
     )
 
 
-def _held(times, poses, complete: int, drift: float, turn: float, release) -> tuple[bool, str]:
+def _held(times, poses, normal, drift: float, turn: float, release, gone: bool) -> tuple[bool, str]:
     if release is None:
         return True, "the object was never let go"
     since = times[-1] - release
-    if not drift <= GONE:
+    if gone or not drift <= GONE:
         return False, f"the object was {1e3 * drift:.0f} mm away {since:.2f} s after it was let go"
     if not (drift <= MOVED and turn <= TURNED):
         return False, f"the object moved {1e3 * drift:.2f} mm and turned {turn:.1f} deg within {since:.2f} s"
@@ -69,6 +70,8 @@ def _held(times, poses, complete: int, drift: float, turn: float, release) -> tu
     still = float(np.linalg.norm(resting[:, :3, 3] - resting[-1, :3, 3], axis=1).max())
     if not still <= RESTING:
         return False, f"the object still creeps: {1e3 * still:.2f} mm in the last {0.2 * since:.2f} s"
+    if not normal[-1].any():
+        return False, f"nothing touched the object {since:.2f} s after it was let go"
     return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s"
 
 
