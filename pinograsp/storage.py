@@ -20,6 +20,7 @@ from pinograsp.hands.model import HandModel
 from pinograsp.hands.record import hand_of, hand_record
 from pinograsp.objects.body import Body
 from pinograsp.objects.record import object_of, object_record
+from pinograsp.run_files import read_check, read_document, read_plan
 
 SCHEMA = "pinograsp.plan/1"
 SCENE = "pinograsp.scene/1"
@@ -48,9 +49,17 @@ class Run:
         """The hand of the plan, as it was placed; its meshes are read from their files.
 
         Raises:
-            InvalidInput: the run has none, or a broken one; HandNotLoaded names mesh files that are missing.
+            InvalidInput: the run has none, a broken one, or one of other joints and links than the plan's; HandNotLoaded names
+                mesh files that are missing.
         """
-        return hand_of(self._kept("hand", "load it from its description, pinograsp.load_hand"))
+        hand = hand_of(self._kept("hand", "load it from its description, pinograsp.load_hand"))
+        fingers = {finger.name: finger.dofs.tolist() for finger in hand.fingers}
+        if list(hand.joint_names) != self.layout.get("joints") or fingers != self.layout.get("fingers"):
+            raise InvalidInput("expected the hand of the plan, got one with other joints or fingers (scene.json): plan it again")
+        for link in self.arrays.get("contact_links", ()):
+            if str(link) and not hand.model.existFrame(str(link)):
+                raise InvalidInput(f"expected contacts of the hand, it has no link '{link}': plan it again")
+        return hand
 
     def object(self) -> Body:
         """The object of the plan, where it was held; :class:`InvalidInput` where the run has none, or a broken one."""
@@ -219,12 +228,10 @@ def load_check(folder: str | Path) -> tuple[dict, dict[str, np.ndarray]]:
     """Summary and arrays of a simulation; :class:`InvalidInput` where the folder holds none."""
     folder = Path(folder)
     try:
-        summary = json.loads((folder / "check.json").read_text(encoding="utf-8"))
-        with np.load(folder / "check.npz", allow_pickle=False) as stored:
-            return summary, {name: stored[name] for name in stored.files}
+        return read_check(folder)
     except Exception as error:  # the readers raise whatever comes of a broken file
         raise InvalidInput(
-            f"simulation: expected a folder that 'pinograsp check' wrote, got '{folder}' ({type(error).__name__}: {error})"
+            f"simulation: expected a folder that 'pinograsp check' wrote, got '{folder}' ({_cause(error)})"
         ) from error
 
 
@@ -267,24 +274,16 @@ def _move_into_place(staging: Path, folder: Path) -> None:
 
 
 def load_run(folder: str | Path) -> Run:
-    """Read a run back; :class:`InvalidInput` where the folder holds none, or one of another schema."""
+    """Read a run back; :class:`InvalidInput` where the folder holds none, or one that is damaged or of another schema."""
     folder = Path(folder)
     try:
-        document = _document(folder / "plan.json", SCHEMA)
-        with np.load(folder / "plan.npz", allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        scene = _document(folder / "scene.json", SCENE) if (folder / "scene.json").exists() else {}
+        document, arrays = read_plan(folder, SCHEMA)
+        scene = read_document(folder / "scene.json", SCENE) if (folder / "scene.json").exists() else {}
         layout, settings, versions = (document.pop(name) for name in ("layout", "settings", "versions"))
-    except InvalidInput:
-        raise
     except Exception as error:  # the readers raise whatever comes of a broken file
-        raise InvalidInput(f"'{folder}' holds no readable run: {type(error).__name__}: {error}") from error
+        raise InvalidInput(f"'{folder}' holds no readable run: {_cause(error)}") from error
     return Run(summary=document, arrays=arrays, layout=layout, settings=settings, versions=versions, scene=scene)
 
 
-def _document(path: Path, schema: str) -> dict:
-    document = json.loads(path.read_text(encoding="utf-8"))
-    found = document.pop("schema", None) if isinstance(document, dict) else None
-    if found != schema:
-        raise InvalidInput(f"'{path.parent}': expected schema {schema}, got {found} ({path.name})")
-    return document
+def _cause(error: Exception) -> str:
+    return str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {error}"[:300]

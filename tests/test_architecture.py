@@ -14,7 +14,7 @@ PACKAGE = ROOT / "pinograsp"
 
 # The way of the data: a room imports only from itself and from rooms before it.
 ROOMS = [
-    "errors", "checks", "interrupts", "spatial", "hands", "objects", "contacts", "forces", "motion", "placement", "storage", "handover",
+    "errors", "checks", "interrupts", "spatial", "hands", "objects", "contacts", "forces", "motion", "placement", "run_files", "storage", "handover",
     "referee", "viz", "plan", "cases", "sweep", "report", "cli",
 ]  # fmt: skip
 OWNERS = {
@@ -31,7 +31,7 @@ OWNERS = {
     "matplotlib": {"viz"},
     "viser": {"viz"},
     "websockets": {"viz"},
-    "pydantic": {"cases"},
+    "pydantic": {"cases", "run_files"},
     "ruamel": {"cases", "handover"},
     "typer": {"cli"},
     "rich": {"cli"},
@@ -42,7 +42,7 @@ OWNERS = {
     "distributed": {"sweep"},
 }
 # Rooms that must work without the solvers: pictures and reports of stored runs.
-WITHOUT_SOLVERS = ("storage", "viz", "report")
+WITHOUT_SOLVERS = ("run_files", "storage", "viz", "report")
 
 
 def room_of(path: Path) -> str:

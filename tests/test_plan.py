@@ -154,8 +154,8 @@ def test_existing_folders_are_kept(run, tmp_path):
     with pytest.raises(ResultsNotWritten, match="--force"):
         save_run(run, folder)
     assert (folder / "plan.json").read_bytes() == before
-    save_run(replace(run, summary={**run.summary, "status": "again"}), folder, force=True)
-    assert load_run(folder).summary["status"] == "again"
+    save_run(replace(run, summary={**run.summary, "status": "joint_limit"}), folder, force=True)
+    assert load_run(folder).summary["status"] == "joint_limit"
     (folder / "notes.txt").write_text("mine")
     with pytest.raises(ResultsNotWritten, match=r"notes\.txt"):
         save_run(run, folder, force=True)
