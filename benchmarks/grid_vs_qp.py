@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from results import header, write_rows
 
 from pinograsp.cases import load_case
+from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.forces import GridSpec, grid_search
 
 HERE = Path(__file__).resolve().parent
@@ -46,7 +47,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--budget", type=float, default=120.0, help="longest brute-force run attempted [s]")
     budget = parser.parse_args().budget
-    case = load_case("paper")
+    case = load_case("paper", AS_PUBLISHED)
     problem = case.make_problem(case.load_hand())
     first_line = header(("numpy", "pin", "qpsolvers", "daqp"))
     rows, ratios = [], []

@@ -28,6 +28,7 @@ from results import header, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
+from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.forces import MultiplierQP
 
 HERE = Path(__file__).resolve().parent
@@ -38,7 +39,7 @@ COLUMNS = ("case", "contacts", "joints", "mode", "steps", "median_us", "p99_us",
 
 
 def papers_hand() -> tuple:
-    plan = pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone"}).plan()
+    plan = pg.load_case("paper", {"forces.search": "convex", "friction.safety": 1.0, "friction.model": "cone"}).plan()
     return plan.hand, plan.motion.q[-1], plan.problem, (0.05, 60.0)
 
 
@@ -138,7 +139,7 @@ def loop(step, wander: Wander, seconds: float, mode: str) -> dict:
 
 def multipliers(blocks: int = 10) -> list[dict]:
     """MultiplierQP and DAQP on the same loads."""
-    case = pg.load_case("paper")
+    case = pg.load_case("paper", AS_PUBLISHED)
     problem = case.make_problem(case.load_hand())
     normal = pg.grid_search(problem, progress=False).normal_forces
     own, rng = MultiplierQP(problem, normal), np.random.default_rng(0)

@@ -2,7 +2,7 @@
 
 import pinograsp as pg
 
-plan = pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench"}).plan()
+plan = pg.load_case("paper", {"forces.search": "convex"}).plan()
 
 print(plan.status, f"t_I = {plan.forces.impact_time:.4f} s")
 for contact, force in zip(plan.problem.contacts.names, plan.forces.normal_forces):

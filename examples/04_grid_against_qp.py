@@ -3,8 +3,10 @@
 import time
 
 import pinograsp as pg
+from pinograsp.cases.published import AS_PUBLISHED
 
-problem = pg.load_case("paper", {"forces.measure": "work"}).make_problem(pg.load_case("paper").load_hand())
+case = pg.load_case("paper", AS_PUBLISHED | {"forces.measure": "work"})  # forces alone in balance
+problem = case.make_problem(case.load_hand())
 print(f"{'search':>10} {'work [mJ]':>10} {'net force [N]':>14} {'time [ms]':>10}")
 for search in ("paper", "paper+qp", "hybrid"):
     begun = time.perf_counter()

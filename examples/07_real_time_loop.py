@@ -6,7 +6,7 @@ import numpy as np
 
 import pinograsp as pg
 
-plan = pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone"}).plan()
+plan = pg.load_case("paper", {"forces.search": "convex", "friction.model": "cone"}).plan()
 online = pg.OnlineForces.of(plan, max_rate=200.0, ramp=0.05)  # compiles here, not in the loop
 load, q = np.array(plan.problem.load), plan.motion.q[-1]
 

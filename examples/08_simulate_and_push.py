@@ -3,8 +3,7 @@
 import pinograsp as pg
 from pinograsp.referee import Disturbance, Push
 
-changes = {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone", "friction.safety": 1.3}
-plan = pg.load_case("paper", changes | {"motion.touch": "surface"}).plan()
+plan = pg.load_case("paper", {"forces.search": "convex", "friction.model": "cone", "friction.safety": 1.3}).plan()
 
 trials = {
     "as planned": Disturbance(),

@@ -187,7 +187,7 @@ def markdown(run: Run, figures: list[str] | None = None, check: dict | None = No
     else:
         lines += _grid_section(s)
     if s.get("comparison"):
-        lines += ["## Beside the paper", ""]
+        lines += ["## Beside the paper", "", "Planned as the paper does: forces alone in balance, friction used up to its limit.", ""]
         lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(s["comparison"]))
     if run.settings.get("assumed"):
         lines += ["## Assumed inputs", "", *(f"- `{key}`: {why}" for key, why in run.settings["assumed"].items()), ""]

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import settings
 
 from pinograsp.cases import load_case
+from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.cli import main
 from pinograsp.contacts import Contact, ContactSet, contacts_at
 from pinograsp.forces import ForceProblem
@@ -47,7 +48,8 @@ def around_cylinder(rng, k: int, radius: float, jitter: float = 0.3) -> np.ndarr
 
 @pytest.fixture(scope="session")
 def paper_case():
-    return load_case("paper")
+    """The case study with the paper's own choices: forces alone in balance, friction up to its limit."""
+    return load_case("paper", AS_PUBLISHED)
 
 
 @pytest.fixture(scope="session")

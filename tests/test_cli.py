@@ -78,14 +78,14 @@ def test_folders_never_collide_and_replacing_one_needs_force(command, tmp_path):
     code, out, err = command("plan", "paper", "--out", "runs/paper")
     assert code == 2 and "--force" in err and out == ""
     assert (tmp_path / "runs" / "paper" / "plan.json").read_bytes() == before
-    assert command("plan", "paper", "--json", "--out", "runs/paper", "--force", "--balance", "wrench")[0] == 0
+    assert command("plan", "paper", "--json", "--out", "runs/paper", "--force", "--balance", "force")[0] == 0
     assert (tmp_path / "runs" / "paper" / "plan.json").read_bytes() != before
 
 
 @pytest.mark.parametrize("search", ["paper", "paper+qp", "hybrid"])
 @pytest.mark.parametrize("solver", ["daqp", pytest.param("clarabel", marks=pytest.mark.slow)])
 def test_searches_and_solvers(command, search, solver):
-    code, out, _ = command("plan", "paper", "--json", "--search", search, "--solver", solver)
+    code, out, _ = command("plan", "paper", "--json", "--balance", "force", "--search", search, "--solver", solver)
     document = json.loads(out)
     assert code == 0 and document["search"] == search
     assert document["status"] == ("unbalanced" if search == "paper+qp" else "ok")
@@ -114,6 +114,7 @@ def test_spheres_links_and_lists_in_a_case():
             ],
             "grid.impact_times": [0.85, 0.9],
             "forces.moment_length_mm": 30,
+            "motion.touch": "length",
         },
     )
     hand = case.load_hand()

@@ -11,11 +11,12 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.cases import load_case
+from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.errors import CaseRejected, GraspInfeasible, InvalidInput, Status
 from pinograsp.report import failure, markdown
 from pinograsp.storage import load_run, run_of
 
-CONVEX = {"forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work"}
+CONVEX = {**AS_PUBLISHED, "forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work"}
 
 
 def test_plan_carries_certificate_and_margins():
@@ -109,7 +110,7 @@ def test_infeasible_plan_says_why(hand, make_problem):
 
 
 def test_command_finds_the_certified_optimum(command, tmp_path):
-    code, out, err = command("plan", "paper", "--search", "convex", "--balance", "wrench", "--measure", "work", "--json")
+    code, out, err = command("plan", "paper", "--search", "convex", "--set", "friction.safety=1", "--measure", "work", "--json")
     document = json.loads(out)
     assert code == 0 and err == "" and document["status"] == "ok"
     assert document["work_J"] == pytest.approx(57.09e-3, rel=1e-4)
@@ -120,7 +121,7 @@ def test_command_finds_the_certified_optimum(command, tmp_path):
 
 
 def test_command_keeps_the_proof(command, tmp_path):
-    changes = ("--set", "friction.mu=0.2", "--set", "forces.balance=wrench")
+    changes = ("--set", "friction.mu=0.2", "--set", "friction.safety=1")
     code, out, err = command("plan", "paper", "--search", "convex", *changes, "--out", "why")
     assert code == 3 and out == "" and "Traceback" not in err
     assert "smallest friction coefficient" in err and "the proof is written to why" in err

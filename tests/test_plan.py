@@ -25,8 +25,8 @@ def plan(paper_case):
 
 
 @pytest.fixture(scope="module")
-def rows(paper_case, plan):
-    return {row.quantity: row for row in compare(paper_case, plan)}
+def rows(paper_case):
+    return {row.quantity: row for row in compare(paper_case)}
 
 
 def test_case_study_plan(plan):
@@ -79,7 +79,7 @@ def test_table_against_the_paper(rows):
 
 def test_comparison_says_so_where_there_is_no_grasp(paper_case):
     coarse = load_case("paper", {"grid.accelerations": [0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7]})
-    table = {row.quantity: row for row in compare(coarse, coarse.plan())}
+    table = {row.quantity: row for row in compare(coarse)}
     assert table["hybrid, wrench balance, least work"].note == "no grasp on this grid"
 
 

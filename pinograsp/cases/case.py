@@ -345,6 +345,14 @@ def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = N
     return validated(Case, {**data, "folder": path.resolve().parent}, f"case '{name}'")
 
 
+def with_changes(case: Case, changes: dict[str, Any]) -> Case:
+    """``case`` with some values changed, as ``load_case`` changes those of a file; errors alike."""
+    data = case.settings()
+    for key, value in changes.items():
+        put_value(data, key, value)
+    return validated(Case, {**data, "folder": case.folder}, f"case '{case.name}'")
+
+
 def validated(kind: type[Section], data: dict, what: str):
     """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` names all that is wrong with ``what``."""
     try:

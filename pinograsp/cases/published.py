@@ -6,13 +6,19 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pinograsp.cases.case import Case
-from pinograsp.contacts import DecelerationShape, Friction
+from pinograsp.cases.case import Case, with_changes
 from pinograsp.forces import GridSpec, grid_search, optimize_grasp, refine_multipliers
 from pinograsp.hands import HandModel
 from pinograsp.motion import contact_postures
 from pinograsp.motion.grasp_ik import press
 from pinograsp.plan import GraspPlan
+
+# What the paper can be compared with: forces alone in balance, its friction pyramid used up to the limit, contacts on the
+# lines along the links, constant deceleration, no caps, no torque limits.
+AS_PUBLISHED = {
+    "forces.balance": "force", "friction.model": "pyramid", "friction.edges": 4, "friction.safety": 1.0,
+    "limits.deceleration": "constant", "limits.max_normal_force": None, "limits.torque_limit": None, "motion.touch": "length",
+}  # fmt: skip
 
 NORMAL_FORCES_N = {"thumb": 9.873, "index": 6.35, "middle": 4.7}
 IMPACT_TIME_S = 0.90
@@ -56,21 +62,20 @@ class Row:
         return asdict(self) | {"difference": self.difference}
 
 
-def compare(case: Case, plan: GraspPlan) -> list[Row]:
-    """Published figures beside those of ``plan`` and, where a figure depends on balance or measure, of each choice.
+def compare(case: Case) -> list[Row]:
+    """Published figures beside those of ``case`` planned with the paper's own choices (``AS_PUBLISHED``) and, where a figure
+    depends on balance or measure, of each choice.
 
-    ``case`` must have the case study's three contacts; the other settings are the plan's own.
+    ``case`` must have the case study's three contacts.
+
+    Raises:
+        NoGrasp: the case has no grasp with the paper's choices.
     """
+    case = with_changes(case, AS_PUBLISHED)
+    plan = case.plan(progress=False)
     forces, grid = plan.forces, case.make_grid()
     solver = "daqp" if case.forces.solver == "auto" else case.forces.solver
-    # What the paper can be compared with: its own friction pyramid and deceleration, no caps, no torque limits.
-    problem = replace(
-        plan.problem,
-        friction=Friction(),
-        shape=DecelerationShape.constant(),
-        max_normal_force=None,
-        torques=None,
-    )
+    problem = plan.problem
     fingers = list(NORMAL_FORCES_N)
     published = np.array(list(NORMAL_FORCES_N.values()))
     rows = [

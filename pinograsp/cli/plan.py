@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from pinograsp.cli.app import HELD, At, FrictionModel, Hulls, Json, Mu, Root, Safety, Samples, Seed, Wrap, app, errors_told, fresh_folder
-from pinograsp.errors import GraspInfeasible, InvalidInput, Status
+from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp, Status
 
 
 @app.command()
@@ -98,10 +98,18 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
         raise
     run = run_of(planned, loaded.settings())
     if case == "paper":
-        from pinograsp.cases.published import compare
-
-        run = replace(run, summary=run.summary | {"comparison": [row.summary() for row in compare(loaded, planned)]})
+        run = replace(run, summary=run.summary | _beside_the_paper(loaded, run.summary["notes"]))
     _finish(run, folder, force, as_json)
+
+
+def _beside_the_paper(case, notes: list[str]) -> dict:
+    """The published figures beside those of the case planned with the paper's own choices; a note where it has no such plan."""
+    from pinograsp.cases.published import compare
+
+    try:
+        return {"comparison": [row.summary() for row in compare(case)]}
+    except NoGrasp as error:
+        return {"notes": [*notes, f"nothing stands beside the paper's figures: with its own choices there is no grasp ({error})"]}
 
 
 def _object_case(hand: str, object: str, root: str | None, at: str | None, **options):
@@ -207,7 +215,8 @@ def _print(run, folder: Path) -> None:
         table.add_row(*row)
     console.print(table)
     if run.summary.get("comparison"):
-        beside = Table(title="\nBeside the paper", title_justify="left", box=None, header_style="bold")
+        title = "\nBeside the paper (planned as the paper does, forces alone in balance)"
+        beside = Table(title=title, title_justify="left", box=None, header_style="bold")
         for name in ("quantity", "unit"):
             beside.add_column(name)
         for name in ("paper", "ours", "difference"):
