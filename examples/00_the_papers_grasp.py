@@ -1,8 +1,8 @@
-"""The paper's grasp: three fingers of a humanoid hand hold a cylinder of 1.02 kg with the least energy."""
+"""The paper's grasp: three fingers of a humanoid hand hold a cylinder of 1.02 kg with the least energy that balances forces and moments."""
 
 import pinograsp as pg
 
-plan = pg.load_case("paper", {"forces.search": "convex"}).plan()
+plan = pg.load_case("paper", {"forces.search": "convex", "friction.safety": 1.0}).plan()
 
 print(plan.status, f"t_I = {plan.forces.impact_time:.4f} s")
 for contact, force in zip(plan.problem.contacts.names, plan.forces.normal_forces):

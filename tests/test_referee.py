@@ -396,6 +396,12 @@ def test_cautions_say_what_the_plan_does_not_cover(plan):
     assert any("safety factor" in caution for caution in told)
 
 
+def test_the_papers_case_holds_as_shipped_and_falls_with_the_papers_own_choices():
+    assert simulate(pg.load_case("paper").plan(progress=False), hold=0.5, time_step=5e-4).verdict.held
+    lost = simulate(pg.load_case("paper", AS_PUBLISHED).plan(progress=False), hold=0.5, time_step=5e-4).verdict
+    assert not lost.held and lost.drift > 5e-3
+
+
 def test_optimised_grasp_needs_less_than_closing_on(plan):
     task = Task.of(plan)
     cone = pg.load_case("paper", SURFACE | {"friction.model": "cone", "forces.measure": "work"}).plan()
