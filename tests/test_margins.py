@@ -7,11 +7,14 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
+from random_grasps import FAMILIES, Model, normal_force_range, random_grasp
+from random_grasps import solve as solve_oracle
 from scipy.optimize import linprog
 
-from pinograsp.contacts import Friction
-from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceProblem, force_closure, grasp_margins, load_margin, min_weight, optimize_forces
+from pinograsp.contacts import Friction, contacts_at
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces import ForceProblem, conic, diagnose, force_closure, grasp_margins, load_margin, min_weight, optimize_forces
+from pinograsp.objects import Cylinder
 
 
 def around(contact_set, k, seed, radius=0.03):
@@ -112,6 +115,80 @@ def test_load_margins_equal_another_solver_s_linear_program(contact_set):
             compared += 1
             assert found == pytest.approx(float(s.value), rel=1e-6)
     assert compared >= 6
+
+
+@pytest.mark.parametrize("friction", [Friction(), Friction(model="cone"), Friction(model="soft", torsion=0.003)], ids=lambda f: f.model)
+def test_a_load_that_is_too_much_has_no_margin_even_where_more_would_relieve_it(friction):
+    body = Cylinder(radius=0.03, height=0.1, mass=4.0)
+    angle = np.array([0.0, 2.1, 4.2])
+    contacts = contacts_at(None, body, 0.03 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]))
+    problem = ForceProblem(contacts=contacts, load=[0, 0, -40.0, 0, 0, 0], mu=0.5, friction=friction)
+    assert optimize_forces(problem, 0.9).status is Status.INFEASIBLE
+    up = [0, 0, 1.0, 0, 0, 0]
+    assert load_margin(problem, up, impact_time=0.9) == -1.0
+    least, largest = diagnose(problem, 0.9).load_factors
+    assert least < 1e-9 and largest < 1
+    # The light load of the same forces is held, and 40 N less weight is more than that.
+    light = problem.with_load(0.5 * largest * problem.load)
+    assert load_margin(light, up, impact_time=0.9) == pytest.approx(0.5 * largest * 40 + 40 * largest, rel=1e-6)
+    normal = optimize_forces(light, 0.9).normal_forces
+    assert load_margin(light, up, normal_forces=normal) >= 0 > load_margin(problem, up, normal_forces=normal)
+    assert grasp_margins(replace(optimize_forces(light, 0.9), problem=problem)).load_factor == 0
+
+
+@pytest.mark.parametrize(("family", "fixed"), [(family, fixed) for family in FAMILIES for fixed in (False, True)])
+def test_load_margins_equal_another_formulation(family, fixed):
+    compared = 0
+    for seed in range(24):
+        grasp = random_grasp(seed, family=family, k=4 + seed % 3, torques=seed % 3 == 0, degenerate="", load="limit")
+        problem, rng = grasp.problem, np.random.default_rng(seed)
+        low, high = normal_force_range(problem, grasp.impact_time)
+        if np.any(low > high):
+            continue
+        careful = replace(problem.friction, safety=1.2 * problem.friction.safety)
+        held = optimize_forces(replace(problem, friction=careful), grasp.impact_time)
+        if fixed and not held.found:
+            continue
+        direction = rng.normal(size=6) * [1, 1, 1, 0.03, 0.03, 0.03]
+        if seed % 2:  # relief: what is not held becomes so
+            direction = -problem.load
+        model, s = Model(problem, grasp.impact_time), cp.Variable()
+        unit = direction / model.scale
+        unit[3:] /= problem.moment_length
+        rows = [*model.constraints[:-1], model.net + s * unit[: problem.rows] == 0]
+        found = {"impact_time": grasp.impact_time}
+        if fixed:
+            rows.append(held.normal_forces / model.scale == model.F)
+            found = {"normal_forces": held.normal_forces}
+        ends = [solve_oracle(cp.Minimize(s), rows), solve_oracle(cp.Maximize(s), rows)]
+        if any(end[0] == "?" for end in ends) or min(abs(end[1]) for end in ends) < 1e-6:
+            continue
+        compared += 1
+        wanted = ends[1][1] if ends[0][0] == "optimal" and ends[0][1] < 0 < ends[1][1] else -1.0
+        assert load_margin(problem, direction, **found) == pytest.approx(wanted, rel=1e-6), grasp
+        if compared == 2:
+            break
+    assert compared == 2
+
+
+def test_margins_do_not_take_a_solver_at_its_word(solved, contact_set, monkeypatch):
+    """A solver that stops early says "solved" as well: figures then may be too small, never too large."""
+    solution, contacts = solved(Friction(model="cone", safety=1.3)), around(contact_set, 5, 103)
+    problem = replace(solution.problem, friction=Friction(model="cone"))
+    directions = np.vstack([np.eye(6), -np.eye(6)]) * np.repeat([1, 0.03], 3)
+
+    def figures():
+        margins = grasp_margins(solution, tolerance=0.1)
+        free = [load_margin(problem, d, impact_time=0.85) for d in directions]
+        fixed = [load_margin(problem, d, normal_forces=solution.normal_forces) for d in directions]
+        closure = [force_closure(contacts, 0.39).margin, min_weight(contacts, 0.39)]
+        return np.array([*free, *fixed, *closure, margins.load_factor, margins.disturbance_force, margins.disturbance_moment])
+
+    exact = figures()
+    assert exact[:24].min() > 0 and exact[24] > 0.01
+    for name in ("tol_gap_abs", "tol_gap_rel", "tol_feas"):
+        monkeypatch.setitem(conic._SETTINGS, name, 1e-3)
+    assert np.all(figures() <= exact * (1 + 1e-6))
 
 
 def test_load_factor_is_the_margin_along_the_load(solved):

@@ -14,6 +14,7 @@ from pinograsp.forces.program import Program
 
 _SETTINGS = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11, "tol_infeas_abs": 1e-11,
              "tol_infeas_rel": 1e-11, "max_iter": 200, "verbose": False, "max_threads": 1}  # fmt: skip
+_HUGE = 1e100  # squares of larger numbers are not finite
 
 
 def settings() -> clarabel.DefaultSettings:
@@ -27,11 +28,6 @@ def settings() -> clarabel.DefaultSettings:
 def solve(P, q, A, b, cones):
     """Clarabel's solution: whatever its status says, callers certify x and z themselves."""
     return clarabel.DefaultSolver(P, q, A, b, cones, settings()).solve()
-
-
-def solved(found) -> bool:
-    """Whether Clarabel ended at an optimum."""
-    return str(found.status) in ("Solved", "AlmostSolved")
 
 
 def cone_rows(program: Program) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int], sp.csc_matrix]:
@@ -56,16 +52,32 @@ def cone_rows(program: Program) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int]
     return linear, sp.csc_matrix(sp.kron(sp.identity(k), block)), [inside] * k, select
 
 
-def solve_linear(program: Program, equal, equal_b, q, *, least=None, torques: bool = False):
-    """min q . z over z = (x, further columns), x within friction and bounds (and torque limits): Clarabel's solution.
+def limit_rows(program: Program):
+    """Friction and the bounds of F_n as rows on x: equations and their right-hand side, inequalities and theirs, cones and sizes.
 
-    ``equal`` z = ``equal_b`` are its first rows, ``least`` z >= 0 further ones. Look at :func:`solved` first.
+    Normal forces that are fixed are equations: as two inequalities they would leave an interior-point method no interior.
+    """
+    k, n = program.k, program.k * program.d
+    linear, second, sizes, select = cone_rows(program)
+    facets = linear[2 * k :]
+    if np.array_equal(program.lo, program.hi):
+        return select, program.lo, facets, np.zeros(facets.shape[0]), second, sizes
+    limits = np.concatenate([-program.lo, program.hi, np.zeros(facets.shape[0])])
+    return sp.csc_matrix((0, n)), np.zeros(0), linear, limits, second, sizes
+
+
+def solve_linear(
+    program: Program, equal, equal_b, q, *, least=None, torques: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """min q . z over z = (x, further columns), x within friction and bounds (and torque limits).
+
+    ``equal`` z = ``equal_b`` are its first rows, ``least`` z >= 0 further ones. z, multipliers of those rows and of the torque
+    rows, for callers to certify: finite, no more. None where they are not.
     """
     n = program.k * program.d
-    linear, second, sizes, _ = cone_rows(program)
+    fixed, fixed_b, linear, linear_b, second, sizes = limit_rows(program)
     blocks = [linear, *((sp.csc_matrix(program.R), sp.csc_matrix(-program.R)) if torques else ())]
-    limits = [-program.lo, program.hi, np.zeros(linear.shape[0] - 2 * program.k)]
-    limits += [program.R_hi, -program.R_lo] if torques else []
+    limits = [linear_b, *((program.R_hi, -program.R_lo) if torques else ())]
 
     def wide(block):
         return sp.hstack([block, sp.csc_matrix((block.shape[0], len(q) - n))])
@@ -74,11 +86,16 @@ def solve_linear(program: Program, equal, equal_b, q, *, least=None, torques: bo
     if least is not None:
         rows.append(-least)
         limits.append(np.zeros(least.shape[0]))
-    A = sp.vstack([equal, *rows, wide(second)], format="csc")
-    b = np.concatenate([equal_b, *limits, np.zeros(second.shape[0])])
-    cones = [clarabel.ZeroConeT(len(equal_b)), clarabel.NonnegativeConeT(sum(row.shape[0] for row in rows))]
+    A = sp.vstack([equal, wide(fixed), *rows, wide(second)], format="csc")
+    b = np.concatenate([equal_b, fixed_b, *limits, np.zeros(second.shape[0])])
+    cones = [clarabel.ZeroConeT(len(equal_b) + len(fixed_b)), clarabel.NonnegativeConeT(sum(row.shape[0] for row in rows))]
     cones += [clarabel.SecondOrderConeT(size) for size in sizes]
-    return solve(sp.csc_matrix((len(q), len(q))), q, A, b, cones)
+    found = solve(sp.csc_matrix((len(q), len(q))), q, A, b, cones)
+    z, dual = np.array(found.x), np.array(found.z)
+    if not (np.abs(z).max() < _HUGE and np.abs(dual).max() < _HUGE):
+        return None
+    at, m = len(equal_b) + len(fixed_b) + len(linear_b), len(program.R) if torques else 0
+    return z, dual[: len(equal_b)], dual[at : at + m] - dual[at + m : at + 2 * m]
 
 
 def solve_conic(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:

@@ -10,12 +10,14 @@ import scipy.sparse as sp
 
 from pinograsp.checks import read_only
 from pinograsp.errors import Status
-from pinograsp.forces.conic import cone_rows, solve, solve_linear, solved
+from pinograsp.forces.conic import limit_rows, solve, solve_linear
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, feasibility
+from pinograsp.forces.program import VIOLATION, Program, feasibility
 
 # A proof counts where its margin exceeds this share of the load: a thousand times the rounding of its closed form.
 PROVEN = 1e-11
+_SHARP = 1e-7  # between an extreme multiple and its proven bound
+_NEWTON = 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,8 +56,9 @@ class Closest:
     """Phase one: the admissible x with the least net wrench and torque excess, dimensionless.
 
     Attributes:
-        x: (k d,). left: norm of what remains. y, w: the dual (rows,), (m,), a Farkas certificate where ``proven`` > 0.
-        proven: lower bound of ``left`` for all admissible x, in closed form from y and w.
+        x: (k d,). left: norm of the net wrench, or the limits' largest violation if that is more.
+        y, w: the dual (rows,), (m,), a Farkas certificate where ``proven`` > 0. proven: lower bound of what is left for all
+            admissible x, in closed form from y and w.
     """
 
     x: np.ndarray
@@ -71,8 +74,8 @@ def closest(program: Program) -> Closest | None:
     The norm itself, not its square: the dual then stays sharp down to the limit of feasibility. None where the solver
     returns nothing finite.
     """
-    k, n, rows, m = program.k, program.k * program.d, len(program.b), len(program.R)
-    linear, second, sizes, _ = cone_rows(program)
+    n, rows, m = program.k * program.d, len(program.b), len(program.R)
+    fixed, fixed_b, linear, linear_b, second, sizes = limit_rows(program)
     extra = rows + m + 1  # r, s and the norm t
 
     def wide(block, at=None, value=None):
@@ -86,32 +89,28 @@ def closest(program: Program) -> Closest | None:
     norm = sp.lil_matrix((extra, n + extra))
     norm[0, n + extra - 1] = -1.0
     norm[1:, n : n + extra - 1] = -sp.identity(extra - 1)
-    parts = [wide(sp.csc_matrix(program.A), 0, -sp.identity(rows)), wide(linear)]
+    parts = [wide(sp.csc_matrix(program.A), 0, -sp.identity(rows)), wide(fixed), wide(linear)]
     if m:
         R = sp.csc_matrix(program.R)
         parts += [wide(R, rows, -one), wide(-R, rows, one)]
     A = sp.vstack([*parts, norm, wide(second)], format="csc")
-    facets = np.zeros(linear.shape[0] - 2 * k)
-    b = np.concatenate([program.b, -program.lo, program.hi, facets, program.R_hi, -program.R_lo,
-                        np.zeros(extra + second.shape[0])])  # fmt: skip
+    b = np.concatenate([program.b, fixed_b, linear_b, program.R_hi, -program.R_lo, np.zeros(extra + second.shape[0])])
     q = np.zeros(n + extra)
     q[-1] = 1.0
-    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(linear.shape[0] + 2 * m), clarabel.SecondOrderConeT(extra)]
+    cones = [clarabel.ZeroConeT(rows + len(fixed_b)), clarabel.NonnegativeConeT(len(linear_b) + 2 * m)]
+    cones.append(clarabel.SecondOrderConeT(extra))
     found = solve(sp.csc_matrix((len(q),) * 2), q, A, b, cones + [clarabel.SecondOrderConeT(size) for size in sizes])
     z, dual = np.array(found.x), np.array(found.z)
     if not (np.isfinite(z).all() and np.isfinite(dual).all()):
         return None
     x, y = z[:n], dual[:rows]
-    at = rows + linear.shape[0]
+    at = rows + len(fixed_b) + len(linear_b)
     w = dual[at : at + m] - dual[at + m : at + 2 * m]
     # In theory of length one wherever forces cannot hold the load; near that limit the solver leaves it short.
     size = max(1e-6, float(np.sqrt(y @ y + w @ w)))
     y, w = y / size, w / size
     left = float(np.linalg.norm(program.A @ x - program.b))
-    if m:
-        torque = program.R @ x
-        left = float(np.hypot(left, np.linalg.norm(np.maximum(0, np.maximum(torque - program.R_hi, program.R_lo - torque)))))
-    return Closest(x=x, left=left, y=y, w=w, proven=program.excluded(y, w))
+    return Closest(x=x, left=max(left, program.violations(x)[0]), y=y, w=w, proven=program.excluded(y, w))
 
 
 def prove(problem: ForceProblem, program: Program) -> Infeasibility | None:
@@ -229,33 +228,75 @@ def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
 
 
 def load_factors(program: Program) -> tuple[float, float] | None:
-    """Least and largest s >= 0 for which s times the load can be held; infinity for an absent load; None for none."""
+    """Least and largest s >= 0 for which s times the load can be held; infinity for an absent load; None where none is found."""
     if not np.any(program.b):
         return (0.0, np.inf) if holds(program) else None
-    ends = [extreme_multiple(program, 0 * program.b, program.b, sign) for sign in (1.0, -1.0)]
-    return None if None in ends else (max(0.0, ends[0]), ends[1])
+    ends = [extreme_multiple(replace(program, b=0 * program.b), program.b, sign) for sign in (1, -1)]
+    return None if None in ends else (min(ends), max(ends))
 
 
-def holds(program: Program) -> bool:
-    """Whether some admissible forces balance the load, up to what is taken as balance."""
+def holds(program: Program, tolerance: float = 1e-8) -> bool:
+    """Whether some admissible forces balance the load, up to a share ``tolerance`` of the load or the largest F_n."""
     found = closest(program) if np.all(program.lo <= program.hi) else None
-    return found is not None and found.left <= 1e-8
+    return found is not None and found.left <= tolerance * _size(program, found.x)
 
 
-def extreme_multiple(program: Program, base: np.ndarray, column: np.ndarray, sign: float) -> float | None:
-    """Least (sign 1) or largest (sign -1) s >= 0 with A x = base + s column for an admissible x; None where there is none.
+def extreme_multiple(program: Program, column: np.ndarray, sign: int) -> float | None:
+    """Least (sign 1) or largest (sign -1) s >= 0 with A x = b + s column for an admissible x; None where none is found.
 
-    Infinity where s has no largest value.
+    Where the forces of the interior-point method are admissible and its dual proves that no s goes further, that is it. Else
+    phase one is solved at the proven bound, where its dual proves a nearer one: Newton's method, from outside.
     """
-    n = program.k * program.d
+    n, size = program.k * program.d, float(np.linalg.norm(column))
+    column = column / size
     equal = sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(-column[:, None])])
     positive = sp.csc_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
     q = np.zeros(n + 1)
     q[n] = sign
-    found = solve_linear(program, equal, base, q, least=positive, torques=True)
-    if str(found.status) == "DualInfeasible":
-        return np.inf
-    return float(found.x[n]) if solved(found) else None
+    bound, value = _bound(program, column, sign, sign * column, np.zeros(len(program.R))), None
+    found = solve_linear(program, equal, program.b, q, least=positive, torques=True)
+    if found is not None:
+        z, y, w = found
+        bound = sign * max(sign * bound, sign * _bound(program, column, sign, y, w))
+        here = replace(program, b=program.b + max(0.0, z[n]) * column)
+        if missed(here, here.settled(z[:n], here.A @ z[:n] - here.b)) <= VIOLATION:
+            value = max(0.0, float(z[n]))
+            if abs(bound - value) <= _SHARP * max(1.0, bound):
+                return value / size
+    for _ in range(_NEWTON):
+        here = closest(replace(program, b=program.b + bound * column))
+        if here is None:
+            break
+        if here.left <= VIOLATION * _size(program, here.x):
+            return bound / size
+        if here.proven > PROVEN and here.y @ column * sign <= 0:
+            return None  # the proof holds on both sides of the bound
+        nearer = _bound(program, column, sign, here.y, here.w)
+        if sign * (nearer - bound) <= 0:
+            break
+        bound = nearer
+    return None if value is None else value / size
+
+
+def _bound(program: Program, column: np.ndarray, sign: int, y: np.ndarray, w: np.ndarray) -> float:
+    """No s >= 0 beyond this has admissible forces, for any multipliers: sign s >= y . (A x - b), where y . column = sign.
+
+    Multipliers that say nothing of this give the farthest bound there is: 0 for the least s, infinity for the largest.
+    """
+    along = float(y @ column) * sign
+    if not along > 0:
+        return 0.0 if sign > 0 else np.inf
+    return max(0.0, sign * program.excluded(y / along, w / along))
+
+
+def missed(program: Program, x: np.ndarray) -> float:
+    """By how much x misses balance or limits, over the load or the largest F_n, whichever is more."""
+    violation, _, residual = program.violations(x)
+    return max(violation, float(np.linalg.norm(residual))) / _size(program, x)
+
+
+def _size(program: Program, x: np.ndarray) -> float:
+    return max(1.0, float(x[program.d - 1 :: program.d].max()))
 
 
 def _smallest_mu(problem: ForceProblem, impact_time: float) -> np.ndarray | None:

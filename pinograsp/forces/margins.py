@@ -15,12 +15,13 @@ from pinograsp.checks import array_of, read_only
 from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.conic import solve, solve_linear, solved
-from pinograsp.forces.infeasibility import extreme_multiple
+from pinograsp.forces.conic import solve, solve_linear
+from pinograsp.forces.infeasibility import extreme_multiple, holds, missed
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, columns_of, feasibility
 from pinograsp.forces.solution import ForceSolution
 
+_HELD = 1e-7  # of the load: optimal forces keep their friction limits to 1e-8, and their balance to 1e-9
 _NEGLIGIBLE = 1e-5  # of the load: optimal forces lie *on* their friction limits, so margins near zero are common
 
 
@@ -33,10 +34,11 @@ class GraspMargins:
             is tangential force without friction. The safety factor is *not* part of it: the limit is mu itself.
         least_mu: friction coefficient that each contact's force needs (k,) [-].
         slip_distance: least change of its force that brings a contact to slip (k,) [N]; negative: it slips.
-        load_factor: largest multiple of the load held with these normal forces, friction reacting [-]; infinite without
-            load; 0 where even the load itself is not held.
+        load_factor: largest multiple of the load held with these normal forces, friction reacting within the torque limits
+            [-]; infinite without load; 0 where even the load itself is not held.
         disturbance: largest wrench in *any* direction that may come on top of the load, friction reacting [N, moments over
-            the moment length], bounded from both sides, with the weakest direction.
+            the moment length], bounded from both sides, with the weakest direction. By friction alone: torque limits are not
+            part of the three disturbances.
         disturbance_force: the same for pure forces through the centre of mass [N].
         disturbance_moment: the same for pure moments [N m]; None in force balance.
     """
@@ -74,7 +76,10 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspM
     # Distance to the exact cone's surface: |f_t| = mu F_n is a plane in the (|f_t|, F_n) half-plane.
     slip = (problem.mu * F - tangential) / np.hypot(1.0, problem.mu)
     program = _at(problem, F)
-    reached = extreme_multiple(program, 0 * program.b, program.b, -1.0) if np.any(program.b) else np.inf
+    if np.any(program.b):
+        factor = 1.0 + _reached(program, program.b)
+    else:
+        factor = np.inf if holds(program, _HELD) else 0.0
     ball = _disturbances(program, tolerance)
     force = _section(program, (0, 1, 2)) if problem.rows == 6 else ball.lower
     moment = _section(program, (3, 4, 5)) if problem.rows == 6 else None
@@ -83,7 +88,7 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspM
         friction_used=read_only(used),
         least_mu=read_only(least_mu),
         slip_distance=read_only(slip),
-        load_factor=0.0 if reached is None else float(reached),
+        load_factor=factor,
         disturbance=InscribedBall(
             lower=ball.lower * unit,
             upper=ball.upper * unit,
@@ -102,7 +107,7 @@ def load_margin(
     """Largest s [-] for which the load plus s times ``direction`` (6,) [N, N m] can be held.
 
     Either with ``normal_forces`` (k,) [N] fixed, friction alone reacting, or with the forces free within their limits for
-    an impact at ``impact_time`` [s]. Returns -1 where even the load alone cannot be held, infinity where s is unbounded.
+    an impact at ``impact_time`` [s]. Returns -1 where even the load alone cannot be held.
     """
     direction = array_of("direction", direction, (6,))
     scaled = np.concatenate([direction[:3], direction[3:] / problem.moment_length])[: problem.rows]
@@ -119,8 +124,14 @@ def load_margin(
         program = feasibility(problem, *problem.normal_force_range(problem.checked_impact_time(impact_time)))
         if np.any(program.lo > program.hi):
             return -1.0
-    reached = extreme_multiple(program, program.b, -scaled / program.force_scale, -1.0)
-    return -1.0 if reached is None else float(reached)
+    return _reached(program, -scaled / program.force_scale)
+
+
+def _reached(program: Program, column: np.ndarray) -> float:
+    """Largest s >= 0 with forces that balance b + s column, or -1 where there are none at s = 0."""
+    if not holds(program, _HELD):
+        return -1.0
+    return extreme_multiple(program, column, -1) or 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -188,7 +199,14 @@ def min_weight(contacts: ContactSet, mu, *, edges: int = 8, balance: str = "wren
     b = np.concatenate([np.zeros(problem.rows), [1.0], np.zeros(count)])
     cones = [clarabel.ZeroConeT(problem.rows + 1), clarabel.NonnegativeConeT(count)]
     found = solve(sp.csc_matrix((count + 1, count + 1)), q, rows, b, cones)
-    return max(0.0, float(found.x[count]) * count) if solved(found) else 0.0
+    # Whatever the solver says of its answer: weights that do balance, and the least of them.
+    balance = np.vstack([edge_wrenches, np.ones(count)])
+    weights = np.array(found.x)[:count]
+    if not np.isfinite(weights).all():
+        return 0.0
+    weights -= np.linalg.pinv(balance) @ (balance @ weights - b[: problem.rows + 1])
+    balances = np.abs(balance @ weights - b[: problem.rows + 1]).max() <= 1e-9
+    return max(0.0, float(weights.min()) * count) if balances else 0.0
 
 
 def _unsafed(problem: ForceProblem) -> ForceProblem:
@@ -227,10 +245,13 @@ def _section(program: Program, rows: tuple[int, ...]) -> float:
     def support_point(y):
         nonlocal held
         found = solve_linear(program, equal, program.b, np.concatenate([np.zeros(n), -y]))
-        if not solved(found):
-            held = False
-            return np.zeros(len(rows))
-        return np.array(found.x)[n:]
+        if found is not None:
+            x, wrench = found[0][:n], found[0][n:]
+            here = replace(program, b=program.b - pick @ wrench)
+            if missed(here, x) <= _HELD:
+                return wrench
+        held = False
+        return np.zeros(len(rows))
 
     ball = inscribed_ball(support_point, len(rows), tolerance=1e-3, floor=_NEGLIGIBLE)
     return ball.lower if held else 0.0
@@ -256,7 +277,15 @@ def _interior(problem: ForceProblem) -> tuple[float, np.ndarray]:
     q[n] = -1.0
     positive = sp.csc_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
     found = solve_linear(program, equal, np.append(np.zeros(problem.rows), 1.0), q, least=positive)
-    return float(found.x[n]) if solved(found) else 0.0, np.array(found.z)[: problem.rows]
+    if found is None:
+        return 0.0, np.zeros(problem.rows)
+    # What is left of t in forces that do balance, whatever the solver says of its answer.
+    x, every = found[0][:n], np.vstack([program.A, total])
+    x[program.d - 1 :: program.d] += found[0][n] / k
+    x -= np.linalg.pinv(every) @ (every @ x - np.append(np.zeros(problem.rows), 1.0))
+    z = x.reshape(k, -1)
+    balances = np.abs(every @ x - np.append(np.zeros(problem.rows), 1.0)).max() <= 1e-9
+    return k * float((z[:, -1] - problem.friction.gauge(z[:, :-1])).min()) if balances else 0.0, found[1][: problem.rows]
 
 
 def _separating(problem: ForceProblem, A: np.ndarray, rank: int, y: np.ndarray) -> np.ndarray:

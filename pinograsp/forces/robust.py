@@ -209,8 +209,10 @@ class _Robust:
             tried = self.record(Status.OK, z, bound, started)
             if tried.status is Status.OK:
                 return tried
-        if self.radius:
-            proven = str(found.status) == "PrimalInfeasible"
+        if self.radius:  # by the solver's ray, looked at: no x has A x + s = b with s in the cones where A' ray = 0 > b . ray
+            ray = np.array(found.z)
+            along = float(b @ ray)
+            proven = str(found.status) == "PrimalInfeasible" and along < 0 and np.abs(A.T @ ray).max() <= -1e-7 * along
         else:
             proven = self.proven_infeasible(A, b, cones)
         return self.record(Status.INFEASIBLE if proven else Status.INACCURATE, None, -np.inf, started)
