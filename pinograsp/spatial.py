@@ -8,6 +8,9 @@ import numpy as np
 # (1e-16), far below any angle at which the tangent direction would matter in practice.
 _VANISHED = 1e-6
 
+# [m] No hand or object reaches farther: more is a mistake of units, and beyond where distances keep their digits.
+FARTHEST = 1e3
+
 
 def skew(v: np.ndarray) -> np.ndarray:
     """Cross-product matrices, shape (..., 3, 3), of vectors (..., 3): ``skew(a) @ b == cross(a, b)``."""

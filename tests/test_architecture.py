@@ -21,7 +21,7 @@ OWNERS = {
     "pinocchio": {"hands", "contacts", "motion", "placement", "referee"},
     "coal": {"hands", "objects", "contacts", "referee"},
     "mujoco": {"referee"},
-    "trimesh": {"objects"},
+    "trimesh": {"hands", "objects"},
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
     "qpsolvers": {"forces"},

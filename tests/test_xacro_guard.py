@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 
 import pytest
 
@@ -85,6 +86,178 @@ def test_anything_more_is_refused_before_it_runs(secret, body):
     path = write(secret, body)
     with pytest.raises(HandNotLoaded, match="trusted=True"):
         expand_xacro(path)
+
+
+RUN = "[c for c in ().__class__.__base__.__subclasses__() if c.__name__ == '_wrap_close'][0].__init__.__globals__['system']('touch ran')"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        f"<!-- xacro:eval-comments --><!-- ${{[{RUN}]}} --><link name='a'/>",
+        f"<!-- xacro:eval-comments:on -->\n<!--${{{RUN}}}--><link name='a'/>",
+        "<!-- xacro:eval-comments --><!-- ${load_yaml('secret.yaml')} $(env HOME) --><link name='a'/>",
+    ],
+)
+def test_comments_are_not_evaluated(tmp_path, monkeypatch, body):
+    monkeypatch.chdir(tmp_path)
+    text = expand_xacro(write(tmp_path, body))
+    assert "<!--" not in text and 'name="a"' in text and not (tmp_path / "ran").exists()
+
+
+# Each assembles an expression, or a name, out of texts that look harmless one by one.
+@pytest.mark.parametrize(
+    "body",
+    [
+        """<xacro:property name="d" value="$"/><xacro:property name="e" value="${d}{load_yaml(1)}"/><link name="${e}"/>""",
+        """<xacro:macro name="m" params="x:='$' y"><link name="${x}{y}"/></xacro:macro><xacro:m y="1"/>""",
+        """<xacro:property name="x" value="$${().__class__}"/><xacro:property name="y" value="${x}"/><link name="${y}"/>""",
+        """<xacro:property name="x" value="$$"/><link name="${x}"/>""",
+        """<xacro:property name="x" value="${'().__cl' + 'ass__'}" lazy_eval="false"/><xacro:if value="${ ${x} }"><link name="a"/></xacro:if>""",
+        """<xacro:macro name="m" params="x:=^|${load_yaml(1)}"><link name="${x}"/></xacro:macro><xacro:m/>""",
+        """<xacro:macro name="m" params="x:=${().__class__}"><link name="${x}"/></xacro:macro><xacro:m/>""",
+        """<xacro:property name="x" default="${().__class__}" scope="global"/><link name="${x}"/>""",
+        """<xacro:element xacro:name="xacro:include" filename="../outside/secret.xacro"/>""",
+        """<xacro:element xacro:name="${'xacro:' + 'include'}" filename="../outside/secret.xacro"/>""",
+        """<xacro:element xacro:name="xacro:include" filename="${'..'}/outside/secret.xacro"/>""",
+        """<link><xacro:attribute name="name" value="${().__class__}"/></link>""",
+        """<xacro:call macro="${().__class__}"/>""",
+        """<xacro:property name="x" value="${1 if [].append(1) else 2}"/><link name="${x}"/>""",
+        """<xacro:property name="f" value="${xacro}"/><link name="${f.load_yaml(1)}"/>""",
+        """<link name="$(arg x)"/><xacro:arg name="x" default="$(eval 1)"/>""",
+        """<link name="${{1: 2}}"/>""",
+        """<link name="${f'{1}'}"/>""",
+        """<link name="${lambda: 1}"/>""",
+        """<link name="${(x := 1)}"/>""",
+        """<link name="${'{0.__class__}'.format(1)}"/>""",
+    ],
+)
+def test_nothing_can_be_assembled_that_is_more(secret, body):
+    path = write(secret, body)
+    with pytest.raises(HandNotLoaded):
+        expand_xacro(path)
+
+
+@pytest.mark.parametrize("value", ["${().__class__}", "${load_yaml('x')}", "$(env HOME)", "$$"])
+def test_what_the_caller_gives_is_text(tmp_path, value):
+    """Arguments are not evaluated when they are used."""
+    path = write(tmp_path, '<xacro:arg name="x" default=""/><link name="$(arg x)"/>')
+    assert value in expand_xacro(path, {"x": value}).replace("&quot;", '"')
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "latin-1"])
+def test_the_encoding_hides_nothing(tmp_path, encoding):
+    declared = "utf-16" if encoding.startswith("utf-16") else "iso-8859-1" if encoding == "latin-1" else "utf-8"
+    head = HEAD.replace('version="1.0"', f'version="1.0" encoding="{declared}"')
+    for body, fine in (('<link name="${1+1}"/>', True), ('<link name="${().__class__}"/>', False)):
+        path = tmp_path / "hand.urdf.xacro"
+        path.write_bytes(f"{head}{body}</robot>".encode(encoding))
+        if fine:
+            assert 'name="2"' in expand_xacro(path)
+        else:
+            with pytest.raises(HandNotLoaded):
+                expand_xacro(path)
+
+
+def test_what_was_looked_through_is_what_is_used(tmp_path, monkeypatch):
+    """A file that changes between the look and the use has no say."""
+    from pinograsp.hands import xacro_guard
+
+    path = write(tmp_path, '<xacro:include filename="part.xacro"/>')
+    part = write(tmp_path, '<link name="seen"/>', "part.xacro")
+
+    class Changing(xacro_guard._Files):
+        def __init__(self, path):
+            super().__init__(path)
+            part.write_text("no longer XML")
+
+    monkeypatch.setattr(xacro_guard, "_Files", Changing)
+    assert 'name="seen"' in expand_xacro(path)
+
+
+def test_users_own_xacro_stays_as_it_is(tmp_path):
+    import xacro
+
+    expand_xacro(write(tmp_path, '<link name="${1+1}"/>'))
+    path = write(tmp_path, "<link name=\"${''.join(['a', 'b'])}\"/>")
+    assert 'name="ab"' in xacro.process_file(str(path)).toxml()
+    assert 'name="ab"' in expand_xacro(path, trusted=True)
+
+
+def doubling(n, last):
+    """Macros that each call the next one twice."""
+    return "".join(
+        f'<xacro:macro name="m{i}" params="">{f"<xacro:m{i + 1}/>" * 2 if i < n else last}</xacro:macro>' for i in range(n + 1)
+    ) + "<xacro:m0/>"
+
+
+def blocks(n):
+    return ('<xacro:macro name="m" params="*b"><g><xacro:insert_block name="b"/><xacro:insert_block name="b"/></g></xacro:macro>'
+            + "<xacro:m>" * n + "<link name='a'/>" + "</xacro:m>" * n)  # fmt: skip
+
+
+def properties(n):
+    start = '<xacro:property name="p0" value="' + "x" * 100 + '"/>'
+    return start + "".join(f'<xacro:property name="p{i + 1}" value="${{p{i}}}${{p{i}}}"/>' for i in range(n)) + f"<link name='${{p{n}}}'/>"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<link name="${9**9**9 > 1}"/>',
+        '<link name="${factorial(10**8)}"/>',
+        '<link name="${1 << 10**10}"/>',
+        "<link name=\"${'a' * 10**10}\"/>",
+        '<link name="${len([0] * 10**10)}"/>',
+        '<link name="${comb(10**15, 10**9)}"/>',
+        '<link name="${round(1, -10**10)}"/>',
+        f'<link name="${{{"-" * 9000}1}}"/>',
+        f'<link name="${{{"(" * 9000}1{")" * 9000}}}"/>',
+        f'<link name="${{{"1+" * 4900}1}}"/>',
+        f'<link name="{"${1}" * 5000}"/>',
+        properties(60),
+        '<xacro:macro name="m" params=""><xacro:m/></xacro:macro><xacro:m/>',
+        '<xacro:macro name="m" params="x"><xacro:m x="${x + 1}"/></xacro:macro><xacro:m x="1"/>',
+        '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/><link name="${a}"/>',
+        '<xacro:include filename="hand.urdf.xacro"/>' * 2,
+        "<a>" * 3000 + "</a>" * 3000,
+        "<a/>" * 210_000,
+    ],
+)
+def test_bombs_do_not_go_off(tmp_path, body):
+    with pytest.raises(HandNotLoaded):
+        expand_xacro(write(tmp_path, body))
+
+
+BRANCHING = [doubling(60, "<link name='a'/>"), doubling(60, ""), blocks(60), doubling(20, f'<link name="{"x" * 9000}"/>')]
+
+
+@pytest.mark.parametrize("body", BRANCHING)
+def test_macros_that_branch_come_to_an_end(tmp_path, monkeypatch, body):
+    monkeypatch.setattr("pinograsp.hands.xacro_guard._MOST_WORK", 5000)
+    with pytest.raises(HandNotLoaded, match="more than 5000 elements and expressions"):
+        expand_xacro(write(tmp_path, body))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", BRANCHING)
+def test_macros_that_branch_come_to_an_end_soon(tmp_path, body):
+    start = time.monotonic()
+    with pytest.raises(HandNotLoaded, match="it expands to more than|takes more than"):
+        expand_xacro(write(tmp_path, body))
+    assert time.monotonic() - start < 30
+
+
+def test_parameters_of_macros_are_read_as_xacro_reads_them():
+    import xacro
+
+    from pinograsp.hands.xacro_guard import _parameter
+
+    for text in ("a b", " a:=1 b", "a:=^ b", "a:=^|2 *b", "a='x y' b:=${1 + 2} c", 'a:="" **c', "a:=$(arg n) b", "a:=x'y z'w b"):
+        while text:
+            assert _parameter(text) == xacro.parse_macro_arg(text), text
+            text = xacro.parse_macro_arg(text)[2]
+    assert _parameter("x:=" + "a" * 10_000 + "'")  # xacro's own would not come back
 
 
 def test_included_files_are_scanned_too(tmp_path):

@@ -6,10 +6,11 @@ the joint that is followed before those that follow it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from pinograsp.hands.tree import MOVING, Joint
+
+_LARGEST = 1e6  # of multipliers, one over it the least, and of offsets [rad or m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,8 +76,11 @@ def resolve(couplings: dict[str, Coupling], types: dict[str, str]) -> tuple[dict
             problems.append(f"joint '{name}' mimics itself through {way}: one of them must be free")
         elif types.get(followed) not in MOVING:
             problems.append(f"joint '{name}' mimics '{followed}', which is {types.get(followed, 'unknown')}")
-        elif coupling.factor == 0 or not (math.isfinite(coupling.factor) and math.isfinite(coupling.offset)):
-            problems.append(f"joint '{name}' mimics '{followed}' with multiplier {coupling.factor:g}: make it fixed")
+        elif not (1 / _LARGEST <= abs(coupling.factor) <= _LARGEST and abs(coupling.offset) <= _LARGEST):
+            problems.append(
+                f"joint '{name}' mimics '{followed}' with multiplier {coupling.factor:g}: make it fixed, or give it a multiplier "
+                f"between {1 / _LARGEST:g} and {_LARGEST:g} (and an offset of at most {_LARGEST:g}, got {coupling.offset:g})"
+            )
         else:
             direct[name] = coupling
     return direct, problems

@@ -108,8 +108,8 @@ class HandDescription:
 
 
 def _exact(value: float) -> str:
-    """Decimal text of 15 significant digits: rounding noise vanishes, frames keep 1e-12 m."""
-    return f"{value:.15g}" if abs(value) > 1e-15 else "0"
+    """Decimal text of 13 significant digits: frames keep 1e-12 m, and the last bits, which differ from machine to machine, vanish."""
+    return f"{value:.13g}" if abs(value) > 1e-14 else "0"
 
 
 def _finger_xacro(finger: FingerDescription) -> str:

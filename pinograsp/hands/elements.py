@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -12,6 +13,57 @@ import pinocchio as pin
 from pinograsp.errors import HandNotLoaded
 
 _XACRO = "{http://www.ros.org/wiki/xacro}"
+# Far above any robot, low enough that what is made of them takes seconds.
+MOST_BYTES, MOST_ELEMENTS, DEEPEST = 20_000_000, 200_000, 1000
+
+
+def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+    """What a regular file holds; OSError where it is none or larger than ``most`` bytes.
+
+    Pipes and devices are not opened: they could make the reader wait, or never end.
+    """
+    size = os.stat(path).st_size
+    if not is_file(path):
+        raise OSError(f"{path} is not a regular file")
+    if size > most:
+        raise OSError(f"{path} has {size} bytes, more than the {most} that are read")
+    return path.read_bytes()
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Builds a tree of bounded size and depth, from XML without a document type."""
+
+    def __init__(self):
+        super().__init__()
+        self.count, self.depth = 0, 0
+
+    def doctype(self, name, public, system):
+        raise ValueError("document type and entity declarations are not allowed")
+
+    def start(self, tag, attributes):
+        self.count, self.depth = self.count + 1, self.depth + 1
+        if self.count > MOST_ELEMENTS:
+            raise ValueError(f"expected at most {MOST_ELEMENTS} elements")
+        if self.depth > DEEPEST:
+            raise ValueError(f"elements nested without end: expected at most {DEEPEST} deep")
+        return super().start(tag, attributes)
+
+    def end(self, tag):
+        self.depth -= 1
+        return super().end(tag)
+
+
+def parse_xml(content: str | bytes) -> ElementTree.Element:
+    """The outermost element of a text, or of a file's bytes in the encoding that they declare.
+
+    Raises:
+        ValueError: not well-formed, of an unknown encoding, too large or too deep, or with a document type (whose entities
+            could make a small file a huge one, or bring in other files).
+    """
+    try:
+        return ElementTree.fromstring(content, parser=ElementTree.XMLParser(target=_Builder()))
+    except (ElementTree.ParseError, LookupError) as error:
+        raise ValueError(f"not well-formed XML: {error}") from error
 
 
 def parse(source: str, text: str) -> ElementTree.Element:
@@ -21,9 +73,9 @@ def parse(source: str, text: str) -> ElementTree.Element:
         HandNotLoaded: not XML, or not of a robot.
     """
     try:
-        robot = ElementTree.fromstring(text.lstrip("\ufeff").strip())
-    except (ElementTree.ParseError, ValueError) as error:
-        raise HandNotLoaded(source, f"not well-formed XML: {error}") from error
+        robot = parse_xml(text.lstrip("\ufeff").strip())
+    except ValueError as error:
+        raise HandNotLoaded(source, str(error)) from error
     if any(element.tag.startswith(_XACRO) for element in robot.iter()):
         raise HandNotLoaded(source, "holds xacro commands: give the file the ending .xacro, or expand it first")
     for element in robot.iter():
@@ -61,8 +113,8 @@ def drop(element, *tags: str) -> None:
             element.remove(child)
 
 
-def numbers(element, key: str, count: int, default: str | None = None) -> list[float]:
-    """``count`` finite numbers of an attribute; ValueError where there are others."""
+def numbers(element, key: str, count: int, default: str | None = None, most: float = math.inf) -> list[float]:
+    """``count`` finite numbers of an attribute, no larger than ``most``; ValueError where there are others."""
     text = element.get(key, default)
     try:
         values = [] if text is None else [float(value) for value in text.split()]
@@ -70,6 +122,8 @@ def numbers(element, key: str, count: int, default: str | None = None) -> list[f
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
         raise ValueError(f"expected {count} finite number{'s' * (count > 1)}, got {text!r}")
+    if max(map(abs, values)) > most:
+        raise ValueError(f"expected {'numbers' if count > 1 else 'a number'} of at most {most:g}, got {text!r}")
     return values
 
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 import functools
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import coal
 import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
+
+from pinograsp.hands.mesh_file import collision_model, joined, read_triangles
+from pinograsp.spatial import FARTHEST
 
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
 _DENSITY = 1000.0
@@ -50,9 +54,10 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
     frames = {frame.name: (i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY}
     counts: dict[str, int] = {}
     for shape in shapes:
-        made = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
-        if made is None:
-            broken.append(f"{shape.link} ({shape.path})")
+        try:
+            made = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
+        except (ValueError, OSError) as error:
+            broken.append(f"{shape.link} ({shape.path}: {error})")
             continue
         frame, link = frames[shape.link]
         i = counts[shape.link] = counts.get(shape.link, -1) + 1
@@ -67,16 +72,20 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
 
 @functools.lru_cache(maxsize=64)
 def _read(path: str, scale: tuple[float, ...], changed: int):
-    try:
-        mesh = coal.MeshLoader().load(path, np.array(scale, dtype=float))
-    except (ValueError, RuntimeError):
-        return None
-    usable = mesh.num_vertices > 0 and mesh.num_tris > 0 and np.all(np.isfinite(mesh.vertices()))
-    return mesh if usable else None
+    vertices, faces = joined(*read_triangles(Path(path)))
+    with np.errstate(over="ignore"):
+        vertices = vertices * scale
+    if not np.abs(vertices).max() <= FARTHEST:
+        raise ValueError(f"a vertex is more than {FARTHEST:g} m from its origin: are the units right? (scale=)")
+    return collision_model(vertices, faces)
 
 
 def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)):
-    """A mesh as coal's bounding-volume tree, kept until its file changes; None where there is none that is usable."""
+    """A mesh as coal's bounding-volume tree, kept until its file changes.
+
+    Raises:
+        ValueError, OSError: why the file cannot be used.
+    """
     return _read(path, scale, os.stat(path).st_mtime_ns)
 
 

@@ -15,12 +15,16 @@ import pinocchio as pin
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import geometry, mjcf
 from pinograsp.hands.catalogue import CATALOGUE, file_of
-from pinograsp.hands.elements import is_file, parse
+from pinograsp.hands.elements import is_file, parse, read_bytes
 from pinograsp.hands.geometry import collision_geometry, fill_masses
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.tree import find_fingers, tip_of
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
+from pinograsp.spatial import FARTHEST
+
+# Python knows others, some of which take hours for a small file.
+_ENCODINGS = r"utf-?8(-sig)?|utf-?16|us-ascii|ascii|latin-?1|iso-?8859-?\d+|(windows-|cp)\d+"
 
 
 def load_hand(
@@ -114,12 +118,15 @@ def _file(name: str) -> Path:
 def _text(name: str, path: Path) -> str:
     """Text of an XML file, in the encoding that it declares."""
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
         if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return content.decode("utf-16")
         declared = re.match(rb"\s*<\?xml[^>]*encoding=[\"']([A-Za-z0-9._-]+)", content)
-        return content.decode(declared[1].decode() if declared else "utf-8-sig")
-    except (OSError, UnicodeDecodeError, LookupError) as error:
+        encoding = declared[1].decode() if declared else "utf-8-sig"
+        if not re.fullmatch(_ENCODINGS, encoding, re.IGNORECASE):
+            raise LookupError(f"encoding '{encoding}' is not supported: save it as UTF-8")
+        return content.decode(encoding)
+    except (OSError, UnicodeError, LookupError) as error:
         raise HandNotLoaded(name, f"cannot be read as text: {error}") from error
 
 
@@ -134,6 +141,7 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
     for frame in model.frames:
         if frame.type != pin.FrameType.BODY:
             frame.name = prepared.aliases.get(frame.name, frame.name)
+    _check_kinematics(source, model)
     armature = model.armature.copy()
     for joint, value in prepared.armatures.items():
         armature[model.joints[model.getJointId(joint)].idx_v] = value
@@ -151,6 +159,21 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
         name=prepared.name, source=source, model=model, geometry=geometry, palm=palm, fingers=fingers, pose=np.eye(4),
         notes=tuple(notes), description=prepared.text,
     )  # fmt: skip
+
+
+def _check_kinematics(source: str, model: pin.Model) -> None:
+    """Refuse a model whose placements, Jacobians or inertias are not finite, or that is larger than any hand."""
+    data = model.createData()
+    middle = 0.5 * (model.lowerPositionLimit + model.upperPositionLimit)
+    for q in (model.lowerPositionLimit, middle, model.upperPositionLimit):
+        pin.framesForwardKinematics(model, data, q)
+        pin.computeJointJacobians(model, data, q)
+        places = np.array([placement.translation for placement in data.oMf])
+        M = pin.crba(model, data, q)
+        if not (np.isfinite(places).all() and np.isfinite(data.J).all() and np.isfinite(M).all()):
+            raise HandNotLoaded(source, "its kinematics are not finite within the joint limits: numbers too large or too small")
+        if np.abs(places).max() > FARTHEST:
+            raise HandNotLoaded(source, f"it reaches farther than {FARTHEST:g} m from its root: expected lengths in metres")
 
 
 def _finger(model: pin.Model, name: str, chain) -> Finger:

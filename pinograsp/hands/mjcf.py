@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.elements import is_file, written
+from pinograsp.hands.elements import written
 from pinograsp.hands.geometry import PRIMITIVES, read_mesh, solid
 from pinograsp.hands.mjcf_drives import couplings_of, effort_limits
 from pinograsp.hands.mjcf_source import Source, turned_to
@@ -240,11 +240,11 @@ class _Reader:
         (density,) = self.source.numbers(given, "density", _DENSITY)
         if mass == 0 or (mass < 0 and density == 0):
             return None
-        if kind == "mesh":
-            shape = read_mesh(path, tuple(size)) if is_file(Path(path)) else None
-        else:
-            shape = PRIMITIVES[kind](*size)
-        inertia = None if shape is None else solid(shape, density if mass < 0 else 1.0)
+        try:
+            shape = read_mesh(path, tuple(size)) if kind == "mesh" else PRIMITIVES[kind](*size)
+            inertia = solid(shape, density if mass < 0 else 1.0)
+        except (ValueError, OSError):  # the note on collision geometry says why
+            inertia = None
         if inertia is None:
             self.weightless.append(where)
             return None

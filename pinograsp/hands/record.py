@@ -16,14 +16,13 @@ from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands.elements import drop, is_file, named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.model import Finger, HandModel
-from pinograsp.hands.urdf import prepare
+from pinograsp.hands.urdf import check_size, prepare
 
 _KINDS = {str: "a text", list: "a list", dict: "a mapping", int: "a whole number"}
 # Of the actuated joints, by their names in Pinocchio.
 _LIMITS = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit", "armature")
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3, "hull": 3}
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_MOST_LINKS = 2000  # Pinocchio builds trees by recursion: chains of 6000 overflow the stack
 
 
 def hand_record(hand: HandModel) -> dict | None:
@@ -159,8 +158,7 @@ def _description(record) -> str:
     """
     source = _field(record, "source", str)
     robot = parse(source, _field(record, "description", str))
-    if (count := len(robot.findall("link"))) > _MOST_LINKS:
-        raise HandNotLoaded(source, f"expected at most {_MOST_LINKS} links, got {count}")
+    check_size(source, robot)
     if robot.find("joint[@type='continuous']") is not None:  # written as revolute in every record
         raise HandNotLoaded(source, "expected revolute, prismatic and fixed joints, got continuous ones")
     try:
@@ -268,7 +266,8 @@ def _mesh(path: str, scale: list[float], problems: list[str]):
     if not os.path.isabs(path) or not is_file(Path(path)):
         problems.append(f"mesh '{path}' is not there: put the file back, or load the hand from its own description")
         return None
-    made = read_mesh(path, tuple(scale))
-    if made is None:
-        problems.append(f"mesh '{path}' cannot be read: expected a mesh with triangles")
-    return made
+    try:
+        return read_mesh(path, tuple(scale))
+    except (ValueError, OSError) as error:
+        problems.append(f"mesh '{path}' cannot be read: {error}")
+        return None

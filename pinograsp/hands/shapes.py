@@ -10,7 +10,9 @@ import numpy as np
 
 from pinograsp.hands.elements import is_file, named, numbers, placement_of
 from pinograsp.hands.geometry import Shape, read_mesh
+from pinograsp.spatial import FARTHEST
 
+_LEAST = 1e-9  # [m] of sizes
 _UNIT_SPHERE = "unit_sphere.stl"
 # Attributes that give the size of a shape, in the order coal takes them.
 _SIZES = {
@@ -43,7 +45,7 @@ def shapes_of(robot, folder: Path, notes: list[str]) -> list[Shape]:
                 void.append(f"{name} (<{kind}>: {error})")
                 continue
             size = tuple(value for group in sizes for value in group)
-            if not all(value != 0 if kind == "mesh" else value > 0 for value in size):
+            if not all(value != 0 if kind == "mesh" else _LEAST <= value <= FARTHEST for value in size):
                 void.append(f"{name} (<{kind}> of size {' '.join(f'{value:g}' for value in size)})")
                 continue
             if kind == "mesh":
@@ -52,6 +54,9 @@ def shapes_of(robot, folder: Path, notes: list[str]) -> list[Shape]:
                 called = filename.replace("\\", "/").split("/")[-1]
                 if called == _UNIT_SPHERE and (path is None or _is_unit_sphere(path)):
                     kind, size, path = "ellipsoid", tuple(map(abs, size)), ""
+                    if not all(_LEAST <= value <= FARTHEST for value in size):
+                        void.append(f"{name} (<mesh> of scale {' '.join(f'{value:g}' for value in size)})")
+                        continue
                 elif path is None:
                     missing.append(f"{name} ({filename})")
                     continue
@@ -66,8 +71,11 @@ def shapes_of(robot, folder: Path, notes: list[str]) -> list[Shape]:
 
 
 def _is_unit_sphere(path: Path) -> bool:
-    mesh = read_mesh(str(path))
-    return mesh is not None and bool(np.all(np.abs(np.linalg.norm(mesh.vertices(), axis=1) - 1.0) < 1e-3))
+    try:
+        vertices = read_mesh(str(path)).vertices()
+    except (ValueError, OSError):
+        return False
+    return bool(np.all(np.abs(np.linalg.norm(vertices, axis=1) - 1.0) < 1e-3))
 
 
 def mesh_path(name: str, folder: Path) -> Path | None:

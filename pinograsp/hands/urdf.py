@@ -16,17 +16,22 @@ from pinograsp.hands.elements import drop, end_of, named, numbers, written
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.shapes import shapes_of
 from pinograsp.hands.tree import MOVING, Joint
+from pinograsp.spatial import FARTHEST
 
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-# How many numbers an attribute holds, by element.
+_LARGEST = 1e6  # of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end
+_LEAST = 1e-9  # of ranges, limits and directions, far below those of any robot
+# How many numbers an attribute holds and how large each may be, by element.
 _NUMBERS = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "mass": {"value": 1},
-    "inertia": dict.fromkeys(_MOMENTS, 1),
-    "mimic": {"multiplier": 1, "offset": 1},
-    "dynamics": {"damping": 1, "friction": 1, "armature": 1},
+    "origin": {"xyz": (3, FARTHEST), "rpy": (3, _LARGEST)},
+    "axis": {"xyz": (3, _LARGEST)},
+    "mass": {"value": (1, _LARGEST)},
+    "inertia": dict.fromkeys(_MOMENTS, (1, _LARGEST)),
+    "mimic": {"multiplier": (1, _LARGEST), "offset": (1, _LARGEST)},
+    "dynamics": {"damping": (1, _LARGEST), "friction": (1, _LARGEST), "armature": (1, _LARGEST)},
 }
+# Pinocchio builds trees by recursion, and what is computed of a tree grows with the square of its size.
+_MOST_LINKS, _MOST_MOVING, _MOST_SHAPES = 2000, 400, 2000
 
 
 @dataclass(slots=True)
@@ -66,6 +71,7 @@ def prepare(
         HandNotLoaded: with all problems found.
     """
     problems, notes = list(problems), list(notes)
+    check_size(source, robot)
     outside = _cut_out(source, robot, root, notes) if root is not None else set()
     for _, joint in named(robot, "joint"):
         if joint.get("type") == "fixed":  # it follows nothing and needs no axis
@@ -95,6 +101,23 @@ def prepare(
     prepared.aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
     prepared.text = _text(robot, couplings, limits, {own: alias for alias, own in prepared.aliases.items()})
     return prepared
+
+
+def check_size(source: str, robot: ElementTree.Element) -> None:
+    """Refuse a URDF of more links, joints or shapes than any robot has.
+
+    Raises:
+        HandNotLoaded: with the limit.
+    """
+    joints = robot.findall("joint")
+    for what, count, most in (
+        ("links", len(robot.findall("link")), _MOST_LINKS),
+        ("joints", len(joints), _MOST_LINKS),
+        ("moving joints", sum(joint.get("type") != "fixed" for joint in joints), _MOST_MOVING),
+        ("collision shapes", len(robot.findall("link/collision")), _MOST_SHAPES),
+    ):
+        if count > most:
+            raise HandNotLoaded(source, f"expected at most {most} {what}, got {count}")
 
 
 # -- the tree ----------------------------------------------------------------------------------------------------------
@@ -177,16 +200,16 @@ def _number_problems(robot) -> list[str]:
             drop(element, "visual")
             for part in element.iter():
                 problems += [f"{tag} '{name}': {problem}" for problem in _as_rpy(part)]
-                for key, count in _NUMBERS.get(part.tag, {}).items():
+                for key, (count, most) in _NUMBERS.get(part.tag, {}).items():
                     if part.get(key) is None:
                         continue
                     try:
-                        values = numbers(part, key, count)
+                        values = numbers(part, key, count, most=most)
                     except ValueError as error:
                         problems.append(f"{tag} '{name}': <{part.tag} {key}=>: {error}")
                         continue
                     part.set(key, written(values))
-                    if part.tag == "axis" and not any(values):
+                    if part.tag == "axis" and max(map(abs, values)) < _LEAST:
                         problems.append(f"{tag} '{name}': <axis xyz=> is zero, expected a direction")
     return problems
 
@@ -197,8 +220,8 @@ def _as_rpy(origin) -> list[str]:
     if text is None:
         return []
     try:
-        quaternion = pin.Quaternion(np.array(numbers(origin, "quat_xyzw", 4)))
-        if quaternion.norm() == 0:
+        quaternion = pin.Quaternion(np.array(numbers(origin, "quat_xyzw", 4, most=_LARGEST)))
+        if quaternion.norm() < _LEAST:
             raise ValueError("expected a rotation, got zeros")
     except ValueError as error:
         return [f"<origin quat_xyzw=>: {error}"]
@@ -237,8 +260,11 @@ def _limits(robot, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
         except ValueError:
             problems.append(f"joint '{name}': limits must be numbers, got {given}")
             continue
-        most = {key: value if value > 0 and math.isfinite(value) else 0.0 for key, value in most.items()}
-        sound = lower < upper and math.isfinite(lower) and math.isfinite(upper)
+        # Nobody means more than _LARGEST: it stands for no limit.
+        most = {key: value if 0 < value <= _LARGEST else 0.0 for key, value in most.items()}
+        problems += [f"joint '{name}': {key} limit {value:g} is next to nothing: expected 0 for none, or {_LEAST:g} and more"
+                     for key, value in most.items() if 0 < value < _LEAST]  # fmt: skip
+        sound = upper - lower >= _LEAST and max(abs(lower), abs(upper)) <= _LARGEST
         if sound:
             limits[name] = Limits(lower=lower, upper=upper, **most)
         elif coupled:
@@ -246,7 +272,8 @@ def _limits(robot, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
         elif "lower" not in given or "upper" not in given:
             problems.append(f"joint '{name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=)")
         else:
-            problems.append(f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}")
+            beyond = f", or beyond {_LARGEST:g}" if max(abs(lower), abs(upper)) > _LARGEST else ""
+            problems.append(f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}{beyond}")
     if continuous:
         notes.append(f"continuous joints taken as revolute between -180 and 180 deg: {', '.join(continuous)}")
     return limits, problems

@@ -1,29 +1,34 @@
 """Xacro files, expanded without giving a stranger's file more than arithmetic.
 
-Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes other files, and reads environment
-variables. Unless the caller trusts the file, it is scanned first, includes too, and only arithmetic, properties,
-macros, ``$(arg ...)`` and includes from the file's own folder are let through.
+Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes other files, and reads environment variables. Unless the
+caller trusts the file, a copy of xacro is used that can do none of this by itself: wherever it comes upon an expression, a
+``$(...)`` or a file, in whatever text and however late, it asks this module. That evaluates arithmetic (never by Python's ``eval``),
+knows ``$(arg ...)``, and hands out the files of the own folder, which are read and looked through once, before.
 """
 
 from __future__ import annotations
 
-import ast
 import contextlib
+import functools
+import importlib.util
 import io
-import math
 import re
+import threading
+import time
 import xml.dom.minidom
 from pathlib import Path
 
 from pinograsp.errors import HandNotLoaded
+from pinograsp.hands import arithmetic
+from pinograsp.hands.elements import is_file, parse_xml, read_bytes
 
-_MATH = frozenset(name for name in vars(math) if not name.startswith("_"))
-_FUNCTIONS = frozenset({"abs", "min", "max", "round", "int", "float", "bool", "len", "True", "False"}) | _MATH
 _SUBSTITUTION = re.compile(r"\$\{([^}]*)\}|\$\(([^)]*)\)|(\$)")
-_NODES = (
-    ast.Expression, ast.Constant, ast.Name, ast.Load, ast.UnaryOp, ast.unaryop, ast.BinOp, ast.operator, ast.BoolOp,
-    ast.boolop, ast.Compare, ast.cmpop, ast.IfExp, ast.Call, ast.Subscript, ast.List, ast.Tuple, ast.Attribute,
-)  # fmt: skip
+_ARGUMENT = re.compile(r"\s*arg\s+(\w+)\s*")
+# One parameter of a macro: xacro's own pattern takes hours for some.
+_PARAMETER = re.compile(
+    r"""\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{[^}]*\}|\$\([^)]*\)|(?:'[^']*'|"[^"]*"|[^\s'"])+|)(?:\s+|$)(.*)""", re.DOTALL
+)
+_MOST_FILES, _MOST_WORK, _MOST_TIME = 100, 100_000, 10.0  # files, elements and expressions together, and [s]
 
 
 def expand_xacro(path: str | Path, mappings: dict[str, object] | None = None, *, trusted: bool = False) -> str:
@@ -31,101 +36,259 @@ def expand_xacro(path: str | Path, mappings: dict[str, object] | None = None, *,
 
     ``mappings`` fills ``<xacro:arg>``. With ``trusted=False`` (default) a file that asks for more than arithmetic and
     includes of its own folder is refused with :class:`HandNotLoaded`, which lists every such place. ``trusted=True``
-    hands the file to xacro as it is: it can then read any file the user can, so use it for your own files only.
+    hands the file to xacro as it is: it can then read any file and run any program the user can, so use it for your own files only.
     """
-    import xacro
-
     path = Path(path)
+    texts = {name: str(value) for name, value in (mappings or {}).items()}
+    complaints = io.StringIO()
     try:
-        if not trusted:
-            problems = _forbidden(path.resolve(), path.resolve().parent, set())
-            if problems:
-                raise HandNotLoaded(path, [*problems, "pass trusted=True to load_hand if you trust this file"])
-        texts = {name: str(value) for name, value in (mappings or {}).items()}
-        complaints = io.StringIO()
         with contextlib.redirect_stderr(complaints):  # xacro prints its warnings; they belong in the error, if any
-            document = xacro.process_file(str(path), mappings=texts)
+            document = _trusted(path, texts) if trusted else _guarded(path, texts)
+        for node in list(document.childNodes):  # xacro's banner carries the path it was given: not reproducible
+            if node.nodeType == node.COMMENT_NODE:
+                document.removeChild(node)
+        lines = document.toprettyxml(indent="  ").splitlines()
     except HandNotLoaded:
         raise
     except Exception as error:  # xacro raises its own, the XML parser's, and whatever an expression raises
         problem = "it includes or calls itself without end" if isinstance(error, RecursionError) else error
         raise HandNotLoaded(path, f"xacro could not expand it: {problem}") from error
-    for node in list(document.childNodes):  # xacro's banner carries the path it was given: not reproducible
-        if node.nodeType == node.COMMENT_NODE:
-            document.removeChild(node)
-    lines = document.toprettyxml(indent="  ").splitlines()
     return "\n".join(line for line in lines if line.strip()) + "\n"
 
 
-def _forbidden(path: Path, folder: Path, seen: set[Path]) -> list[str]:
-    """Everything in the file, and in the files it includes, that goes beyond arithmetic and the own folder."""
-    seen.add(path)
-    text = path.read_text(encoding="utf-8")
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        return [f"{path.name}: document type and entity declarations are not allowed"]
-    problems = []
-    for node in _walk(xml.dom.minidom.parseString(text)):
-        if node.nodeType in (node.TEXT_NODE, node.CDATA_SECTION_NODE):
-            texts = [node.data]
-        elif node.nodeType == node.ELEMENT_NODE:
-            texts = [value for _, value in node.attributes.items()]
-            if node.tagName.split(":")[-1] == "include":
-                problems += _forbidden_include(node.getAttribute("filename"), path, folder, seen)
-        else:
-            continue
-        problems += [f"{path.name}: {problem}" for value in texts for problem in _forbidden_text(value)]
-    return problems
+def _trusted(path: Path, mappings: dict[str, str]):
+    import xacro
+
+    return xacro.process_file(str(path), mappings=mappings)
 
 
-def _walk(node):
-    for child in node.childNodes:
-        yield child
-        yield from _walk(child)
+def _guarded(path: Path, mappings: dict[str, str]):
+    files = _Files(path)
+    if files.problems:
+        raise HandNotLoaded(path, [*files.problems, "pass trusted=True to load_hand if you trust this file"])
+    with _ONE_AT_A_TIME:  # xacro keeps its state in its module
+        module = _harmless_xacro()
+        module.guard.begin(files, mappings)
+        try:
+            return module.process_file(str(path), mappings=mappings)
+        except RecursionError:
+            raise
+        except Exception as error:
+            refused = error
+            while refused is not None and not isinstance(refused, _Refused | arithmetic.NotArithmetic):
+                refused = getattr(refused, "exc", None)
+            if refused is None:
+                raise
+            raise HandNotLoaded(path, [str(error), "pass trusted=True to load_hand if you trust this file"]) from error
+        finally:
+            module.guard.end()
 
 
-def _forbidden_include(filename: str, path: Path, folder: Path, seen: set[Path]) -> list[str]:
-    if "$" in filename or re.search(r"[*?\[]", filename):
-        return [f"{path.name}: include of '{filename}': only plain file names are allowed"]
-    target = (path.parent / filename).resolve()
-    if not target.is_relative_to(folder):
-        return [f"{path.name}: include of '{filename}': outside the file's own folder"]
-    return [] if target in seen or not target.is_file() else _forbidden(target, folder, seen)
+class _Refused(Exception):
+    """What the file asks for is not done."""
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+class _Files:
+    """A file and those that it includes, parsed once and looked through.
+
+    Attributes:
+        problems: everything that goes beyond arithmetic and the own folder.
+    """
+
+    def __init__(self, path: Path):
+        self.folder = path.resolve().parent
+        self.problems: list[str] = []
+        self._documents: dict[Path, xml.dom.minidom.Document] = {}
+        waiting = [path.resolve()]
+        while waiting:
+            one = waiting.pop()
+            if one in self._documents:
+                continue
+            if len(self._documents) >= _MOST_FILES:
+                raise ValueError(f"it includes more than {_MOST_FILES} files")
+            try:
+                waiting += self._look_through(one)
+            except ValueError as error:
+                raise ValueError(f"{one.name}: {error}") from error
+
+    def document(self, name: str):
+        """A copy of the parsed file; :class:`_Refused` where it is not one that was looked through."""
+        found = self._documents.get(Path(name).resolve())
+        if found is None:
+            raise _Refused(f"the file '{name}' is not there, or is none that may be included")
+        return found.cloneNode(True)
+
+    def _look_through(self, path: Path) -> list[Path]:
+        """Parse a file and note its problems; the files that it includes."""
+        content = read_bytes(path)
+        parse_xml(content)  # refuses what is too large, too deep or has a document type
+        document = self._documents[path] = xml.dom.minidom.parseString(content)
+        included, waiting = [], [document]
+        while waiting:
+            parent = waiting.pop()
+            for node in list(parent.childNodes):
+                if node.nodeType == node.ELEMENT_NODE:
+                    waiting.append(node)
+                    texts = [value for _, value in node.attributes.items()]
+                    if node.tagName.split(":")[-1] == "include":
+                        included += self._included(node.getAttribute("filename"), path)
+                elif node.nodeType in (node.TEXT_NODE, node.CDATA_SECTION_NODE):
+                    texts = [node.data]
+                else:
+                    parent.removeChild(node)  # comments, in which xacro could be told to evaluate
+                    continue
+                self.problems += [f"{path.name}: {problem}" for text in texts for problem in _forbidden_text(text)]
+        return included
+
+    def _included(self, name: str, path: Path) -> list[Path]:
+        if "$" in name or re.search(r"[*?\[]", name):
+            self.problems.append(f"{path.name}: include of '{name}': only plain file names are allowed")
+            return []
+        target = (path.parent / name).resolve()
+        if not target.is_relative_to(self.folder):
+            self.problems.append(f"{path.name}: include of '{name}': outside the file's own folder")
+            return []
+        return [target] if is_file(target) else []  # xacro says which are missing, where they are not optional
 
 
 def _forbidden_text(text: str) -> list[str]:
     problems = []
+    if "$" in text and len(text) > arithmetic.MOST_TEXT:
+        return [f"a text with expressions has more than {arithmetic.MOST_TEXT} characters"]
     for match in _SUBSTITUTION.finditer(text):
         expression, extension, dollar = match.groups()
         if dollar:
             problems.append(f"stray '$' in '{text.strip()}'")
         elif extension is not None:
-            if not re.fullmatch(r"arg\s+\w+", extension.strip()):
+            if not _ARGUMENT.fullmatch(extension):
                 problems.append(f"'$({extension})': only $(arg name) is allowed")
-        elif not _is_arithmetic(expression):
-            problems.append(f"expression '${{{expression}}}': only arithmetic is allowed")
+        else:
+            try:
+                tree = arithmetic.parsed(expression)
+            except arithmetic.NotArithmetic as error:
+                problems.append(f"expression '${{{expression}}}': only arithmetic is allowed: {error}")
+            else:
+                problems += [f"expression '${{{expression}}}': only arithmetic is allowed, not {name}"
+                             for name in arithmetic.names(tree) if name in _beyond_arithmetic()]  # fmt: skip
     return problems
 
 
-def _is_arithmetic(expression: str) -> bool:
-    if "$" in expression:
-        return False
-    try:
-        tree = ast.parse(expression.strip(), mode="eval")
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return False
+@functools.cache
+def _beyond_arithmetic() -> frozenset[str]:
+    """Xacro's own names that are not arithmetic."""
     import xacro
 
-    hidden = frozenset(xacro._global_symbols) - _FUNCTIONS - {"math"}
-    for node in ast.walk(tree):
-        if not isinstance(node, _NODES):
-            return False
-        if isinstance(node, ast.Name) and (node.id in hidden or node.id.startswith("__")):
-            return False
-        if isinstance(node, ast.Attribute) and not (
-            isinstance(node.value, ast.Name) and node.value.id == "math" and node.attr in _MATH
-        ):
-            return False
-        # Text could be assembled into a new expression, or formatted into one: numbers and comparisons need neither.
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and ("$" in node.value or "%" in node.value):
-            return False
-    return True
+    return frozenset(xacro._global_symbols) - set(arithmetic.FUNCTIONS) - {"math"}
+
+
+# -- a copy of xacro that can do nothing by itself ---------------------------------------------------------------------
+
+_ONE_AT_A_TIME = threading.Lock()
+# What the copy must have for the guard to be in its way: other versions might evaluate or open elsewhere.
+_REPLACED = (
+    "safe_eval", "eval_extension", "parse", "get_include_files", "parse_macro_arg", "replace_node", "load_yaml", "_global_symbols"
+)  # fmt: skip
+_DISABLED = ("eval", "exec", "compile", "open", "glob")
+
+
+@functools.cache
+def _harmless_xacro():
+    """A second copy of the module xacro, which asks its ``guard`` instead of evaluating, opening or including."""
+    spec = importlib.util.find_spec("xacro")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if lacking := [name for name in _REPLACED if name not in vars(module)]:
+        raise RuntimeError(f"this version of xacro cannot be guarded (it has no {', '.join(lacking)}): pass trusted=True, or use 2.x")
+    guard = module.guard = _Guard(module)
+    module.safe_eval, module.eval_extension, module.parse = guard.evaluate, guard.argument, guard.parse
+    module.get_include_files, module.parse_macro_arg = guard.included, _parameter
+    module.replace_node = guard.replaced(module.replace_node)
+    module._global_symbols = {}
+    for name in ("load_yaml", *_DISABLED):  # not needed any more: a way that leads there is one that was overlooked
+        setattr(module, name, _disabled)
+    return module
+
+
+def _disabled(*_, **__):
+    raise _Refused("only arithmetic is allowed")
+
+
+class _Guard:
+    """What the copy of xacro asks, and how much it may do for one file."""
+
+    def __init__(self, module):
+        self.module = module
+
+    def begin(self, files: _Files, arguments: dict[str, str]) -> None:
+        self.files, self.arguments = files, arguments
+        self.work, self.until = 0, time.monotonic() + _MOST_TIME
+
+    def end(self) -> None:
+        self.files = self.arguments = None
+        self.module.substitution_args_context.clear()
+
+    def charge(self, work: int) -> None:
+        self.work += work
+        if self.work > _MOST_WORK:
+            raise _Refused(f"it expands to more than {_MOST_WORK} elements and expressions")
+        if time.monotonic() > self.until:
+            raise _Refused(f"expanding it takes more than {_MOST_TIME:g} s")
+
+    def evaluate(self, expression: str, symbols, _=None):
+        value = arithmetic.evaluate(expression, symbols)
+        self.charge(1 + (len(value) // 64 if isinstance(value, str | list) else 0))
+        return value
+
+    def argument(self, text: str) -> str:
+        self.charge(1)
+        found = _ARGUMENT.fullmatch(text[2:-1])
+        if not found:
+            raise _Refused(f"'{text}': only $(arg name) is allowed")
+        arguments = self.module.substitution_args_context["arg"]
+        if found[1] not in arguments:
+            raise NameError(f"undefined argument '{found[1]}': give it a value, or a default")
+        return arguments[found[1]]
+
+    def parse(self, text, name: str):
+        document = self.files.document(name)
+        self.charge(_weight(document))
+        return document
+
+    def included(self, name: str, symbols):
+        yield self.module.abs_filename_spec(str(self.module.eval_text(name, symbols)))
+
+    def replaced(self, replace):
+        def counted(element, by, content_only=False):
+            for one in by if isinstance(by, list) else [by]:
+                self.charge(1 if one is None else _weight(one))
+            replace(element, by, content_only)
+
+        return counted
+
+
+def _weight(node) -> int:
+    """Elements below a node, and more for long texts."""
+    weight, waiting = 0, [node]
+    while waiting:
+        one = waiting.pop()
+        weight += 1
+        if one.nodeType == one.ELEMENT_NODE:
+            if one.hasAttributes():
+                weight += sum(len(value) for _, value in one.attributes.items()) // 64
+        elif one.nodeType in (one.TEXT_NODE, one.CDATA_SECTION_NODE):
+            weight += len(one.data) // 64
+        waiting += one.childNodes
+    return weight
+
+
+def _parameter(text: str):
+    """The first parameter of a macro: its name, (whether and which to forward, default) or None, and the rest."""
+    found = _PARAMETER.match(text)
+    if not found:
+        name, *rest = text.split(None, 1)
+        return name, None, rest[0] if rest else ""
+    name, forward, default, rest = found.groups()
+    return name, (name if forward else None, default or None), rest

@@ -10,10 +10,9 @@ import numpy as np
 from pinograsp.checks import array_of, frozen, number, one_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
-from pinograsp.objects.mesh_checks import closed_surface, collision_model, convex_surface
+from pinograsp.objects.mesh_checks import closed_surface, convex_surface
 from pinograsp.objects.triangles import TriangleSurface
 
-_FORMATS = (".stl", ".obj", ".ply", ".glb", ".off")
 # Default radius of the curvature fit, in typical heights of the triangles: smaller radii see the facets, larger ones
 # more than the curvature at the point. Of 2.5 to 6, this has the smallest largest error on spheres and ellipsoids.
 _FIT_HEIGHTS = 3.0
@@ -57,7 +56,7 @@ class Mesh(Body):
         cls, path, *, scale: float = 1.0, mass: float | None = None, density: float | None = None, convex: bool = False,
         pose=None,
     ) -> Mesh:  # fmt: skip
-        """The mesh in a file: STL, OBJ, PLY, GLB or OFF; the parts of a scene make one solid.
+        """The mesh in a file: STL, OBJ, PLY, GLB, OFF or DAE; the parts of a scene make one solid.
 
         Args:
             path: the file. scale: metres per unit of the file (0.001 for millimetres).
@@ -66,21 +65,20 @@ class Mesh(Body):
         Raises:
             InvalidInput: no such file, not a mesh, or one that is refused (see the class).
         """
-        import trimesh
+        from pinograsp.hands.elements import is_file  # with Pinocchio, slow to import
+        from pinograsp.hands.mesh_file import FORMATS, read_triangles
 
         if not isinstance(path, str | Path):
             raise InvalidInput(f"mesh file: expected a path, got {path!r}")
         path = Path(path)
         scale = number("mesh scale", scale, above=0)
-        if not path.is_file():
+        if not is_file(path):
             raise InvalidInput(f"mesh file: expected an existing file, got '{path}': check the path")
-        one_of(f"format of mesh file '{path}'", path.suffix.lower(), _FORMATS)
+        one_of(f"format of mesh file '{path}'", path.suffix.lower(), FORMATS)
         try:
-            read = trimesh.load(path, force="mesh", process=False)
-            vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces)
-        except Exception as error:  # the readers raise whatever comes of a broken file
-            format = path.suffix[1:].upper()
-            raise InvalidInput(f"mesh file '{path}': expected a readable {format} mesh, got {error!r}") from error
+            vertices, faces = read_triangles(path)
+        except (ValueError, OSError) as error:
+            raise InvalidInput(f"mesh file '{path}': {error}") from error
         try:
             return cls(
                 vertices=scale * vertices,
@@ -140,6 +138,8 @@ class Mesh(Body):
         The latter is a surface: a body inside it does not collide.
         """
         if "collision" not in self._derived:
+            from pinograsp.hands.mesh_file import collision_model  # with coal and Pinocchio, slow to import
+
             model = collision_model(self.vertices, self.faces)
             if self.convex:
                 model.buildConvexRepresentation(False)

@@ -7,6 +7,7 @@ import numpy as np
 from pinograsp.checks import array_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.triangles import TriangleSurface
+from pinograsp.spatial import FARTHEST
 
 # A solid whose volume is less than this part of its bounding cube is a sheet: millions of times thinner than wide.
 _SHEET = 1e-12
@@ -53,18 +54,6 @@ def closed_surface(vertices, faces) -> tuple[np.ndarray, np.ndarray, tuple[str, 
     )
 
 
-def collision_model(vertices: np.ndarray, faces: np.ndarray):
-    """The surface as a ``coal.BVHModelOBBRSS``."""
-    import coal
-
-    model = coal.BVHModelOBBRSS()
-    model.beginModel(len(faces), len(vertices))
-    model.addVertices(vertices)
-    model.addTriangles(faces.astype(np.int64))
-    model.endModel()
-    return model
-
-
 def _merged(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
     """Checked arrays, with vertices at the same place made one and without faces that then have no three corners."""
     import trimesh
@@ -74,6 +63,8 @@ def _merged(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
             "mesh: expected vertices (n, 3) and faces (m, 3), got an empty mesh: check that the file holds triangles"
         )
     vertices = _numbers("mesh vertices", vertices)
+    if np.abs(vertices).max() > FARTHEST:
+        raise InvalidInput(f"mesh: expected vertices within {FARTHEST:g} m, got one more than {FARTHEST:g} m off: are the units right?")
     indices = _numbers("mesh faces", faces)
     faces = indices.astype(np.int64)
     if np.any(faces != indices) or faces.min() < 0 or faces.max() >= len(vertices):
@@ -168,7 +159,9 @@ def _depths(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, count: i
     depths = np.zeros(count, dtype=int)
     if count == 1:
         return depths
-    import coal
+    import coal  # slow to import, and so are hands
+
+    from pinograsp.hands.mesh_file import collision_model
 
     members = [vertices[label == part] for part in range(count)]
     low, high = np.array([v.min(axis=0) for v in members]), np.array([v.max(axis=0) for v in members])

@@ -1,0 +1,113 @@
+"""Triangles from mesh files, checked before any compiled code sees them: it trusts indices and sizes."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+
+from pinograsp.hands.elements import parse_xml, read_bytes
+
+FORMATS = (".stl", ".obj", ".ply", ".glb", ".off", ".dae")
+MOST_BYTES, MOST_TRIANGLES = 200_000_000, 2_000_000
+
+
+def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3), in the file's units, and faces (m, 3) of a mesh file; the parts of a scene make one mesh.
+
+    Other files that it names (materials, pictures, buffers) are not opened.
+
+    Raises:
+        ValueError: why it cannot be used. OSError: it cannot be read.
+    """
+    import trimesh  # slow to import
+
+    kind = path.suffix.lower()
+    if kind not in FORMATS:
+        raise ValueError(f"expected a mesh file that ends in one of {', '.join(FORMATS)}, got '{path.name}'")
+    content = read_bytes(path, MOST_BYTES)
+    try:
+        if kind == ".glb":
+            _check_glb(content)
+        elif kind == ".dae":
+            _check_dae(content)
+        read = trimesh.load(io.BytesIO(content), file_type=kind[1:], force="mesh", process=False)
+        vertices, faces = np.asarray(read.vertices, dtype=float), np.asarray(read.faces)
+    except Exception as error:  # the readers raise whatever comes of a broken file
+        raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {_short(error)}") from error
+    if vertices.ndim != 2 or vertices.shape[1:] != (3,) or faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
+        raise ValueError("expected a mesh of triangles, got none")
+    if len(faces) > MOST_TRIANGLES:
+        raise ValueError(f"expected at most {MOST_TRIANGLES} triangles, got {len(faces)}: simplify the mesh")
+    faces = faces.astype(np.int64)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError(f"expected faces of vertices 0 to {len(vertices) - 1}, got indices {faces.min()} to {faces.max()}")
+    if not np.isfinite(vertices).all():
+        raise ValueError(f"expected finite vertices, got {np.sum(~np.isfinite(vertices).all(axis=1))} that are not")
+    return vertices, faces
+
+
+def joined(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same triangles with every place given once, in the order of the first use."""
+    _, first, same = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return vertices[first[order]], place[same.ravel()][faces]
+
+
+def collision_model(vertices: np.ndarray, faces: np.ndarray):
+    """Checked triangles as a ``coal.BVHModelOBBRSS``."""
+    import coal
+
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    model.addVertices(vertices)
+    model.addTriangles(faces.astype(np.int64))
+    model.endModel()
+    return model
+
+
+def _short(error: Exception) -> str:
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return text if len(text) <= 200 else text[:200] + "..."
+
+
+# -- what small files can blow up to -----------------------------------------------------------------------------------
+
+
+def _check_glb(content: bytes) -> None:
+    """Refuse a GLB that names far more numbers or copies than it holds."""
+    length, kind = struct.unpack_from("<II", content, 12)
+    if kind != 0x4E4F534A:
+        raise ValueError("its first chunk is not JSON")
+    scene = json.loads(content[20 : 20 + length])
+    accessors = [one["count"] for one in scene.get("accessors", [])]
+    if any(not isinstance(count, int) or not 0 <= count <= 3 * MOST_TRIANGLES for count in accessors):
+        raise ValueError(f"an accessor of more than {3 * MOST_TRIANGLES} elements")
+    nodes = scene.get("nodes", [])
+    children = [child for node in nodes for child in node.get("children", [])]
+    if len(set(children)) < len(children):
+        raise ValueError("a node with several parents")
+    sizes = [
+        sum(accessors[part.get("indices", part["attributes"]["POSITION"])] for part in mesh["primitives"])
+        for mesh in scene.get("meshes", [])
+    ]
+    if sum(sizes[node["mesh"]] for node in nodes if "mesh" in node) > 3 * MOST_TRIANGLES:
+        raise ValueError(f"more than {MOST_TRIANGLES} triangles")
+
+
+def _check_dae(content: bytes) -> None:
+    """Refuse a COLLADA file whose nodes repeat its geometry without end."""
+    root = parse_xml(content)
+    for element in root.iter():
+        element.tag = element.tag.rsplit("}", 1)[-1]
+    geometry = {f"#{one.get('id')}": len(ElementTree.tostring(one)) for one in root.iter("geometry")}
+    if sum(1 for _ in root.iter("instance_node")):
+        raise ValueError("<instance_node> is not supported: save the mesh without instances")
+    if sum(geometry.get(one.get("url"), 0) for one in root.iter("instance_geometry")) > MOST_BYTES:
+        raise ValueError(f"geometry repeated to more than {MOST_BYTES} bytes")
