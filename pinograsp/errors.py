@@ -71,7 +71,7 @@ class ExtraMissing(PinograspError, ImportError):
 
 
 class NoGrasp(PinograspError):
-    """The input is valid and no grasp exists for it."""
+    """The input is valid and no grasp was found for it."""
 
 
 class ContactNotReached(NoGrasp):
@@ -91,7 +91,7 @@ class GraspInfeasible(NoGrasp):
         super().__init__(message)
 
 
-class PlacementNotFound(PinograspError):
+class PlacementNotFound(NoGrasp):
     """No sampled placement of the palm holds the object. Carries the ``search`` with the outcomes of its samples."""
 
     def __init__(self, message: str, search):
@@ -118,3 +118,30 @@ class SimulationDiverged(PinograspError):
         super().__init__(
             f"the simulation came apart at {time:.4g} s (step {1e3 * time_step:g} ms): take a smaller time_step or softer servos"
         )
+
+
+# What an exception is called in tables and JSON, and the exit code of the command line: the first kind that fits.
+_MEANINGS = (
+    (KeyboardInterrupt, "interrupted", 130),
+    (PlacementNotFound, "not_found", 3),
+    (GraspInfeasible, "infeasible", 3),
+    (NoGrasp, "not_reached", 3),
+    (InvalidInput, "invalid_input", 2),
+    (ExtraMissing, "extra_missing", 2),
+    (BaseException, "failed", 2),
+)
+
+
+def status_of(error: BaseException) -> str:
+    """One word for how something ended that raised ``error``: for a grasp that was not found the status of its search."""
+    solution = getattr(error, "solution", None)
+    return _meaning(error)[0] if solution is None else str(solution.status)
+
+
+def exit_code_of(error: BaseException) -> int:
+    """The exit code of a command that raised ``error``: 2 unusable input, 3 no grasp, 130 interrupted."""
+    return 130 if status_of(error) == Status.INTERRUPTED else _meaning(error)[1]
+
+
+def _meaning(error: BaseException) -> tuple[str, int]:
+    return next((status, code) for kind, status, code in _MEANINGS if isinstance(error, kind))

@@ -21,7 +21,7 @@ from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten
 from pinograsp.forces import optimize_forces
 from pinograsp.sweep import load_sweep, read_sweep, run, sweep
 from pinograsp.sweep import rows as rows_module
-from pinograsp.sweep.rows import kind_of, status_of
+from pinograsp.sweep.rows import kind_of
 from pinograsp.sweep.store import Store
 
 # A plan of some 20 ms: one posture, coarse time steps.

@@ -2,24 +2,72 @@
 
 from __future__ import annotations
 
+import json
+import sys
 import traceback
 
-import typer
+try:  # Ctrl-C may come while the commands, which register themselves, are loaded
+    import typer
 
-from pinograsp.cli import bench, check, hands, plan, report, sweep, view  # they register their commands
-from pinograsp.cli.app import app, status_of, told
-from pinograsp.errors import NoGrasp, PinograspError, Status
+    from pinograsp.cli import bench, check, hands, plan, report, sweep, view
+    from pinograsp.cli.app import app, told
+except KeyboardInterrupt:
+    sys.stderr.write("pinograsp: interrupted\n")
+    raise SystemExit(130) from None
+
+from pinograsp.errors import PinograspError, exit_code_of, status_of
 
 __all__ = ["app", "bench", "check", "hands", "main", "plan", "report", "sweep", "view"]
 
+_UsageError = typer.BadParameter.__base__  # of click, or of the copy of it that typer brings
+
 
 def main() -> None:
-    """Entry point: our errors become one message and an exit code, never a traceback."""
+    """Entry point: errors become one message and an exit code, never a traceback."""
+    told.update(quiet=False, verbose=False)
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="backslashreplace")  # names of files may be no text
     try:
-        app(prog_name="pinograsp")
-    except PinograspError as error:
-        if told["verbose"]:
-            traceback.print_exc()
-        typer.echo(f"pinograsp: {error}", err=True)
-        interrupted = status_of(error) == Status.INTERRUPTED
-        raise SystemExit(130 if interrupted else 3 if isinstance(error, NoGrasp) else 2) from None
+        code = app(prog_name="pinograsp", standalone_mode=False) or 0
+        sys.stdout.flush()
+    except BaseException as error:
+        code = _tell(error)
+    if code == 130:
+        _say("interrupted")
+    raise SystemExit(code)
+
+
+def _tell(error: BaseException) -> int:
+    """Tell an error, as JSON as well where that was asked for; returns the exit code. What is no error of a user's goes on."""
+    if _interrupted(error):
+        return 130
+    if isinstance(error, _UsageError):
+        code, name, status, text = error.exit_code, "UsageError", "invalid_input", error.format_message()
+        if type(error).__name__ == "NoArgsIsHelpError":
+            typer.echo(text, err=True)
+            return code
+        text += f" (try '{error.ctx.command_path if error.ctx else 'pinograsp'} --help')"
+    elif isinstance(error, PinograspError | OSError | MemoryError):
+        code, name, status = exit_code_of(error), type(error).__name__, status_of(error)
+        text = str(error) if str(error) or not isinstance(error, MemoryError) else "not enough memory: ask for less"
+    else:
+        raise error
+    if told["verbose"]:
+        traceback.print_exception(error)
+    if "--json" in sys.argv and not told["quiet"]:
+        typer.echo(json.dumps({"status": status, "error": name, "message": text}))
+    _say(text)
+    return code
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind it: libraries turn it into errors of their own."""
+    while error is not None and not isinstance(error, KeyboardInterrupt | typer.Abort):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+def _say(text: str) -> None:
+    """On standard error, without what would steer a terminal."""
+    shown = "".join(char if char.isprintable() or char == "\n" else repr(char)[1:-1] for char in text)
+    typer.echo(f"pinograsp: {shown}", err=True)

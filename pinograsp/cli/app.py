@@ -1,19 +1,18 @@
-"""What every command shares: the application, options, and errors told as JSON."""
+"""What every command shares: the application and options."""
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pinograsp.errors import NoGrasp, PinograspError
-
 app = typer.Typer(
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Grasp forces in newtons, joint torques and trajectories for robotic hands.",
@@ -40,6 +39,27 @@ Hulls = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
+told = {"quiet": False, "verbose": False}  # by options before the command or after it
+
+
+def _hush(context: typer.Context, quiet: bool) -> None:
+    if quiet and not told["quiet"]:
+        told["quiet"] = True
+        context.with_resource(contextlib.redirect_stdout(context.with_resource(open(os.devnull, "w"))))  # noqa: SIM115
+
+
+def _tell_more(verbose: bool) -> None:
+    told["verbose"] |= verbose
+
+
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=_hush, expose_value=False, help="Print errors alone; the exit code tells the rest.")
+]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", callback=_tell_more, expose_value=False, help="Print the traceback of an error as well.")
+]
+
+
 def _version(show: bool) -> None:
     if show:
         from importlib.metadata import version
@@ -50,37 +70,25 @@ def _version(show: bool) -> None:
 
 @app.callback()
 def _main(
-    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors alone; the exit code tells the rest.")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print the traceback of an error as well.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    told["verbose"] = verbose
-    if quiet:
-        context.with_resource(contextlib.redirect_stdout(context.with_resource(open(os.devnull, "w"))))  # noqa: SIM115
+    pass
 
 
-told = {"verbose": False}  # by the options before the command
+def bar(as_json: bool) -> bool | None:
+    """Whether to show a bar: on terminals, unless less is asked for."""
+    return False if as_json or told["quiet"] else None
 
 
-@contextlib.contextmanager
-def errors_told(as_json: bool):
-    """With ``--json``, an error of ours is told as one JSON object before it goes on."""
-    try:
-        yield
-    except PinograspError as error:
-        if as_json:
-            typer.echo(json.dumps({"status": status_of(error), "error": type(error).__name__, "message": str(error)}))
-        raise
+def console():
+    """Standard output for tables: as wide as the terminal; a pipe has no width, and gets whole rows."""
+    from rich.console import Console
 
-
-def status_of(error: PinograspError) -> str:
-    solution = getattr(error, "solution", None)
-    if solution is not None:
-        return str(solution.status)
-    return "not_reached" if isinstance(error, NoGrasp) else "invalid_input"
+    return Console(width=None if sys.stdout.isatty() else 150, highlight=False, markup=False)
 
 
 def fresh_folder(name: str, beside: Path = Path("runs")) -> Path:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pinograsp.cases.sweep_file import Base
-from pinograsp.errors import ExtraMissing, GraspInfeasible, InvalidInput, NoGrasp, PinograspError, PlacementNotFound, Status
+from pinograsp.errors import ExtraMissing, PinograspError, Status, status_of
 from pinograsp.forces import ForceBatch, solve_batch
 
 # Columns beside index and inputs, with their kinds; empty where a row has no such figure.
@@ -96,14 +96,6 @@ def _row(make, *args) -> dict:
         if status == Status.INTERRUPTED:
             raise KeyboardInterrupt from error
         return {"status": status, "message": text, "elapsed_s": time.perf_counter() - started}
-
-
-def status_of(error: Exception) -> str:
-    """The status of a row that ended with ``error``."""
-    if isinstance(error, GraspInfeasible) and error.solution is not None:
-        return str(error.solution.status)
-    kinds = ((NoGrasp, "not_reached"), (PlacementNotFound, "not_found"), (InvalidInput, "invalid_input"))
-    return next((status for kind, status in kinds if isinstance(error, kind)), "failed")
 
 
 def _planned(base: Base, inputs: dict) -> dict:
