@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import os
+import re
+import struct
 import subprocess
 import sys
+import termios
 
 import pytest
 from ruamel.yaml import YAML
@@ -400,6 +405,80 @@ def test_quiet_and_verbose(command):
     assert code == 2 and "Traceback" in err and "no case 'nothing_like_it'" in err
     code, out, err = command("plan", "nothing_like_it")
     assert code == 2 and "Traceback" not in err
+
+
+def test_quiet_and_verbose_after_the_command(command):
+    assert command("hands", "panda", "--quiet") == (0, "", "") == command("hands", "panda", "-q")
+    code, _, err = command("plan", "nothing_like_it", "-v")
+    assert code == 2 and "Traceback" in err
+    assert "Traceback" not in command("plan", "nothing_like_it")[2]  # not kept from call to call
+
+
+@pytest.mark.parametrize("arguments", [[], ["plan"], ["close"], ["check"], ["hands"], ["sweep"], ["view"], ["report"], ["bench"]])
+def test_short_help(command, arguments):
+    code, out, _ = command(*arguments, "-h")
+    assert code == 0 and "Usage: pinograsp" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["plan", "paper", "--foo"], "No such option: --foo"),
+        (["plan", "paper", "--seed", "x"], "--seed"),
+        (["plan", "a", "b"], "unexpected extra argument"),
+        (["check"], "Missing argument"),
+        (["nosuch"], "No such command"),
+        (["hands", "--root"], "--root"),
+        (["bench", "--contacts", "100000"], "at least 3 and at most 200"),
+    ],
+)
+def test_usage_errors_are_json_where_that_is_asked_for(command, arguments, message):
+    code, out, err = command(*arguments, "--json")
+    told = json.loads(out)
+    assert code == 2 and told.keys() == {"status", "error", "message"} and told["status"] == "invalid_input"
+    assert message in told["message"] and err == f"pinograsp: {told['message']}\n"
+    code, out, err = command(*arguments)
+    assert code == 2 and out == "" and message in err
+
+
+def test_a_search_that_finds_no_placement_is_no_grasp(command):
+    code, out, err = command("plan", "--hand", "panda", "--object", "sphere:radius=0.5,mass=1", "--samples", "1", "--json")
+    assert code == 3 and json.loads(out)["status"] == "not_found" and "no placement of 1" in err
+
+
+def test_messages_do_not_steer_the_terminal(command):
+    code, _, err = command("plan", "\x1b[2Jnothing\udcff")
+    assert code == 2 and "\x1b" not in err and "\\x1b[2Jnothing" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "last"),
+    [pytest.param(["plan", "paper"], "status", marks=pytest.mark.slow), (["hands"], "so101"), (["bench", "--contacts", "3"], "contacts")],
+)
+def test_a_terminal_of_80_columns_and_24_rows_shows_the_answer(tmp_path, arguments, last):
+    shown = on_a_terminal(tmp_path, *arguments)
+    assert max(map(len, shown)) <= 80
+    assert any(line.startswith((last, f" {last}")) for line in shown[-24:])
+    table = [line for line in shown if line.startswith(("normal force thumb", " allegro_left"))]
+    assert all(len(line.split()) >= 6 for line in table)  # a row is a line
+
+
+def on_a_terminal(folder, *arguments) -> list[str]:
+    """The lines on a terminal of 80 columns and 24 rows, without what steers it."""
+    screen, other = os.openpty()
+    fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    with subprocess.Popen(
+        [sys.executable, "-m", "pinograsp.cli", *arguments], cwd=folder, stdin=other, stdout=other, stderr=subprocess.DEVNULL, env=environment
+    ) as process:
+        os.close(other)
+        told = b""
+        with contextlib.suppress(OSError):  # the end of the process
+            while read := os.read(screen, 65536):
+                told += read
+        os.close(screen)
+    assert process.returncode == 0
+    return [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in told.decode().splitlines()]
 
 
 def test_shells_can_complete(command):

@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 
 import pinograsp as pg
 from pinograsp.cases import load_case
-from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten
+from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten, status_of
 from pinograsp.forces import optimize_forces
 from pinograsp.sweep import load_sweep, read_sweep, run, sweep
 from pinograsp.sweep import rows as rows_module

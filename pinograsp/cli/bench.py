@@ -8,15 +8,18 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, app
+from pinograsp.cli.app import Json, Quiet, Verbose, app
 
 _REPEATS, _BATCH = 200, 10_000
+_MOST_CONTACTS = 200  # more take minutes and gigabytes
 
 
 @app.command()
 def bench(
     contacts: Annotated[list[int] | None, typer.Option(help="Numbers of contacts; repeatable.")] = None,
     as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """How fast this machine solves: one call of optimize_forces, one tick of OnlineForces, many problems at once.
 
@@ -34,6 +37,10 @@ def bench(
     import pinograsp as pg
     from pinograsp.errors import ExtraMissing, InvalidInput
 
+    contacts = contacts or [3, 10, 50]
+    for k in contacts:
+        if not 3 <= k <= _MOST_CONTACTS:
+            raise InvalidInput(f"--contacts: expected at least 3 and at most {_MOST_CONTACTS}, got {k}")
     try:
         pg.warm_up()
         fast = True
@@ -41,9 +48,7 @@ def bench(
         fast = False
         typer.echo(str(missing), err=True)
     rows = []
-    for k in contacts or (3, 10, 50):
-        if k < 3:
-            raise InvalidInput(f"--contacts: expected at least 3, got {k}")
+    for k in contacts:
         problem, loads = _problem(pg, np, k)
         rows.append({"contacts": k, "optimize_forces_us": _median(
             np, lambda load, problem=problem: pg.optimize_forces(problem.with_load(load), 0.9, objective="least_squares"), loads
@@ -62,9 +67,9 @@ def bench(
         typer.echo(json.dumps({"compiled": fast, "rows": rows}))
         return
     columns = list(rows[0])
-    typer.echo("  ".join(f"{name:>20}" for name in columns))
+    typer.echo("  ".join(columns))
     for row in rows:
-        typer.echo("  ".join(f"{row[name]:>20}" for name in columns))
+        typer.echo("  ".join(f"{row[name]:>{len(name)}}" for name in columns))
 
 
 def _problem(pg, np, k: int):

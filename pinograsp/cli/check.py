@@ -9,8 +9,10 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, app, errors_told, fresh_folder
+from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, fresh_folder
 from pinograsp.errors import InvalidInput
+
+_MOST_TRIALS = 100_000  # of each error
 
 
 @app.command()
@@ -40,8 +42,8 @@ def check(
         int,
         typer.Option(
             metavar="N",
-            help="Try N times with each of several random errors, and with all: how likely it holds. Interrupted, the same "
-            "command goes on.",
+            help="How likely it holds: N trials with each of six random errors alone (position, rotation, friction, mass, "
+            "posture, push) and N with all of them together, 7 N in all. Interrupted, the same command goes on.",
         ),
     ] = 0,
     seed: Annotated[int, typer.Option(help="Of the random errors.")] = 0,
@@ -51,6 +53,8 @@ def check(
     out: Annotated[Path | None, typer.Option(help="Folder for the results; default: RUN/check, RUN/check-2, ...")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results in --out.")] = False,
     as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Try a plan in a simulation with a free object: does it hold? (Exit code 0: it holds, 3: it is lost.)
 
@@ -65,17 +69,16 @@ def check(
     from pinograsp.storage import check_folder
 
     folder = out if out is not None else fresh_folder("check", run)
-    with errors_told(as_json):
-        if (folder / "plan.json").exists() or folder.resolve() in (run.resolve(), *run.resolve().parents):
-            raise InvalidInput(f"--out: expected a folder for the check alone, got '{folder}', which holds a run")
-        if monte_carlo < 0:
-            raise InvalidInput(f"--monte-carlo: expected a number of trials, got {monte_carlo}")
-        check_folder(folder, force)
-        settings = {"hold": hold, "engine": engine, "time_step": time_step, "mode": "prescribed" if prescribed else "servo"}
-        told = (push, shake, mu, mass, offset, turn, start_error)
-        studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
-        studies["trials"] = run / "trials" if out is None else out.with_name(f"{out.name}-trials")
-        summary = _check(run, folder, force, settings, told, studies, as_json)
+    if (folder / "plan.json").exists() or folder.resolve() in (run.resolve(), *run.resolve().parents):
+        raise InvalidInput(f"--out: expected a folder for the check alone, got '{folder}', which holds a run")
+    if not 0 <= monte_carlo <= _MOST_TRIALS:
+        raise InvalidInput(f"--monte-carlo: expected a number of trials from 0 to {_MOST_TRIALS}, got {monte_carlo}")
+    check_folder(folder, force)
+    settings = {"hold": hold, "engine": engine, "time_step": time_step, "mode": "prescribed" if prescribed else "servo"}
+    wrong = (push, shake, mu, mass, offset, turn, start_error)
+    studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
+    studies["trials"] = run / "trials" if out is None else out.with_name(f"{out.name}-trials")
+    summary = _check(run, folder, force, settings, wrong, studies, as_json)
     if as_json:
         typer.echo(json.dumps({**summary, "folder": str(folder)}, allow_nan=False))
     if summary.get("monte_carlo", {}).get("interrupted"):
@@ -84,7 +87,7 @@ def check(
         raise typer.Exit(3)
 
 
-def _check(run: Path, folder: Path, force: bool, settings: dict, told: tuple, studies: dict, quiet: bool) -> dict:
+def _check(run: Path, folder: Path, force: bool, settings: dict, wrong: tuple, studies: dict, as_json: bool) -> dict:
     import numpy as np
 
     from pinograsp.referee import simulate
@@ -95,18 +98,18 @@ def _check(run: Path, folder: Path, force: bool, settings: dict, told: tuple, st
 
     loaded = load_run(run)
     task = Task.of(loaded)
-    disturbance = _disturbance(task, *told)
+    disturbance = _disturbance(task, *wrong)
     if studies["monte_carlo"] and disturbance.summary():
         raise InvalidInput("--monte-carlo: expected without other disturbances, it draws its own")
     simulation = simulate(task, disturbance=disturbance, **settings)
     summary = simulation.summary()
-    if not quiet:
+    if not as_json:
         typer.echo(simulation.describe())
     texts = []
-    for name, study in _studies(task, loaded.summary["margins"], studies, disturbance, settings, quiet):
+    for name, study in _studies(task, loaded.summary["margins"], studies, disturbance, settings, as_json):
         summary[name] = study.summary()
         texts.append(study.describe())
-        if not quiet:
+        if not as_json:
             typer.echo(texts[-1])
 
     def fill(path: Path) -> None:
@@ -116,22 +119,21 @@ def _check(run: Path, folder: Path, force: bool, settings: dict, told: tuple, st
         (path / "check.md").write_text(checked(summary, figures, texts), encoding="utf-8")
 
     write_folder(folder, fill, force=force)
-    if not quiet:
+    if not as_json:
         typer.echo(f"\nwritten to {folder}: check.md, check.json, check.npz and figures")
     return summary
 
 
-def _studies(task, margins: dict, studies: dict, disturbance, settings: dict, quiet: bool):
+def _studies(task, margins: dict, studies: dict, disturbance, settings: dict, as_json: bool):
     """The studies that were asked for, by name; the planner's own margins stand beside the thresholds."""
     from pinograsp.referee import load_threshold, monte_carlo, slip_threshold
 
     if studies["monte_carlo"]:
-        progress = False if quiet else None
         # Trials are kept as they come: the same command, typed again, goes on from there.
         told = json.dumps({"seed": studies["seed"], **settings}, sort_keys=True)
         trials = studies["trials"] / hashlib.sha256(told.encode()).hexdigest()[:8]
         study = monte_carlo(
-            task, count=studies["monte_carlo"], seed=studies["seed"], progress=progress, folder=trials, **settings
+            task, count=studies["monte_carlo"], seed=studies["seed"], progress=bar(as_json), folder=trials, **settings
         )
         yield "monte_carlo", study
         if study.interrupted:
@@ -145,6 +147,7 @@ def _studies(task, margins: dict, studies: dict, disturbance, settings: dict, qu
 def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):
     import numpy as np
 
+    from pinograsp.checks import number
     from pinograsp.referee import Disturbance, Push
 
     pushes = []
@@ -165,7 +168,7 @@ def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):
         if frequency:
             given["shake_frequency"] = _numbers("--shake", frequency, (1,))[0]
     if mass is not None:
-        given["mass_factor"] = mass / task.object.mass
+        given["mass_factor"] = number("--mass", mass, above=0, unit="kg") / task.object.mass
     if offset is not None:
         given["object_offset"] = 1e-3 * np.array(_numbers("--offset", offset, (3,)))
     if turn is not None:

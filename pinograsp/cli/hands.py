@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Root, app, errors_told
+from pinograsp.cli.app import Json, Quiet, Root, Verbose, app, console
 from pinograsp.errors import InvalidInput
+
+_WIDE = 120  # columns of a terminal that shows titles and names of fingers
 
 
 @app.command()
@@ -19,6 +20,8 @@ def hands(
     ] = None,
     root: Root = None,
     as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """List the hands that need no file, or describe one: fingers, joints, limits, couplings, masses.
 
@@ -33,13 +36,12 @@ def hands(
     from pinograsp.hands import load_hand
     from pinograsp.hands.summary import record
 
-    with errors_told(as_json):
-        if name is None:
-            if root is not None:
-                raise InvalidInput("--root needs the NAME of a hand or file")
-            _list_hands(as_json)
-            return
-        hand = load_hand(name, root=root)
+    if name is None:
+        if root is not None:
+            raise InvalidInput("--root needs the NAME of a hand or file")
+        _list_hands(as_json)
+        return
+    hand = load_hand(name, root=root)
     typer.echo(json.dumps(record(hand), allow_nan=False) if as_json else hand.describe())
 
 
@@ -50,15 +52,21 @@ def _list_hands(as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps({"hands": rows, "problems": problems}, allow_nan=False))
         raise typer.Exit(2 if problems else 0)
-    from rich.console import Console
     from rich.table import Table
 
+    screen = console()
+    columns = {name: i for i, name in enumerate(("name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"))}
+    if screen.width < _WIDE:  # a line for each hand
+        del columns["title"]
     table = Table(box=None, header_style="bold")
-    for column in ("name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"):
+    for column in columns:
         number = column in ("joints", "moving", "mass [kg]")
-        table.add_column(column, justify="right" if number else "left", no_wrap=number or column == "name")
+        table.add_column(column, justify="right" if number else "left", no_wrap=True)
     for row in rows:
-        table.add_row(*cells(row))
-    Console(width=None if sys.stdout.isatty() else 150, highlight=False, markup=False).print(table)
+        told = [cells(row)[i] for i in columns.values()]
+        if screen.width < _WIDE:
+            told[list(columns).index("fingers")] = str(len(row["fingers"]))
+        table.add_row(*told)
+    screen.print(table)
     if problems:
         raise InvalidInput("; ".join(problems))

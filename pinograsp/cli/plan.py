@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import HELD, At, FrictionModel, Hulls, Json, Mu, Root, Safety, Samples, Seed, Wrap, app, errors_told, fresh_folder
+from pinograsp.cli.app import (
+    HELD,
+    At,
+    FrictionModel,
+    Hulls,
+    Json,
+    Mu,
+    Quiet,
+    Root,
+    Safety,
+    Samples,
+    Seed,
+    Verbose,
+    Wrap,
+    app,
+    bar,
+    console,
+    fresh_folder,
+)  # fmt: skip
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp, Status
+
+_WIDE = 120  # columns of a terminal that shows notes beside figures
 
 
 @app.command()
@@ -50,6 +69,8 @@ def plan(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier run in --out.")] = False,
     as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Plan a grasp: contact forces, joint torques, trajectories, figures and a report.
 
@@ -64,21 +85,16 @@ def plan(
       pinograsp plan --hand allegro_right --object cylinder:radius=0.02,height=0.12,mass=0.2
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
-    try:
-        with errors_told(as_json):
-            if case is not None and hand is None and object is None:
-                _plan(case, out, options, changes, force, as_json)
-            elif case is None and hand is not None and object is not None:
-                if changes:
-                    raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-                placing = {"mu": mu, "friction": friction, "safety": safety, "samples": samples, "seed": seed, "wrap": wrap, "hulls": hulls}
-                chosen = {key: value for key, value in options.items() if value is not None}
-                _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
-            else:
-                raise InvalidInput("expected either CASE, or --hand and --object")
-    except KeyboardInterrupt:
-        typer.echo("pinograsp: interrupted, nothing written", err=True)
-        raise typer.Exit(130) from None
+    if case is not None and hand is None and object is None:
+        _plan(case, out, options, changes, force, as_json)
+    elif case is None and hand is not None and object is not None:
+        if changes:
+            raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
+        placing = {"mu": mu, "friction": friction, "safety": safety, "samples": samples, "seed": seed, "wrap": wrap, "hulls": hulls}
+        chosen = {key: value for key, value in options.items() if value is not None}
+        _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
+    else:
+        raise InvalidInput("expected either CASE, or --hand and --object")
 
 
 def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None, force: bool, as_json: bool) -> None:
@@ -90,7 +106,7 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
     folder = out if out is not None else fresh_folder(loaded.name)
     check_folder(folder, force)
     try:
-        planned = loaded.plan(progress=False if as_json else None)
+        planned = loaded.plan(progress=bar(as_json))
     except GraspInfeasible as error:
         # A proof is a result: it is kept like one. A grid that found nothing proves nothing.
         if error.solution.search == "convex" and error.solution.status is Status.INFEASIBLE:
@@ -123,9 +139,14 @@ def _object_case(hand: str, object: str, root: str | None, at: str | None, **opt
     return ObjectCase.of(hand=hand, object=object, root=root, at=place, **options)
 
 
-def _closed(case, quiet: bool):
+def _closed(case, as_json: bool):
     """The hand closed on the object, where it is said to be or at the best placement found."""
-    return case.closure() if case.at is not None else case.placements(progress=False if quiet else None).best.closure
+    if case.at is not None:
+        return case.closure()
+    found = case.placements(progress=bar(as_json))
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return found.best.closure
 
 
 def _plan_object(case, out, force: bool, as_json: bool) -> None:
@@ -134,7 +155,7 @@ def _plan_object(case, out, force: bool, as_json: bool) -> None:
 
     folder = out if out is not None else fresh_folder(f"{Path(case.hand).stem}-{case.object.split(':')[0]}")
     check_folder(folder, force)
-    planned = case.plan(_closed(case, as_json), progress=False if as_json else None)
+    planned = case.plan(_closed(case, as_json), progress=bar(as_json))
     _finish(run_of(planned, {"name": f"{case.hand}, {case.object}", **case.settings()}), folder, force, as_json)
 
 
@@ -154,6 +175,8 @@ def close(
     wrap: Wrap = False,
     hulls: Hulls = False,
     as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Close a hand on an object: which links touch where, and what stops each joint.
 
@@ -163,9 +186,8 @@ def close(
 
       pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
     """
-    with errors_told(as_json):
-        placing = {"mu": mu, "friction": friction, "safety": safety, "samples": samples, "seed": seed, "wrap": wrap, "hulls": hulls}
-        closure = _closed(_object_case(hand, object, root, at, **placing), as_json)
+    placing = {"mu": mu, "friction": friction, "safety": safety, "samples": samples, "seed": seed, "wrap": wrap, "hulls": hulls}
+    closure = _closed(_object_case(hand, object, root, at, **placing), as_json)
     typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
     if not closure.touches:
         raise typer.Exit(3)
@@ -203,32 +225,34 @@ def _keep_proof(error, loaded, folder: Path, force: bool) -> None:
 
 
 def _print(run, folder: Path) -> None:
-    from rich.console import Console
+    """The answer comes last: what is printed before it may be longer than a terminal."""
     from rich.table import Table
 
     from pinograsp.report import answer, comparison_rows
 
-    # A pipe has no width: leave the rows whole there.
-    console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
-    table = Table(title=f"Grasp plan '{run.settings['name']}'", show_header=False, box=None, title_justify="left")
-    for row in answer(run):
-        table.add_row(*row)
-    console.print(table)
+    screen = console()
     if run.summary.get("comparison"):
-        title = "\nBeside the paper (planned as the paper does, forces alone in balance)"
-        beside = Table(title=title, title_justify="left", box=None, header_style="bold")
-        for name in ("quantity", "unit"):
-            beside.add_column(name)
+        title = "Beside the paper (planned as the paper does, forces alone in balance)"
+        beside = Table(title=title, title_justify="left", box=None, header_style="bold", padding=(0, 1, 0, 0))
+        beside.add_column("quantity")
+        beside.add_column("unit", no_wrap=True)
         for name in ("paper", "ours", "difference"):
             beside.add_column(name, justify="right", no_wrap=True)
-        beside.add_column("note")
+        shown = None if screen.width >= _WIDE else -1  # notes are in the report as well
+        if shown is None:
+            beside.add_column("note")
         for row in comparison_rows(run.summary["comparison"]):
-            beside.add_row(*row)
-        console.print(beside)
+            beside.add_row(*row[:shown])
+        screen.print(beside)
+        screen.print()
     for note in run.summary["notes"]:
-        console.print(f"note: {note}")
+        screen.print(f"note: {note}")
     for caution in run.summary["cautions"]:
-        console.print(f"caution: {caution}")
+        screen.print(f"caution: {caution}")
+    table = Table(title=f"Grasp plan '{run.settings['name']}'", show_header=False, box=None, title_justify="left", padding=(0, 1, 0, 0))
+    for row in answer(run):
+        table.add_row(*row)
+    screen.print(table)
     if run.summary["remedy"]:
-        console.print(f"{run.summary['status']}: {run.summary['remedy']}")
-    console.print(f"\nwritten to {folder}: report.html, report.md, plan.json, plan.npz and figures", soft_wrap=True)
+        screen.print(f"{run.summary['status']}: {run.summary['remedy']}")
+    screen.print(f"written to {folder}: report.html, report.md, plan.json, plan.npz and figures", soft_wrap=True)

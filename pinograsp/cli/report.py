@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import app
+from pinograsp.cli.app import Quiet, Verbose, app
 
 
 @app.command()
@@ -16,6 +16,8 @@ def report(
     check: Annotated[
         Path | None, typer.Option(help="Folder of a simulation to tell about; default: the newest below the run.")
     ] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Write a run's report and figures again, with the verdict of its newest simulation.
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import HELD, Json, app, errors_told
+from pinograsp.cli.app import HELD, Json, Quiet, Verbose, app, bar, console
 
 
 @app.command()
@@ -20,6 +19,8 @@ def sweep(
     backend: Annotated[str, typer.Option(help="joblib: this machine, or dask: the cluster of --scheduler.")] = "joblib",
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, as tcp://10.0.0.1:8786.")] = None,
     as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Plan a case over ranges or random draws of its inputs: a table with a row per plan. Interrupted, the same command goes on.
 
@@ -34,12 +35,7 @@ def sweep(
     from pinograsp.sweep import sweep
 
     folder = out if out is not None else Path("runs") / file.stem
-    try:
-        with errors_told(as_json):
-            done = sweep(file, folder, jobs=jobs, backend=backend, scheduler=scheduler, progress=False if as_json else None)
-    except KeyboardInterrupt:
-        typer.echo("pinograsp: interrupted; what was written stays", err=True)
-        raise typer.Exit(130) from None
+    done = sweep(file, folder, jobs=jobs, backend=backend, scheduler=scheduler, progress=bar(as_json))
     if as_json:
         typer.echo(json.dumps(done.summary(), allow_nan=False))
     else:
@@ -51,16 +47,15 @@ def sweep(
 
 
 def _print(done) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
+    screen = console()
     table = Table(box=None, header_style="bold")
     table.add_column("status")
     for name in ("rows", "share"):
         table.add_column(name, justify="right")
     for status, count in sorted(done.counts.items(), key=lambda one: -one[1]):
         table.add_row(status, str(count), f"{100 * count / done.done:.1f} %")
-    console.print(table)
+    screen.print(table)
     left = f"; {done.rows - done.done} of {done.rows} are left: the same command goes on" if done.interrupted else ""
-    console.print(f"\n{done.done} rows in {done.folder}{left}", soft_wrap=True)
+    screen.print(f"\n{done.done} rows in {done.folder}{left}", soft_wrap=True)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import app
+from pinograsp.cli.app import Quiet, Verbose, app
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 
 
@@ -23,6 +23,8 @@ def view(
     port: Annotated[int, typer.Option(help="Of the live page; the next one that is free.")] = 8080,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the live page in a browser.")] = True,
     force: Annotated[bool, typer.Option("--force", help="Overwrite FILE.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Look at a plan: hand, object, forces and friction over time, and its simulation where there is one.
 
