@@ -5,8 +5,13 @@ from __future__ import annotations
 import difflib
 import functools
 import math
-from collections.abc import Iterable
+import operator
+import os
+import reprlib
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import fields
+from numbers import Real
+from pathlib import Path
 
 import numpy as np
 
@@ -39,20 +44,87 @@ def rebuilt(record) -> tuple:
     return functools.partial(type(record), **arguments), ()
 
 
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
+
+
+def shown(value) -> str:
+    """``value`` for a message: on one line, and shortened."""
+    try:
+        return " ".join(_SHORT.repr(value).split())
+    except Exception:  # a repr of the caller's own class, or an integer of too many digits
+        return f"{'an' if isinstance(value, int) else 'a'} {type(value).__name__}"
+
+
 def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
     """``value`` as a finite float array of ``shape`` (``None`` = any size), or :class:`InvalidInput`."""
-    try:
-        array = np.array(value, dtype=float, order="C")
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{name}: expected numbers of shape {_words(shape)}, got {value!r}") from None
+    if type(value) is np.ndarray and value.dtype is _FLOAT:
+        array = np.array(value, order="C")
+    else:
+        array = _floats(name, value, shape)
     if array.shape != shape and (
         array.ndim != len(shape) or any(s is not None and s != a for s, a in zip(shape, array.shape))
     ):
         raise InvalidInput(f"{name}: expected shape {_words(shape)}, got {array.shape}")
     # The sum of squares is quicker to look at, but may overflow.
     if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
-        raise InvalidInput(f"{name}: expected finite numbers, got {array.tolist()}")
+        raise InvalidInput(f"{name}: expected finite numbers, got {shown(array.tolist())}")
     return frozen(array)
+
+
+_FLOAT = np.dtype(float)
+
+
+def floats_of(name: str, value, wanted: str = "numbers") -> np.ndarray:
+    """``value`` as a float array of any shape: no texts, truth values, complex numbers, dates or masks. Infinity and NaN are left."""
+    try:
+        if np.ma.is_masked(value):
+            raise TypeError
+        array = np.asarray(value)
+        if array.dtype.kind == "O":
+            if not all(isinstance(one, Real) and not isinstance(one, bool) for one in array.flat):
+                raise TypeError
+        elif array.dtype.kind not in "iuf":
+            raise TypeError
+        with np.errstate(over="ignore"):
+            return np.array(array, dtype=float, order="C")
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise InvalidInput(f"{name}: expected {wanted}, got {shown(value)}") from None
+
+
+def finite_of(name: str, value) -> np.ndarray:
+    """``value`` as a finite float array of any shape, or :class:`InvalidInput`."""
+    array = value if type(value) is np.ndarray and value.dtype is _FLOAT else floats_of(name, value)
+    if not np.isfinite(array).all():
+        raise InvalidInput(f"{name}: expected finite numbers, got {shown(array.tolist())}")
+    return array
+
+
+def at_least_zero(name: str, value) -> np.ndarray:
+    """``value`` as a finite float array of any shape without negative numbers, or :class:`InvalidInput`."""
+    array = finite_of(name, value)
+    if array.size and array.min() < 0:
+        raise InvalidInput(f"{name}: expected values >= 0, got {shown(array.tolist())}")
+    return array
+
+
+def alike(names: str, *arrays: np.ndarray) -> None:
+    """:class:`InvalidInput` unless the arrays can be computed with together, element by element."""
+    try:
+        np.broadcast_shapes(*(array.shape for array in arrays))
+    except ValueError:
+        shapes = " and ".join(str(array.shape) for array in arrays)
+        raise InvalidInput(f"{names}: expected shapes that go together, got {shapes}") from None
+
+
+def _floats(name: str, value, shape) -> np.ndarray:
+    return floats_of(name, value, f"numbers of shape {_words(shape)}")
+
+
+def each_of(name: str, value, k: int) -> np.ndarray:
+    """``value`` as a finite float array (k,): one number applies to all."""
+    one = isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0)
+    return frozen(np.full(k, number(name, value))) if one else array_of(name, value, (k,))
 
 
 def _words(shape) -> str:
@@ -62,34 +134,123 @@ def _words(shape) -> str:
 def placement_of(name: str, value) -> np.ndarray:
     """``value`` as a placement (4, 4) with an orthonormal right-handed rotation, or :class:`InvalidInput`."""
     pose = array_of(name, value, (4, 4))
-    rotation = pose[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+    if not are_rotations(pose[:3, :3]):
         raise InvalidInput(f"{name}: expected a homogeneous placement with an orthonormal right-handed rotation")
     return pose
 
 
-def number(name: str, value, *, above: float | None = None, at_least: float | None = None, unit: str = "") -> float:
+def are_rotations(matrices: np.ndarray) -> np.ndarray:
+    """Which of the matrices (..., 3, 3) are orthonormal and right-handed (...,)."""
+    matrices = np.clip(matrices, -2.0, 2.0)  # squares of huge numbers overflow
+    off = np.abs(matrices @ matrices.swapaxes(-1, -2) - np.eye(3)).max(axis=(-1, -2))
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
+    return (off <= 1e-6) & (a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) > 0)
+
+
+def number(
+    name: str, value, *, above: float | None = None, at_least: float | None = None, at_most: float | None = None, unit: str = ""
+) -> float:
     """``value`` as a finite float within the bounds, or :class:`InvalidInput`."""
-    bound = f" > {above:g}" if above is not None else f" >= {at_least:g}" if at_least is not None else ""
-    wanted = f"a finite number{bound}" + (f" [{unit}]" if unit else "")
     try:
-        result = float(value)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{name}: expected {wanted}, got {value!r}") from None
+        result = _real(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(f"{name}: expected {_wanted(above, at_least, at_most, unit)}, got {shown(value)}") from None
     if (
-        not np.isfinite(result)
+        not math.isfinite(result)
         or (above is not None and not result > above)
         or (at_least is not None and result < at_least)
+        or (at_most is not None and result > at_most)
     ):
-        raise InvalidInput(f"{name}: expected {wanted}, got {result:g}")
+        raise InvalidInput(f"{name}: expected {_wanted(above, at_least, at_most, unit)}, got {result:g}")
     return result
+
+
+def _real(value) -> float:
+    if type(value) is not float:
+        if isinstance(value, np.ndarray) and value.ndim == 0 and not isinstance(value, np.ma.MaskedArray):
+            value = value[()]
+        if not isinstance(value, Real) or isinstance(value, bool):
+            raise TypeError
+    return float(value)
+
+
+def _wanted(above, at_least, at_most, unit) -> str:
+    bounds = [f"{sign} {bound:g}" for sign, bound in ((">", above), (">=", at_least), ("<=", at_most)) if bound is not None]
+    return f"a finite number{' ' if bounds else ''}{' and '.join(bounds)}" + (f" [{unit}]" if unit else "")
+
+
+def integer(name: str, value, *, at_least: int | None = None, at_most: int | None = None) -> int:
+    """``value`` as an int within the bounds, or :class:`InvalidInput`."""
+    try:
+        if isinstance(value, bool | np.bool_ | np.ma.MaskedArray):
+            raise TypeError
+        result = operator.index(value)
+    except (TypeError, ValueError):
+        result = None
+    if result is None or (at_least is not None and result < at_least) or (at_most is not None and result > at_most):
+        bounds = [f"{sign} {bound}" for sign, bound in ((">=", at_least), ("<=", at_most)) if bound is not None]
+        raise InvalidInput(f"{name}: expected an integer{' ' if bounds else ''}{' and '.join(bounds)}, got {shown(value)}")
+    return result
+
+
+def flag(name: str, value) -> bool:
+    """``value`` as True or False, or :class:`InvalidInput`: a text or a number is neither."""
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidInput(f"{name}: expected True or False, got {shown(value)}")
+    return bool(value)
+
+
+def text(name: str, value) -> str:
+    """``value`` if it is a text, or :class:`InvalidInput`."""
+    if not isinstance(value, str):
+        raise InvalidInput(f"{name}: expected a text, got {shown(value)}")
+    return value
+
+
+def path_of(name: str, value) -> Path:
+    """``value`` as a path, or :class:`InvalidInput`."""
+    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not str(value) or "\0" in str(value):
+        raise InvalidInput(f"{name}: expected a path, got {shown(value)}")
+    return Path(value)
+
+
+def instance_of(name: str, value, *kinds: type):
+    """``value`` if it is of one of the kinds, or :class:`InvalidInput`."""
+    if not isinstance(value, kinds):
+        names = [kind.__name__ for kind in kinds if kind is not type(None)] + ["None"] * (type(None) in kinds)
+        raise InvalidInput(f"{name}: expected {_listed(names)}, got {shown(value)}")
+    return value
+
+
+def _listed(names: list[str]) -> str:
+    first = f"an {names[0]}" if names[0][0] in "AEIO" else f"a {names[0]}"
+    return " or ".join([first, *names[1:]])
+
+
+def mapping_of(name: str, value, wanted: str = "a mapping with names as keys") -> dict:
+    """``value`` as a dict whose keys are texts, or :class:`InvalidInput`."""
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise InvalidInput(f"{name}: expected {wanted}, got {shown(value)}")
+    return dict(value)
+
+
+def items_of(name: str, value, *kinds: type) -> tuple:
+    """``value`` as a tuple of things of those kinds, or :class:`InvalidInput`."""
+    wanted = " or ".join(kind.__name__ for kind in kinds)
+    if isinstance(value, str | bytes | Mapping | Set) or not isinstance(value, Iterable):
+        raise InvalidInput(f"{name}: expected a sequence of {wanted}, got {shown(value)}")
+    items = tuple(value)
+    for item in items:
+        if not isinstance(item, kinds):
+            raise InvalidInput(f"{name}: expected a sequence of {wanted}, got {shown(item)} in it")
+    return items
 
 
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
     """``value`` if it is one of ``allowed``; otherwise :class:`InvalidInput` with the nearest spelling."""
     allowed = list(allowed)
-    if value in allowed:
+    if isinstance(value, str) and value in allowed:
         return value
-    near = difflib.get_close_matches(str(value), allowed, n=1)
+    near = difflib.get_close_matches(value[:100], allowed, n=1) if isinstance(value, str) else ()
     hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise InvalidInput(f"{name}: expected one of {', '.join(allowed) or '(none)'}, got '{value}'{hint}")
+    raise InvalidInput(f"{name}: expected one of {', '.join(allowed) or '(none)'}, got {shown(value)}{hint}")

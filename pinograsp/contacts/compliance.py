@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipkm1, elliprd
 
-from pinograsp.checks import array_of, number, one_of
+from pinograsp.checks import alike, array_of, at_least_zero, finite_of, instance_of, number, one_of, shown
 from pinograsp.contacts.deceleration import CONSTANT, DecelerationShape
 from pinograsp.errors import InvalidInput
 
@@ -89,12 +89,13 @@ class Compliance:
 
     def normal_force(self, depth, rate=0.0):
         """F_n [N] at penetration ``depth`` [m] and ``rate`` [m/s] (Eq. 4); zero where there is no penetration."""
-        depth = np.maximum(depth, 0.0)
-        return (self.damping * np.asarray(rate) + self.stiffness) * depth**self.exponent
+        depth, rate = finite_of("depth", depth), finite_of("rate", rate)
+        alike("depth and rate", depth, rate)
+        return (self.damping * rate + self.stiffness) * np.maximum(depth, 0.0) ** self.exponent
 
     def depth(self, force):
         """Penetration [m] at rest under a normal force [N]: the inverse of Eq. (26)."""
-        return (np.asarray(force, dtype=float) / self.stiffness) ** (1 / self.exponent)
+        return (at_least_zero("normal force", force) / self.stiffness) ** (1 / self.exponent)
 
 
 def _gap_curvatures(curvatures: np.ndarray, angle: float) -> tuple[float, float]:
@@ -139,7 +140,7 @@ class PenetrationProfile:
             raise InvalidInput(f"acceleration: expected magnitudes >= 0 [m/s^2], got {acceleration.tolist()}")
         if not isinstance(self.shape, DecelerationShape):
             raise InvalidInput(
-                f"deceleration shape: expected a DecelerationShape, got {self.shape!r}: "
+                f"deceleration shape: expected a DecelerationShape, got {shown(self.shape)}: "
                 "build one with DecelerationShape.constant, linear, polynomial or sampled"
             )
         object.__setattr__(self, "acceleration", acceleration)
@@ -153,7 +154,7 @@ class PenetrationProfile:
 
     def _phase(self, t) -> np.ndarray:
         """u = (t - t_I) / tau, below 0 before the impact and above 1 after the end; shape of t with one axis added."""
-        return ((np.asarray(t, dtype=float) - self.impact_time) / self.duration)[..., None]
+        return ((finite_of("time", t) - self.impact_time) / self.duration)[..., None]
 
     def depth(self, t) -> np.ndarray:
         """delta (..., k) [m] at times t [s] (Eq. 24b); zero before the impact, ``final_depth`` after the end."""
@@ -175,14 +176,19 @@ class PenetrationProfile:
         return self.acceleration * (self.duration**2 * self.shape.depth_factor)
 
 
+def _checked(compliance, depth, duration, shape) -> tuple[float, np.ndarray, float]:
+    instance_of("compliance", compliance, Compliance)
+    instance_of("deceleration shape", shape, DecelerationShape)
+    return compliance.exponent, at_least_zero("depth", depth), number("duration", duration, above=0, unit="s")
+
+
 def impulse_energy(compliance: Compliance, final_depth, duration: float, shape: DecelerationShape = CONSTANT):
     """Grasp-energy measure "impulse" [N s] per contact: Eq. (11) as printed, the integral over *time*.
 
     lambda delta_F^(rho+1) + c K tau delta_F^rho for a deceleration of ``shape`` that ends at depth ``final_depth`` [m]
     after ``duration`` = tau [s]; c is the shape's ``impulse_factor``, (rho+1) B(rho+1, 1/2) / 2 for the constant one.
     """
-    rho = compliance.exponent
-    depth = np.asarray(final_depth, dtype=float)
+    rho, depth, duration = _checked(compliance, final_depth, duration, shape)
     c = shape.impulse_factor(rho)
     return compliance.damping * depth ** (rho + 1) + c * compliance.stiffness * duration * depth**rho
 
@@ -193,8 +199,7 @@ def work_energy(compliance: Compliance, final_depth, duration: float, shape: Dec
     K delta_F^(rho+1) + c lambda delta_F^(rho+2) / tau for a deceleration of ``shape`` that ends at ``final_depth`` [m]
     after ``duration`` = tau [s]; c is the shape's ``work_factor``, 2 (rho+1) B(3/2, rho+1) for the constant one.
     """
-    rho = compliance.exponent
-    depth = np.asarray(final_depth, dtype=float)
+    rho, depth, duration = _checked(compliance, final_depth, duration, shape)
     damped = shape.work_factor(rho) * compliance.damping * depth ** (rho + 2) / duration
     return compliance.stiffness * depth ** (rho + 1) + damped
 
@@ -207,7 +212,8 @@ def energy_terms(
     Pairs (coefficient, exponent) with energy = sum of coefficient F^exponent, after ``duration`` = tau [s]: in N s for
     ``"impulse"`` (Eq. 11) and in J for ``"work"`` (Eq. 9). Every exponent is at least 1, every coefficient above 0.
     """
-    K, damping, rho = compliance.stiffness, compliance.damping, compliance.exponent
+    rho, _, duration = _checked(compliance, 0.0, duration, shape)
+    K, damping = compliance.stiffness, compliance.damping
     if one_of("measure", measure, ("impulse", "work")) == "impulse":
         stiff = (shape.impulse_factor(rho) * duration, 1.0)
         return ((damping * K ** (-(rho + 1) / rho), (rho + 1) / rho), stiff) if damping > 0 else (stiff,)

@@ -4,11 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, one_of, read_only, rebuilt
+from pinograsp.checks import (
+    are_rotations,
+    array_of,
+    floats_of,
+    instance_of,
+    items_of,
+    mapping_of,
+    number,
+    one_of,
+    read_only,
+    rebuilt,
+    shown,
+    text,
+)
 from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
 from pinograsp.spatial import skew, tangent_frame
 
 
@@ -34,6 +50,22 @@ class Contact:
     distance: float
     point_l: np.ndarray | None = None
 
+    def __post_init__(self):
+        def put(name, value):
+            object.__setattr__(self, name, value)
+
+        text("finger of the contact", self.finger)
+        text("link of the contact", self.link)
+        put("point_o", array_of("contact point", self.point_o, (3,)))
+        put("rotation_oc", array_of("contact frame", self.rotation_oc, (3, 3)))
+        if not are_rotations(self.rotation_oc):
+            raise InvalidInput(f"contact frame of '{self.finger}': expected an orthonormal right-handed rotation")
+        if self.length is not None:
+            put("length", number("contact length", self.length, at_least=0, unit="m"))
+        put("distance", number("distance of the contact", self.distance, unit="m"))
+        if self.point_l is not None:
+            put("point_l", array_of("point of the link", self.point_l, (3,)))
+
     @property
     def normal_o(self) -> np.ndarray:
         """Inward unit normal (3,) in the world."""
@@ -54,6 +86,14 @@ class ContactSet:
     posture: np.ndarray | None = None
     # What was computed from these contacts (grasp maps and what solvers make of them): it lives as long as they do.
     _derived: dict = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self):
+        object.__setattr__(self, "contacts", items_of("contacts", self.contacts, Contact))
+        if not self.contacts:
+            raise InvalidInput("contacts: expected at least one, got none")
+        object.__setattr__(self, "com_o", array_of("centre of mass", self.com_o, (3,)))
+        if self.posture is not None:
+            object.__setattr__(self, "posture", array_of("posture of the contacts", self.posture, (None,)))
 
     def __len__(self) -> int:
         return len(self.contacts)
@@ -140,16 +180,22 @@ def contacts_at(
     Raises:
         InvalidInput: unknown finger or link, wrong shapes, or a point that is not on the surface.
     """
+    instance_of("hand", hand, HandModel, type(None))
+    instance_of("object", object, Body)
+    tolerance = number("tolerance", tolerance, at_least=0, unit="m")
+    gravity_o = array_of("gravity", gravity_o, (3,))
+    links = {} if links is None else mapping_of("links", links, "{finger: [link, ...]}")
+    lengths = {} if lengths is None else mapping_of("lengths", lengths, "{finger: [length, ...]}")
     if not isinstance(points, Mapping):
         if hand is not None:
-            raise InvalidInput("points: expected {finger: point}, since a hand is given; got an array")
+            raise InvalidInput(f"points: expected {{finger: point}}, since a hand is given; got {shown(points)}")
         points = {f"contact {i + 1}": point for i, point in enumerate(array_of("points", points, (None, 3)))}
     if not points:
         raise InvalidInput("points: expected at least one contact point, got none")
     contacts = []
-    for finger, where in points.items():
-        where = np.asarray(where, dtype=float)
-        where = array_of(f"contact points of '{finger}'", where[None] if where.ndim == 1 else where, (None, 3))
+    for finger, where in mapping_of("points", points, "{finger: point}").items():
+        where = floats_of(f"contact points of {shown(finger)}", where)
+        where = array_of(f"contact points of {shown(finger)}", where[None] if where.ndim == 1 else where, (None, 3))
         surface, normals, distances = object.project(where)
         for i, distance in enumerate(distances):
             if abs(distance) > tolerance:
@@ -162,8 +208,8 @@ def contacts_at(
         if hand is None:
             touching, reach = [""] * len(where), [None] * len(where)
         else:
-            touching = _links_of(hand.finger(finger), len(where), (links or {}).get(finger))
-            reach = _lengths_of(hand, hand.finger(finger), touching, (lengths or {}).get(finger))
+            touching = _links_of(hand.finger(finger), len(where), links.get(finger))
+            reach = _lengths_of(hand, hand.finger(finger), touching, lengths.get(finger))
         for point, normal, distance, link, length in zip(where, normals, distances, touching, reach):
             contacts.append(
                 Contact(
@@ -176,7 +222,7 @@ def contacts_at(
                 )
             )
     for option, given in (("links", links), ("lengths", lengths)):
-        for finger in given or {}:
+        for finger in given:
             one_of(f"finger named in {option}", finger, points)
     return ContactSet(contacts=tuple(contacts), com_o=read_only(object.com_o))
 
@@ -189,6 +235,7 @@ def _links_of(finger, count: int, links: list[str] | None) -> list[str]:
                 f"links={{'{finger.name}': [...]}} from {', '.join(finger.links)}"
             )
         return list(finger.links[-count:])
+    links = items_of(f"links of finger '{finger.name}'", links, str)
     if len(links) != count:
         raise InvalidInput(f"finger '{finger.name}': expected {count} links, one per contact point, got {len(links)}")
     order = [finger.links.index(one_of(f"link of finger '{finger.name}'", link, finger.links)) for link in links]
@@ -198,7 +245,7 @@ def _links_of(finger, count: int, links: list[str] | None) -> list[str]:
 
 
 def _lengths_of(hand, finger, links: list[str], lengths) -> list[float | None]:
-    given = [None] * len(links) if lengths is None else list(lengths)
+    given = [None] * len(links) if lengths is None else items_of(f"contact lengths of '{finger.name}'", lengths, Real, type(None))
     if len(given) != len(links):
         raise InvalidInput(f"finger '{finger.name}': expected {len(links)} contact lengths, got {len(given)}")
     tip = float(np.linalg.norm(hand.model.frames[hand.frame_id(finger.tip)].placement.translation))

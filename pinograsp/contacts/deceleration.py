@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
-from pinograsp.checks import array_of, number
+from pinograsp.checks import array_of, finite_of, number, shown, text
 from pinograsp.errors import InvalidInput
 
 
@@ -45,6 +45,7 @@ class DecelerationShape:
         def put(name, value):
             object.__setattr__(self, name, value)
 
+        text("name of the deceleration shape", self.name)
         alpha = _normalised(self.alpha)
         lost = alpha.antiderivative()  # speed lost since the impact / (A tau)
         speed = float(lost(1.0))
@@ -114,15 +115,15 @@ class DecelerationShape:
 
     def impulse_factor(self, rho: float) -> float:
         """(rho + 1) times the integral of sigma^rho over u, sigma = depth / final depth: c of "impulse" (Eq. 11)."""
-        return _impulse_factor(self, rho)
+        return _impulse_factor(self, number("contact exponent rho", rho, above=0))
 
     def work_factor(self, rho: float) -> float:
         """(rho + 1) times the integral of sigma^rho (dsigma/du)^2 over u: the damping term of "work" (Eq. 9)."""
-        return _work_factor(self, rho)
+        return _work_factor(self, number("contact exponent rho", rho, above=0))
 
 
 def _clipped(u) -> np.ndarray:
-    return np.minimum(np.maximum(u, 0.0), 1.0)
+    return np.minimum(np.maximum(finite_of("u", u), 0.0), 1.0)
 
 
 def _numbers(name: str, value, wanted: str, *, least: int) -> np.ndarray:
@@ -140,7 +141,7 @@ def _normalised(alpha) -> PPoly:
     """A private copy of ``alpha`` with maximum 1 on [0, 1]; :class:`InvalidInput` unless it is a shape."""
     if not isinstance(alpha, PPoly) or alpha.c.ndim != 2 or np.iscomplexobj(alpha.c):
         raise InvalidInput(
-            f"deceleration shape: expected a real, scalar scipy.interpolate.PPoly over [0, 1], got {alpha!r}: "
+            f"deceleration shape: expected a real, scalar scipy.interpolate.PPoly over [0, 1], got {shown(alpha)}: "
             "build it with DecelerationShape.constant, linear, polynomial or sampled"
         )
     x = np.array(alpha.x, dtype=float)
@@ -190,7 +191,6 @@ def _beta(a: float, b: float) -> float:
 # Searches and controllers ask for the same few exponents again and again.
 @lru_cache(maxsize=256)
 def _impulse_factor(shape: DecelerationShape, rho: float) -> float:
-    rho = number("contact exponent rho", rho, above=0)
     if shape._constant:
         return (rho + 1) * _beta(rho + 1, 0.5) / 2
     return (rho + 1) * _power_integral(shape, rho, lambda slope: 1.0)
@@ -198,7 +198,6 @@ def _impulse_factor(shape: DecelerationShape, rho: float) -> float:
 
 @lru_cache(maxsize=256)
 def _work_factor(shape: DecelerationShape, rho: float) -> float:
-    rho = number("contact exponent rho", rho, above=0)
     if shape._constant:
         return 2 * (rho + 1) * _beta(1.5, rho + 1)
     return (rho + 1) * _power_integral(shape, rho, lambda slope: slope * slope)

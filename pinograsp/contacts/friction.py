@@ -18,10 +18,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from pinograsp.checks import number, one_of, read_only
+from pinograsp.checks import array_of, finite_of, integer, number, one_of, read_only
 from pinograsp.errors import InvalidInput
 
 FRICTION_MODELS = ("pyramid", "cone", "soft")
+_MOST_EDGES = 1024  # a cone in all but name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,8 +43,10 @@ class Friction:
 
     def __post_init__(self):
         one_of("friction model", self.model, FRICTION_MODELS)
-        if not isinstance(self.edges, int | np.integer) or self.edges < 4 or self.edges % 2:
-            raise InvalidInput(f"friction edges: expected an even integer >= 4, got {self.edges!r}")
+        edges = integer("friction edges", self.edges, at_least=4, at_most=_MOST_EDGES)
+        if edges % 2:
+            raise InvalidInput(f"friction edges: expected an even integer >= 4, got {edges}")
+        object.__setattr__(self, "edges", edges)
         object.__setattr__(self, "torsion", number("friction torsion", self.torsion, at_least=0, unit="m"))
         object.__setattr__(self, "safety", number("friction safety factor", self.safety, at_least=1))
         if self.model == "soft" and self.torsion == 0:
@@ -84,6 +87,7 @@ class Friction:
 
     def scale(self, mu: np.ndarray) -> np.ndarray:
         """Force [N] or moment [N m] per unit of u and newton of F_n: (k, d - 1) from mu (k,)."""
+        mu = array_of("mu", mu, (None,))
         scale = np.empty((len(mu), self.d - 1))
         scale[:, :2] = (mu / self.safety)[:, None]
         scale[:, 2:] = self.torsion / self.safety
@@ -103,6 +107,7 @@ class Friction:
 
     def support(self, a: np.ndarray) -> np.ndarray:
         """max of a . u over U (...,) for directions a (..., d - 1)."""
+        a = self._tangential("direction", a)
         if self.model == "soft":
             return np.sqrt(np.einsum("...j,...j->...", a, a))
         if self.model == "cone":
@@ -115,7 +120,7 @@ class Friction:
 
     def support_point(self, a: np.ndarray) -> np.ndarray:
         """A maximiser u (..., d - 1) of a . u over U."""
-        a = np.asarray(a, dtype=float)
+        a = self._tangential("direction", a)
         if self.model == "soft":
             return a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), 1e-300)
         u = np.empty_like(a)
@@ -129,12 +134,19 @@ class Friction:
 
     def gauge(self, u: np.ndarray) -> np.ndarray:
         """Least normal force (...,) that allows u (..., d - 1): the utilisation times F_n."""
+        u = self._tangential("tangential force", u)
         if self.model == "soft":
             return np.sqrt(np.einsum("...j,...j->...", u, u))
         if self.model == "cone":
             least = np.hypot(u[..., 0], u[..., 1])
             return np.maximum(least, np.abs(u[..., 2])) if self.d == 4 else least
         return (u @ self.facets.T).max(axis=-1)
+
+    def _tangential(self, name: str, value) -> np.ndarray:
+        array = finite_of(name, value)
+        if array.shape[-1:] != (self.d - 1,):
+            raise InvalidInput(f"{name}: expected {self.d - 1} components, got shape {array.shape}")
+        return array
 
 
 @lru_cache(maxsize=64)

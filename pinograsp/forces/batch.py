@@ -8,7 +8,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pinograsp.checks import array_of, one_of, read_only
+from pinograsp.checks import (
+    are_rotations,
+    array_of,
+    each_of,
+    floats_of,
+    instance_of,
+    integer,
+    items_of,
+    mapping_of,
+    one_of,
+    read_only,
+    shown,
+)
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.infeasibility import forces_of
@@ -58,37 +70,36 @@ class ForceBatch:
         put("points", points)
         put("rotations", array_of("rotations", self.rotations, (n, k, 3, 3)))
         put("loads", array_of("loads", self.loads, (n, 6)))
-        counts = np.full(n, k) if self.counts is None else np.array(self.counts)
-        if counts.shape != (n,) or counts.dtype.kind not in "iu" or counts.min() < 1 or counts.max() > k:
-            raise InvalidInput(f"counts: expected {n} whole numbers from 1 to {k}, got {self.counts!r}")
+        counts = np.full(n, k, dtype=float) if self.counts is None else floats_of("counts", self.counts)
+        if counts.shape != (n,) or not np.all((counts >= 1) & (counts <= k) & (counts == np.floor(counts))):
+            raise InvalidInput(f"counts: expected {n} whole numbers from 1 to {k}, got {shown(self.counts)}")
         put("counts", read_only(counts.astype(np.int64)))
         used = np.arange(k) < counts[:, None]
-        off = np.abs(self.rotations @ self.rotations.swapaxes(2, 3) - np.eye(3)).max(axis=(2, 3))
-        if np.any(off[used] > 1e-6):
-            at = tuple(int(i) for i in np.argwhere((off > 1e-6) & used)[0])
-            raise InvalidInput(f"rotations: expected orthonormal contact frames, that of problem {at[0]}, contact {at[1]} is not")
+        off = ~are_rotations(self.rotations) & used
+        if off.any():
+            at = tuple(int(i) for i in np.argwhere(off)[0])
+            raise InvalidInput(f"rotations: expected contact frames that are rotations, that of problem {at[0]}, contact {at[1]} is not")
         for name, least in (("mu", 0.0), ("low", 0.0), ("high", None)):
-            put(name, array_of(name, np.broadcast_to(getattr(self, name), (n, k)), (n, k)))
+            put(name, _spread(name, getattr(self, name), (n, k)))
             if least is not None and np.any(getattr(self, name)[used] < least):
                 raise InvalidInput(f"{name}: expected values >= 0")
         if np.any((self.low > self.high)[used]):
             at = tuple(int(i) for i in np.argwhere((self.low > self.high) & used)[0])
             raise InvalidInput(f"low, high: expected low <= high, not so in problem {at[0]}, contact {at[1]}")
-        if not isinstance(self.friction, Friction):
-            raise InvalidInput(f"friction: expected a Friction, got {self.friction!r}")
+        instance_of("friction", self.friction, Friction)
         one_of("balance", self.balance, BALANCES)
         if self.moment_lengths is None:
             mean = np.where(used, np.linalg.norm(points, axis=2), 0.0).sum(axis=1) / counts
             put("moment_lengths", read_only(np.where(mean > 0, mean, 1.0)))
         else:
-            lengths = array_of("moment lengths", np.broadcast_to(self.moment_lengths, (n,)), (n,))
+            lengths = _spread("moment lengths", self.moment_lengths, (n,))
             if np.any(lengths <= 0):
                 raise InvalidInput("moment lengths: expected values > 0 [m]")
             put("moment_lengths", lengths)
         energies = {}
-        for name, terms in self.energies.items():
+        for name, terms in mapping_of("energies", self.energies).items():
             one_of("energy", name, MEASURES)
-            terms = np.asarray(terms, dtype=float)
+            terms = floats_of(f"terms of the {name}", terms)
             if terms.ndim == 2:
                 terms = np.broadcast_to(terms, (n, *terms.shape))
             energies[name] = array_of(f"terms of the {name}", terms, (n, None, 2))
@@ -106,10 +117,10 @@ class ForceBatch:
         Raises:
             InvalidInput: torque limits, or problems of different friction models or balances.
         """
-        problems = list(problems)
+        problems = items_of("problems", problems, ForceProblem)
         if not problems:
             raise InvalidInput("batch: expected at least one problem")
-        times = np.broadcast_to(impact_times, (len(problems),))
+        times = each_of("impact times", impact_times, len(problems))
         first, n, k = problems[0], len(problems), max(problem.k for problem in problems)
         made = {name: np.zeros((n, k)) for name in ("mu", "low", "high")}
         points, rotations = np.zeros((n, k, 3)), np.zeros((n, k, 3, 3))
@@ -132,6 +143,17 @@ class ForceBatch:
             counts=np.array([problem.k for problem in problems]), friction=first.friction, balance=first.balance,
             moment_lengths=np.array([problem.moment_length for problem in problems]), energies=energies,
         )  # fmt: skip
+
+
+def _spread(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers that go into ``shape``, as an array of it."""
+    values = floats_of(name, value)
+    try:
+        return array_of(name, np.broadcast_to(values, shape), shape)
+    except ValueError as error:
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput(f"{name}: expected a number or shape {shape}, got {values.shape}") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -178,8 +200,9 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
     kernels = compiled_solvers()
     import numba
 
-    if not isinstance(batch, ForceBatch):
-        raise InvalidInput(f"solve_batch: expected a ForceBatch (see ForceBatch.of), got {type(batch).__name__}")
+    instance_of("batch (see ForceBatch.of)", batch, ForceBatch)
+    if threads is not None:
+        threads = integer("threads", threads, at_least=1, at_most=numba.config.NUMBA_NUM_THREADS)
     weights = weights_of(objective, _problem(batch, 0))
     friction, (n, k) = batch.friction, batch.mu.shape
     for name in MEASURES:
@@ -194,7 +217,7 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
     before = numba.get_num_threads()
     try:
         if threads is not None:
-            numba.set_num_threads(int(threads))
+            numba.set_num_threads(threads)
         for start in range(0, n if takes else 0, _AT_ONCE):
             at = slice(start, start + _AT_ONCE)
             kernels.many(
@@ -203,8 +226,6 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
                 6 if batch.balance == "wrench" else 3, squares, terms[at], friction.radii, friction.round_dimensions, forces[at],
                 torsion[at], answers[at], codes[at],
             )  # fmt: skip
-    except ValueError as error:
-        raise InvalidInput(f"threads: {error}") from error
     finally:
         numba.set_num_threads(before)
     left = np.flatnonzero(codes == kernels.STALLED)

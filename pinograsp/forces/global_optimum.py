@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from tqdm import tqdm
 
-from pinograsp.checks import number, one_of
+from pinograsp.checks import instance_of, number, one_of
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.optimize import FORCE_SOLVERS, record, solve_certified
 from pinograsp.forces.problem import ForceProblem
@@ -70,8 +70,11 @@ def optimize_grasp(
         InvalidInput: unknown objective or solver, or a gap below 1e-9.
     """
     started = time.perf_counter()
+    instance_of("problem", problem, ForceProblem)
+    instance_of("progress", progress, bool, type(None))
     search = _Search(problem, weights_of(objective, problem), one_of("solver", solver, FORCE_SOLVERS))
-    if number("gap", gap, above=0) < 1e-9:
+    gap = number("gap", gap, above=0)
+    if gap < 1e-9:
         raise InvalidInput(f"gap: expected at least 1e-9 (the certificates' own accuracy), got {gap:g}")
     interrupted = False
     bar = tqdm(

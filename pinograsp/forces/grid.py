@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from tqdm import tqdm
 
-from pinograsp.checks import array_of, number, read_only
+from pinograsp.checks import array_of, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import BY_ACCELERATION, BY_DEPTH, BY_SPEED, ForceProblem
 from pinograsp.forces.solution import ForceSolution
@@ -25,6 +25,7 @@ BY_MEASURE = "measure above the optimum (Eq. 12)"
 
 # Bounds are inclusive; a value built by adding steps may exceed its bound by rounding.
 _ROUNDING = 1 + 1e-12
+_MOST_VALUES = 10**6
 _BLOCK = 2**18  # points evaluated at once by brute force: 12 MB of wrenches
 
 
@@ -49,10 +50,10 @@ class GridSpec:
             if values.size == 0:
                 raise InvalidInput(f"grid {name}: expected at least one value, got an empty grid")
             if np.any(np.diff(values) <= 0):
-                raise InvalidInput(f"grid {name}: expected increasing values, got {values.tolist()}")
+                raise InvalidInput(f"grid {name}: expected increasing values, got {shown(values.tolist())}")
             object.__setattr__(self, name, values)
         if np.any(np.abs(self.multipliers) > _ROUNDING):
-            raise InvalidInput(f"grid multipliers: expected values in [-1, 1], got {self.multipliers.tolist()}")
+            raise InvalidInput(f"grid multipliers: expected values in [-1, 1], got {shown(self.multipliers.tolist())}")
         if self.accelerations[0] <= 0:
             raise InvalidInput(f"grid accelerations: expected values > 0 [m/s^2], got {self.accelerations[0]:g}")
         object.__setattr__(
@@ -61,16 +62,19 @@ class GridSpec:
 
     def cells(self, k: int) -> int:
         """Points in (t_I, A) for k contacts."""
+        k = integer("contacts", k, at_least=0, at_most=1000)
         return self.impact_times.size * self.accelerations.size**k
 
     def points(self, k: int) -> int:
         """Points of the full grid for k contacts."""
-        return self.cells(k) * self.multipliers.size ** (2 * k)
+        return self.cells(k) * self.multipliers.size ** (2 * integer("contacts", k))
 
 
 def grid_values(start: float, stop: float, step: float) -> np.ndarray:
     """start, start + step, ... up to ``stop`` (included where it falls on the grid); ends clean of rounding."""
-    number("grid step", step, above=0)
+    start, stop, step = number("grid start", start), number("grid stop", stop), number("grid step", step, above=0)
+    if (stop - start) / step > _MOST_VALUES:
+        raise InvalidInput(f"grid step: expected at most {_MOST_VALUES} values, got {(stop - start) / step:g} from {start:g} to {stop:g}")
     count = int(np.floor((stop - start) / step * _ROUNDING + 1e-9)) + 1
     values = start + step * np.arange(max(count, 0))
     return read_only(np.round(values, 12))
@@ -89,7 +93,7 @@ class TimeTable:
 
 def tabulate(problem: ForceProblem, grid: GridSpec) -> tuple[list[TimeTable], dict[str, int]]:
     """Steps 1-8: what Eqs. (13) and (14) leave of the grid, and how many cells each of them rejected."""
-    A, k = grid.accelerations, problem.k
+    A, k = instance_of("grid", grid, GridSpec).accelerations, problem.k
     rejections = dict.fromkeys(
         (BY_TIME, BY_ACCELERATION, BY_SPEED, BY_DEPTH, BY_BALANCE, BY_LATTICE, BY_MEASURE), 0
     )

@@ -8,7 +8,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.checks import read_only
+from pinograsp.checks import instance_of, read_only
 from pinograsp.errors import Status
 from pinograsp.forces.conic import limit_rows, solve, solve_linear
 from pinograsp.forces.problem import ForceProblem
@@ -210,7 +210,7 @@ def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
     Says which direction is missing and by how much, the largest load factor, the least friction coefficient, and which
     contacts and limits bind.
     """
-    impact_time = problem.checked_impact_time(impact_time)
+    impact_time = instance_of("problem", problem, ForceProblem).checked_impact_time(impact_time)
     program = feasibility(problem, *problem.normal_force_range(impact_time))
     proof = prove(problem, program)
     held = proof is None and holds(program)

@@ -11,7 +11,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.checks import array_of, read_only
+from pinograsp.checks import array_of, instance_of, number, read_only, shown
 from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
@@ -62,6 +62,8 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspM
     Raises:
         InvalidInput: a solution without forces.
     """
+    instance_of("solution", solution, ForceSolution)
+    tolerance = number("tolerance", tolerance, above=0)
     if not solution.found:
         raise InvalidInput(f"margins: expected a solution with forces, got status '{solution.status}'")
     problem = _unsafed(solution.problem)
@@ -109,6 +111,7 @@ def load_margin(
     Either with ``normal_forces`` (k,) [N] fixed, friction alone reacting, or with the forces free within their limits for
     an impact at ``impact_time`` [s]. Returns -1 where even the load alone cannot be held.
     """
+    instance_of("problem", problem, ForceProblem)
     direction = array_of("direction", direction, (6,))
     scaled = np.concatenate([direction[:3], direction[3:] / problem.moment_length])[: problem.rows]
     if not np.any(scaled):
@@ -118,7 +121,7 @@ def load_margin(
     if impact_time is None:
         normal = array_of("normal forces", normal_forces, (problem.k,))
         if np.any(normal < 0):
-            raise InvalidInput(f"normal forces: expected values >= 0 [N], got {normal.tolist()}")
+            raise InvalidInput(f"normal forces: expected values >= 0 [N], got {shown(normal.tolist())}")
         program = _at(problem, normal)
     else:
         program = feasibility(problem, *problem.normal_force_range(problem.checked_impact_time(impact_time)))
@@ -161,7 +164,7 @@ def force_closure(
         balance: ``"wrench"`` or ``"force"``.
     """
     problem = ForceProblem(
-        contacts=contacts, load=np.zeros(6), mu=mu, friction=friction or Friction(model="cone"), balance=balance
+        contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(model="cone") if friction is None else friction, balance=balance
     )
     A = columns_of(problem)
     rank = int(np.linalg.matrix_rank(A, tol=1e-9 * max(1.0, float(np.abs(A).max()))))

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import array_of, read_only
+from pinograsp.checks import array_of, instance_of, one_of, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solvers import compiled_solvers, solve_qp
+from pinograsp.forces.solvers import SOLVERS, compiled_solvers, solve_qp
 
 BALANCED = 1e-9  # net wrench [N, moments over the moment length] that counts as equilibrium
 # A minimum counts as certified where bound and residual agree to this: relative to the largest force in play,
@@ -64,9 +64,11 @@ def refine_multipliers(problem: ForceProblem, normal_forces, *, solver: str = "d
     Raises:
         InvalidInput: negative or non-finite normal forces, or an unknown solver.
     """
+    instance_of("problem", problem, ForceProblem)
+    one_of("solver", solver, SOLVERS)
     normal = array_of("normal forces", normal_forces, (problem.k,))
     if np.any(normal < 0):
-        raise InvalidInput(f"normal forces: expected values >= 0 [N], got {normal.tolist()}")
+        raise InvalidInput(f"normal forces: expected values >= 0 [N], got {shown(normal.tolist())}")
     columns = problem.scaled_columns
     H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
     b = columns[:, :, 2] @ normal + problem.scaled_load
@@ -143,9 +145,10 @@ class MultiplierQP:
             InvalidInput: normal forces that are negative, or all zero. ExtraMissing: numba is not installed.
         """
         kernels = compiled_solvers()
+        instance_of("problem", problem, ForceProblem)
         normal = array_of("normal forces", normal_forces, (problem.k,))
         if np.any(normal < 0) or not normal.any():
-            raise InvalidInput(f"normal forces: expected values >= 0 [N], not all zero, got {normal.tolist()}")
+            raise InvalidInput(f"normal forces: expected values >= 0 [N], not all zero, got {shown(normal.tolist())}")
         columns = problem.scaled_columns
         H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
         self.problem, self.normal_forces, self._solve = problem, normal, kernels.box_least_squares

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import frozen, one_of, read_only, record_of
+from pinograsp.checks import frozen, instance_of, one_of, read_only, record_of
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import solve_dense
 from pinograsp.forces.conic import solve_conic
@@ -119,6 +119,8 @@ def optimize_forces(
         InvalidInput: an impact time not below t_F, an unknown objective or solver.
     """
     started = time.perf_counter()
+    if not isinstance(problem, ForceProblem):
+        instance_of("problem", problem, ForceProblem)
     try:  # checked before, when it was prepared
         key = (impact_time, tuple(objective.items()) if isinstance(objective, Mapping) else objective, solver)
         ready = problem._prepared.get(key)

@@ -6,7 +6,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, one_of, read_only, rebuilt, record_of
+from pinograsp.checks import (
+    array_of,
+    each_of,
+    finite_of,
+    floats_of,
+    instance_of,
+    integer,
+    items_of,
+    number,
+    one_of,
+    read_only,
+    rebuilt,
+    record_of,
+    shown,
+)
 from pinograsp.contacts import (
     Compliance,
     ContactSet,
@@ -50,21 +64,19 @@ class TorqueLimits:
     def __post_init__(self):
         jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
         n = jacobian.shape[2]
-        try:
-            limit = np.array(self.limit, dtype=float)
-        except (TypeError, ValueError):
-            raise InvalidInput(f"torque limits: expected {n} numbers [N m], got {self.limit!r}") from None
+        limit = floats_of("torque limits", self.limit, f"{n} numbers [N m]")
         if limit.shape != (n,) or not np.all(limit > 0):
             raise InvalidInput(
-                f"torque limits: expected {n} values > 0 [N m] (infinity where a joint has none), got {limit.tolist()}; "
+                f"torque limits: expected {n} values > 0 [N m] (infinity where a joint has none), got {shown(limit.tolist())}; "
                 "a hand description without effort limits needs limit=..."
             )
-        if self.joints and len(self.joints) != n:
-            raise InvalidInput(f"torque limits: expected {n} joint names, got {len(self.joints)}")
+        joints = items_of("joints of the torque limits", self.joints, str)
+        if joints and len(joints) != n:
+            raise InvalidInput(f"torque limits: expected {n} joint names, got {len(joints)}")
         object.__setattr__(self, "jacobian", jacobian)
         object.__setattr__(self, "bias", array_of("bias torques", self.bias, (n,)))
         object.__setattr__(self, "limit", read_only(limit))
-        object.__setattr__(self, "joints", tuple(self.joints) or tuple(f"joint {j + 1}" for j in range(n)))
+        object.__setattr__(self, "joints", joints or tuple(f"joint {j + 1}" for j in range(n)))
 
     @property
     def limited(self) -> np.ndarray:
@@ -78,9 +90,10 @@ class TorqueLimits:
 
     def torques(self, forces_o, moments_o=None) -> np.ndarray:
         """Joint torques (n,) [N m] under forces on the object (k, 3) [N] and moments (k, 3) [N m], world axes."""
-        tau = self.bias + np.einsum("kxn,kx->n", self.jacobian[:, :3], np.asarray(forces_o, dtype=float))
+        shape = (len(self.jacobian), 3)
+        tau = self.bias + np.einsum("kxn,kx->n", self.jacobian[:, :3], array_of("forces", forces_o, shape))
         if moments_o is not None:
-            tau += np.einsum("kxn,kx->n", self.jacobian[:, 3:], np.asarray(moments_o, dtype=float))
+            tau += np.einsum("kxn,kx->n", self.jacobian[:, 3:], array_of("moments", moments_o, shape))
         return tau
 
 
@@ -133,12 +146,12 @@ class ForceProblem:
         def put(name, value):
             object.__setattr__(self, name, value)
 
-        k = len(self.contacts)
+        k = len(instance_of("contacts", self.contacts, ContactSet))
         put("load", array_of("load", self.load, (6,)))
         put("gravity_o", array_of("gravity", self.gravity_o, (3,)))
-        mu = array_of("mu", np.broadcast_to(self.mu, (k,)) if np.ndim(self.mu) == 0 else self.mu, (k,))
+        mu = each_of("mu", self.mu, k)
         if np.any(mu < 0):
-            raise InvalidInput(f"mu: expected friction coefficients >= 0, got {mu.tolist()}")
+            raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(mu.tolist())}")
         put("mu", mu)
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
@@ -151,18 +164,16 @@ class ForceProblem:
         put("acceleration_range", _range("acceleration range", self.acceleration_range, "m/s^2", above=0))
         put("max_speed", number("maximum speed", self.max_speed, above=0, unit="m/s"))
         put("max_depth", number("maximum depth", self.max_depth, above=0, unit="m"))
-        if not isinstance(self.friction, Friction):
-            raise InvalidInput(f"friction: expected a Friction, got {self.friction!r}")
+        instance_of("compliance", self.compliance, Compliance)
+        instance_of("friction", self.friction, Friction)
+        instance_of("torques", self.torques, TorqueLimits, type(None))
+        instance_of("shape", self.shape, DecelerationShape)
+        instance_of("object", self.object, Body, type(None))
         if self.max_normal_force is not None:
-            cap = self.max_normal_force
-            cap = array_of("largest normal forces", np.broadcast_to(cap, (k,)) if np.ndim(cap) == 0 else cap, (k,))
+            cap = each_of("largest normal forces", self.max_normal_force, k)
             if np.any(cap <= 0):
-                raise InvalidInput(f"largest normal forces: expected values > 0 [N], got {cap.tolist()}")
+                raise InvalidInput(f"largest normal forces: expected values > 0 [N], got {shown(cap.tolist())}")
             put("max_normal_force", cap)
-        for name, kind in (("torques", TorqueLimits), ("shape", DecelerationShape)):
-            given = getattr(self, name)
-            if not isinstance(given, kind) and not (name == "torques" and given is None):
-                raise InvalidInput(f"{name}: expected a {kind.__name__}, got {given!r}")
         if self.torques is not None and len(self.torques.jacobian) != k:
             raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
         if self.moment_length is None:
@@ -185,7 +196,7 @@ class ForceProblem:
     @classmethod
     def holding(cls, object, contacts: ContactSet, *, gravity_o=(0.0, 0.0, -9.81), **settings) -> ForceProblem:
         """The problem of holding ``object`` against gravity (3,) [m/s^2]; ``settings`` are the class's attributes."""
-        weight = object.mass * array_of("gravity", gravity_o, (3,))
+        weight = instance_of("object", object, Body).mass * array_of("gravity", gravity_o, (3,))
         load = np.concatenate([weight, np.zeros(3)])
         return cls(contacts=contacts, load=load, gravity_o=gravity_o, object=object, **settings)
 
@@ -224,11 +235,11 @@ class ForceProblem:
 
     def depth_per_acceleration(self, impact_time: float) -> float:
         """Final depth per deceleration [s^2] for an impact at t_I [s]: tau^2 / 2 if constant (Eq. 24b)."""
-        return self.shape.depth_factor * (self.final_time - impact_time) ** 2
+        return self.shape.depth_factor * (self.final_time - self.checked_impact_time(impact_time)) ** 2
 
     def normal_force(self, acceleration, impact_time: float) -> np.ndarray:
         """F_n at t_F [N] for decelerations A [m/s^2] and an impact at t_I [s] (Eq. 26)."""
-        depth = np.asarray(acceleration, dtype=float) * self.depth_per_acceleration(impact_time)
+        depth = finite_of("deceleration", acceleration) * self.depth_per_acceleration(impact_time)
         return self.compliance.normal_force(depth)
 
     def acceleration(self, normal_force, impact_time: float) -> np.ndarray:
@@ -250,12 +261,13 @@ class ForceProblem:
 
     def binding_bound(self, impact_time: float, contact: int) -> str:
         """Which limit sets the largest F_n of a contact at t_I [s]: a name of Eqs. (13), or the contact's cap."""
+        contact = integer("contact", contact, at_least=0, at_most=self.k - 1)
         _, high, reason = self._range_at(impact_time)
         capped = self.max_normal_force is not None and self.max_normal_force[contact] < high
         return BY_CAP if capped else reason
 
     def _range_at(self, impact_time: float) -> tuple[float, float, str]:
-        tau, depth = self.final_time - impact_time, self.depth_per_acceleration(impact_time)
+        tau, depth = self.final_time - self.checked_impact_time(impact_time), self.depth_per_acceleration(impact_time)
         limits = {
             BY_ACCELERATION: self.acceleration_range[1] * depth,
             BY_SPEED: self.max_speed / (self.shape.speed_factor * tau) * depth,
@@ -267,19 +279,19 @@ class ForceProblem:
 
     def energy_terms(self, impact_time: float, measure: str | None = None) -> tuple[tuple[float, float], ...]:
         """The measure as a sum of powers of F_n: (coefficient, exponent) pairs, in the measure's unit."""
-        name = one_of("measure", measure or self.measure, MEASURES)
-        return energy_terms(self.compliance, name, self.final_time - impact_time, self.shape)
+        name = one_of("measure", self.measure if measure is None else measure, MEASURES)
+        return energy_terms(self.compliance, name, self.final_time - self.checked_impact_time(impact_time), self.shape)
 
     def energy(self, normal_force, impact_time: float, measure: str | None = None) -> np.ndarray:
         """Grasp energy per contact for final normal forces [N] and an impact at t_I [s]; in the measure's unit."""
-        energy = _ENERGIES[one_of("measure", measure or self.measure, MEASURES)]
+        energy = _ENERGIES[one_of("measure", self.measure if measure is None else measure, MEASURES)]
         depth = self.compliance.depth(normal_force)
-        return energy(self.compliance, depth, self.final_time - impact_time, self.shape)
+        return energy(self.compliance, depth, self.final_time - self.checked_impact_time(impact_time), self.shape)
 
     def forces(self, normal_force, multipliers) -> np.ndarray:
         """Contact forces f_c (k, 3) [N] from normal forces (k,) and multipliers (k, 2) (Eqs. 27, 28)."""
-        normal_force = np.asarray(normal_force, dtype=float)
-        tangential = np.asarray(multipliers, dtype=float) * (self.pyramid * normal_force)[:, None]
+        normal_force = array_of("normal forces", normal_force, (self.k,))
+        tangential = array_of("multipliers", multipliers, (self.k, 2)) * (self.pyramid * normal_force)[:, None]
         return np.column_stack([tangential, normal_force])
 
     def residual(self, forces_c, torsion=None) -> np.ndarray:
@@ -287,13 +299,14 @@ class ForceProblem:
 
         ``forces_c`` (k, 3) [N]; ``torsion`` (k,) [N m], moments about the contact normals (soft fingers).
         """
-        wrench = self.contacts.G @ np.asarray(forces_c, dtype=float).ravel() + self.load
+        wrench = self.contacts.G @ array_of("forces", forces_c, (self.k, 3)).ravel() + self.load
         if torsion is not None:
-            wrench[3:] += np.asarray(torsion, dtype=float) @ self.contacts.rotations_oc[:, :, 2]
+            wrench[3:] += array_of("torsion", torsion, (self.k,)) @ self.contacts.rotations_oc[:, :, 2]
         return wrench
 
     def scaled_norm(self, wrench) -> float:
         """Norm [N] of a wrench (6,) in the balance rows, moments divided by ``moment_length``."""
+        wrench = array_of("wrench", wrench, (6,))
         return float(np.linalg.norm(np.concatenate([wrench[:3], wrench[3:] / self.moment_length])[: self.rows]))
 
     def support(self, direction) -> np.ndarray:
@@ -302,7 +315,7 @@ class ForceProblem:
         y . n_i - mu/sqrt(2) (|y . x_i| + |y . y_i|), the support of the unit pyramid. For any unit y and any
         multipliers the net wrench is at least sum_i F_i s_i(y) + y . load: a bound linear in the normal forces.
         """
-        along = np.einsum("r,rkc->kc", np.asarray(direction, dtype=float), self.scaled_columns)
+        along = np.einsum("r,rkc->kc", array_of("direction", direction, (self.rows,)), self.scaled_columns)
         return along[:, 2] - self.pyramid * (np.abs(along[:, 0]) + np.abs(along[:, 1]))
 
 

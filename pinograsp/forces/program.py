@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import number, one_of
+from pinograsp.checks import instance_of, number, one_of, shown
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.problem import MEASURES, ForceProblem
@@ -201,12 +201,13 @@ def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProble
     """
     if objective is None:
         objective = problem.measure
+    instance_of("problem", problem, ForceProblem)
     if isinstance(objective, str):
         objective = {objective: 1.0}
     if not isinstance(objective, Mapping) or not objective:
-        raise InvalidInput(f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {objective!r}")
+        raise InvalidInput(f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {shown(objective)}")
     weights = {
-        one_of("objective", name, OBJECTIVES): number(f"weight of '{name}'", weight, at_least=0)
+        one_of("objective", name, OBJECTIVES): number(f"weight of {shown(name)}", weight, at_least=0)
         for name, weight in objective.items()
     }
     if not any(weights.values()):

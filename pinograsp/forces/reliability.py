@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import array_of, number, read_only
+from pinograsp.checks import array_of, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.batch import ForceBatch, solve_batch
 from pinograsp.forces.problem import ForceProblem
@@ -52,9 +52,10 @@ class Reliability:
         """F_n (k,) [N] that each contact's need exceeds in no more than 1 - ``share`` of the samples that hold."""
         if not self.held.any():
             raise InvalidInput("squeeze: none of the samples can be held")
-        if not 0 < share <= 1:
-            raise InvalidInput(f"share: expected a number above 0, at most 1, got {share!r}")
+        share = number("share", share, above=0, at_most=1)
         return read_only(np.quantile(self.normal_forces[self.held], share, axis=0))
+
+_MOST = 10_000_000  # samples: more do not fit into the memory
 
 
 def holding_probability(
@@ -86,12 +87,13 @@ def holding_probability(
     Raises:
         InvalidInput: torque limits, errors that are negative. ExtraMissing: numba (extra ``fast``) is not installed.
     """
-    count, seed = int(number("count", count, at_least=1)), int(number("seed", seed, at_least=0))
+    instance_of("problem", problem, ForceProblem)
+    count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
     friction, load = number("error of friction", friction, at_least=0), number("error of load", load, at_least=0)
     points, normals = number("error of points", points, at_least=0, unit="m"), number("error of normals", normals, at_least=0)
     spread = np.zeros(6) if wrench is None else array_of("error of the wrench", wrench, (6,))
     if np.any(spread < 0):
-        raise InvalidInput(f"error of the wrench: expected six standard deviations >= 0, got {spread.tolist()}")
+        raise InvalidInput(f"error of the wrench: expected six standard deviations >= 0, got {shown(spread.tolist())}")
     if problem.torques is not None:
         raise InvalidInput("holding_probability: torque limits are not part of it; give normal_forces that keep them")
     rng, contacts, k = np.random.default_rng(seed), problem.contacts, problem.k
@@ -99,7 +101,7 @@ def holding_probability(
     if normal_forces is not None:
         low = high = array_of("normal forces", normal_forces, (k,))
         if np.any(low < 0):
-            raise InvalidInput(f"normal forces: expected values >= 0 [N], got {low.tolist()}")
+            raise InvalidInput(f"normal forces: expected values >= 0 [N], got {shown(low.tolist())}")
     mu = problem.mu * np.maximum(0.0, 1.0 + friction * rng.normal(size=(count, k)))
     loads = problem.load * (1.0 + load * rng.normal(size=(count, 1))) + spread * rng.normal(size=(count, 6))
     along, tilts = points * rng.normal(size=(count, k, 2)), normals * rng.normal(size=(count, k, 2))

@@ -24,7 +24,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.checks import array_of, number, read_only
+from pinograsp.checks import array_of, instance_of, number, read_only
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.conic import cone_rows, solve
@@ -152,6 +152,8 @@ def optimize_robust(
         InvalidInput: other objectives, crossed ranges, or a ball in a set of soft fingers.
     """
     started = time.perf_counter()
+    instance_of("problem", problem, ForceProblem)
+    instance_of("loads", loads, LoadSet)
     impact_time = problem.checked_impact_time(impact_time)
     weights = weights_of(objective, problem)
     other = [name for name, weight in weights.items() if weight and name not in _FRICTION_ONLY]

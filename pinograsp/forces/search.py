@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from pinograsp.checks import one_of
+from pinograsp.checks import instance_of, one_of
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.grid import GridSpec, brute_force
 from pinograsp.forces.multipliers import refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.pruned import hybrid_search, pruned_search
 from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solvers import SOLVERS
 
 SEARCHES = ("hybrid", "paper", "paper+qp")
 METHODS = ("pruned", "brute")
@@ -46,7 +47,11 @@ def grid_search(
     Raises:
         InvalidInput: an unknown search, method or solver.
     """
+    instance_of("problem", problem, ForceProblem)
+    instance_of("grid", grid, GridSpec, type(None))
+    instance_of("progress", progress, bool, type(None))
     one_of("search", search, SEARCHES)
+    one_of("solver", solver, SOLVERS)
     one_of("method", method, METHODS)
     if not problem.friction.is_paper or problem.max_normal_force is not None or problem.torques is not None:
         raise InvalidInput(

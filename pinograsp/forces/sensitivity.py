@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinograsp.checks import number, read_only
+from pinograsp.checks import instance_of, number, read_only
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.conic import solve_conic
@@ -24,6 +24,7 @@ from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import NEAR, assemble, energy_terms_at
 from pinograsp.forces.solution import ForceSolution
+from pinograsp.objects.body import Body
 from pinograsp.spatial import skew, tangent_frame
 
 _SINGULAR = 1e-10  # of the largest singular value
@@ -63,6 +64,7 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     Raises:
         InvalidInput: no certified optimum; torque limits, pyramids of more than 4 edges, or the objective ``peak``.
     """
+    instance_of("solution", solution, ForceSolution)
     problem, friction = solution.problem, solution.problem.friction
     if solution.status is not Status.OK or solution.certificate is None:
         raise InvalidInput(f"sensitivity: expected a certified optimum of optimize_forces, got status '{solution.status}'")
@@ -252,7 +254,10 @@ def optimize_contacts(
     Raises:
         InvalidInput: contacts that hold nothing to begin with, or what :func:`force_sensitivity` does not take.
     """
+    instance_of("problem", problem, ForceProblem)
+    instance_of("object", object, Body)
     reach = number("reach", reach, above=0, unit="m")
+    tolerance = number("tolerance", tolerance, at_least=0)
     known = replace(problem, moment_length=problem.moment_length)
     solution = optimize_forces(known, impact_time, objective=objective, solver=solver)
     if solution.status is not Status.OK:
