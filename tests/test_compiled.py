@@ -12,11 +12,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from random_grasps import random_grasp
 
 import pinograsp as pg
 from pinograsp.contacts import Friction
 from pinograsp.errors import ExtraMissing, InvalidInput, Status
-from pinograsp.forces import ForceProblem, TorqueLimits, optimize_forces, optimize_grasp, warm_up
+from pinograsp.forces import ForceProblem, TorqueLimits, force_sensitivity, optimize_forces, optimize_grasp, warm_up
 
 MODELS = {
     "pyramid": Friction(),
@@ -402,3 +403,30 @@ def test_compiling_is_announced_on_a_terminal_and_only_then(tmp_path):
             env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / cache)},
         )  # fmt: skip
         assert done.stderr.count("compiling solvers") == told and done.stdout == ""
+
+
+def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
+    """Interior points stop a little short of a limit: it is active all the same."""
+    compared, step = 0, 1e-4
+    for seed in range(62, 110, 5):
+        grasp = random_grasp(seed, family="cone", k=3 + seed % 4, torques=False, degenerate="", load="plain")
+        problem = replace(grasp.problem, friction=Friction(model="soft", torsion=0.004), moment_length=grasp.problem.moment_length)
+        solution = optimize_forces(problem, grasp.impact_time, objective="least_squares", solver="interior")
+        if not solution.found:
+            continue
+        own, rng = force_sensitivity(solution), np.random.default_rng(seed)
+        way = rng.normal(size=6) * np.repeat([1, problem.moment_length], 3) * np.linalg.norm(problem.load[:3])
+        ends = [
+            optimize_forces(problem.with_load(problem.load + h * way), grasp.impact_time, objective="least_squares", solver="clarabel")
+            for h in (step, -step)
+        ]
+        if not (own.unique and all(end.found for end in ends)):
+            continue
+        one, other = (end.certificate for end in ends)
+        if any(np.any(getattr(one, name) != getattr(other, name)) for name in ("at_friction", "at_least", "at_most")):
+            continue
+        compared += 1
+        slope = (ends[0].forces_c - ends[1].forces_c) / (2 * step)
+        assert own.forces_wrench @ way == pytest.approx(slope, abs=2e-3 * np.abs(slope).max()), grasp
+        assert own.cost_wrench @ way == pytest.approx((one.primal - other.primal) / (2 * step), rel=2e-3, abs=2e-3 * one.primal)
+    assert compared >= 4

@@ -86,6 +86,22 @@ def test_derivatives_are_the_limits_of_differences(name, objective):
     assert checked >= (60 if objective != "work" else 12)
 
 
+def test_a_contact_without_friction_has_derivatives():
+    problem = problem_of(4, MODELS["cone"])
+    problem = replace(problem, mu=problem.mu * [1, 1, 0, 1])
+    solution = pg.optimize_forces(problem, IMPACT, objective="least_squares")
+    assert solution.status is Status.OK
+    own = force_sensitivity(solution)
+    assert own.unique and np.isfinite(own.forces_points).all()
+    for make, by_forces in (
+        (lambda h: problem.with_load(problem.load + h * np.eye(6)[2]), own.forces_wrench[:, :, 2]),
+        (lambda h: changed(problem, 2, turn=[0, h, 0]), own.forces_turns[:, :, 2, 1]),
+        (lambda h: changed(problem, 2, point=[0, 0, 0.1 * h]), 0.1 * own.forces_points[:, :, 2, 2]),
+    ):
+        found, _ = differences(make, "least_squares")
+        assert by_forces == pytest.approx(found, abs=5e-3 * max(1.0, np.abs(found).max()))
+
+
 def test_multipliers_price_the_load():
     problem = problem_of(5, MODELS["cone"])
     solution = pg.optimize_forces(problem, IMPACT, objective="least_squares")

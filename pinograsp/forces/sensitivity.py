@@ -22,13 +22,15 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.conic import solve_conic
 from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import NEAR, assemble, energy_terms_at
+from pinograsp.forces.program import assemble, energy_terms_at
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.objects.body import Body
 from pinograsp.spatial import skew, tangent_frame
 
 _SINGULAR = 1e-10  # of the largest singular value
-_ACTIVE = 1e-6  # multiplier of a limit that counts, of the objective's gradient
+# Where slack and multiplier of a limit are both below, of F_n and of the objective's gradient, either may be the one that is not zero.
+_DOUBTFUL = 1e-6
+_POLISH = 6  # Newton steps; two or three do
 _STEPS, _SHRINKS, _ROUNDS = 60, 12, 10
 _PROBE = 1e-6  # [m] for the surface's curvature
 
@@ -38,11 +40,12 @@ class Sensitivity:
     """Derivatives at an optimum. Contact frames turn by rotation vectors in world axes: a normal n that becomes n + dn by n x dn.
 
     Attributes:
-        unique: whether the forces are determined by their cost. Where they are not (energies say nothing of tangential
-            forces), only ``cost_wrench`` means something: add a little ``least_squares`` to the objective for the others.
+        unique: whether the forces are determined by their cost, and their active limits beyond doubt. Where they are not
+            determined (energies say nothing of tangential forces), only ``cost_wrench`` means something: add a little
+            ``least_squares`` to the objective for the others. Where a limit is about to bind derivatives have a kink.
         forces_wrench: (k, 3, 6) of contact forces [N] by the load. forces_mu: (k, 3, k). forces_points: (k, 3, k, 3) [N/m].
         forces_turns: (k, 3, k, 3) [N/rad]; the frames the forces are in turn along.
-        cost_wrench (6,), cost_mu (k,), cost_points (k, 3), cost_turns (k, 3): of the objective, in its unit.
+        cost_wrench (6,), cost_mu (k,), cost_points (k, 3), cost_turns (k, 3): of the objective, in its unit. Zeros by a mu of 0.
         multipliers: of the balance (6,): what a newton or newton metre of load costs; zeros for moments in force balance.
     """
 
@@ -71,34 +74,19 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     if problem.torques is not None or solution.objective.get("peak") or not friction.separates:
         raise InvalidInput("sensitivity: expected no torque limits, no 'peak', and a cone, soft fingers or 4 edges")
     k, d, rows, e = problem.k, friction.d, problem.rows, friction.d - 1
-    A, P, gradient, curvature, x, y = _at_optimum(solution)
-    heavy = gradient + P @ x
-    J, owner = _free_directions(solution, x, heavy + A.T @ y, float(np.abs(heavy).max()))
-    C = A @ J
-    # To the last digit, but from the solver's: with few free directions others would do as well.
-    y = y + np.linalg.lstsq(C.T, -J.T @ (heavy + A.T @ y), rcond=_SINGULAR)[0]
-    reduced = J.T @ (P + np.diag(curvature)) @ J
-    pull = heavy + A.T @ y
-    for column, (i, around) in enumerate(owner):
-        if around:  # lambda F: the cone is curved
-            own = slice(i * d, i * d + friction.round_dimensions)
-            reduced[column, column] += np.linalg.norm(pull[own]) * np.linalg.norm(x[own])
-    n = len(owner)
-    system = np.zeros((n + rows, n + rows))
-    system[:n, :n], system[:n, n:], system[n:, :n] = reduced, C.T, C
-    sizes = np.linalg.svd(system, compute_uv=False)
-    inverse = np.linalg.pinv(system, rcond=_SINGULAR)
+    optimum = _Optimum(solution)
+    A, P, x, y, J, inverse = optimum.A, optimum.P, optimum.x, optimum.y, optimum.J, optimum.inverse
+    n, force, unit = J.shape[1], optimum.program.force_scale, optimum.program.objective_scale
 
     widths = np.ones((k, d))
     widths[:, :-1] = friction.scale(problem.mu)
     arm = np.append(np.ones(3), np.full(3, 1 / problem.moment_length))[:rows]
     columns, heavier = A.reshape(rows, k, d), np.diag(P).reshape(k, d)
     z = x.reshape(k, d)
-    axes = columns[:3] / widths  # world directions per newton; the moment's has none
     offsets = problem.contacts.points_o - problem.contacts.com_o
 
     def change(dA: np.ndarray, i: int, of_load=None, dP=None) -> tuple[np.ndarray, float]:
-        """dx (k d,) and the cost's derivative for a change dA (rows, d) of contact i's columns, of the load, of P's diagonal."""
+        """dx (k d,) [N] and the cost's derivative for a change dA (rows, d) of contact i's columns, of the load [N], of P's diagonal."""
         right, own = np.zeros(n + rows), slice(i * d, i * d + d)
         slope = dA.T @ y
         cost = float(slope @ z[i])
@@ -107,9 +95,9 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
             cost += 0.5 * float(dP @ z[i] ** 2)
         right[:n], right[n:] = J[own].T @ slope, dA @ z[i]
         if of_load is not None:
-            right[n:] += of_load
-            cost += float(of_load @ y)
-        return -J @ (inverse @ right)[:n], cost
+            right[n:] += of_load / force
+            cost += float(of_load @ y) / force
+        return -force * (J @ (inverse @ right)[:n]), unit * cost
 
     def in_newtons(dx: np.ndarray) -> np.ndarray:
         return (dx.reshape(k, d) * widths)[:, [0, 1, e]]
@@ -127,12 +115,12 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
             dA[:, :2], dP[:2] = columns[:, i, :2] / problem.mu[i], 2 * heavier[i, :2] / problem.mu[i]
             dx, cost_mu[i] = change(dA, i, dP=dP)
             by_mu[:, :, i] = in_newtons(dx)
-            by_mu[i, :2, i] += z[i, :2] * widths[i, :2] / problem.mu[i]
+            by_mu[i, :2, i] += force * z[i, :2] * widths[i, :2] / problem.mu[i]
         for c in range(3):
             turn = skew(np.eye(3)[c])
             dA = none.copy()
             if rows == 6:
-                dA[3:] = turn @ (axes[:, i] * widths[i]) / problem.moment_length
+                dA[3:] = turn @ columns[:3, i] / problem.moment_length
             dx, cost_points[i, c] = change(dA, i)
             by_points[:, :, i, c] = in_newtons(dx)
             dA = none.copy()
@@ -144,76 +132,145 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
             dx, cost_turns[i, c] = change(dA, i)
             by_turns[:, :, i, c] = in_newtons(dx)
     multipliers = np.zeros(6)
-    multipliers[:rows] = y * arm
+    multipliers[:rows] = y * arm * (unit / force)
     return Sensitivity(
-        unique=bool(sizes[-1] > _SINGULAR * sizes[0]), forces_wrench=read_only(by_wrench), forces_mu=read_only(by_mu),
+        unique=optimum.unique, forces_wrench=read_only(by_wrench), forces_mu=read_only(by_mu),
         forces_points=read_only(by_points), forces_turns=read_only(by_turns), cost_wrench=read_only(cost_wrench),
         cost_mu=read_only(cost_mu), cost_points=read_only(cost_points), cost_turns=read_only(cost_turns),
         multipliers=read_only(multipliers),
     )  # fmt: skip
 
 
-def _at_optimum(solution: ForceSolution):
-    """In newtons: balance A (rows, k d), P (k d, k d), linear gradient and curvature of the powers (k d,), x (k d,), y (rows,)."""
-    problem, friction = solution.problem, solution.problem.friction
-    k, d = problem.k, friction.d
-    terms = energy_terms_at(problem, solution.objective, solution.impact_time)
-    program = assemble(problem, solution.objective, terms, *problem.normal_force_range(solution.impact_time))
-    found = solve_conic(program)
-    if found is None:
-        raise InvalidInput("sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible")
-    widths = friction.scale(problem.mu)
-    x = np.zeros((k, d))
-    safe = np.where(widths > 0, widths, 1.0)
-    x[:, :2] = solution.forces_c[:, :2] / safe[:, :2]
-    if d == 4:
-        x[:, 2] = solution.torsion / safe[:, 2]
-    x[:, -1] = solution.forces_c[:, 2]
-    unit, force = program.objective_scale, program.force_scale
-    gradient, curvature = np.array(program.q), np.zeros(k * d)
-    first, second = program.slope(x[:, -1] / force)
-    gradient[d - 1 :: d] += first
-    curvature[d - 1 :: d] = second
-    P = np.zeros((k * d, k * d)) if program.P is None else program.P
-    per_newton = unit / force
-    return program.A, P * (per_newton / force), gradient * per_newton, curvature * (per_newton / force), x.ravel(), found[1] * per_newton
+class _Optimum:
+    """An optimum with its multipliers and active limits, to the last digit; dimensionless as its ``program``.
 
+    The forces of the record may be off by what a certificate allows, which is enough to hide an active limit. So an
+    interior-point method is asked again, whose forces and multipliers tell the active limits together (of a limit's slack and its
+    multiplier one goes to zero), and Newton's method finishes on these.
 
-def _free_directions(solution: ForceSolution, x, pull, size: float) -> tuple[np.ndarray, list[tuple[int, bool]]]:
-    """J (k d, n): directions that the active limits leave; for each its contact, and whether it goes around a cone.
-
-    A limit is active where its multiplier is, told by the gradient ``pull`` (k d,) of the Lagrangian, of ``size``.
+    Attributes:
+        A (rows, k d), P (k d, k d), x (k d,), y (rows,). J (k d, n): directions that the active limits leave.
+        inverse: of the square system (see the module). unique: whether that has one, and the active limits are beyond doubt.
     """
-    problem, friction, certificate = solution.problem, solution.problem.friction, solution.certificate
-    k, d, round_ = problem.k, friction.d, friction.round_dimensions
-    e, made, owner = d - 1, [], []
-    for i in range(k):
-        z, F = x[i * d : (i + 1) * d], x[i * d + e]
-        ray = np.zeros(d)
-        ray[e] = 1.0
-        own, g = [], pull[i * d : (i + 1) * d]
-        length = float(np.linalg.norm(z[:round_]))
-        if round_ and length >= F * (1 - NEAR) and np.linalg.norm(g[:round_]) > _ACTIVE * size:
+
+    def __init__(self, solution: ForceSolution):
+        problem = solution.problem
+        self.friction, k, d = problem.friction, problem.k, problem.friction.d
+        terms = energy_terms_at(problem, solution.objective, solution.impact_time)
+        self.program = program = assemble(problem, solution.objective, terms, *problem.normal_force_range(solution.impact_time))
+        found = solve_conic(program)
+        if found is None:
+            raise InvalidInput("sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible")
+        self.A, self.P = program.A, np.zeros((k * d, k * d)) if program.P is None else program.P
+        self.x, self.y, _ = found
+        # Without friction there is no tangential force to speak of.
+        self.none = np.append(self.friction.scale(problem.mu), np.ones((k, 1)), axis=1) == 0
+        self.x[self.none.ravel()] = 0.0
+        self.certain = True
+        limits = [self._limits_of(i) for i in range(k)]
+        for _ in range(_POLISH):
+            self._settle(limits)
+            residual = self._linearise(limits)
+            if np.abs(residual).max() <= 1e-13:
+                break
+            step = self.inverse @ residual
+            n = self.J.shape[1]
+            self.x, self.y = self.x - self.J @ step[:n], self.y - step[n:]
+        self._settle(limits)
+        self.certain &= bool(np.abs(self._linearise(limits)).max() <= 1e-8) and [self._limits_of(i) for i in range(k)] == limits
+        self.unique = self.certain and self.regular
+
+    def _pull(self) -> tuple[np.ndarray, float]:
+        """Gradient of the Lagrangian without the limits' part (k d,), and the objective's size in it."""
+        heavy = self.program.q + self.P @ self.x
+        heavy[self.friction.d - 1 :: self.friction.d] += self.program.slope(self._normal)[0]
+        return heavy + self.A.T @ self.y, float(np.abs(heavy).max())
+
+    @property
+    def _normal(self) -> np.ndarray:
+        return np.maximum(self.x[self.friction.d - 1 :: self.friction.d], 1e-3 * self.program.lo)
+
+    def _limits_of(self, i: int) -> tuple:
+        """Active limits of a contact: its cone (bool), its intervals (of -1, 0, 1), F_n (-1, 0, 1)."""
+        d, round_ = self.friction.d, self.friction.round_dimensions
+        pull, size = self._pull()
+        g, z = pull[i * d : (i + 1) * d] / size, self.x[i * d : (i + 1) * d] / self._normal[i]
+
+        def active(slack: float, multiplier: float) -> bool:
+            self.certain &= max(slack, multiplier) > _DOUBTFUL
+            return multiplier > slack
+
+        ray, length, around = np.append(np.zeros(d - 1), 1.0), float(np.linalg.norm(z[:round_])), False
+        if round_ and length > 0 and not self.none[i, 0]:
             out = z[:round_] / length
-            ray[:round_] = out
-            for tangent in np.linalg.svd(out[None])[2][1:]:
-                own.append((np.append(tangent, np.zeros(d - round_)) * F, True))
-        elif round_:
-            own += [(np.eye(d)[j], False) for j in range(round_)]
-        for j in range(round_, e):
-            reach = friction.radii[j] * F
-            if abs(z[j]) >= reach * (1 - NEAR) and abs(g[j]) > _ACTIVE * size:
-                ray[j] = z[j] / F
+            around = active(1 - length, float(-g[:round_] @ out))
+            if around:
+                ray[:round_] = out
+        sides = []
+        for j in range(round_, d - 1):
+            side = int(np.sign(z[j])) if not self.none[i, j] else 0
+            reach = self.friction.radii[j]
+            sides.append(side if side and active(1 - abs(z[j]) / reach, -g[j] * side) else 0)
+            ray[j] = sides[-1] * reach
+        lo, hi, F = self.program.lo[i], self.program.hi[i], self._normal[i]
+        along = float(g @ ray)
+        if lo == hi:
+            return around, tuple(sides), -1
+        return around, tuple(sides), -1 if active(F / lo - 1, along) else 1 if active(1 - F / hi, -along) else 0
+
+    def _settle(self, limits) -> None:
+        """Move x onto its active limits."""
+        d, round_ = self.friction.d, self.friction.round_dimensions
+        for i, (around, sides, end) in enumerate(limits):
+            z = self.x[i * d : (i + 1) * d]
+            if end:
+                z[-1] = self.program.lo[i] if end < 0 else self.program.hi[i]
+            if around:
+                z[:round_] *= z[-1] / np.linalg.norm(z[:round_])
+            for j, side in enumerate(sides, round_):
+                if side:
+                    z[j] = side * self.friction.radii[j] * z[-1]
+
+    def _linearise(self, limits) -> np.ndarray:
+        """J, the inverse of the system and whether it is regular; returns the residual (n + rows,) of the optimality conditions."""
+        d, round_ = self.friction.d, self.friction.round_dimensions
+        pull, _ = self._pull()
+        columns, bend = [], []
+        for i, (around, sides, end) in enumerate(limits):
+            own = slice(i * d, i * d + d)
+            z, g, free = self.x[own], pull[own], np.eye(d)
+            ray, directions = free[-1].copy(), []
+            if around:
+                out = z[:round_] / np.linalg.norm(z[:round_])
+                ray[:round_] = out
+                for tangent in np.linalg.svd(out[None])[2][1:]:
+                    # lambda F: the cone is curved.
+                    directions.append((np.append(tangent, np.zeros(d - round_)) * z[-1], float(-g[:round_] @ out * z[-1])))
             else:
-                own.append((np.eye(d)[j], False))
-        if not ((certificate.at_least[i] or certificate.at_most[i]) and abs(g @ ray) > _ACTIVE * size):
-            own.append((ray, False))
-        for direction, around in own:
-            column = np.zeros(k * d)
-            column[i * d : (i + 1) * d] = direction
-            made.append(column)
-            owner.append((i, around))
-    return np.array(made).reshape(-1, k * d).T, owner
+                directions += [(free[j], 0.0) for j in range(round_) if not self.none[i, j]]
+            for j, side in enumerate(sides, round_):
+                if side:
+                    ray[j] = side * self.friction.radii[j]
+                elif not self.none[i, j]:
+                    directions.append((free[j], 0.0))
+            if not end:
+                directions.append((ray, 0.0))
+            for direction, curvature in directions:
+                column = np.zeros(len(self.x))
+                column[own] = direction
+                columns.append(column)
+                bend.append(curvature)
+        self.J, rows = np.array(columns).reshape(-1, len(self.x)).T, len(self.A)
+        self.bend, C, n = np.array(bend), self.A @ self.J, len(columns)
+        curvature = np.zeros(len(self.x))
+        curvature[d - 1 :: d] = self.program.slope(self._normal)[1]
+        system = np.zeros((n + rows, n + rows))
+        system[:n, :n] = self.J.T @ (self.P + np.diag(curvature)) @ self.J + np.diag(self.bend)
+        system[:n, n:], system[n:, :n] = C.T, C
+        sizes = np.linalg.svd(system, compute_uv=False)
+        self.regular = bool(sizes[-1] > _SINGULAR * sizes[0])
+        self.inverse = np.linalg.pinv(system, rcond=_SINGULAR)
+        return np.append(self.J.T @ pull, self.A @ self.x - self.program.b)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
