@@ -7,10 +7,11 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
+from random_grasps import contact_set_of
 
 from pinograsp.contacts import DecelerationShape, Friction
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import TorqueLimits, grid_search, optimize_forces, optimize_grasp
+from pinograsp.forces import ForceProblem, TorqueLimits, grid_search, optimize_forces, optimize_grasp
 from pinograsp.forces import global_optimum as module
 
 
@@ -169,3 +170,26 @@ def test_progress_bar_goes_to_stderr(make_problem, capsys):
     optimize_grasp(make_problem(balance="wrench", measure="impulse"), progress=True)
     shown = capsys.readouterr()
     assert "branch and bound" in shown.err and shown.out == ""
+
+
+@pytest.mark.parametrize("objective", ["impulse", "peak", "least_squares"])
+@pytest.mark.parametrize("miss", [3e-10, -3e-10])
+def test_contacts_at_the_very_limit_of_friction_end_the_search(miss, objective):
+    """Two contacts whose pyramids just meet, or just do not, under next to no load: no solver can tell."""
+    tilt = np.arctan(0.5 / np.sqrt(2)) + miss
+    normals = [[-np.cos(tilt), np.sin(tilt), 0], [np.cos(tilt), np.sin(tilt), 0]]
+    problem = ForceProblem(contacts=contact_set_of([[0.03, 0, 0], [-0.03, 0, 0]], normals), load=[0, 0, -1e-6, 0, 0, 0], mu=0.5)
+    found = optimize_grasp(problem, objective=objective)
+    assert found.status in (Status.OK, Status.INFEASIBLE, Status.INACCURATE) and len(found.branches) <= 500
+    assert found.status is not Status.INFEASIBLE or found.infeasibility.margin > 0
+
+
+def test_too_many_intervals_leave_an_honest_bound(make_problem, monkeypatch):
+    problem = make_problem(balance="wrench", measure="impulse")
+    best = optimize_grasp(problem)
+    monkeypatch.setattr(module, "_MOST", 4)
+    some = optimize_grasp(problem)
+    assert some.status is Status.INACCURATE and [b.fate for b in some.branches].count("split") == 4
+    assert any(b.fate == "unresolved" for b in some.branches)
+    assert some.certificate.dual <= best.certificate.primal <= some.certificate.primal
+    assert some.certificate.relative_gap > 1e-6

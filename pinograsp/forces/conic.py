@@ -14,7 +14,7 @@ from pinograsp.forces.program import Program
 
 _SETTINGS = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11, "tol_infeas_abs": 1e-11,
              "tol_infeas_rel": 1e-11, "max_iter": 200, "verbose": False, "max_threads": 1}  # fmt: skip
-_HUGE = 1e100  # squares of larger numbers are not finite
+HUGE = 1e100  # squares of larger numbers are not finite
 
 
 def settings() -> clarabel.DefaultSettings:
@@ -92,7 +92,7 @@ def solve_linear(
     cones += [clarabel.SecondOrderConeT(size) for size in sizes]
     found = solve(sp.csc_matrix((len(q), len(q))), q, A, b, cones)
     z, dual = np.array(found.x), np.array(found.z)
-    if not (np.abs(z).max() < _HUGE and np.abs(dual).max() < _HUGE):
+    if not (np.abs(z).max() < HUGE and np.abs(dual).max() < HUGE):
         return None
     at, m = len(equal_b) + len(fixed_b) + len(linear_b), len(program.R) if torques else 0
     return z, dual[: len(equal_b)], dual[at : at + m] - dual[at + m : at + 2 * m]

@@ -24,6 +24,8 @@ from pinograsp.forces.program import assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ForceSolution
 
 _NARROWEST = 1e-10  # intervals of t_I [s] that the certificates' accuracy no longer separates
+# Intervals that are split, and of these that no solver decided: at the limit of feasibility halves are as undecided as the whole.
+_MOST, _UNDECIDED = 2000, 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +66,8 @@ def optimize_grasp(
     Returns:
         The optimum: its ``certificate.dual`` bounds *every* impact time, so ``certificate.relative_gap`` is the global
         gap; ``branches`` is the log. ``INFEASIBLE``: every interval is proven infeasible, ``infeasibility`` is the proof
-        of the one that came closest. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound reached.
+        of the one that came closest. ``INACCURATE``: some interval was not decided, or the gap not reached, within 2000
+        intervals or 100 undecided ones. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound reached.
 
     Raises:
         InvalidInput: unknown objective or solver, or a gap below 1e-9.
@@ -101,13 +104,15 @@ class _Search:
         self.closed_bound = float("inf")  # least bound of intervals set aside
         self.log: list[Branch] = []
         self.proof, self.proof_time, self.unresolved = None, None, False
+        self.undecided = 0  # relaxations with neither forces nor a proof
 
     def run(self, gap: float, bar) -> None:
         low, high = self.problem.impact_time_range
         for t in dict.fromkeys((high, low)):
             self.visit(t)
         self.keep(low, high, self.relaxed(low, high, -float("inf")))
-        while self.open:
+        splits = 0
+        while self.open and splits < _MOST and self.undecided < _UNDECIDED:
             bound, _, a, b = heapq.heappop(self.open)
             if bound >= self.best_value - gap * self.size():
                 self.closed_bound = min(self.closed_bound, bound)
@@ -118,6 +123,7 @@ class _Search:
                 self.closed_bound = min(self.closed_bound, bound)
                 self.log.append(Branch(a, b, bound, self.best_value, "unresolved"))
                 continue
+            splits += 1
             self.log.append(Branch(a, b, bound, self.best_value, "split"))
             middle = (a + b) / 2
             # Kept open while its halves are bounded: an interruption then still has a valid bound.
@@ -129,6 +135,7 @@ class _Search:
             self.keep(a, middle, left)
             self.keep(middle, b, right)
             bar.update()
+        self.log += [Branch(a, b, bound, self.best_value, "unresolved") for bound, _, a, b in sorted(self.open)]
 
     def size(self) -> float:
         """What the gap is relative to: as in the incumbent's certificate."""
@@ -164,6 +171,7 @@ class _Search:
         (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
         program = assemble(problem, self.weights, terms, lo, hi)
         _, status, certificate, proof, _ = self.solved(program)
+        self.undecided += status is Status.INACCURATE
         if status is Status.INFEASIBLE:
             self.note(proof, a)
             return float("inf")
@@ -178,7 +186,7 @@ class _Search:
     def solution(self, gap: float, interrupted: bool, started: float) -> ForceSolution:
         details = {"branches": tuple(self.log)}
         if self.best is None:
-            status = Status.INTERRUPTED if interrupted else Status.INACCURATE if self.unresolved else Status.INFEASIBLE
+            status = Status.INTERRUPTED if interrupted else Status.INACCURATE if self.unresolved or self.open else Status.INFEASIBLE
             return record(
                 self.problem, None, self.proof_time, None, status, None, self.proof, self.solver, self.weights,
                 started, **details,

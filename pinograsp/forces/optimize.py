@@ -13,7 +13,7 @@ import numpy as np
 from pinograsp.checks import frozen, instance_of, one_of, read_only, record_of
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import solve_dense
-from pinograsp.forces.conic import solve_conic
+from pinograsp.forces.conic import HUGE, solve_conic
 from pinograsp.forces.infeasibility import Infeasibility, forces_of, prove
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import (
@@ -228,7 +228,7 @@ def solve_certified(
         backends = _backends(program, solver)
         for name in backends:
             answer = _answer(program, name)
-            if answer is not None:
+            if answer is not None and all(np.abs(part).max(initial=0.0) < HUGE for part in answer[:3]):
                 checked = _Checked(program, *answer)
                 x = checked.x
                 if checked.passed:
