@@ -4,98 +4,90 @@ from __future__ import annotations
 
 import base64
 import html
-import math
 import re
 from pathlib import Path
 
 from pinograsp.storage import Run
+from pinograsp.words import (
+    disturbance_held,
+    does_it_hold,
+    friction_model,
+    friction_used,
+    load_factor,
+    number,
+    printable,
+    shares,
+    work,
+)
 
-
-def number(value: float | None, digits: int = 4) -> str:
-    """A number for people: plain where that is short, scientific where it is not, a dash where there is none."""
-    if value is None:
-        return "-"
-    if value == 0:
-        return "0"
-    exponent = math.floor(math.log10(abs(value)))
-    return f"{value:.{max(digits - 1 - exponent, 0)}f}" if -4 <= exponent < 6 else f"{value:.{digits - 2}e}"
+_LONGEST = 2000  # characters of a line that someone else wrote
 
 
 def headline(run: Run, check: dict | None = None) -> list[str]:
-    """The answer first, a line each: does it hold, how hard, how much energy, with which margin, and what the referee saw.
+    """The answer first, a line of Markdown each: does it hold, how hard, how much energy, with which margin, and what the referee saw.
 
     ``check``: ``check.json`` of a simulation of the run, if there was one.
     """
     s = run.summary
-    if s["status"] == "ok":
-        moments = ", forces and moments in balance" if s["balance"] == "wrench" else "; moments are not balanced"
-        first = f"Yes. The contact forces hold the load{moments}."
-    elif s["status"] == "unbalanced":
-        left = f"{number(s['net_force_N'], 3)} N and {number(s['net_moment_Nm'], 3)} N m"
-        first = f"Almost. The contact forces hold the load but for {left}."
-    else:
-        first = f"The plan is not complete ({s['status']}): {s['remedy']}"
     forces = s["normal_forces_N"]
     listed = ", ".join(f"{name} {value:.2f} N" for name, value in forces.items())
-    energy = f"{1e3 * s['work_J']:.2f} mJ of work (Eq. 9), {s['impulse_Ns']:.3f} N s as impulse (Eq. 11)"
+    energy = f"{_work(run)}; {s['impulse_Ns']:.3f} N s as impulse (Eq. 11)"
     if s["certificate"] is not None:
         energy += f"; within a share of {max(s['certificate']['relative_gap'], 0.0):.0e} of the least {_objective(s)}, proven"
-    margins = s["margins"]
-    factor = "any multiple of the load" if margins["load_factor"] is None else f"{margins['load_factor']:.3g} times the load"
-    used = [value for value in margins["friction_used"].values() if value is not None]
-    margin = f"the squeeze holds {factor}"
-    if used:
-        margin += f"; friction is used up to {100 * max(used):.0f} %"
+    margin = f"the squeeze holds {load_factor(s['margins'])}"
+    for what, values in friction_used(s):
+        used = [value for value in values.values() if value is not None]
+        margin += f"; {what}: up to {100 * max(used):.0f} %" if used else ""
     lines = [
-        f"**Does it hold?** {first}",
-        f"**How hard?** {sum(forces.values()):.2f} N of normal force in all: {listed}; at most {s['peak_torque_Nm']:.3g} N m at a joint.",
-        f"**How much energy?** {energy}.",
-        f"**Which margin?** {margin[0].upper()}{margin[1:]}.",
+        ("Does it hold?", does_it_hold(s, check).text),
+        ("How hard?", f"{sum(forces.values()):.2f} N of normal force in all: {listed}; at most {s['peak_torque_Nm']:.3g} N m at a joint."),
+        ("How much energy?", f"{energy}."),
+        ("Which margin?", f"{margin[0].upper()}{margin[1:]}."),
     ]
     if check is None:
-        lines.append("**Simulated?** Not yet: `pinograsp check` does it.")
+        lines.append(("Simulated?", "Not yet: pinograsp check does it."))
     else:
         verdict = "Held" if check["held"] else "Lost"
-        lines.append(f"**Simulated?** {verdict} ({check['engine']}): {check['reason']}; normal forces at most "
-                     f"{100 * check['force_error']:.1f} % off the plan.")  # fmt: skip
-    return lines
+        off = f"normal forces at most {100 * check['force_error']:.1f} % off the plan"
+        lines.append(("Simulated?", f"{verdict} ({check['engine']}): {check['reason']}; {off}."))
+    return [f"**{what}** {_escaped(text)}" for what, text in lines]
 
 
-def answer(run: Run) -> list[tuple[str, str]]:
-    """The answer in a few lines: (what, value with its unit)."""
+def answer(run: Run, check: dict | None = None) -> list[tuple[str, str]]:
+    """The answer in a few lines: (what, value with its unit); ``check`` as for :func:`headline`."""
     s = run.summary
     forces = ", ".join(f"{name} {value:.3f}" for name, value in s["normal_forces_N"].items())
     multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in s["multipliers"].items())
-    return [
+    lines = [
+        ("does it hold?", does_it_hold(s, check).text),
         ("status", s["status"]),
         ("search", f"{s['search']}, solver {s['solver']}, {s['balance']} balance, least {_objective(s)}"),
-        ("friction", _friction(s["friction"])),
+        ("friction", friction_model(s["friction"])),
         ("impact time t_I", f"{s['impact_time_s']:g} s"),
         ("normal forces", f"{forces} N"),
         ("multipliers k1, k2", multipliers),
-        ("grasp energy", f"{1e3 * s['work_J']:.3f} mJ (work), {s['impulse_Ns']:.4f} N s (impulse)"),
+        ("grasp energy (work)", _work(run)),
+        ("grasp energy (impulse)", f"{s['impulse_Ns']:.4f} N s by Eq. (11)"),
         ("net force, net moment", f"{s['net_force_N']:.2e} N, {s['net_moment_Nm']:.2e} N m"),
         ("largest penetration", f"{1e3 * s['max_penetration_m']:.3f} mm"),
         ("peak joint torque", f"{s['peak_torque_Nm']:.4f} N m"),
         ("postures tried", ", ".join(f"{name} {count}" for name, count in s["postures_tried"].items())),
         *_proof(s),
-        *_safety(s["margins"]),
+        *_safety(s),
         ("planning time", f"{s['elapsed_s']:.3f} s"),
     ]
+    return [(printable(what), printable(value, _LONGEST)) for what, value in lines]
+
+
+def _work(run: Run) -> str:
+    law = run.arrays.get("contact_law")
+    return work(run.summary["work_J"], None if law is None else float(law[2]))
 
 
 def _objective(s: dict) -> str:
     weights = s["certificate"]["objective"] if s["certificate"] else {s["measure"]: 1.0}
     parts = [name if weight == 1.0 else f"{weight:g} {name}" for name, weight in weights.items() if weight]
     return " + ".join(parts)
-
-
-def _friction(f: dict) -> str:
-    low, high = min(f["mu"]), max(f["mu"])
-    mu = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-    model = f"pyramid of {f['edges']} edges" if f["edges"] else {"cone": "cone", "soft": "soft finger"}[f["model"]]
-    torsion = f", torsion up to {1e3 * f['torsion_m']:g} mm x F_n" if f["torsion_m"] else ""
-    return f"mu {mu}, {model}, safety factor {f['safety']:g}{torsion}"
 
 
 def _proof(s: dict) -> list[tuple[str, str]]:
@@ -107,18 +99,13 @@ def _proof(s: dict) -> list[tuple[str, str]]:
     return [("proven", gap), ("active limits", "; ".join(certificate["active"]) or "none")]
 
 
-def _safety(m: dict) -> list[tuple[str, str]]:
+def _safety(s: dict) -> list[tuple[str, str]]:
     """The margins: what the grasp bears beyond its load with these normal forces."""
-    used = ", ".join(f"{name} {'slips' if v is None else format(v, '.1%')}" for name, v in m["friction_used"].items())
-    factor = "any" if m["load_factor"] is None else f"{m['load_factor']:.4g} times"
-    moment = "" if m["disturbance_moment_Nm"] is None else f", {number(m['disturbance_moment_Nm'], 3)} N m about any axis"
-    held = f"{number(m['disturbance_force_N'], 3)} N in any direction{moment}"
-    if m["disturbance_any_N"] == 0:
-        held = "nothing in the weakest direction: forces on their limits; ask for a friction safety factor above 1"
+    m = s["margins"]
     return [
-        ("friction used", used),
-        ("load held by these forces", f"{factor} the load"),
-        ("disturbance held besides", held),
+        *((what, shares(values)) for what, values in friction_used(s)),
+        ("load held by these forces", load_factor(m)),
+        ("disturbance held besides", disturbance_held(m, s["friction"]["safety"])),
         ("grasp", f"{'force closure' if m['force_closure'] else 'no force closure'}, Ferrari-Canny epsilon "
                   f"{number(m['ferrari_canny_L1'], 3)}, smallest singular value {number(m['min_singular_value'], 3)}"),
     ]  # fmt: skip
@@ -127,19 +114,38 @@ def _safety(m: dict) -> list[tuple[str, str]]:
 def failure(run: Run) -> str:
     """``report.md`` of a search that proved that there is no grasp."""
     s = run.summary
-    first, _, rest = s["message"].partition("\n")
+    first, *rest = s["message"].splitlines() or [""]
     return "\n".join(
         [
-            f"# No grasp: {run.settings.get('name', run.layout['hand'])}",
+            f"# No grasp: {_title(run)}",
             "",
-            f"**{s['status']}**: {first}",
+            f"**{s['status']}**: {_escaped(first)}",
             "",
-            *(f"- {line.strip()}" for line in rest.splitlines()),
+            *(f"- {_escaped(line)}" for line in rest),
             "",
-            "Made with " + ", ".join(f"{name} {version}" for name, version in run.versions.items()) + ".",
-            "",
+            *_made_with(run),
         ]
     )
+
+
+def _title(run: Run) -> str:
+    return _escaped(run.settings.get("name") or run.layout["hand"], 200)
+
+
+def _made_with(run: Run) -> list[str]:
+    return [f"Made with {_escaped(', '.join(f'{name} {version}' for name, version in run.versions.items()))}.", ""]
+
+
+def _escaped(text: str, most: int = _LONGEST) -> str:
+    """Text that Markdown shows as it is: names come from files of others."""
+    text = re.sub(r"[\\`*\[\]<>|~&$]", r"\\\g<0>", printable(text, most).strip())
+    text = re.sub(r"(?<![^\W_])_|_(?![^\W_])", r"\\_", text)  # within words it means nothing
+    text = re.sub(r"^(?=#|[-+=](?![\d.]))", r"\\", text)  # headings, rules and lists begin so
+    return re.sub(r"^(\d+)(?=[.)](\s|$))", r"\1\\", text)
+
+
+def _code(key: str) -> str:
+    return f"`{printable(key).replace('`', chr(39)).strip() or '-'}`"
 
 
 def markdown(run: Run, figures: list[str] | None = None, check: dict | None = None) -> str:
@@ -148,15 +154,15 @@ def markdown(run: Run, figures: list[str] | None = None, check: dict | None = No
     ``figures``: names of the files beside it. ``check``: ``check.json`` of a simulation.
     """
     s = run.summary
-    lines = [f"# Grasp plan: {run.settings.get('name', run.layout['hand'])}", ""]
+    lines = [f"# Grasp plan: {_title(run)}", ""]
     lines += [*(f"- {line}" for line in headline(run, check)), "", *_figures(figures, _FIRST), "## In figures", ""]
-    lines += _table(("quantity", "value"), answer(run))
+    lines += _table(("quantity", "value"), answer(run, check))
     if s["remedy"]:
-        lines += [f"**{s['status']}**: {s['remedy']}", ""]
+        lines += [f"**{s['status']}**: {_escaped(s['remedy'])}", ""]
     if s["cautions"]:
-        lines += ["## Cautions", "", *(f"- {caution}" for caution in s["cautions"]), ""]
+        lines += ["## Cautions", "", *(f"- {_escaped(caution)}" for caution in s["cautions"]), ""]
     if s["notes"]:
-        lines += ["## Notes", "", *(f"- {note}" for note in s["notes"]), ""]
+        lines += ["## Notes", "", *(f"- {_escaped(note)}" for note in s["notes"]), ""]
     lines += ["## Contact forces at t_F", ""]
     lines += _table(
         ("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"),
@@ -190,12 +196,11 @@ def markdown(run: Run, figures: list[str] | None = None, check: dict | None = No
         lines += ["## Beside the paper", "", "Planned as the paper does: forces alone in balance, friction used up to its limit.", ""]
         lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(s["comparison"]))
     if run.settings.get("assumed"):
-        lines += ["## Assumed inputs", "", *(f"- `{key}`: {why}" for key, why in run.settings["assumed"].items()), ""]
+        lines += ["## Assumed inputs", "", *(f"- {_code(key)}: {_escaped(why)}" for key, why in run.settings["assumed"].items()), ""]
     rest = [name for name in figures or () if Path(name).stem not in _FIRST]
     if rest:
         lines += ["## Figures", "", *_figures(rest, None)]
-    lines += _settings(run.settings)
-    lines += ["Made with " + ", ".join(f"{name} {version}" for name, version in run.versions.items()) + ".", ""]
+    lines += [*_settings(run.settings), *_made_with(run)]
     return "\n".join(lines)
 
 
@@ -204,8 +209,8 @@ _CAPTIONS = {
     "contact_forces": "Normal forces and penetration depths in the grasp phase",
     "joint_angles": "Joint angles, approach and grasp phase (grey)",
     "joint_rates": "Joint rates",
-    "grasp_energy": "Grasp energy as it builds up",
-    "friction_use": "Share of Coulomb's limit that each contact uses",
+    "grasp_energy": "Grasp energy as it builds up, rho + 1 times the contacts' work",
+    "friction_use": "Friction used: each contact's share of Coulomb's cone, mu F_n",
     "wrench_margin": "Forces that may come on top of the load",
     "search_over_time": "The search over the impact time: proven bounds, what was found, and the gap",
 }
@@ -241,9 +246,12 @@ _STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto; max-width: 60rem; padding: 1rem; }
 h1 { font-size: 1.6rem; margin: 0.5rem 0 1rem; } h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 2px solid #0072B2; }
-h1 + ul { list-style: none; padding: 0; display: grid; gap: 0.5rem; grid-template-columns: repeat(auto-fit, minmax(16rem, 1fr)); }
+h1 + ul { list-style: none; padding: 0; display: grid; gap: 0.5rem; grid-template-columns: repeat(auto-fit, minmax(13rem, 1fr)); }
 h1 + ul li { border-left: 4px solid #0072B2; background: #f2f6fa; padding: 0.6rem 0.8rem; overflow-wrap: anywhere; }
 h1 + ul strong { display: block; }
+h1 + ul li:first-child { grid-column: 1 / -1; font-size: 1.15rem; }
+h1 + ul li.yes { border-color: #009E73; background: #e3f4ee; } h1 + ul li.caution { border-color: #E69F00; background: #fdf3dd; }
+h1 + ul li.no { border-color: #D55E00; background: #fdeae1; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.9rem; }
 th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.7rem 0.25rem 0; border-bottom: 1px solid #ddd; }
 td + td { overflow-wrap: anywhere; }
@@ -254,22 +262,33 @@ code { font-size: 0.9em; } pre { overflow-x: auto; background: #f5f5f5; padding:
 """
 
 
-def page(text: str, folder: str | Path) -> str:
-    """Markdown as one HTML file: pictures of ``folder`` are inside, nothing comes from a network."""
+def page(text: str, figures=(), levels=()) -> str:
+    """Markdown as one HTML file: nothing comes from a network, and no file comes in but ``figures``.
+
+    Args:
+        figures: paths of PNG files that the text may show by their names. levels: "yes", "caution" or "no" of the first list's
+            entries, which take its colour; "" is neutral.
+    """
     from markdown_it import MarkdownIt
 
     made = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens = made.parse(text)
+    tokens, known = made.parse(text), {Path(path).name: Path(path) for path in figures}
     for token in tokens:
         for child in token.children or ():
             if child.type == "image":
-                path = Path(folder) / child.attrs["src"]
-                child.attrs["src"] = "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+                if child.attrs["src"] in known:
+                    picture = known[child.attrs["src"]].read_bytes()
+                    child.attrs["src"] = "data:image/png;base64," + base64.b64encode(picture).decode()
+                else:
+                    child.type, child.tag = "text", ""
     body = made.renderer.render(tokens, made.options, {})
     body = body.replace("<table>", '<div class="wide"><table>').replace("</table>", "</table></div>")
+    head, *entries = body.split("<li>")
+    for entry, level in zip(entries, [*levels, *[""] * len(entries)]):
+        head += f'<li class="{level}">{entry}' if level else f"<li>{entry}"
     # A picture alone in its paragraph is a figure, and its description the caption.
-    body = re.sub(r'<p>(<img [^>]*alt="([^"]*)"[^>]*>)</p>', r"<figure>\1<figcaption>\2</figcaption></figure>", body)
-    title = html.escape(text.splitlines()[0].lstrip("# "))
+    body = re.sub(r'<p>(<img [^>]*alt="([^"]*)"[^>]*>)</p>', r"<figure>\1<figcaption>\2</figcaption></figure>", head)
+    title = html.escape("".join(child.content for child in tokens[1].children)) if len(tokens) > 1 else ""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, '
         f'initial-scale=1"><title>{title}</title><style>{_STYLE}</style></head>\n<body>\n{body}</body></html>\n'
@@ -277,11 +296,19 @@ def page(text: str, folder: str | Path) -> str:
 
 
 def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = None) -> None:
-    """``report.md`` and ``report.html`` into a folder that has the figures already."""
-    folder = Path(folder)
-    text = markdown(run, list(figures), check) if run.arrays else failure(run)
+    """``report.md`` and ``report.html`` into a folder that has the figures already.
+
+    ``figures``: their names there, as :func:`~pinograsp.viz.figures.save_figures` gave them; no other file comes into the page.
+    """
+    folder, names = Path(folder), [Path(name).name for name in figures]
+    levels = []
+    if run.arrays:
+        text = markdown(run, names, check)
+        levels = [does_it_hold(run.summary, check).level, "", "", "", "no" if check is not None and not check["held"] else ""]
+    else:
+        text = failure(run)
     (folder / "report.md").write_text(text, encoding="utf-8")
-    (folder / "report.html").write_text(page(text, folder), encoding="utf-8")
+    (folder / "report.html").write_text(page(text, [folder / name for name in names], levels), encoding="utf-8")
 
 
 def _grid_section(s: dict) -> list[str]:
@@ -302,13 +329,13 @@ def comparison_rows(comparison) -> list[tuple[str, ...]]:
 
 def _table(header, rows) -> list[str]:
     lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
-    return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
+    return [*lines, *("| " + " | ".join(map(_escaped, row)) + " |" for row in rows), ""]
 
 
 def checked(summary: dict, figures: list[str] | None = None, studies: list[str] | None = None) -> str:
     """``check.md`` of a simulation: the verdict first; ``studies``: what else was tried, as text."""
     s = summary
-    lines = [f"# {'Held' if s['held'] else 'Lost'}", "", f"{s['reason']}.", ""]
+    lines = [f"# {'Held' if s['held'] else 'Lost'}", "", f"{_escaped(s['reason'])}.", ""]
     errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in s["force_errors"].items())
     audit = "-" if s["energy_error"] is None else f"{s['energy_error']:.1e}"
     rows = [
@@ -320,22 +347,22 @@ def checked(summary: dict, figures: list[str] | None = None, studies: list[str] 
         ("touching without a plan", ", ".join(s["unplanned_contacts"]) or "none"),
         ("joints beyond their limits", ", ".join(s["joint_limit_hits"]) or "none"),
         ("motors at their limits at the end", ", ".join(s["saturated"]) or "none"),
-        ("grasp energy, Eq. (9)", f"{s['grasp_energy_mJ']:.3f} mJ"),
+        ("grasp energy at t_F", work(1e-3 * s["grasp_energy_mJ"], s["contact_exponent"])),
         ("energy audit closes to", audit),
         ("engine", f"{s['engine']}, {s['mode']}, step {1e3 * s['time_step_s']:g} ms, {s['elapsed_s']:.2f} s"),
     ]
     lines += _table(("", ""), rows)
     if s["disturbance"]:
-        lines += ["## Not as planned", "", *(f"- {name}: {value}" for name, value in s["disturbance"].items()), ""]
+        lines += ["## Not as planned", "", *(f"- {_escaped(f'{name}: {value}')}" for name, value in s["disturbance"].items()), ""]
     lines += ["## Forces at the end", ""]
     lines += _table(
         ("part of the hand", "planned F_n [N]", "simulated F_n [N]"),
         [(name, number(planned), number(s["final_forces_N"][name])) for name, planned in s["planned_forces_N"].items()],
     )
     if studies:
-        lines += ["## Further trials", "", "```text", *studies, "```", ""]
+        lines += ["## Further trials", "", "```text", *(study.replace("```", "'''") for study in studies), "```", ""]
     if s["notes"]:
-        lines += ["## Notes", "", *(f"- {note}" for note in s["notes"]), ""]
+        lines += ["## Notes", "", *(f"- {_escaped(note)}" for note in s["notes"]), ""]
     if figures:
         lines += ["## Figures", "", *(f"![{name}]({name})" for name in figures), ""]
     return "\n".join(lines)

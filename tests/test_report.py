@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -12,10 +13,11 @@ from matplotlib.figure import Figure
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
-from pinograsp.report import headline, markdown, page, write_report
+from pinograsp.report import answer, headline, markdown, page, write_report
 from pinograsp.storage import newest_check, run_of, save_run
 from pinograsp.viz import figures
 from pinograsp.viz.figures import save_figures
+from pinograsp.words import disturbance_held, does_it_hold, friction_used, printable
 
 CHANGES = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.2}
 
@@ -48,7 +50,7 @@ def test_the_answer_comes_first(run):
         "Does it hold?", "How hard?", "How much energy?", "Which margin?", "Simulated?",
     ]  # fmt: skip
     assert "Yes" in lines[0] and f"{sum(run.summary['normal_forces_N'].values()):.2f} N" in lines[1]
-    assert f"{1e3 * run.summary['work_J']:.2f} mJ" in lines[2] and "proven" in lines[2]
+    assert f"{1e3 * run.summary['work_J']:.2f} mJ by Eq. (9), rho + 1 = 2.5 times" in lines[2] and "proven" in lines[2]
     assert f"{run.summary['margins']['load_factor']:.3g} times" in lines[3] and "pinograsp check" in lines[4]
     lost = {"held": False, "engine": "mujoco", "reason": "it fell", "force_error": 0.5}
     assert "Lost (mujoco): it fell" in headline(run, lost)[4]
@@ -74,9 +76,9 @@ def test_the_page_needs_nothing_else(run, tmp_path):
         assert words.strip() in told, words
 
 
-def test_what_a_user_typed_is_text_in_the_page(run, tmp_path):
+def test_what_a_user_typed_is_text_in_the_page(run):
     wicked = replace(run, settings={"name": "<script>alert(1)</script>", "note": "a | b"})
-    text = page(markdown(wicked), tmp_path)
+    text = page(markdown(wicked))
     assert "<script>" not in text
 
 
@@ -96,6 +98,125 @@ def test_report_again_with_the_newest_check(run, tmp_path, monkeypatch):
     assert CliRunner().invoke(app, ["report", str(folder)]).exit_code == 0
     assert re.search(r"Simulated\?\*\* (Held|Lost) \(mujoco\)", (folder / "report.md").read_text())
     assert not list(folder.glob(".new-*"))
+
+
+LOST = {"held": False, "engine": "mujoco", "reason": "it fell", "force_error": 0.5, "disturbance": {}}
+HELD = LOST | {"held": True, "reason": "0.1 mm"}
+
+
+def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run):
+    plain = run.summary | {"cautions": []}
+    not_tracked = plain | {"status": "not_tracked", "remedy": "Smaller steps."}
+    for summary, check, level, words in (
+        (plain, None, "yes", "Yes. The"),
+        (plain, HELD, "yes", "Held in simulation"),
+        (plain, LOST, "no", "No. Lost in simulation: it fell."),
+        (plain, LOST | {"disturbance": {"mu": 0.1}}, "caution", "under disturbances"),
+        (plain | {"cautions": ["thumb slides"]}, None, "caution", "Yes, with cautions"),
+        (plain | {"balance": "force"}, None, "caution", "Not certain: moments are not balanced"),
+        (plain | {"balance": "force"}, LOST, "no", "No. Lost in simulation"),
+        (plain | {"status": "unbalanced"}, None, "caution", "Almost"),
+        (not_tracked, None, "no", "The plan is not complete (not_tracked): Smaller steps."),
+        (not_tracked, HELD, "caution", "not complete (not_tracked): Smaller steps. Held in simulation."),
+        (not_tracked, LOST, "no", "No. Lost in simulation: it fell."),
+    ):
+        told = does_it_hold(summary, check)
+        assert told.level == level and words in told.text and told.text.startswith("Yes. ") == (level == "yes")
+        changed = replace(run, summary=summary)
+        assert told.text in " ".join(headline(changed, check)[0].replace("\\", "").split())
+        assert dict(answer(changed, check))["does it hold?"] == told.text
+
+
+def test_the_page_shows_the_answer_in_its_colour(run, tmp_path):
+    for check, level in ((None, "yes"), (HELD, "yes"), (LOST, "no")):
+        write_report(replace(run, summary=run.summary | {"cautions": []}), tmp_path, (), check)
+        text = (tmp_path / "report.html").read_text()
+        assert re.search(rf'<h1>.*</h1>\s*<ul>\s*<li class="{level}">\s*<strong>Does it hold', text)
+        assert text.count('<li class="no">') == (2 if level == "no" else 0)
+    for level in ("yes", "caution", "no"):
+        assert f"li.{level} {{ border-color" in text
+
+
+WICKED = (
+    "tip ![x](secret.png)", "[x](http://a.example)", "a|b", "<img src=x>", "**b**", "_b_", "`c`", "$x$", "a\nb\n# h", "# h", "1. x", "- x", "&lt;",
+    "a\\", "\u202eb", "~~s~~", "<http://a.example>", "\\|", "http://a.example", "+ x", "=1+1", "---",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WICKED)
+def test_names_of_others_are_text_wherever_they_stand(run, tmp_path, name):
+    (tmp_path / "secret.png").write_bytes(b"secret")
+
+    def renamed(value):
+        if isinstance(value, dict):
+            return {name if key == "thumb" else key: renamed(one) for key, one in value.items()}
+        return name if value == "thumb" else value
+
+    summary = {**renamed(run.summary), "notes": [name], "cautions": [name], "remedy": name}
+    check = LOST | {"reason": name}
+    wicked = replace(run, summary=summary, settings={name: name, "assumed": {name: name}, "name": name}, versions={name: name})
+    write_report(wicked, tmp_path, (), check)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    made = Page(text)
+    assert not {"img", "a", "em", "s", "ol", "hr"} & set(made.tags) and made.links == [] and made.tags.count("code") == 1
+    assert set(made.tags) <= {"html", "head", "meta", "title", "style", "body", "h1", "h2", "ul", "li", "strong", "p", "div", "table", "thead",
+                              "tbody", "tr", "th", "td", "code"}  # fmt: skip
+    assert made.tags.count("h1") == 1 and base64.b64encode(b"secret").decode() not in text
+    shown = printable(name)
+    cells = [piece.strip() for piece in made.texts]
+    assert cells.count(shown) >= 4, [cell for cell in cells if shown[:2] in cell]
+    rows = re.findall("<tr>(.*?)</tr>", text, re.S)
+    assert {row.count("<t") for row in rows} <= {2, 3, 6}
+    assert "\n" not in shown and "\u202e" not in shown
+
+
+def test_the_page_takes_in_its_own_figures_alone(tmp_path):
+    (tmp_path / "mine.png").write_bytes(b"mine")
+    (tmp_path / "other.png").write_bytes(b"other")
+    text = page("# t\n\n![a](mine.png)\n\n![b](other.png)\n\n![c](/etc/hostname)\n", [tmp_path / "mine.png"])
+    assert Page(text).links == ["data:image/png;base64," + base64.b64encode(b"mine").decode()]
+
+
+def test_figures_show_names_as_they_are(run, tmp_path):
+    for name in ("$\\frac{1}{0}$", "_left_out", "../../up", "a\x00b", "x" * 3000, "", "\u202egnp"):
+        contacts = [name, "index", "middle"]
+        layout = {**run.layout, "contacts": contacts, "fingers": {name if key == "thumb" else key: dofs for key, dofs in run.layout["fingers"].items()}}
+        changed = replace(run, layout=layout)
+        for figure in (figures.contact_forces(changed), figures.joint_torques(changed, name)):
+            figure.canvas.draw()
+        legend = figures.friction_use(changed).axes[0].get_legend()
+        first = legend.get_texts()[0].get_text().strip().replace("\\$", "$")
+        assert len(legend.get_texts()) == 3 and first == printable(name, 40)
+    (path,) = (path for path in save_figures(changed, tmp_path) if path.stem.startswith("torques_") and "index" not in path.stem and "middle" not in path.stem)
+    assert path.parent == tmp_path and re.fullmatch(r"torques_[A-Za-z0-9_]*\.png", path.name)
+
+
+def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
+    from pinograsp.viz.scene import scene_of
+
+    (what, cone), (limit, model) = friction_used(run.summary)
+    drawn = figures.friction_use(run).axes[0]
+    assert what == "friction used, of mu F_n" and f"{what} [%]" == drawn.get_ylabel()
+    assert 100 * np.array(list(cone.values())) == pytest.approx([line.get_ydata()[-1] for line in drawn.get_lines()[:3]], rel=1e-6)
+    scene = scene_of(run)
+    assert scene.used[scene.frame_at(scene.closed)] == pytest.approx(list(cone.values()), rel=1e-6)
+    assert "pyramid of 4 edges" in limit and model == run.summary["margins"]["friction_used"]
+    told, facts = dict(answer(run)), dict(scene.facts)
+    for same in (what, limit, "load held by these forces", "disturbance held besides", "grasp energy (work)", "friction"):
+        assert told[same].split()[0] == facts[same].split()[0], same
+    exact = run.summary | {"friction": run.summary["friction"] | {"model": "cone", "edges": None}}
+    assert len(friction_used(exact)) == 1
+
+
+def test_advice_that_was_taken_is_not_given_again(run):
+    margins = run.summary["margins"] | {"disturbance_any_N": 0.0, "disturbance_force_N": 0.0}
+    for safety, closed, advice in ((1.0, True, True), (1.3, True, False), (1.3, False, False), (1.0, False, False)):
+        told = disturbance_held(margins | {"force_closure": closed}, safety)
+        assert ("safety factor above 1" in told) == advice and ("no force closure" in told) != closed
+    from pinograsp.viz.scene import scene_of
+
+    slipping = run.summary["margins"] | {"slip_distance_N": dict.fromkeys(margins["slip_distance_N"], -1e-14)}
+    assert dict(scene_of(replace(run, summary=run.summary | {"margins": slipping})).facts)["least slip margin"] == "0 N"
 
 
 def test_energy_figure_ends_at_the_plans_energy(run):

@@ -198,12 +198,14 @@ def test_arrows_are_in_proportion_to_the_forces(run):
 
 
 def test_friction_used_is_that_of_the_margins(run, make_problem, hand):
-    scene = scene_of(run)
-    assert np.allclose(scene.used[scene.frame_at(1.0)], list(run.summary["margins"]["friction_used"].values()), rtol=1e-6)
-    assert np.isnan(scene.used[0]).all()
+    """Of Coulomb's cone; the share of the model's own limit stands beside it."""
     soft = make_problem(balance="wrench", friction=Friction(model="soft", torsion=5e-3, safety=1.2))
-    soft = run_of(plan_grasp(hand, soft, search="convex"))
-    assert np.allclose(scene_of(soft).used[-1], list(soft.summary["margins"]["friction_used"].values()), rtol=1e-6)
+    for one in (run, run_of(plan_grasp(hand, soft, search="convex"))):
+        scene, least = scene_of(one), np.array(list(one.summary["margins"]["least_mu"].values()))
+        assert np.allclose(scene.used[scene.frame_at(1.0)], least / one.arrays["mu"], rtol=1e-6)
+        assert np.isnan(scene.used[0]).all()
+        own = [value for what, value in scene.facts if what.startswith("of the limit of the")]
+        assert own == [", ".join(f"{name} {100 * used:.0f} %" for name, used in one.summary["margins"]["friction_used"].items())]
 
 
 def test_torques_and_forces_are_the_runs_at_every_instant(run):

@@ -128,6 +128,7 @@ class Simulation:
             "planned_forces_N": dict(zip(self.parts, self.planned_forces.tolist())),
             "final_forces_N": dict(zip(self.parts, self.normal_forces[-1].tolist())),
             "grasp_energy_mJ": 1e3 * self.grasp_energy,
+            "contact_exponent": self.exponent,
             "energies_mJ": {name: 1e3 * float(values[-1]) for name, values in self.energies.items()},
             "disturbance": self.disturbance,
             "notes": list(self.notes),

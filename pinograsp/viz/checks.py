@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pinograsp.viz.figures import COLOURS
+from pinograsp.viz.figures import COLOURS, shown
 
 
 def _hold(axes, simulation) -> None:
@@ -24,12 +24,12 @@ def forces_beside_plan(simulation) -> Figure:
     """Simulated normal forces over time, with what was planned for the end, and how much of the friction they use."""
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
-    times, shown = simulation.times, simulation.times >= _first_touch(simulation)
+    times, drawn = simulation.times, simulation.times >= _first_touch(simulation)
     for i, part in enumerate(simulation.parts):
         colour = COLOURS[i % len(COLOURS)]
-        force.plot(times[shown], simulation.normal_forces[shown, i], color=colour, linewidth=1.6, label=part)
+        force.plot(times[drawn], simulation.normal_forces[drawn, i], color=colour, linewidth=1.6, label=shown(part))
         force.axhline(simulation.planned_forces[i], color=colour, linestyle="--", linewidth=1.0)
-        depth.plot(times[shown], 1e3 * simulation.depths[shown, i], color=colour, linewidth=1.6, label=part)
+        depth.plot(times[drawn], 1e3 * simulation.depths[drawn, i], color=colour, linewidth=1.6, label=shown(part))
     force.set(ylabel="normal force [N], planned: dashed")
     depth.set(ylabel="penetration depth [mm]")
     for axes in (force, depth):
@@ -51,7 +51,7 @@ def object_motion(simulation) -> Figure:
     drift.set(ylabel="drift of the centre of mass [mm]")
     for i, part in enumerate(simulation.parts):
         slip.plot(times[start:], 1e3 * (simulation.slips[start:, i] - simulation.slips[start, i]),
-                  color=COLOURS[i % len(COLOURS)], linewidth=1.4, label=part)  # fmt: skip
+                  color=COLOURS[i % len(COLOURS)], linewidth=1.4, label=shown(part))  # fmt: skip
     slip.set(ylabel="slip since then [mm]")
     for axes in (drift, slip):
         _hold(axes, simulation)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,15 +13,22 @@ from scipy.integrate import cumulative_trapezoid
 from pinograsp.checks import one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.storage import Run
+from pinograsp.words import printable
 
 # Okabe-Ito colours, told apart by colour-blind readers too, and line styles for print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _STYLES = ("-", "--", "-.", ":")
 
 
+def shown(name: str) -> str:
+    """A name of someone else's as Matplotlib shows it: no formulas, never left out of a legend, short."""
+    name = printable(name, 40).replace("$", r"\$")
+    return f" {name}" if name.startswith("_") or not name else name
+
+
 def _lines(axes, times, values, labels) -> None:
     for i, label in enumerate(labels):
-        axes.plot(times, values[:, i], _STYLES[i % 4], color=COLOURS[i % 7], linewidth=1.6, label=label)
+        axes.plot(times, values[:, i], _STYLES[i % 4], color=COLOURS[i % 7], linewidth=1.6, label=shown(label))
 
 
 def _phases(axes, run: Run) -> None:
@@ -56,7 +64,7 @@ def _per_finger(run: Run, values: np.ndarray, ylabel: str) -> Figure:
         dofs = run.layout["fingers"][name]
         _lines(axes, run.arrays["times"], values[:, dofs], [run.layout["joints"][i] for i in dofs])
         _phases(axes, run)
-        axes.set(title=name, ylabel=ylabel, xlim=(0, run.summary["final_time_s"]))
+        axes.set(title=shown(name), ylabel=ylabel, xlim=(0, run.summary["final_time_s"]))
         axes.legend(fontsize=8, loc="center left")
     return figure
 
@@ -80,7 +88,7 @@ def joint_torques(run: Run, finger: str) -> Figure:
     whole, early = figure.subplots(1, 2)
     _lines(whole, times, torques, labels)
     _phases(whole, run)
-    whole.set(title=f"{finger}: joint torques", ylabel="torque [N m]", xlim=(0, run.summary["final_time_s"]))
+    whole.set(title=f"{shown(finger)}: joint torques", ylabel="torque [N m]", xlim=(0, run.summary["final_time_s"]))
     whole.legend(fontsize=8, loc="center left")
     _lines(early, times[: impact + 1], 1e3 * torques[: impact + 1], labels)
     early.grid(alpha=0.3, linewidth=0.5)
@@ -93,21 +101,21 @@ def contact_forces(run: Run) -> Figure:
     impact, summary = int(run.arrays["impact"]), run.summary
     # A fifth of the grasp phase before the impact shows where the contact begins.
     lead = (summary["final_time_s"] - summary["impact_time_s"]) / 5
-    shown = run.arrays["times"] >= summary["impact_time_s"] - lead
-    times = run.arrays["times"][shown]
+    drawn = run.arrays["times"] >= summary["impact_time_s"] - lead
+    times = run.arrays["times"][drawn]
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
     labels = run.layout["contacts"]
-    _lines(force, times, run.arrays["normal_forces"][shown], labels)
+    _lines(force, times, run.arrays["normal_forces"][drawn], labels)
     # Until it is released at t_F something else carries the object: its weight counts from there.
-    from_fingers = run.arrays["forces_o"].sum(axis=1)[shown]
+    from_fingers = run.arrays["forces_o"].sum(axis=1)[drawn]
     force.plot(times, np.linalg.norm(from_fingers, axis=1), color="0.2", linewidth=1.2, label="resultant of the contacts")
     left = np.linalg.norm(run.arrays["net_force_o"][impact:], axis=1)
     force.plot(
         run.arrays["times"][impact:], left, color="0.55", linewidth=1.2, linestyle=(0, (1, 1)), label="net force, load included"
     )
     force.set(ylabel="force [N]")
-    _lines(depth, times, 1e3 * run.arrays["depth"][shown], labels)
+    _lines(depth, times, 1e3 * run.arrays["depth"][drawn], labels)
     depth.set(ylabel="penetration depth [mm]")
     for axes in (force, depth):
         _phases(axes, run)
@@ -122,9 +130,8 @@ def grasp_energy(run: Run) -> Figure:
     times, rates = arrays["times"][impact:], arrays["rate"][impact:]
     forces = (1 + arrays["contact_law"][2]) * arrays["normal_forces"][impact:]
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
-    for axes, power, ylabel, scale in zip(
-        figure.subplots(1, 2), (forces * rates, forces), ("grasp energy as work, Eq. (9) [mJ]", "as impulse, Eq. (11) [N s]"), (1e3, 1.0)
-    ):
+    labels = ("grasp energy as work, Eq. (9):\nrho + 1 times the contacts' work [mJ]", "as impulse, Eq. (11) [N s]")
+    for axes, power, ylabel, scale in zip(figure.subplots(1, 2), (forces * rates, forces), labels, (1e3, 1.0)):
         grown = scale * cumulative_trapezoid(power, times, axis=0, initial=0.0)
         _lines(axes, times, grown, run.layout["contacts"])
         axes.plot(times, grown.sum(axis=1), color="0.2", linewidth=2.0, label="all")
@@ -143,15 +150,16 @@ def friction_use(run: Run) -> Figure:
     share = np.where(pressed, np.hypot(forces[:, :, 0], forces[:, :, 1]) / np.where(pressed, limit, 1.0), np.nan)
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
-    shown = arrays["times"] >= run.summary["impact_time_s"]
-    _lines(axes, arrays["times"][shown], 100 * share[shown], run.layout["contacts"])
+    drawn = arrays["times"] >= run.summary["impact_time_s"]
+    _lines(axes, arrays["times"][drawn], 100 * share[drawn], run.layout["contacts"])
     axes.axhline(100, color="0.2", linewidth=1.2)
     axes.text(arrays["times"][-1], 99, "slips above ", ha="right", va="top", fontsize=8, color="0.2")
     if friction["safety"] > 1:
         axes.axhline(100 / friction["safety"], color="0.4", linewidth=0.9, linestyle=":")
         axes.text(arrays["times"][-1], 99 / friction["safety"], f"safety factor {friction['safety']:g} ", ha="right", va="top",
                   fontsize=8, color="0.4")  # fmt: skip
-    axes.set(xlabel="time [s]", ylabel="tangential force, of mu F_n [%]", ylim=(0, max(105, 1.05 * np.nanmax(100 * share[shown]))))
+    most = np.nan_to_num(100 * share[drawn]).max(initial=0.0)
+    axes.set(xlabel="time [s]", ylabel="friction used, of mu F_n [%]", ylim=(0, max(105, 1.05 * most)))
     axes.grid(alpha=0.3, linewidth=0.5)
     axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
     return figure
@@ -194,13 +202,13 @@ def search_over_time(run: Run) -> Figure:
                     label="no forces in this interval")  # fmt: skip
     final = run.summary["certificate"]["primal"]
     map_.plot(run.summary["impact_time_s"], final, "o", color=COLOURS[1], label="found")
-    map_.set(xlabel="impact time t_I [s]", ylabel=f"{run.summary['measure']} [{unit}]")
+    map_.set(xlabel="impact time t_I [s]", ylabel=f"{shown(run.summary['measure'])} [{unit}]")
     steps = np.arange(1, len(branches) + 1)
     known = np.isfinite(best)
     gap.step(steps[known], best[known], where="post", color=COLOURS[1], linewidth=1.6, label="best found")
     dual = run.summary["certificate"]["dual"]
     gap.axhline(dual, color=COLOURS[0], linewidth=1.4, linestyle="--", label="proven in the end")
-    gap.set(xlabel="intervals looked at", ylabel=f"{run.summary['measure']} [{unit}]")
+    gap.set(xlabel="intervals looked at", ylabel=f"{shown(run.summary['measure'])} [{unit}]")
     gap.set_title(f"gap in the end {run.summary['certificate']['relative_gap']:.1e}", fontsize=10)
     for axes in (map_, gap):
         axes.grid(alpha=0.3, linewidth=0.5)
@@ -224,7 +232,7 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
     if y is None:
         order = np.argsort(across)
         axes.plot(across[order], values[order], "o-", color=COLOURS[0], linewidth=1.4, markersize=4)
-        axes.set(xlabel=x, ylabel=value)
+        axes.set(xlabel=shown(x), ylabel=shown(value))
         axes.grid(alpha=0.3, linewidth=0.5)
         return figure
     up = np.array(columns[y], dtype=float)
@@ -233,8 +241,8 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
     cells[np.searchsorted(ys, up), np.searchsorted(xs, across)] = values
     drawn = axes.pcolormesh(xs, ys, np.ma.masked_invalid(cells), cmap="cividis", shading="nearest")
     axes.set_facecolor("0.85")
-    figure.colorbar(drawn, ax=axes, label=value)
-    axes.set(xlabel=x, ylabel=y, title="grey: no grasp")
+    figure.colorbar(drawn, ax=axes, label=shown(value))
+    axes.set(xlabel=shown(x), ylabel=shown(y), title="grey: no grasp")
     return figure
 
 
@@ -252,6 +260,9 @@ def save_figures(run: Run, folder: str | Path) -> list[Path]:
         figures["search_over_time"] = search_over_time(run)
     paths = []
     for name, figure in figures.items():
-        paths.append(Path(folder) / f"{name.replace('/', '_')}.png")
-        figure.savefig(paths[-1], dpi=130)
+        path = Path(folder) / f"{re.sub(r'[^A-Za-z0-9_]', '_', name)[:80]}.png"  # fingers' names come from files of others
+        if path in paths:
+            path = path.with_stem(f"{path.stem}_{len(paths)}")
+        paths.append(path)
+        figure.savefig(path, dpi=130)
     return paths

@@ -11,21 +11,24 @@ from pinograsp.viz.scene import ViewScene
 _CELL = "padding:1px 0 1px 6px;text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums"
 _FIRST = "padding:1px 0;text-align:left;max-width:9em;overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
 _BOX = "padding:0 1em;font-size:0.82em;line-height:1.45"
-_GOOD, _BAD, _USED = "#009E73", "#D55E00", "#56B4E9"
+_LEVELS = {"yes": ("#009E73", "#e3f4ee"), "caution": ("#E69F00", "#fdf3dd"), "no": ("#D55E00", "#fdeae1")}
+_USED = "#56B4E9"
 
 
 def head(scene: ViewScene) -> str:
-    """What the run is, the plan's status, and the simulation's verdict."""
+    """What the run is, whether it holds, the plan's status, and the simulation's verdict."""
     lines = [f"<b style='font-size:1.25em'>{escape(scene.title)}</b><br>{escape(scene.subtitle)}"]
-    lines.append(_badge(scene.status == "ok", f"plan: {scene.status}", scene.remedy))
+    plan = f"plan: {scene.status}" + (f"; {scene.remedy}" if scene.remedy else "")
+    lines.append(_badge(scene.answer.level, scene.answer.text, plan))
     if (check := scene.simulated) is not None:
-        lines.append(_badge(check.held, f"simulation: {'HELD' if check.held else 'LOST'}", f"{check.reason} ({check.engine})"))
+        verdict = ("yes", "HELD") if check.held else ("no", "LOST")
+        lines.append(_badge(verdict[0], f"simulation: {verdict[1]}", f"{check.reason} ({check.engine})"))
     return _boxed("".join(lines))
 
 
 def forces(scene: ViewScene, frame: int) -> str:
     """The instant, the contact forces with the friction they use, and the simulation's forces."""
-    rows = [_row("contact", "normal [N]", "friction [N]", "of its limit", grey=True)]
+    rows = [_row("contact", "normal [N]", "friction [N]", "of mu F_n", grey=True)]
     for k, name in enumerate(scene.contacts):
         dot = f"<span style='color:{scene.colours[k]}'>&#9679;</span> {escape(name)}"
         used = scene.used[frame, k]
@@ -91,13 +94,14 @@ def _row(first: str, *others: str, grey: bool = False) -> str:
 def _bar(share: float) -> str:
     if not np.isfinite(share):
         return "-"
-    colour = _USED if share <= 1.0001 else _BAD
+    colour = _USED if share <= 1.0001 else _LEVELS["no"][0]
     fill = f"<span style='display:block;height:100%;width:{100 * min(share, 1.0):.1f}%;background:{colour}'></span>"
     box = "display:inline-block;width:40px;height:8px;background:#e2e7ec;border-radius:3px;overflow:hidden;margin-right:4px"
     return f"<span style='{box}'>{fill}</span><span style='display:inline-block;width:2.9em'>{100 * share:.0f} %</span>"
 
 
-def _badge(good: bool, text: str, more: str) -> str:
-    style = f"border-left:5px solid {_GOOD if good else _BAD};background:{'#e3f4ee' if good else '#fdeae1'}"
+def _badge(level: str, text: str, more: str) -> str:
+    line, ground = _LEVELS[level]
+    style = f"border-left:5px solid {line};background:{ground}"
     small = f"<br>{escape(more)}" if more else ""
     return f"<div style='margin:6px 0;padding:4px 8px;{style}'><b>{escape(text)}</b>{small}</div>"

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pinograsp.contacts.friction import Friction
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.spatial import tangent_frame
 from pinograsp.storage import Run, load_check
 from pinograsp.viz.figures import COLOURS
 from pinograsp.viz.scene_meshes import Links, Solid, Triangles, cloud_of, friction_cone, placed, sevens, solids_of
+from pinograsp.words import Answer, disturbance_held, does_it_hold, friction_model, friction_used, load_factor, number, shares, work
 
 # Instants shown in the approach, in the grasp phase, and after it: the shortest phase is the one to look at closely.
 _APPROACH, _GRASP, _HOLD = 150, 100, 150
@@ -64,12 +64,13 @@ class ViewScene:
     """A run as geometry and numbers, at f instants.
 
     Attributes:
-        title, subtitle: of the run. status, remedy: of the plan. facts: (what, value with its unit). cautions: in words.
+        title, subtitle: of the run. answer: whether it holds. status, remedy: of the plan. facts: (what, value with its unit).
+            cautions: in words.
         times: (f,) [s]; closer together where forces build up. touch, closed: t_I and t_F [s].
         solids: of hand and object. link_poses: (f, l, 7), object_pose: (7,) or None: position [m], quaternion w, x, y, z.
         contacts: names (k). colours: (k) ``#rrggbb``. points_o: (k, 3) [m]. rotations_oc: (k, 3, 3). cones: (k) triangles in the
             contact frames, of ``cone_height`` [m]. pyramids: whether they have edges.
-        forces_o: on the object (f, k, 3) [N]. normal, tangential: (f, k) [N]. used: share of the friction limit (f, k), NaN
+        forces_o: on the object (f, k, 3) [N]. normal, tangential: (f, k) [N]. used: share of Coulomb's cone, mu F_n (f, k), NaN
             without force. load_o: weight and other loads (3,) [N]. com_o: (3,) [m].
         joints: names (n). fingers: joints by finger, of those that move or bear torque; each joint once. sliding: (n,).
             q: (f, n) [rad, m]. torques: (f, n), limits: (n,), infinity: none [N m, N].
@@ -81,6 +82,7 @@ class ViewScene:
 
     title: str
     subtitle: str
+    answer: Answer
     status: str
     remedy: str
     facts: tuple[tuple[str, str], ...]
@@ -164,7 +166,7 @@ def scene_of(run: Run, simulation=None) -> ViewScene:
     if arrays["q"].shape[1] != hand.n or len(layout["contacts"]) != len(arrays["points_o"]):
         raise InvalidInput(f"viewer: expected a run whose arrays are those of its hand ({hand.n} joints): plan it again")
     try:
-        facts = tuple(_facts(run.summary))
+        facts = tuple(_facts(run))
     except (KeyError, TypeError) as error:
         raise InvalidInput(f"viewer: expected the summary of a plan, got one without {error}: plan it again") from error
     check = None if simulation is None else _check_of(simulation, hand.n)
@@ -200,6 +202,7 @@ def scene_of(run: Run, simulation=None) -> ViewScene:
     return ViewScene(
         title=str(run.settings.get("name", layout["hand"])),
         subtitle=f"{hand.name}, {hand.n} joints" + ("" if thing is None else f"; {_in_words(thing)}"),
+        answer=does_it_hold(run.summary, check),
         status=str(run.summary["status"]),
         remedy=str(run.summary.get("remedy", "")),
         facts=facts,
@@ -319,42 +322,35 @@ def _rounded(scale: float) -> float:
 
 
 def _friction_used(run: Run, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normal and tangential forces (f, k) [N] and the share of the friction limit they use, without its safety factor."""
-    kept, arrays = run.summary["friction"], run.arrays
-    friction = Friction(model=kept["model"], edges=kept["edges"] or 4, torsion=kept["torsion_m"])
-    local = np.einsum("kji,fkj->fki", arrays["rotations_oc"], forces)
-    normal = local[..., 2]
-    scaled = local[..., :2]
-    if friction.torsion:  # forces and moments of a contact grow together
-        moments = np.array([run.summary["torsion_Nm"][name] for name in run.layout["contacts"]])
-        moments = moments * normal / np.maximum(arrays["normal_forces"][-1], 1e-300)
-        scaled = np.concatenate([scaled, moments[..., None]], axis=2)
+    """Normal and tangential forces (f, k) [N] and the share of Coulomb's cone, mu F_n, that they use."""
+    local = np.einsum("kji,fkj->fki", run.arrays["rotations_oc"], forces)
+    normal, tangential = local[..., 2], np.linalg.norm(local[..., :2], axis=2)
     pressing = normal > 1e-9 * max(float(normal.max(initial=0.0)), 1e-9)
     with np.errstate(divide="ignore", invalid="ignore"):
-        used = friction.gauge(scaled / friction.scale(arrays["mu"])) / normal
-    return normal, np.linalg.norm(local[..., :2], axis=2), np.where(pressing & np.isfinite(used), used, np.nan)
+        used = tangential / (run.arrays["mu"] * normal)
+    return normal, tangential, np.where(pressing & np.isfinite(used), used, np.nan)
 
 
-def _facts(s: dict):
+def _facts(run: Run):
     """The plan in a few lines: energy, friction, margins."""
-    friction, margins = s["friction"], s.get("margins") or {}
-    low, high = min(friction["mu"]), max(friction["mu"])
-    model = f"pyramid of {friction['edges']} edges" if friction["edges"] else {"soft": "soft finger"}.get(friction["model"], "cone")
+    s, law = run.summary, run.arrays.get("contact_law")
     yield "balance", {"wrench": "forces and moments", "force": "forces only"}.get(s["balance"], s["balance"])
-    yield "friction", f"{model}, mu {low:g}" + (f" to {high:g}" if high > low else "") + f", safety {friction['safety']:g}"
-    yield "grasp energy", f"{1e3 * s['work_J']:.4g} mJ"
+    yield "friction", friction_model(s["friction"])
+    yield "grasp energy (work)", work(s["work_J"], None if law is None else float(law[2]))
     if s.get("certificate"):
         yield "proven optimal", f"gap {s['certificate']['relative_gap']:.1e}"
     yield "net force, moment", f"{s['net_force_N']:.1e} N, {s['net_moment_Nm']:.1e} N m"
-    yield "deepest contact", f"{1e3 * s['max_penetration_m']:.3g} mm"
-    yield "largest joint torque", f"{s['peak_torque_Nm']:.3g} N m"
-    if margins:
-        factor = margins["load_factor"]
-        yield "load it bears", "any multiple" if factor is None else f"{factor:.4g} times the load"
-        yield "disturbance it bears", f"{margins['disturbance_force_N']:.3g} N in any direction"
-        yield "least slip margin", f"{round(min(margins['slip_distance_N'].values()), 9):.3g} N"
+    yield "largest penetration", f"{1e3 * s['max_penetration_m']:.3g} mm"
+    yield "peak joint torque", f"{s['peak_torque_Nm']:.3g} N m"
+    if margins := s.get("margins"):
+        for what, values in friction_used(s):
+            yield what, shares(values)
+        yield "load held by these forces", load_factor(margins)
+        yield "disturbance held besides", disturbance_held(margins, s["friction"]["safety"])
+        least = round(min(margins["slip_distance_N"].values()), 6) + 0.0  # forces on the limit: -0 is 0
+        yield "least slip margin", f"{number(least, 3)} N"
         closed = "force closure" if margins["force_closure"] else "no force closure"
-        yield "grasp", f"{closed}, epsilon {margins['ferrari_canny_L1']:.3g}"
+        yield "grasp", f"{closed}, Ferrari-Canny epsilon {number(margins['ferrari_canny_L1'], 3)}"
 
 
 # -- the simulation ----------------------------------------------------------------------------------------------------

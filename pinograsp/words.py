@@ -1,0 +1,119 @@
+"""Words and numbers for people, the same in reports, figures, on the command line and in the viewer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from pinograsp.errors import Status
+
+_LOAD = "the contact forces hold the load"
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number for people: plain where that is short, scientific where it is not, a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(value)))
+    return f"{value:.{max(digits - 1 - exponent, 0)}f}" if -4 <= exponent < 6 else f"{value:.{digits - 2}e}"
+
+
+def printable(text: str, most: int = 200) -> str:
+    """A name of someone else's as one line of text: no control characters, nothing that turns the direction, at most so long."""
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(text))
+    return shown if len(shown) <= most else f"{shown[: most - 3]}..."
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Whether a plan holds: ``level`` says how far to trust it, ``text`` in words, the answer first."""
+
+    level: Literal["yes", "caution", "no"]
+    text: str
+
+
+def does_it_hold(summary: dict, check: dict | None = None) -> Answer:
+    """The answer of a plan's summary and of a simulation's (``check``), where there was one.
+
+    What was seen in a simulation counts more than what was planned; a simulation that was not as planned (disturbed) speaks for
+    itself alone.
+    """
+    status = summary["status"]
+    if check is not None and not check["held"]:
+        reason = printable(check["reason"], 400)
+        if check.get("disturbance"):
+            return Answer("caution", f"Not with what it was tried with: lost in simulation under disturbances; {reason}.")
+        return Answer("no", f"No. Lost in simulation: {reason}.")
+    tried = "" if check is None else " Held in simulation."
+    if status not in (Status.OK.value, Status.UNBALANCED.value):
+        told = f"The plan is not complete ({status}): {summary['remedy']}"
+        return Answer("no", told) if check is None else Answer("caution", f"{told}{tried}")
+    if status == Status.UNBALANCED.value:
+        left = f"{number(summary['net_force_N'], 3)} N and {number(summary['net_moment_Nm'], 3)} N m"
+        return Answer("caution", f"Almost: {_LOAD} but for {left}.{tried}")
+    if summary["balance"] == "force":
+        return Answer("caution", f"Not certain: moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}")
+    if summary.get("cautions"):
+        return Answer("caution", f"Yes, with cautions: {_LOAD}, forces and moments in balance.{tried}")
+    return Answer("yes", f"Yes. {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
+
+
+def friction_model(friction: dict) -> str:
+    """Of a summary's ``friction``: the model and its coefficient."""
+    low, high = min(friction["mu"]), max(friction["mu"])
+    mu = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    torsion = f", torsion up to {1e3 * friction['torsion_m']:g} mm x F_n" if friction["torsion_m"] else ""
+    return f"mu {mu}, {_limit(friction)}, safety factor {friction['safety']:g}{torsion}"
+
+
+def _limit(friction: dict) -> str:
+    return f"pyramid of {friction['edges']} edges" if friction["edges"] else {"soft": "soft finger"}.get(friction["model"], "cone")
+
+
+def friction_used(summary: dict) -> list[tuple[str, dict[str, float | None]]]:
+    """What the contacts use of friction: their share of Coulomb's cone, mu F_n; and of the model's limit where that is another.
+
+    Neither counts the safety factor. None: tangential force where there is no friction.
+    """
+    friction, margins = summary["friction"], summary["margins"]
+    cone = {
+        name: least / mu if mu > 0 else None if least > 0 else 0.0
+        for (name, least), mu in zip(margins["least_mu"].items(), friction["mu"])
+    }
+    told = [("friction used, of mu F_n", cone)]
+    if friction["model"] != "cone" or friction["torsion_m"]:
+        limit = _limit(friction) + (" with torsion" if friction["torsion_m"] and friction["model"] != "soft" else "")
+        told.append((f"of the limit of the {limit}", margins["friction_used"]))
+    return told
+
+
+def shares(values: dict[str, float | None]) -> str:
+    """Shares by name, in percent."""
+    return ", ".join(f"{printable(name, 60)} {'slips' if v is None else f'{100 * v:.0f} %'}" for name, v in values.items())
+
+
+def work(joules: float, exponent: float | None) -> str:
+    """Grasp energy by Eq. (9), and what of it is work that the contacts do."""
+    told = f"{number(1e3 * joules)} mJ by Eq. (9)"
+    if exponent is not None:
+        told += f", rho + 1 = {1 + exponent:g} times the contacts' work of {number(1e3 * joules / (1 + exponent))} mJ"
+    return told
+
+
+def disturbance_held(margins: dict, safety: float) -> str:
+    """What the grasp bears besides its load, with its normal forces; and why where that is nothing in some direction."""
+    moment = "" if margins["disturbance_moment_Nm"] is None else f", {number(margins['disturbance_moment_Nm'], 3)} N m about any axis"
+    told = f"{number(margins['disturbance_force_N'], 3)} N in any direction{moment}"
+    if margins["disturbance_any_N"] > 0:
+        return told
+    if not margins["force_closure"]:
+        return f"{told} (no force closure: some direction is free, whatever the friction)"
+    return told if safety > 1 else f"{told} (friction is at its limit: ask for a friction safety factor above 1)"
+
+
+def load_factor(margins: dict) -> str:
+    """The load that the normal forces hold."""
+    return "any multiple of the load" if margins["load_factor"] is None else f"{margins['load_factor']:.3g} times the load"
