@@ -554,6 +554,67 @@ def test_a_long_chain_needs_no_recursion(tmp_path):
     assert load_hand(write(tmp_path, robot("chain", *parts, *joints))).fingers[0].tip == f"l{n}"
 
 
+def test_more_than_any_robot_has_is_refused_at_once(tmp_path):
+    """A chain of 3,000 joints took half a minute."""
+    n = 3000
+    parts = [link("l0"), *(link(f"l{i}", 0.1, "box 1 1 1") for i in range(1, n + 1))]
+    joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 0.01", "0 1 0", "-1 1 1 1") for i in range(1, n + 1)]
+    for text, message in (
+        (robot("chain", *parts, *joints), "at most 2000 links, got 3001"),
+        (robot("chain", *parts[:1000], *joints[:999]), "at most 100 moving joints, got 999: give root="),
+        (robot("many", *(one.replace("</link>", "<collision/>" * 3000 + "</link>") for one in parts[:2]), joints[0]),
+         "at most 2000 collision shapes"),
+        ("<!DOCTYPE robot [<!ENTITY e 'x'>]>" + urdf()[21:], "entity declarations are not allowed"),
+        (urdf().replace("<robot", '<?xml version="1.0" encoding="punycode"?><robot')[21:], "encoding 'punycode' is not supported"),
+    ):  # fmt: skip
+        with pytest.raises(HandNotLoaded, match=message):
+            load_hand(write(tmp_path, text))
+
+
+def test_a_chain_as_long_as_is_allowed_loads(tmp_path):
+    n = 100
+    parts = [link("l0"), *(link(f"l{i}", 0.1, "box 1 1 1") for i in range(1, n + 1))]
+    joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 0.01", "0 1 0", "-1 1 1 1") for i in range(1, n + 1)]
+    assert load_hand(write(tmp_path, robot("chain", *parts, *joints))).n == n
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('xyz="0 0 1"', 'xyz="0 0 1e-320"'), "<axis xyz=> is zero"),
+        (('xyz="0 0 1"', 'xyz="0 0 1e308"'), "<axis xyz=>: expected numbers of at most 1e"),
+        (('xyz="0.1 0 0"', 'xyz="1e308 0 0"'), "<origin xyz=>: expected numbers of at most 1000"),
+        (('xyz="0.1 0 0"', 'rpy="1e308 0 0"'), "<origin rpy=>: expected numbers of at most"),
+        (('xyz="0.1 0 0"', 'quat_xyzw="1e-320 0 0 0"'), "expected a rotation"),
+        (('xyz="0.1 0 0"', 'quat_xyzw="1e308 1e308 0 0"'), "numbers of at most"),
+        (('value="0.1"', 'value="1e308"'), "<mass value=>: expected a number of at most"),
+        (('ixx="1e-5"', 'ixx="1e300"'), "<inertia ixx=>: expected a number of at most"),
+        (('upper="1"', 'upper="1e308"'), "limit -1 is not below upper 1e+308, or beyond"),
+        (('lower="-1" upper="1"', 'lower="0" upper="1e-320"'), "not below"),
+        (('effort="1"', 'effort="1e-320"'), "effort limit 9.99989e-321 is next to nothing"),
+        (('effort="1"', 'velocity="1e-320"'), "velocity limit 9.99989e-321 is next to nothing"),
+        (('<axis', '<dynamics armature="1e308"/><axis'), "<dynamics armature=>: expected a number of at most"),
+    ],
+)
+def test_numbers_beyond_all_use_are_refused(tmp_path, change, message):
+    assert change[0] in urdf()
+    text = urdf().replace(*change).replace('velocity="1e-320" velocity="1"', 'effort="1" velocity="1e-320"')
+    with pytest.raises(HandNotLoaded) as caught:
+        load_hand(write(tmp_path, text))
+    assert message in str(caught.value)
+
+
+def test_a_hand_that_reaches_too_far_is_refused(tmp_path):
+    parts = [link("l0"), *(link(f"l{i}", 0.1, "box 1 1 1") for i in range(1, 4))]
+    joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 900", "0 1 0", "-1 1 1 1") for i in range(1, 4)]
+    with pytest.raises(HandNotLoaded, match="reaches farther than 1000 m"):
+        load_hand(write(tmp_path, robot("long", *parts, *joints)))
+
+
+def test_effort_without_end_is_none(tmp_path):
+    assert load_hand(write(tmp_path, urdf().replace('effort="1"', 'effort="1e308"'))).effort.tolist() == [0.0]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

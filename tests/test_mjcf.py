@@ -256,7 +256,7 @@ def test_included_files_and_settings(tmp_path):
     with pytest.raises(HandNotLoaded, match=r"finger.xml'>: includes itself"):
         load_hand(path)
     write(tmp_path, "<mujoco", "finger.xml")
-    with pytest.raises(HandNotLoaded, match=r"finger.xml'>: unclosed token"):
+    with pytest.raises(HandNotLoaded, match=r"finger.xml'>: not well-formed XML: unclosed token"):
         load_hand(path)
     (tmp_path / "finger.xml").unlink()
     with pytest.raises(HandNotLoaded, match=r"finger.xml'>: no such file"):
@@ -584,3 +584,60 @@ def random_mjcf(seed):
 @pytest.mark.parametrize("seed", range(25))
 def test_random_models_equal_mujocos(tmp_path, seed):
     check(write(tmp_path, random_mjcf(seed)), seed=seed)
+
+
+# -- files that would harm ---------------------------------------------------------------------------------------------
+
+FINGER = "<body name='f'><joint name='j' range='0 1'/><geom size='0.02'/></body>"
+
+
+def test_files_outside_the_own_folder_are_not_included(tmp_path):
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "inside").mkdir()
+    write(tmp_path / "outside", f"<mujocoinclude>{FINGER}</mujocoinclude>", "finger.xml")
+    (tmp_path / "inside" / "link.xml").symlink_to(tmp_path / "outside" / "finger.xml")
+    for name in ("../outside/finger.xml", str(tmp_path / "outside" / "finger.xml"), "link.xml"):
+        path = write(tmp_path / "inside", world(f"<body name='palm'><geom size='0.1'/><include file='{name}'/></body>"))
+        with pytest.raises(HandNotLoaded, match=r"outside the first file's own folder.*trusted=True"):
+            load_hand(path)
+        assert load_hand(path, trusted=True).n == 1
+    # A file below the folder may include what is beside it or above it, as long as that is in the folder.
+    (tmp_path / "inside" / "parts").mkdir()
+    write(tmp_path / "inside", f"<mujocoinclude>{FINGER}</mujocoinclude>", "finger.xml")
+    write(tmp_path / "inside" / "parts", "<mujocoinclude><include file='../finger.xml'/></mujocoinclude>", "part.xml")
+    path = write(tmp_path / "inside", world("<body name='palm'><geom size='0.1'/><include file='parts/part.xml'/></body>"))
+    assert load_hand(path).n == 1
+
+
+def test_includes_that_fan_out_come_to_an_end(tmp_path):
+    for level in range(7):
+        inner = f"<include file='{level + 1}.xml'/>" * 50
+        write(tmp_path, f"<mujocoinclude>{inner}</mujocoinclude>", f"{level}.xml")
+    write(tmp_path, "<mujocoinclude/>", "7.xml")
+    with pytest.raises(HandNotLoaded, match="expected at most 1000 included files"):
+        load_hand(write(tmp_path, world('<include file="0.xml"/>')))
+    write(tmp_path, f"<mujocoinclude>{'<a/>' * 49_000}</mujocoinclude>", "0.xml")
+    with pytest.raises(HandNotLoaded, match="expected at most 50000 elements"):
+        load_hand(write(tmp_path, world('<include file="0.xml"/>' * 500)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<mujoco>" + "<default class='a'>" * 20_000 + "</default>" * 20_000 + "</mujoco>", "nested without end"),
+        ("<mujoco>" + "".join(f"<default class='{i}'>" for i in range(900)) + "</default>" * 900 + "<worldbody/></mujoco>",
+         "no revolute"),
+        ("<mujoco><default>" + "".join(f"<default class='{i}'/>" for i in range(3000)) + "</default><worldbody/></mujoco>",
+         "at most 2000 default classes"),
+        ("<mujoco><worldbody>" + "<body>" * 900 + "</body>" * 900 + "<body/>" * 1200 + "</worldbody></mujoco>", "at most 2000 elements <body>"),
+        ("<mujoco><worldbody>" + "<body/>" * 60_000 + "</worldbody></mujoco>", "at most 50000 elements"),
+        ('<!DOCTYPE m [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><mujoco>&b;</mujoco>', "entity declarations are not allowed"),
+        ('<!DOCTYPE m [<!ENTITY a SYSTEM "file:///etc/hostname">]><mujoco>&a;</mujoco>', "entity declarations are not allowed"),
+        ("<mujoco " + " ".join(f"a{i}=''" for i in range(2000)) + "/>", "at most 1000 attributes"),
+        (f"<mujoco><worldbody><body pos='{'1 ' * 100_000}'/></worldbody></mujoco>", r"3 finite numbers, got '1 1 .*\.\.\.'"),
+    ],
+)  # fmt: skip
+def test_bombs_do_not_go_off(tmp_path, text, message):
+    with pytest.raises(HandNotLoaded, match=message) as caught:
+        load_hand(write(tmp_path, text))
+    assert len(str(caught.value)) < 2000

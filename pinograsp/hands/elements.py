@@ -14,7 +14,8 @@ from pinograsp.errors import HandNotLoaded
 
 _XACRO = "{http://www.ros.org/wiki/xacro}"
 # Far above any robot, low enough that what is made of them takes seconds.
-MOST_BYTES, MOST_ELEMENTS, DEEPEST = 20_000_000, 200_000, 1000
+MOST_BYTES, MOST_ELEMENTS, DEEPEST = 20_000_000, 50_000, 1000
+_MOST_ATTRIBUTES, _MOST_DIGITS = 1000, 2000  # of an element; characters of the numbers in one attribute
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
@@ -33,17 +34,19 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 class _Builder(ElementTree.TreeBuilder):
     """Builds a tree of bounded size and depth, from XML without a document type."""
 
-    def __init__(self):
+    def __init__(self, most: int):
         super().__init__()
-        self.count, self.depth = 0, 0
+        self.most, self.count, self.depth = most, 0, 0
 
     def doctype(self, name, public, system):
         raise ValueError("document type and entity declarations are not allowed")
 
     def start(self, tag, attributes):
         self.count, self.depth = self.count + 1, self.depth + 1
-        if self.count > MOST_ELEMENTS:
-            raise ValueError(f"expected at most {MOST_ELEMENTS} elements")
+        if self.count > self.most:
+            raise ValueError(f"expected at most {self.most} elements")
+        if len(attributes) > _MOST_ATTRIBUTES:
+            raise ValueError(f"expected at most {_MOST_ATTRIBUTES} attributes in an element")
         if self.depth > DEEPEST:
             raise ValueError(f"elements nested without end: expected at most {DEEPEST} deep")
         return super().start(tag, attributes)
@@ -53,7 +56,7 @@ class _Builder(ElementTree.TreeBuilder):
         return super().end(tag)
 
 
-def parse_xml(content: str | bytes) -> ElementTree.Element:
+def parse_xml(content: str | bytes, most: int = MOST_ELEMENTS) -> ElementTree.Element:
     """The outermost element of a text, or of a file's bytes in the encoding that they declare.
 
     Raises:
@@ -61,7 +64,7 @@ def parse_xml(content: str | bytes) -> ElementTree.Element:
             could make a small file a huge one, or bring in other files).
     """
     try:
-        return ElementTree.fromstring(content, parser=ElementTree.XMLParser(target=_Builder()))
+        return ElementTree.fromstring(content, parser=ElementTree.XMLParser(target=_Builder(most)))
     except (ElementTree.ParseError, LookupError) as error:
         raise ValueError(f"not well-formed XML: {error}") from error
 
@@ -113,17 +116,32 @@ def drop(element, *tags: str) -> None:
             element.remove(child)
 
 
+def floats(text: str) -> list[float]:
+    """Numbers separated by blanks; ValueError where there are others, or infinite ones, or very many."""
+    if len(text) > _MOST_DIGITS:
+        raise ValueError(f"more than {_MOST_DIGITS} characters")
+    values = [float(value) for value in text.split()]
+    if not all(map(math.isfinite, values)):
+        raise ValueError("not finite")
+    return values
+
+
+def shown(text: str | None) -> str:
+    """What was given, in quotes, cut short."""
+    return repr(text if text is None or len(text) <= 100 else text[:100] + "...")
+
+
 def numbers(element, key: str, count: int, default: str | None = None, most: float = math.inf) -> list[float]:
     """``count`` finite numbers of an attribute, no larger than ``most``; ValueError where there are others."""
     text = element.get(key, default)
     try:
-        values = [] if text is None else [float(value) for value in text.split()]
+        values = [] if text is None else floats(text)
     except ValueError:
         values = []
-    if len(values) != count or not all(map(math.isfinite, values)):
-        raise ValueError(f"expected {count} finite number{'s' * (count > 1)}, got {text!r}")
+    if len(values) != count:
+        raise ValueError(f"expected {count} finite number{'s' * (count > 1)}, got {shown(text)}")
     if max(map(abs, values)) > most:
-        raise ValueError(f"expected {'numbers' if count > 1 else 'a number'} of at most {most:g}, got {text!r}")
+        raise ValueError(f"expected {'numbers' if count > 1 else 'a number'} of at most {most:g}, got {shown(text)}")
     return values
 
 

@@ -56,7 +56,8 @@ def load_hand(
             its links have in common.
         limits: position limits that replace the file's, ``{joint: (lower, upper)}`` [rad or m]; noted on the model.
         hulls: take the convex hulls of the links' meshes, as physics engines do, for plans that are to be simulated.
-        trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_guard`).
+        trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_guard`), and an MJCF file
+            include files from outside its own folder.
         **xacro_args: values of the xacro file's arguments.
 
     Raises:
@@ -79,7 +80,7 @@ def load_hand(
     folder = path.resolve().parent
     robot = parse(name, text)
     if robot.tag == "mujoco":
-        robot, problems, notes = mjcf.to_urdf(name, robot, path.resolve(), root)
+        robot, problems, notes = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
         prepared = prepare(name, robot, folder, None, problems, notes)
     else:
         prepared = prepare(name, robot, folder, root)

@@ -103,7 +103,7 @@ def _check_glb(content: bytes) -> None:
 
 def _check_dae(content: bytes) -> None:
     """Refuse a COLLADA file whose nodes repeat its geometry without end."""
-    root = parse_xml(content)
+    root = parse_xml(content, MOST_TRIANGLES)
     for element in root.iter():
         element.tag = element.tag.rsplit("}", 1)[-1]
     geometry = {f"#{one.get('id')}": len(ElementTree.tostring(one)) for one in root.iter("geometry")}

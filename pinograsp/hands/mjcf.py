@@ -22,21 +22,23 @@ from pinograsp.hands.mjcf_source import Source, turned_to
 _DENSITY = "1000"  # [kg/m^3], MuJoCo's
 _TYPES = {"hinge": "revolute", "slide": "prismatic", "free": "floating"}
 _MACROS = ("attach", "replicate", "composite", "flexcomp")
+_MOST = {"body": 2000, "joint": 2000, "geom": 10_000}
 _HALF = {"box": 2.0, "cylinder": 2.0, "capsule": 2.0}  # MuJoCo gives half lengths
 
 
 def to_urdf(
-    name: str, element: ElementTree.Element, path: Path, root: str | None
+    name: str, element: ElementTree.Element, path: Path, root: str | None, trusted: bool = False
 ) -> tuple[ElementTree.Element, list[str], list[str]]:
     """URDF of an MJCF file, problems and notes.
 
     Equality constraints between two joints become mimic joints where they are linear; force ranges of actuators, and
-    control ranges of motors, become effort limits. With ``root``, only that body and what it carries.
+    control ranges of motors, become effort limits. With ``root``, only that body and what it carries. Files are included from
+    the folder of ``path`` and those below it, with ``trusted`` from anywhere.
 
     Raises:
         HandNotLoaded: there is no worldbody, or no body called ``root``.
     """
-    reader = _Reader(Source(element, path), path)
+    reader = _Reader(Source(name, element, path, trusted), path)
     reader.read(name, root)
     return reader.robot, reader.source.problems, reader.notes
 
@@ -61,6 +63,9 @@ class _Reader:
         worlds = self.source.element.findall("worldbody")
         if not worlds:
             raise HandNotLoaded(name, [*self.source.problems, "no <worldbody> found: expected a model with bodies"])
+        for tag, most in _MOST.items():
+            if (count := sum(1 for world in worlds for _ in world.iter(tag))) > most:
+                raise HandNotLoaded(name, f"expected at most {most} elements <{tag}>, got {count}")
         if root is None:
             ElementTree.SubElement(self.robot, "link", name="world")
             bodies = [body for world in worlds for body in self._body(world, "world", world.get("childclass"))]

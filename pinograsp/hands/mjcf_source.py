@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.hands.elements import is_file
+from pinograsp.errors import HandNotLoaded
+from pinograsp.hands.elements import MOST_ELEMENTS, floats, is_file, parse_xml, read_bytes, shown
 
 # All actuators are one kind to MuJoCo, with one set of defaults; the shortcuts set the gain and bias that make them.
 _FORCES = {"biastype": "none", "gaintype": "fixed", "gainprm": "1"}
 _SERVOS = {"biastype": "affine"}
 _OTHERS = ("position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor")
 _SHORTCUTS = {"motor": _FORCES, "general": {}, **dict.fromkeys(_OTHERS, _SERVOS)}
+_WITH_DEFAULTS = frozenset({"joint", "geom", "mesh", "equality", "actuator"})  # of what is read here
+_MOST_INCLUDES, _DEEPEST, _MOST_CLASSES = 1000, 20, 2000
 _ORIENTATIONS = frozenset({"quat", "axisangle", "euler", "xyaxes", "zaxis"})
 _AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 
@@ -26,11 +29,15 @@ class Source:
     Attributes:
         element: its outermost element, included files put in place. folder: of the file.
         compiler: settings. problems: collected while reading.
+
+    Files are included from the first file's own folder and those below it, unless it is trusted.
     """
 
-    def __init__(self, element: ElementTree.Element, path: Path):
-        self.element, self.folder, self.problems = element, path.parent, []
-        self._include(element, path, {path})
+    def __init__(self, name: str, element: ElementTree.Element, path: Path, trusted: bool):
+        self.name, self.element, self.folder, self.trusted = name, element, path.resolve().parent, trusted
+        self._problems: dict[str, None] = {}  # in order, each once
+        self._size, self._includes = sum(1 for _ in element.iter()), 0
+        self._include(element, path, (path,))
         self.compiler: dict[str, str] = {}
         for one in element.findall("compiler"):
             self.compiler.update(one.attrib)
@@ -38,10 +45,15 @@ class Source:
         self.autolimits = self.compiler.get("autolimits", "true") == "true"
         self._defaults: dict[str, dict[str, dict[str, str]]] = {"main": {}}
         for one in element.findall("default"):
-            self._read_defaults(one, one.get("class", "main"), {})
+            self._read_defaults(one, one.get("class", "main"))
             self._defaults["main"] = self._defaults[one.get("class", "main")]
 
-    def _include(self, element: ElementTree.Element, path: Path, above: set[Path]) -> None:
+    @property
+    def problems(self) -> list[str]:
+        return list(self._problems)
+
+    def _include(self, element: ElementTree.Element, path: Path, above: tuple[Path, ...]) -> None:
+        """Put what an element includes, on any level, in place."""
         waiting = [element]
         while waiting:
             parent = waiting.pop()
@@ -51,36 +63,56 @@ class Source:
                     continue
                 place = list(parent).index(child)
                 parent.remove(child)
+                self._includes += 1
+                if self._includes > _MOST_INCLUDES or len(above) > _DEEPEST:
+                    raise HandNotLoaded(
+                        self.name, f"expected at most {_MOST_INCLUDES} included files, {_DEEPEST} deep: it includes more, or itself"
+                    )
                 name = child.get("file", "")
-                found = next((one.resolve() for one in (path.parent / name, self.folder / name) if is_file(one)), None)
-                if found is None or found in above:
-                    self.problems.append(f"<include file='{name}'>: {'includes itself' if found else 'no such file'}")
-                    continue
                 try:
-                    included = ElementTree.fromstring(found.read_bytes())
-                except (OSError, ElementTree.ParseError, ValueError, LookupError) as error:
-                    self.problems.append(f"<include file='{name}'>: {error}")
+                    found, included = self._included(name, path)
+                    if found in above:
+                        raise ValueError("includes itself")
+                except (OSError, ValueError) as error:
+                    self.problem(f"<include file={shown(name)}>: {error}")
                     continue
-                self._include(included, found, above | {found})
+                self._size += sum(1 for _ in included.iter())
+                if self._size > MOST_ELEMENTS:
+                    raise HandNotLoaded(self.name, f"expected at most {MOST_ELEMENTS} elements, with those of included files")
+                self._include(included, found, (*above, found))
                 parent[place:place] = list(included)
 
-    def _read_defaults(self, element, name: str, inherited: dict[str, dict[str, str]]) -> None:
-        own = self._defaults.setdefault(name, {})
-        for tag, attributes in inherited.items():
-            own[tag] = _merged(attributes, own.get(tag, {}))
-        nested = []
-        for child in element:
-            if child.tag == "default":
-                nested.append(child)
-            elif child.tag in _SHORTCUTS:
-                own["actuator"] = _merged(own.get("actuator", {}), {**_SHORTCUTS[child.tag], **child.attrib})
-            else:
-                own[child.tag] = _merged(own.get(child.tag, {}), child.attrib)
-        for child in nested:
-            if child.get("class"):
-                self._read_defaults(child, child.get("class"), own)
-            else:
-                self.problems.append("<default> inside another needs class=")
+    def _included(self, name: str, path: Path) -> tuple[Path, ElementTree.Element]:
+        """The file that is meant, looked for beside the one that includes it and beside the first, and what it holds."""
+        found = next((one.resolve() for one in (path.parent / name, self.folder / name) if is_file(one)), None)
+        if found is None:
+            raise ValueError("no such file")
+        if not (self.trusted or found.is_relative_to(self.folder)):
+            raise ValueError("outside the first file's own folder (symbolic links followed): pass trusted=True if you trust this file")
+        return found, parse_xml(read_bytes(found))
+
+    def _read_defaults(self, element, name: str) -> None:
+        waiting: list[tuple[ElementTree.Element, str, dict[str, dict[str, str]]]] = [(element, name, {})]
+        while waiting:
+            element, name, inherited = waiting.pop()
+            own = self._defaults.setdefault(name, {})
+            if len(self._defaults) > _MOST_CLASSES:
+                raise HandNotLoaded(self.name, f"expected at most {_MOST_CLASSES} default classes")
+            for tag, attributes in inherited.items():
+                own[tag] = _merged(attributes, own[tag]) if tag in own else attributes
+            nested = []
+            for child in element:
+                if child.tag == "default":
+                    nested.append(child)
+                elif child.tag in _SHORTCUTS:
+                    own["actuator"] = _merged(own.get("actuator", {}), {**_SHORTCUTS[child.tag], **child.attrib})
+                elif child.tag in _WITH_DEFAULTS:
+                    own[child.tag] = _merged(own.get(child.tag, {}), child.attrib)
+            for child in reversed(nested):
+                if child.get("class"):
+                    waiting.append((child, child.get("class"), own))
+                else:
+                    self.problem("<default> inside another needs class=")
 
     def attributes(self, element, childclass: str | None = None, tag: str | None = None) -> dict[str, str]:
         """Attributes of an element, completed by the defaults that its class has for ``tag`` (default: its own)."""
@@ -94,20 +126,19 @@ class Source:
         return _merged(self._defaults[name].get(tag, {}), {**shortcut, **element.attrib})
 
     def problem(self, text: str) -> None:
-        if text not in self.problems:
-            self.problems.append(text)
+        self._problems[text] = None
 
     def numbers(self, attributes: dict[str, str], key: str, default: str, least: int = 1, most: int | None = None):
         """Between ``least`` and ``most`` (default: ``least``) finite numbers of an attribute; the default and a problem
         where there are others."""
         try:
-            values = [float(value) for value in attributes.get(key, default).split()]
+            values = floats(attributes.get(key, default))
         except ValueError:
             values = []
-        if not (least <= len(values) <= (most or least) and all(map(math.isfinite, values))):
+        if not least <= len(values) <= (most or least):
             wanted = f"{least}" if (most or least) == least else f"{least} to {most}"
             where, given = attributes.get("name", ""), attributes.get(key)
-            self.problem(f"'{where}': {key}= expects {wanted} finite numbers, got '{given}'")
+            self.problem(f"'{where}': {key}= expects {wanted} finite numbers, got {shown(given)}")
             values = [float(value) for value in default.split()]
         return np.array(values)
 

@@ -16,7 +16,7 @@ from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands.elements import drop, is_file, named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.model import Finger, HandModel
-from pinograsp.hands.urdf import check_size, prepare
+from pinograsp.hands.urdf import prepare
 
 _KINDS = {str: "a text", list: "a list", dict: "a mapping", int: "a whole number"}
 # Of the actuated joints, by their names in Pinocchio.
@@ -158,7 +158,6 @@ def _description(record) -> str:
     """
     source = _field(record, "source", str)
     robot = parse(source, _field(record, "description", str))
-    check_size(source, robot)
     if robot.find("joint[@type='continuous']") is not None:  # written as revolute in every record
         raise HandNotLoaded(source, "expected revolute, prismatic and fixed joints, got continuous ones")
     try:

@@ -30,8 +30,8 @@ _NUMBERS = {
     "mimic": {"multiplier": (1, _LARGEST), "offset": (1, _LARGEST)},
     "dynamics": {"damping": (1, _LARGEST), "friction": (1, _LARGEST), "armature": (1, _LARGEST)},
 }
-# Pinocchio builds trees by recursion, and what is computed of a tree grows with the square of its size.
-_MOST_LINKS, _MOST_MOVING, _MOST_SHAPES = 2000, 400, 2000
+# Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of its joints.
+_MOST_LINKS, _MOST_MOVING = 2000, 100
 
 
 @dataclass(slots=True)
@@ -71,8 +71,12 @@ def prepare(
         HandNotLoaded: with all problems found.
     """
     problems, notes = list(problems), list(notes)
-    check_size(source, robot)
+    _check_counts(source, robot, links="link", joints="joint")
     outside = _cut_out(source, robot, root, notes) if root is not None else set()
+    _check_counts(source, robot, collision_shapes="link/collision")
+    moving = sum(joint.get("type") != "fixed" for joint in robot.findall("joint"))
+    if moving > _MOST_MOVING:
+        raise HandNotLoaded(source, f"expected at most {_MOST_MOVING} moving joints, got {moving}: give root= the hand's palm")
     for _, joint in named(robot, "joint"):
         if joint.get("type") == "fixed":  # it follows nothing and needs no axis
             drop(joint, "mimic", "limit", "axis")
@@ -103,21 +107,11 @@ def prepare(
     return prepared
 
 
-def check_size(source: str, robot: ElementTree.Element) -> None:
-    """Refuse a URDF of more links, joints or shapes than any robot has.
-
-    Raises:
-        HandNotLoaded: with the limit.
-    """
-    joints = robot.findall("joint")
-    for what, count, most in (
-        ("links", len(robot.findall("link")), _MOST_LINKS),
-        ("joints", len(joints), _MOST_LINKS),
-        ("moving joints", sum(joint.get("type") != "fixed" for joint in joints), _MOST_MOVING),
-        ("collision shapes", len(robot.findall("link/collision")), _MOST_SHAPES),
-    ):
-        if count > most:
-            raise HandNotLoaded(source, f"expected at most {most} {what}, got {count}")
+def _check_counts(source: str, robot: ElementTree.Element, **paths: str) -> None:
+    """Refuse more elements than any robot has, by what they are called."""
+    for what, path in paths.items():
+        if (count := len(robot.findall(path))) > _MOST_LINKS:
+            raise HandNotLoaded(source, f"expected at most {_MOST_LINKS} {what.replace('_', ' ')}, got {count}")
 
 
 # -- the tree ----------------------------------------------------------------------------------------------------------
