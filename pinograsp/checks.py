@@ -10,12 +10,15 @@ import os
 import reprlib
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import fields
+from enum import Enum
 from numbers import Real
 from pathlib import Path
 
 import numpy as np
 
 from pinograsp.errors import InvalidInput
+
+_LONGEST_REPR = 280  # characters
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -54,6 +57,48 @@ def shown(value) -> str:
         return " ".join(_SHORT.repr(value).split())
     except Exception:  # a repr of the caller's own class, or an integer of too many digits
         return f"{'an' if isinstance(value, int) else 'a'} {type(value).__name__}"
+
+
+def brief(*names: str):
+    """A ``__repr__`` of a record that fits a terminal: its class and the attributes ``names``, by default its fields.
+
+    Arrays and other records within it are told by shape, name or number.
+    """
+
+    def __repr__(self) -> str:
+        parts, size = [], len(type(self).__name__) + 2
+        for name in names or [field.name for field in fields(self) if field.repr]:
+            part = f"{name}={_brief(getattr(self, name))}"
+            size += len(part) + 2
+            if size > _LONGEST_REPR:
+                parts.append("...")
+                break
+            parts.append(part)
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+    return __repr__
+
+
+def _brief(value) -> str:
+    if isinstance(value, np.ndarray):
+        if value.size > 6 or value.dtype.kind not in "fiub":
+            return f"array{value.shape}"
+        return "[" + ", ".join(f"{one:.4g}" for one in value.ravel().tolist()) + "]"
+    if isinstance(value, Enum):
+        return str(value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if value is None or isinstance(value, bool | int):
+        return repr(value)[:30]
+    if isinstance(value, str):
+        return repr(value if len(value) <= 60 else f"{value[:57]}...")
+    if isinstance(value, dict | tuple | list):
+        named = [getattr(one, "name", one) for one in value]
+        if len(named) <= 6 and all(isinstance(one, str) for one in named) and sum(map(len, named)) <= 80:
+            return f"({', '.join(named)})"
+        return f"{len(value)} entries"
+    name = getattr(value, "name", None)
+    return type(value).__name__ + (f" {name[:40]!r}" if isinstance(name, str) else "")
 
 
 def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from tqdm import tqdm
 
-from pinograsp.checks import number
+from pinograsp.checks import brief, number
 from pinograsp.contacts import Closure, check_geometry, clearance, close_hand, fingertips, link_centre, open_and_closed
 from pinograsp.errors import PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
@@ -45,6 +45,8 @@ class Placement:
     energy: float
     load_margin: float
 
+    __repr__ = brief()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlacementSearch:
@@ -59,6 +61,8 @@ class PlacementSearch:
     tried: int
     outcomes: dict[str, int]
     interrupted: bool
+
+    __repr__ = brief()
 
     @property
     def best(self) -> Placement:

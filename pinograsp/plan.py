@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pinograsp.checks import brief
 from pinograsp.contacts import PALM, Closure, close_hand
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
 from pinograsp.errors import GraspInfeasible, InvalidInput, Status
@@ -47,6 +48,8 @@ class GraspPlan:
     motion: Motion
     elapsed: dict[str, float]
     closure: Closure | None = None
+
+    __repr__ = brief("status", "hand", "problem", "forces", "motion", "elapsed")
 
     @property
     def problem(self) -> ForceProblem:

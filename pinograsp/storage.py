@@ -45,6 +45,11 @@ class Run:
     versions: dict
     scene: dict = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        told = {"name": self.settings.get("name"), "status": self.summary.get("status"), "hand": self.layout.get("hand")}
+        words = ", ".join(f"{key}={value!r:.60}" for key, value in told.items())
+        return f"Run({words}, contacts={', '.join(map(str, self.layout.get('contacts', ())))!r:.60}, arrays={len(self.arrays)})"
+
     def hand(self) -> HandModel:
         """The hand of the plan, as it was placed; its meshes are read from their files.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
+from pinograsp.handover import joint_trajectory
 from pinograsp.report import answer, headline, markdown, page, write_report
 from pinograsp.storage import newest_check, run_of, save_run
 from pinograsp.viz import figures
@@ -279,3 +280,40 @@ def test_sweep_maps():
     assert np.all(np.diff(line.get_xdata()) >= 0)
     with pytest.raises(InvalidInput, match="did you mean"):
         figures.sweep_map(columns, "work", "friction.mu")
+
+
+# -- records on a terminal -----------------------------------------------------------------------------------------------
+
+
+def records_of(thing, found: dict) -> dict:
+    """One record of each class that can be reached from ``thing`` by fields and properties."""
+    if is_dataclass(thing) and type(thing) not in found:
+        found[type(thing)] = thing
+        names = [field.name for field in fields(thing)]
+        names += [name for name, value in vars(type(thing)).items() if isinstance(value, property)]
+        for name in names:
+            records_of(getattr(thing, name), found)
+    elif isinstance(thing, dict | list | tuple):
+        for one in thing.values() if isinstance(thing, dict) else thing:
+            records_of(one, found)
+    return found
+
+
+def test_records_print_on_a_few_lines(hand, cylinder):
+    from pinograsp.referee import simulate
+    from pinograsp.viz.scene import scene_of
+
+    case = pg.load_case("paper", {**CHANGES, "motion.time_step": 0.02})
+    plan = case.plan()
+    run = run_of(plan, case.settings())
+    closure = pg.close_hand(hand, cylinder)
+    simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01, engine="pinocchio")
+    found = {}
+    for thing in (plan, run, closure, simulation, scene_of(run), pg.grasp_margins(plan.forces), joint_trajectory(plan, rate=50)):
+        records_of(thing, found)
+    assert len(found) > 25
+    for kind, record in [*found.items(), (type(case), case)]:
+        told = repr(record)
+        assert len(told) <= 300 and "\n" not in told and told.startswith(kind.__name__), told[:400]
+    assert "status=ok" in repr(plan) and "humanoid_hand" in repr(plan) and "thumb" in repr(run) and "'ok'" in repr(run)
+    assert simulation.verdict.reason[:20] in repr(simulation.verdict) and "mujoco" not in repr(simulation)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import read_only
+from pinograsp.checks import brief, read_only
 from pinograsp.contacts.clearance import PALM
 from pinograsp.contacts.contact_set import Contact, ContactSet
 from pinograsp.errors import InvalidInput
@@ -41,6 +41,8 @@ class Touch:
     length: float
     patch_o: np.ndarray
 
+    __repr__ = brief()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Closure:
@@ -70,6 +72,8 @@ class Closure:
     self_collisions: tuple[tuple[str, str], ...]
     pushed: np.ndarray
     notes: tuple[str, ...]
+
+    __repr__ = brief("hand", "object", "touches", "self_collisions", "notes")
 
     def contacts(self, *, gravity_o=(0.0, 0.0, -9.81), palm: bool = True, patches: bool = True) -> ContactSet:
         """The touches as contacts, base to tip by finger, with the posture they belong to.

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipkm1, elliprd
 
-from pinograsp.checks import alike, array_of, at_least_zero, finite_of, instance_of, number, one_of, shown
+from pinograsp.checks import alike, array_of, at_least_zero, brief, finite_of, instance_of, number, one_of, shown
 from pinograsp.contacts.deceleration import CONSTANT, DecelerationShape
 from pinograsp.errors import InvalidInput
 
@@ -133,6 +133,8 @@ class PenetrationProfile:
     impact_time: float
     final_time: float
     shape: DecelerationShape = CONSTANT
+
+    __repr__ = brief()
 
     def __post_init__(self):
         acceleration = array_of("acceleration", self.acceleration, (None,))

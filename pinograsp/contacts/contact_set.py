@@ -11,6 +11,7 @@ import numpy as np
 from pinograsp.checks import (
     are_rotations,
     array_of,
+    brief,
     floats_of,
     instance_of,
     items_of,
@@ -50,6 +51,8 @@ class Contact:
     distance: float
     point_l: np.ndarray | None = None
 
+    __repr__ = brief()
+
     def __post_init__(self):
         def put(name, value):
             object.__setattr__(self, name, value)
@@ -86,6 +89,8 @@ class ContactSet:
     posture: np.ndarray | None = None
     # What was computed from these contacts (grasp maps and what solvers make of them): it lives as long as they do.
     _derived: dict = field(init=False, repr=False, default_factory=dict)
+
+    __repr__ = brief("names", "com_o")
 
     def __post_init__(self):
         object.__setattr__(self, "contacts", items_of("contacts", self.contacts, Contact))

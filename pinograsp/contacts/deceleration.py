@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
-from pinograsp.checks import array_of, finite_of, number, shown, text
+from pinograsp.checks import array_of, brief, finite_of, number, shown, text
 from pinograsp.errors import InvalidInput
 
 
@@ -40,6 +40,8 @@ class DecelerationShape:
     _constant: bool = field(init=False, repr=False)
     _lost: PPoly = field(init=False, repr=False)
     _depth: PPoly = field(init=False, repr=False)
+
+    __repr__ = brief()
 
     def __post_init__(self):
         def put(name, value):

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, read_only
+from pinograsp.checks import array_of, brief, number, read_only
 from pinograsp.errors import InvalidInput
 
 # Of the set's size: what counts as no distance at all. Above the rounding of planes through badly placed points.
@@ -44,6 +44,8 @@ class InscribedBall:
     direction: np.ndarray
     converged: bool
     points: int
+
+    __repr__ = brief()
 
     @property
     def radius(self) -> float:

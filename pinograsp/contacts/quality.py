@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from pinograsp.checks import array_of, number, one_of, read_only
+from pinograsp.checks import array_of, brief, number, one_of, read_only
 from pinograsp.contacts.compliance import Compliance
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.contacts.friction import Friction
@@ -45,6 +45,8 @@ class GraspMapMetrics:
     volume: float
     moment_length: float
 
+    __repr__ = brief()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GraspStiffness:
@@ -71,6 +73,8 @@ class GraspStiffness:
     normal_stiffness: np.ndarray
     tangential_stiffness: np.ndarray
 
+    __repr__ = brief()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Manipulability:
@@ -83,6 +87,8 @@ class Manipulability:
 
     values: np.ndarray
     singular_values: np.ndarray
+
+    __repr__ = brief()
 
 
 def ferrari_canny(

@@ -11,6 +11,7 @@ import numpy as np
 from pinograsp.checks import (
     are_rotations,
     array_of,
+    brief,
     each_of,
     floats_of,
     instance_of,
@@ -58,6 +59,8 @@ class ForceBatch:
     balance: str = "wrench"
     moment_lengths: np.ndarray | None = None
     energies: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    __repr__ = brief()
 
     def __post_init__(self):
         def put(name, value):
@@ -176,6 +179,8 @@ class BatchSolution:
     violation: np.ndarray
     general: int
     elapsed: float
+
+    __repr__ = brief()
 
     @property
     def ok(self) -> np.ndarray:

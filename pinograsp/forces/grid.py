@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from tqdm import tqdm
 
-from pinograsp.checks import array_of, instance_of, integer, number, read_only, shown
+from pinograsp.checks import array_of, brief, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import BY_ACCELERATION, BY_DEPTH, BY_SPEED, ForceProblem
 from pinograsp.forces.solution import ForceSolution
@@ -43,6 +43,8 @@ class GridSpec:
     accelerations: np.ndarray = field(default_factory=lambda: grid_values(0.01, 1.0, 0.005))
     multipliers: np.ndarray = field(default_factory=lambda: grid_values(-1.0, 1.0, 0.1))
     net_force_limit: float = 0.1
+
+    __repr__ = brief()
 
     def __post_init__(self):
         for name in ("impact_times", "accelerations", "multipliers"):

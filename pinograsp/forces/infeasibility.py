@@ -8,7 +8,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.checks import instance_of, read_only
+from pinograsp.checks import brief, instance_of, read_only
 from pinograsp.errors import Status
 from pinograsp.forces.conic import limit_rows, solve, solve_linear
 from pinograsp.forces.problem import ForceProblem
@@ -50,6 +50,8 @@ class Infeasibility:
     at_torque: tuple[str, ...]
     crossed: np.ndarray
 
+    __repr__ = brief()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Closest:
@@ -66,6 +68,8 @@ class Closest:
     y: np.ndarray
     w: np.ndarray
     proven: float
+
+    __repr__ = brief()
 
 
 def closest(program: Program) -> Closest | None:
@@ -196,6 +200,8 @@ class Diagnosis:
     load_factors: tuple[float, float] | None
     smallest_mu: np.ndarray | None
     text: str
+
+    __repr__ = brief()
 
     def __str__(self) -> str:
         return self.text

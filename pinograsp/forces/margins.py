@@ -11,7 +11,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.checks import array_of, instance_of, number, read_only, shown
+from pinograsp.checks import array_of, brief, instance_of, number, read_only, shown
 from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
@@ -50,6 +50,8 @@ class GraspMargins:
     disturbance: InscribedBall
     disturbance_force: float
     disturbance_moment: float | None
+
+    __repr__ = brief()
 
 
 def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspMargins:
@@ -152,6 +154,8 @@ class ForceClosure:
     rank: int
     margin: float
     separating: np.ndarray
+
+    __repr__ = brief()
 
 
 def force_closure(

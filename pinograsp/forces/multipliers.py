@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import array_of, instance_of, one_of, read_only, shown
+from pinograsp.checks import array_of, brief, instance_of, one_of, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solvers import SOLVERS, compiled_solvers, solve_qp
@@ -51,6 +51,8 @@ class MultiplierSolution:
     direction: np.ndarray
     net_wrench: np.ndarray
     solver: str
+
+    __repr__ = brief()
 
     @property
     def gap(self) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import frozen, instance_of, one_of, read_only, record_of
+from pinograsp.checks import brief, frozen, instance_of, one_of, read_only, record_of
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import solve_dense
 from pinograsp.forces.conic import HUGE, solve_conic
@@ -61,6 +61,8 @@ class Certificate:
     at_most: np.ndarray
     at_torque: tuple[str, ...]
     size: float
+
+    __repr__ = brief()
 
     @property
     def gap(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from pinograsp.checks import (
     array_of,
+    brief,
     each_of,
     finite_of,
     floats_of,
@@ -60,6 +61,8 @@ class TorqueLimits:
     bias: np.ndarray
     limit: np.ndarray
     joints: tuple[str, ...] = ()
+
+    __repr__ = brief()
 
     def __post_init__(self):
         jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
@@ -141,6 +144,8 @@ class ForceProblem:
     object: Body | None = None
     _assembled: dict = field(init=False, repr=False)
     _prepared: dict = field(init=False, repr=False)
+
+    __repr__ = brief("contacts", "balance", "measure", "mu", "friction", "load", "final_time", "object")
 
     def __post_init__(self):
         def put(name, value):

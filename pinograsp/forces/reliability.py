@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import array_of, instance_of, integer, number, read_only, shown
+from pinograsp.checks import array_of, brief, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.batch import ForceBatch, solve_batch
 from pinograsp.forces.problem import ForceProblem
@@ -34,6 +34,8 @@ class Reliability:
     loads: np.ndarray
     points_o: np.ndarray
     normals_o: np.ndarray
+
+    __repr__ = brief()
 
     @property
     def probability(self) -> float:

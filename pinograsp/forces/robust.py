@@ -24,7 +24,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.checks import array_of, instance_of, number, read_only
+from pinograsp.checks import array_of, brief, instance_of, number, read_only
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.conic import cone_rows, solve
@@ -47,6 +47,8 @@ class LoadSet:
 
     wrenches: np.ndarray
     ball: float = 0.0
+
+    __repr__ = brief()
 
     def __post_init__(self):
         wrenches = array_of("loads", self.wrenches, (None, 6))
@@ -110,6 +112,8 @@ class RobustForces:
     violation: float
     infeasibility: Infeasibility | None
     elapsed: float
+
+    __repr__ = brief()
 
     @property
     def gap(self) -> float:

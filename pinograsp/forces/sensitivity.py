@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinograsp.checks import instance_of, number, read_only
+from pinograsp.checks import brief, instance_of, number, read_only
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.conic import solve_conic
@@ -59,6 +59,8 @@ class Sensitivity:
     cost_points: np.ndarray
     cost_turns: np.ndarray
     multipliers: np.ndarray
+
+    __repr__ = brief()
 
 
 def force_sensitivity(solution: ForceSolution) -> Sensitivity:
@@ -286,6 +288,8 @@ class BetterContacts:
     problem: ForceProblem
     solution: ForceSolution
     costs: tuple[float, ...]
+
+    __repr__ = brief()
 
 
 def optimize_contacts(

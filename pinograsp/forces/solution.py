@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinograsp.checks import read_only
+from pinograsp.checks import brief, read_only
 from pinograsp.contacts import PenetrationProfile
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
@@ -62,6 +62,8 @@ class ForceSolution:
     certificate: Certificate | None = None
     infeasibility: Infeasibility | None = None
     branches: tuple[Branch, ...] = ()
+
+    __repr__ = brief("status", "search", "solver", "impact_time", "normal_forces", "net_wrench", "elapsed")
 
     @property
     def found(self) -> bool:

@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from pinograsp.checks import array_of, one_of, read_only
+from pinograsp.checks import array_of, brief, one_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import controls
 from pinograsp.handover.quintic import between, interpolated
@@ -58,6 +58,8 @@ class JointTrajectory:
     deviation: np.ndarray | None = None
     contact_deviation: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    __repr__ = brief()
 
     def __post_init__(self):
         times = array_of("times", self.times, (None,))

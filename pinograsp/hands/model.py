@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, one_of, placement_of, read_only
+from pinograsp.checks import array_of, brief, one_of, placement_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import pose_of
@@ -33,6 +33,8 @@ class Finger:
     joint_ids: tuple[int, ...]
     dofs: np.ndarray
     actuated: tuple[str, ...]
+
+    __repr__ = brief()
 
     @property
     def n(self) -> int:
@@ -73,6 +75,8 @@ class HandModel:
     pose: np.ndarray
     notes: tuple[str, ...] = ()
     description: str = ""
+
+    __repr__ = brief("name", "n", "fingers", "palm", "source")
 
     def __reduce__(self):
         return _unpickled, tuple(getattr(self, field.name) for field in fields(self))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, number, read_only
+from pinograsp.checks import array_of, brief, number, read_only
 from pinograsp.contacts import PALM, Contact, ContactSet
 from pinograsp.errors import ContactNotReached, InvalidInput
 from pinograsp.hands import Finger, HandModel
@@ -42,6 +42,8 @@ class ContactPostures:
     angles: np.ndarray
     points_l: np.ndarray
     method: str
+
+    __repr__ = brief()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, read_only
+from pinograsp.checks import array_of, brief, read_only
 from pinograsp.contacts import Contact, PenetrationProfile
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Finger, HandModel
@@ -46,6 +46,8 @@ class FingerMotion:
     errors: np.ndarray
     slips: np.ndarray
     limited: tuple[str, ...]
+
+    __repr__ = brief()
 
 
 def press(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pinograsp.checks import number, one_of, read_only
+from pinograsp.checks import brief, number, one_of, read_only
 from pinograsp.contacts import PALM
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import InvalidInput, Status
@@ -49,6 +49,8 @@ class MotionSpec:
     time_step: float = 1e-3
     acceleration_at_start: str = "rest"
 
+    __repr__ = brief()
+
     def __post_init__(self):
         number("spread", self.spread, at_least=0, unit="rad")
         number("time step", self.time_step, above=0, unit="s")
@@ -87,6 +89,8 @@ class Motion:
     slip: np.ndarray
     postures: dict[str, int]
     peak_torque: float
+
+    __repr__ = brief("status", "peak_torque", "impact", "times", "q", "notes")
 
 
 def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | None = None) -> Motion:

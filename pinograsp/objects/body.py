@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, placement_of, read_only
+from pinograsp.checks import array_of, brief, number, placement_of, read_only
 from pinograsp.errors import InvalidInput
 
 # Nearer than this to a centre, an axis or a mid-plane [m], no direction to the surface is preferred over another;
@@ -28,6 +28,8 @@ class Body:
     mass: float = None  # a number once the constructor is done
     density: float = None
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+
+    __repr__ = brief()
 
     def __post_init__(self):
         self._set(pose=placement_of("pose", self.pose))

@@ -7,6 +7,7 @@ from math import pi
 
 import numpy as np
 
+from pinograsp.checks import brief
 from pinograsp.objects.body import NO_DIRECTION, Body, tangents
 from pinograsp.objects.primitives import positive_lengths
 
@@ -24,6 +25,8 @@ class Ellipsoid(Body):
     """
 
     semi_axes: np.ndarray
+
+    __repr__ = brief()
 
     def _check_shape(self):
         self._set(semi_axes=positive_lengths("ellipsoid semi_axes", self.semi_axes))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinograsp.checks import array_of, frozen, number, one_of, read_only
+from pinograsp.checks import array_of, brief, frozen, number, one_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.mesh_checks import closed_surface, convex_surface
@@ -50,6 +50,8 @@ class Mesh(Body):
     notes: tuple[str, ...] = ()
     # What was computed from the surface (mass properties, search tree, collision model): it lives as long as they do.
     _derived: dict = field(init=False, repr=False, default_factory=dict)
+
+    __repr__ = brief()
 
     @classmethod
     def load(

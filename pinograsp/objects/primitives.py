@@ -7,7 +7,7 @@ from math import pi
 
 import numpy as np
 
-from pinograsp.checks import array_of
+from pinograsp.checks import array_of, brief
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import NO_DIRECTION, Body, tangents
 
@@ -22,6 +22,8 @@ class Sphere(Body):
     """
 
     radius: float
+
+    __repr__ = brief()
 
     def _check_shape(self):
         self._check_lengths("radius")
@@ -72,6 +74,8 @@ class Cylinder(Body):
 
     radius: float
     height: float
+
+    __repr__ = brief()
 
     def _check_shape(self):
         self._check_lengths("radius", "height")
@@ -149,6 +153,8 @@ class Capsule(Body):
     radius: float
     length: float
 
+    __repr__ = brief()
+
     def _check_shape(self):
         self._check_lengths("radius", "length")
 
@@ -205,6 +211,8 @@ class Box(Body):
     """
 
     size: np.ndarray
+
+    __repr__ = brief()
 
     def _check_shape(self):
         self._set(size=positive_lengths("box size", self.size))

@@ -11,7 +11,7 @@ import joblib
 import numpy as np
 from tqdm import tqdm
 
-from pinograsp.checks import array_of, number
+from pinograsp.checks import array_of, brief, number
 from pinograsp.errors import InvalidInput
 from pinograsp.interrupts import interrupts_kept
 from pinograsp.referee.settings import Disturbance, Push, Servo
@@ -128,6 +128,8 @@ class MonteCarlo:
     settings: dict
     interrupted: bool
     elapsed: float
+
+    __repr__ = brief()
 
     def summary(self) -> dict:
         """Probabilities and settings as plain JSON values."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinograsp.checks import array_of, number
+from pinograsp.checks import array_of, brief, number
 from pinograsp.errors import InvalidInput
 from pinograsp.referee.simulate import simulate
 from pinograsp.referee.simulation import Simulation
@@ -35,6 +35,8 @@ class NaiveGrasp:
     simulation: Simulation
     lost: float
     simulations: int
+
+    __repr__ = brief()
 
     @property
     def grasp_energy(self) -> float | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, number
+from pinograsp.checks import array_of, brief, number
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 
@@ -29,6 +29,8 @@ class Servo:
     stiffness: np.ndarray
     damping: np.ndarray
     rotor: np.ndarray
+
+    __repr__ = brief()
 
     def __post_init__(self):
         n = np.size(self.stiffness)
@@ -82,6 +84,8 @@ class Push:
     start: float = 0.2
     duration: float = 0.1
 
+    __repr__ = brief()
+
     def __post_init__(self):
         object.__setattr__(self, "wrench_o", array_of("push", self.wrench_o, (6,)))
         object.__setattr__(self, "start", number("start of the push", self.start, at_least=0, unit="s"))
@@ -109,6 +113,8 @@ class Disturbance:
     object_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     object_turn: np.ndarray = field(default_factory=lambda: np.zeros(3))
     start_error: np.ndarray | None = None
+
+    __repr__ = brief()
 
     def __post_init__(self):
         def put(name, value):

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinograsp.checks import brief
+
 # Held: at the end of the hold the object has moved less than this since the release, and hardly moves any more.
 MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
 RESTING = 5e-4  # [m] of motion in the last fifth of the hold
@@ -40,6 +42,8 @@ class Verdict:
     limit_hits: tuple[str, ...]
     saturated: tuple[str, ...]
     energy_error: float | None
+
+    __repr__ = brief("held", "reason", "drift", "turn", "force_error", "penetration_error", "slipped", "unplanned")
 
     def summary(self) -> dict:
         """As plain JSON values, units in the names."""
@@ -102,6 +106,8 @@ class Simulation:
     notes: tuple[str, ...]
     elapsed: float
     exponent: float
+
+    __repr__ = brief("verdict", "engine", "mode", "time_step", "parts", "planned_forces", "notes", "elapsed")
 
     @property
     def grasp_energy(self) -> float:

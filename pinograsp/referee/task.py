@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pinograsp.checks import brief
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -49,6 +50,8 @@ class Task:
     law: tuple[float, float, float]
     load: np.ndarray
     gravity_o: np.ndarray
+
+    __repr__ = brief("hand", "object", "names", "normal_forces", "mu", "impact_time", "final_time")
 
     @classmethod
     def of(cls, plan, object: Body | None = None) -> Task:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pinograsp.checks import brief
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.spatial import tangent_frame
@@ -51,6 +52,8 @@ class Simulated:
     points_b: np.ndarray
     drift: np.ndarray
     beside: np.ndarray
+
+    __repr__ = brief()
 
     def arrows(self, frame: int, scale: float) -> np.ndarray:
         """Start and end of the forces' arrows (p, 2, 3) [m] at ``scale`` [m/N]; of no length where it is not known where they act."""
@@ -119,6 +122,8 @@ class ViewScene:
     view: np.ndarray
     extent: np.ndarray
     simulated: Simulated | None
+
+    __repr__ = brief("title", "status", "answer", "contacts", "times", "simulated")
 
     @property
     def cell(self) -> float:

@@ -9,6 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
+from pinograsp.checks import brief
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.viz.figures import COLOURS
@@ -39,6 +40,8 @@ class Solid:
     vertices: np.ndarray
     faces: np.ndarray
     colour: str
+
+    __repr__ = brief()
 
 
 class Links:
