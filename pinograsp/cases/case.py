@@ -195,6 +195,10 @@ class Case(Section):
     assumed: dict[str, str] = {}
     folder: Path = Field(Path("."), exclude=True)
 
+    def __repr__(self) -> str:
+        where = f"hand={self.hand.source!r:.60}, object={self.object.shape!r}, contacts={len(self.contacts)}"
+        return f"{type(self).__name__}(name={self.name!r:.60}, {where}, search={self.forces.search!r}, balance={self.forces.balance!r})"
+
     def settings(self) -> dict:
         """The case as plain values, defaults filled in: what a run's file echoes."""
         return self.model_dump(mode="json", by_alias=True)
