@@ -33,7 +33,7 @@ from random_grasps import (
 
 from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction, contacts_at
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import SOLVERS, ForceProblem, TorqueLimits, diagnose, optimize_forces
+from pinograsp.forces import SOLVERS, ForceProblem, TorqueLimits, diagnose, optimize_forces, optimize_grasp
 from pinograsp.motion import torque_limits
 from pinograsp.spatial import rotation_rpy
 
@@ -814,3 +814,55 @@ def test_extreme_scales_are_solved(make_problem):
         found = optimize_forces(replace(problem, load=c * problem.load), 0.9)
         assert found.status is Status.OK
         assert found.normal_forces == pytest.approx(c * reference.normal_forces, rel=1e-5)
+
+
+@pytest.mark.parametrize("search", [lambda p: optimize_forces(p, 0.85), optimize_grasp], ids=["one time", "all times"])
+def test_torque_limits_that_cannot_bind_change_nothing(make_problem, search):
+    rng = np.random.default_rng(0)
+    jacobian = np.concatenate([rng.uniform(-0.08, 0.08, (3, 3, 9)), rng.normal(size=(3, 3, 9))], axis=1)
+    free = search(make_problem(balance="wrench"))
+    for limit in (1e3, 1e9, 1e12, 1e300):
+        limits = TorqueLimits(jacobian=jacobian, bias=np.full(9, -0.1), limit=np.full(9, limit))
+        problem = make_problem(balance="wrench", torques=limits)
+        found = search(problem)
+        assert found.status is Status.OK and not found.certificate.at_torque
+        assert found.certificate.primal == pytest.approx(free.certificate.primal, rel=1e-6)
+        again = search(problem.with_load(0.9 * problem.load))
+        assert again.status is Status.OK and again.certificate.primal < found.certificate.primal
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"compliance": Compliance(stiffness=1e300)},
+        {"compliance": Compliance(stiffness=1e30)},
+        {"compliance": Compliance(stiffness=1e-300)},
+        {"compliance": Compliance(exponent=1e-3)},
+        {"compliance": Compliance(damping=1e300)},
+        {"load": [0, 0, -1e160, 0, 0, 0]},
+        {"load": [0, 0, -1e20, 0, 0, 0]},
+        {"load": [0, 0, -1e10, 0, 0, 0]},
+        {"load": [0, 0, -1e-12, 0, 0, 0]},
+        {"load": [0, 0, -1e-300, 0, 0, 0]},
+        {"mu": 1e300},
+        {"mu": 1e-300},
+        {"moment_length": 1e300},
+        {"moment_length": 1e-300},
+        {"max_normal_force": 1e-300},
+        {"acceleration_range": (1e-2, 1e300), "max_speed": 1e300, "max_depth": 1e300},
+        {"acceleration_range": (1e-300, 1.0)},
+        {"max_depth": 1e-300},
+    ],
+    ids=str,
+)
+def test_numbers_out_of_all_proportion_are_refused_or_answered_in_numbers(contacts, settings):
+    for objective in ("impulse", "least_squares"):
+        for search in (lambda p: optimize_forces(p, 0.85, objective=objective), lambda p: optimize_grasp(p, objective=objective)):
+            try:
+                found = search(ForceProblem(**{"contacts": contacts, "load": [0, 0, -5.0, 0, 0, 0], "mu": 0.7, **settings}))
+            except InvalidInput as error:
+                assert "expected" in str(error)
+                continue
+            for numbers in (found.forces_c, found.acceleration, found.multipliers, found.net_wrench):
+                assert np.isfinite(numbers).all()
+            assert found.status is not Status.OK or np.linalg.norm(found.net_wrench[:3]) <= 1e-8 * max(1.0, np.abs(found.forces_c).max())

@@ -46,7 +46,7 @@ class Template:
             at = np.flatnonzero(entered)
             self.touched[i, : len(at)] = at
             self.counts[i] = np.count_nonzero(at < self.schur), len(at)
-        self.R_lo, self.R_hi = program.R_lo[self.order] * force, program.R_hi[self.order] * force
+        self.R_lo, self.R_hi = (limit[self.order] for limit in program.cache["torque limits"])
         self.facets = np.hstack([-friction.facets, np.ones((len(friction.facets), 1))])
         self.n_round = friction.round_dimensions
         self.vertices = np.array(friction.vertices) if friction.polyhedral else np.zeros((0, 2))
@@ -142,7 +142,7 @@ def solve_program(program: Program, name: str) -> tuple | None:
     code, violation, value, bound, _ = answer(
         newton, *fixed.components, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P * (force**2 / weight),
         fixed.q * (force / weight), coefs, exps, program.lo, program.hi, fixed.facets, fixed.n_round, fixed.vertices,
-        fixed.radii, fixed.R_lo / force, fixed.R_hi / force, fixed.correction, x, y, gauge, residual,
+        fixed.radii, program.R_lo[fixed.order], program.R_hi[fixed.order], fixed.correction, x, y, gauge, residual,
     )  # fmt: skip
     if code != CONVERGED or not math.isfinite(value + bound + violation):
         return None

@@ -25,7 +25,7 @@ from pinograsp.forces.solution import ForceSolution
 
 _NARROWEST = 1e-10  # intervals of t_I [s] that the certificates' accuracy no longer separates
 # Intervals that are split, and of these that no solver decided: at the limit of feasibility halves are as undecided as the whole.
-_MOST, _UNDECIDED = 2000, 100
+_MOST, _UNDECIDED = 2000, 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def optimize_grasp(
         The optimum: its ``certificate.dual`` bounds *every* impact time, so ``certificate.relative_gap`` is the global
         gap; ``branches`` is the log. ``INFEASIBLE``: every interval is proven infeasible, ``infeasibility`` is the proof
         of the one that came closest. ``INACCURATE``: some interval was not decided, or the gap not reached, within 2000
-        intervals or 100 undecided ones. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound reached.
+        intervals or 30 undecided ones. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound reached.
 
     Raises:
         InvalidInput: unknown objective or solver, or a gap below 1e-9.

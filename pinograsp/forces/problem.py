@@ -43,6 +43,8 @@ BY_SPEED = "impact speed (Eq. 13b)"
 BY_DEPTH = "penetration depth (Eq. 13a)"
 BY_CAP = "largest normal force of the contact"
 
+# What is beyond these is a slip of the unit: solvers would be left with numbers that no longer add up.
+_STRONG, _DEAR, _FAR, _STICKY = 1e12, 1e100, 1e3, 1e6  # [N], energy per newton, [m], mu
 _KEPT = 16  # sets of matrices kept per contact set: a sweep over mu must not fill the memory
 
 
@@ -152,11 +154,11 @@ class ForceProblem:
             object.__setattr__(self, name, value)
 
         k = len(instance_of("contacts", self.contacts, ContactSet))
-        put("load", array_of("load", self.load, (6,)))
+        put("load", _load(self.load))
         put("gravity_o", array_of("gravity", self.gravity_o, (3,)))
         mu = each_of("mu", self.mu, k)
-        if np.any(mu < 0):
-            raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(mu.tolist())}")
+        if np.any((mu < 0) | (mu > _STICKY)):
+            raise InvalidInput(f"mu: expected friction coefficients >= 0, up to {_STICKY:g}, got {shown(mu.tolist())}")
         put("mu", mu)
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
@@ -185,6 +187,10 @@ class ForceProblem:
             put("moment_length", self.contacts.mean_distance)
         else:
             put("moment_length", number("moment length", self.moment_length, above=0, unit="m"))
+        if not 1e-9 <= self.moment_length <= _FAR:
+            raise InvalidInput(
+                f"moment length: expected 1e-9 to {_FAR:g} m, so that moments and forces compare, got {self.moment_length:g} m"
+            )
         # Matrices that do not depend on the load or the limits are shared by all problems on the same contacts.
         key = (self.balance, self.moment_length, self.friction, mu.tobytes(), id(self.torques))
         shared = self.contacts._derived.setdefault("problems", {})
@@ -207,7 +213,7 @@ class ForceProblem:
 
     def with_load(self, load) -> ForceProblem:
         """The same problem under another load (6,) [N, N m]: for loops where nothing else changes."""
-        return record_of(ForceProblem, self.__dict__ | {"load": array_of("load", load, (6,))})
+        return record_of(ForceProblem, self.__dict__ | {"load": _load(load)})
 
     @property
     def k(self) -> int:
@@ -272,7 +278,7 @@ class ForceProblem:
         return BY_CAP if capped else reason
 
     def _range_at(self, impact_time: float) -> tuple[float, float, str]:
-        tau, depth = self.final_time - self.checked_impact_time(impact_time), self.depth_per_acceleration(impact_time)
+        tau, depth = self.final_time - impact_time, self.depth_per_acceleration(impact_time)
         limits = {
             BY_ACCELERATION: self.acceleration_range[1] * depth,
             BY_SPEED: self.max_speed / (self.shape.speed_factor * tau) * depth,
@@ -280,12 +286,35 @@ class ForceProblem:
         }
         reason = min(limits, key=limits.get)
         K, rho = self.compliance.stiffness, self.compliance.exponent
-        return K * (self.acceleration_range[0] * depth) ** rho, K * limits[reason] ** rho, reason
+
+        def force(depth: float) -> float:
+            try:
+                return K * depth**rho
+            except OverflowError:
+                return np.inf
+
+        low, high = force(self.acceleration_range[0] * depth), force(limits[reason])
+        if not low <= _STRONG:
+            raise InvalidInput(
+                f"contact law: expected a least normal force of at most {_STRONG:g} N, got {low:.3g} N at a stiffness of {K:g} "
+                f"N/m^rho and an exponent of {rho:g}; check these, and the least acceleration"
+            )
+        return low, min(high, _STRONG), reason
 
     def energy_terms(self, impact_time: float, measure: str | None = None) -> tuple[tuple[float, float], ...]:
         """The measure as a sum of powers of F_n: (coefficient, exponent) pairs, in the measure's unit."""
         name = one_of("measure", self.measure if measure is None else measure, MEASURES)
-        return energy_terms(self.compliance, name, self.final_time - self.checked_impact_time(impact_time), self.shape)
+        duration = self.final_time - self.checked_impact_time(impact_time)
+        try:
+            terms = energy_terms(self.compliance, name, duration, self.shape)
+        except OverflowError:
+            terms = ((np.inf, 1.0),)
+        if not all(0 < coefficient <= _DEAR for coefficient, _ in terms):
+            raise InvalidInput(
+                f"contact law: expected an energy per newton above 0 and up to {_DEAR:g}, got "
+                f"{', '.join(f'{coefficient:.3g}' for coefficient, _ in terms)}; check stiffness, exponent and damping of {self.compliance}"
+            )
+        return terms
 
     def energy(self, normal_force, impact_time: float, measure: str | None = None) -> np.ndarray:
         """Grasp energy per contact for final normal forces [N] and an impact at t_I [s]; in the measure's unit."""
@@ -322,6 +351,13 @@ class ForceProblem:
         """
         along = np.einsum("r,rkc->kc", array_of("direction", direction, (self.rows,)), self.scaled_columns)
         return along[:, 2] - self.pyramid * (np.abs(along[:, 0]) + np.abs(along[:, 1]))
+
+
+def _load(value) -> np.ndarray:
+    load = array_of("load", value, (6,))
+    if not np.vdot(load, load) <= _STRONG**2:  # which overflows in silence
+        raise InvalidInput(f"load: expected at most {_STRONG:g} N and N m, got {load.tolist()}")
+    return load
 
 
 def _range(name: str, value, unit: str, above: float) -> tuple[float, float]:

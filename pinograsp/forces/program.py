@@ -35,6 +35,7 @@ NEAR = 1e-6  # a limit met to this share is active
 # Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load,
 # or none at all, cost the gap is measured against the other.
 _NOTHING, _VANISHING = 1e-5, 1e-2
+_WEIGHTLESS = 1e-6  # of the least normal force
 
 
 def gap_size(total: float, constant: float) -> float:
@@ -94,7 +95,7 @@ class Program:
                 power = (coefficient * exponent) * F ** (exponent - 1)
                 first += power
                 second += (exponent - 1) * power
-        return first, second / F
+        return first, second / np.maximum(F, 1e-300)  # a least normal force may be too small for a float
 
     def reduced(self, c: np.ndarray) -> np.ndarray:
         """s_i (k,): least value of c_i . x_i per unit of F_i over u_i in F_i U."""
@@ -278,12 +279,14 @@ def assemble(
     k, d = problem.k, problem.friction.d
     stored = problem._assembled
     A, load = columns_of(problem), problem.scaled_load
-    scale = float(np.sqrt(load @ load)) or float(lo.max()) or 1.0
+    # A load of next to nothing says nothing of the forces.
+    scale = max(float(np.sqrt(load @ load)), _WEIGHTLESS * float(lo.max())) if np.any(load) else float(lo.max())
+    scale = scale or 1.0
     powers = [(weights[m] * c * scale**e, e) for m in MEASURES if weights.get(m) for c, e in terms[m]]
     key = ("objective", *weights.items())
     if key not in stored:
         stored[key] = _quadratic(problem, weights)
-        stored[(*key, "cache")] = {}
+        stored[(*key, "cache")] = {}  # solvers keep there what depends on nothing else
     P, q, constant = stored[key]
     sizes = [c for c, _ in powers]
     peak = weights.get("peak", 0.0) * scale
@@ -294,8 +297,15 @@ def assemble(
     unit = max(sizes) if max(sizes) > 0 else 1.0
     if "rows" not in stored:
         stored["rows"] = _torque_rows(problem)
+        rows = stored["rows"][0].reshape(-1, k, d)
+        stored["reach"] = np.abs(rows[:, :, -1]) + problem.friction.support(rows[:, :, :-1])  # largest |row . x| per newton of F_n
     R, R_lo, R_hi, _ = stored["rows"]
-    cache = stored[(*key, "cache")]  # solvers keep there what depends on nothing else
+    if len(R):
+        # A limit that no admissible forces reach is drawn in to just beyond their reach: huge ones spoil a solver's scaling.
+        reach = np.maximum(2.0 * stored["reach"] @ hi, scale)
+        R_lo, R_hi = np.maximum(R_lo, np.minimum(-reach, R_hi)), np.minimum(R_hi, np.maximum(reach, R_lo))
+    cache = stored[(*key, "cache")]
+    cache["torque limits"] = stored["rows"][1:3]
     return Program(
         friction=problem.friction,
         k=k,
