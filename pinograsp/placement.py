@@ -22,6 +22,7 @@ from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_
 from pinograsp.hands import HandModel
 from pinograsp.interrupts import interrupts_kept
 from pinograsp.motion import torque_limits
+from pinograsp.writing import failure_told
 
 _ALIGNED = 0.7  # share of the samples whose object axes are aligned with the hand's
 _TILT = 0.15  # [rad] noise on aligned orientations
@@ -117,7 +118,8 @@ def find_placements(
         case = (hand, object, torque_limit, impact_time, wrap, settings)
         if joblib.effective_n_jobs(jobs) > 1:
             path = Path(folder) / "case.pickle"
-            path.write_bytes(cloudpickle.dumps(case))
+            with failure_told(path):
+                path.write_bytes(cloudpickle.dumps(case))
             case = str(path)
         work = (joblib.delayed(_try)(case, s) for s in seeds)
         try:

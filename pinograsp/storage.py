@@ -1,4 +1,4 @@
-"""Runs on disk, written whole or not at all.
+"""Runs on disk.
 
 ``plan.json`` holds figures and settings, ``plan.npz`` the arrays, ``scene.json`` the hand and the object.
 """
@@ -7,20 +7,19 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.hands.record import hand_of, hand_record
 from pinograsp.objects.body import Body
 from pinograsp.objects.record import object_of, object_record
 from pinograsp.run_files import read_check, read_document, read_plan
+from pinograsp.writing import NewFolder, write_folder
 
 SCHEMA = "pinograsp.plan/1"
 SCENE = "pinograsp.scene/1"
@@ -117,115 +116,42 @@ def _versions(solver: str) -> dict[str, str]:
 
 
 def save_run(
-    run: Run, folder: str | Path, *, force: bool = False, extras: Callable[[Path], None] | None = None
+    run, folder: str | Path | NewFolder, *, force: bool = False, extras: Callable[[Path], None] | None = None
 ) -> Path:
-    """Write a run into ``folder``; returns it.
+    """Write a run, or a :class:`~pinograsp.plan.GraspPlan`, into ``folder``, whole or not at all; returns it.
 
-    Everything is written into a hidden sibling first and renamed at the end, so a crash leaves nothing half-written.
-    ``extras(path)`` may add files (report, figures) before the rename.
+    ``extras(path)`` may add files (report, figures). ``force`` replaces an earlier run, with its checks.
 
     Raises:
-        ResultsNotWritten: the folder exists and ``force`` is off, or it holds files that no run wrote, or the place
-            cannot be written.
+        InvalidInput: neither a run nor a plan, or one with values that cannot be written down.
+        ResultsNotWritten: the folder exists and ``force`` is off, it holds files that no run wrote, another process is writing it, or
+            the place cannot be written.
     """
+    if not isinstance(run, Run):
+        if not all(hasattr(run, name) for name in ("hand", "forces", "motion")):
+            raise InvalidInput(f"run: expected a GraspPlan, or a Run as pinograsp.run_of makes it, got {run!r:.80}")
+        run = run_of(run)
+    document = {"schema": SCHEMA, **run.summary, "layout": run.layout, "settings": run.settings, "versions": run.versions}
+    try:
+        documents = {"plan.json": json.dumps(document, indent=2, allow_nan=False)}
+        if run.scene:
+            documents["scene.json"] = json.dumps({"schema": SCENE, **run.scene}, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"run: expected plain, finite values in summary, layout, settings and scene ({error})") from error
 
     def fill(staging: Path) -> None:
-        document = {
-            "schema": SCHEMA,
-            **run.summary,
-            "layout": run.layout,
-            "settings": run.settings,
-            "versions": run.versions,
-        }
-        (staging / "plan.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        for name, text in documents.items():
+            (staging / name).write_text(text + "\n", encoding="utf-8")
         np.savez_compressed(staging / "plan.npz", **run.arrays)
-        if run.scene:
-            scene = json.dumps({"schema": SCENE, **run.scene}, allow_nan=False)
-            (staging / "scene.json").write_text(scene + "\n", encoding="utf-8")
         if extras is not None:
             extras(staging)
 
     return write_folder(folder, fill, force=force)
 
 
-def write_folder(folder: str | Path, fill: Callable[[Path], None], *, force: bool = False) -> Path:
-    """A folder with what ``fill(path)`` writes, whole or not at all; errors as :func:`save_run`."""
-    folder = Path(folder)
-    check_folder(folder, force)
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise ResultsNotWritten(f"cannot write next to '{folder}': {error}") from error
-    try:
-        fill(staging)
-        files = sorted(path.name for path in staging.iterdir())
-        (staging / "files.txt").write_text("\n".join(files) + "\n", encoding="utf-8")
-        staging.chmod(0o777 & ~_umask())  # mkdtemp makes it private; results are as readable as any other folder
-        _move_into_place(staging, folder)
-    except OSError as error:
-        raise ResultsNotWritten(f"cannot write '{folder}': {error}") from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-    return folder
-
-
-def write_file(path: str | Path, content: bytes) -> Path:
-    """One file, whole or not at all: written next to its place, then renamed; returns its path.
-
-    Raises:
-        ResultsNotWritten: it cannot be written.
-    """
-    path = Path(path)
-    staging = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, staging = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())  # renamed before its content is on disk, it could be empty after a power cut
-        os.chmod(staging, 0o666 & ~_umask())  # mkstemp makes it private; results are as readable as any other file
-        Path(staging).replace(path)
-    except BaseException as error:
-        if staging is not None:
-            Path(staging).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
-        raise
-    return path
-
-
-def _umask() -> int:
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask
-
-
-def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
-    """Files that ``fill(path)`` writes, moved into a run's folder one by one; they replace earlier ones.
-
-    Raises:
-        ResultsNotWritten: the folder cannot be written.
-    """
-    folder = Path(folder)
-    try:
-        with tempfile.TemporaryDirectory(prefix=".new-", dir=folder) as staging:
-            fill(Path(staging))
-            new = sorted(Path(staging).iterdir())
-            listing = folder / "files.txt"
-            known = listing.read_text(encoding="utf-8").split() if listing.is_file() else []
-            for path in new:
-                path.replace(folder / path.name)
-            (Path(staging) / "files.txt").write_text("\n".join(sorted({*known, *(path.name for path in new)})) + "\n", encoding="utf-8")
-            (Path(staging) / "files.txt").replace(listing)
-    except OSError as error:
-        raise ResultsNotWritten(f"cannot write into '{folder}': {error}") from error
-
-
 def newest_check(folder: str | Path) -> Path | None:
     """The folder of the last simulation of a run, where there is one below the run's own."""
-    checks = [path.parent for path in Path(folder).glob("*/check.json")]
+    checks = [path.parent for path in Path(folder).glob("[!.]*/check.json")]  # hidden: not written to the end
     return max(checks, key=lambda path: (path / "check.json").stat().st_mtime_ns, default=None)
 
 
@@ -233,57 +159,23 @@ def load_check(folder: str | Path) -> tuple[dict, dict[str, np.ndarray]]:
     """Summary and arrays of a simulation; :class:`InvalidInput` where the folder holds none."""
     folder = Path(folder)
     try:
-        return read_check(folder)
+        return _of_one(folder, read_check)
     except Exception as error:  # the readers raise whatever comes of a broken file
         raise InvalidInput(
             f"simulation: expected a folder that 'pinograsp check' wrote, got '{folder}' ({_cause(error)})"
         ) from error
 
 
-def check_folder(folder: str | Path, force: bool) -> None:
-    """Raise :class:`ResultsNotWritten` unless a run may be written to ``folder`` (call it before long work)."""
-    folder = Path(folder)
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise ResultsNotWritten(f"'{folder}' is a file: give a folder that does not exist yet")
-    if not any(folder.iterdir()):
-        return
-    if not force:
-        raise ResultsNotWritten(f"folder '{folder}' already exists: choose another --out, or overwrite it with --force")
-    listing = folder / "files.txt"
-    ours = {*(listing.read_text(encoding="utf-8").split("\n") if listing.is_file() else ()), "files.txt"}
-    if (folder / "plan.json").is_file() and listing.is_file():  # checks of a run, and their trials, lie in folders within it
-        ours |= {path.name for path in folder.iterdir() if (path / "check.json").is_file() or any(path.glob("*/monte_carlo.jsonl"))}
-    foreign = sorted(path.name for path in folder.iterdir() if path.name not in ours)
-    if foreign:
-        raise ResultsNotWritten(
-            f"folder '{folder}' holds files that no run wrote ({', '.join(foreign[:5])}): it is not overwritten, "
-            "choose another --out"
-        )
-
-
-def _move_into_place(staging: Path, folder: Path) -> None:
-    if not folder.exists():
-        staging.rename(folder)
-        return
-    retired = Path(tempfile.mkdtemp(prefix=f".{folder.name}-old-", dir=folder.parent))
-    folder.rename(retired / "run")
-    try:
-        staging.rename(folder)
-    except OSError:
-        (retired / "run").rename(folder)
-        raise
-    finally:
-        shutil.rmtree(retired, ignore_errors=True)
-
-
 def load_run(folder: str | Path) -> Run:
     """Read a run back; :class:`InvalidInput` where the folder holds none, or one that is damaged or of another schema."""
     folder = Path(folder)
+
+    def read(folder: Path) -> tuple[dict, dict, dict]:
+        scene = folder / "scene.json"
+        return *read_plan(folder, SCHEMA), read_document(scene, SCENE) if scene.exists() else {}
+
     try:
-        document, arrays = read_plan(folder, SCHEMA)
-        scene = read_document(folder / "scene.json", SCENE) if (folder / "scene.json").exists() else {}
+        document, arrays, scene = _of_one(folder, read)
         layout, settings, versions = (document.pop(name) for name in ("layout", "settings", "versions"))
     except Exception as error:  # the readers raise whatever comes of a broken file
         raise InvalidInput(f"'{folder}' holds no readable run: {_cause(error)}") from error
@@ -292,3 +184,25 @@ def load_run(folder: str | Path) -> Run:
 
 def _cause(error: Exception) -> str:
     return str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {error}"[:300]
+
+
+def _of_one(folder: Path, read: Callable[[Path], tuple]) -> tuple:
+    """What ``read(folder)`` gives, all of one folder: another may take its place meanwhile."""
+    while True:
+        before = _state(folder)
+        try:
+            value = read(folder)
+        except Exception:
+            if _state(folder) == before:
+                raise
+        else:
+            if _state(folder) == before:
+                return value
+
+
+def _state(folder: Path) -> tuple[int, int] | None:
+    try:
+        found = folder.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_ino, found.st_ctime_ns

@@ -15,8 +15,9 @@ from pinograsp.cases import load_case
 from pinograsp.cases.published import compare
 from pinograsp.errors import ContactNotReached, GraspInfeasible, InvalidInput, ResultsNotWritten, Status
 from pinograsp.report import comparison_rows, markdown, number
-from pinograsp.storage import check_folder, load_run, run_of, save_run
+from pinograsp.storage import load_run, run_of, save_run
 from pinograsp.viz.figures import contact_forces, joint_angles, joint_torques, save_figures
+from pinograsp.writing import NewFolder, folders
 
 
 @pytest.fixture(scope="module")
@@ -162,9 +163,9 @@ def test_existing_folders_are_kept(run, tmp_path):
     assert (folder / "notes.txt").read_text() == "mine"
     (tmp_path / "file").write_text("")
     with pytest.raises(ResultsNotWritten, match="is a file"):
-        check_folder(tmp_path / "file", force=True)
+        NewFolder(tmp_path / "file", force=True)
     (tmp_path / "empty").mkdir()
-    check_folder(tmp_path / "empty", force=False)
+    assert save_run(run, tmp_path / "empty") == tmp_path / "empty"
 
 
 def test_a_crash_leaves_nothing_behind(run, tmp_path):
@@ -184,16 +185,11 @@ def test_a_crash_leaves_nothing_behind(run, tmp_path):
 
 def test_an_earlier_run_survives_a_failed_rename(run, tmp_path, monkeypatch):
     folder = save_run(run, tmp_path / "run")
-    from pathlib import Path
 
-    real = Path.rename
+    def failing(one, other):
+        raise OSError("disk full")
 
-    def rename(self, target):
-        if Path(target) == folder and self.name != "run":
-            raise OSError("disk full")
-        return real(self, target)
-
-    monkeypatch.setattr(Path, "rename", rename)
+    monkeypatch.setattr(folders, "_exchange", failing)
     with pytest.raises(ResultsNotWritten, match="disk full"):
         save_run(run, folder, force=True)
     monkeypatch.undo()

@@ -383,7 +383,7 @@ def plan(paper_case):
 def test_a_run_folder_holds_hand_and_object(plan, tmp_path):
     run = run_of(plan)
     folder = save_run(run, tmp_path / "run")
-    assert (folder / "files.txt").read_text().split() == ["plan.json", "plan.npz", "scene.json"]
+    assert (folder / "files.txt").read_text().splitlines()[1:] == ["plan.json", "plan.npz", "scene.json"]
     assert "description" not in (folder / "plan.json").read_text()
     back = load_run(folder)
     assert back.scene == run.scene and set(back.scene) == {"hand", "object"}

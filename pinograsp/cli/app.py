@@ -91,10 +91,8 @@ def console():
     return Console(width=None if sys.stdout.isatty() else 150, highlight=False, markup=False)
 
 
-def fresh_folder(name: str, beside: Path = Path("runs")) -> Path:
-    """A folder that does not exist yet: NAME, NAME-2, ..."""
-    folder, count = beside / name, 1
-    while folder.exists():
-        count += 1
-        folder = beside / f"{name}-{count}"
-    return folder
+def new_folder(out: Path | None, force: bool, name: str, beside: Path = Path("runs")):
+    """``--out``, or a folder that does not exist yet, NAME, NAME-2, ...: kept for this process from now on."""
+    from pinograsp.writing import NewFolder
+
+    return NewFolder(out, force=force) if out is not None else NewFolder.fresh(name, beside)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, fresh_folder
+from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, new_folder
 from pinograsp.errors import InvalidInput
 
 _MOST_TRIALS = 100_000  # of each error
@@ -66,35 +66,37 @@ def check(
 
       pinograsp check runs/paper --monte-carlo 100
     """
-    from pinograsp.storage import check_folder
+    from pinograsp.storage import load_run
 
-    folder = out if out is not None else fresh_folder("check", run)
-    if (folder / "plan.json").exists() or folder.resolve() in (run.resolve(), *run.resolve().parents):
-        raise InvalidInput(f"--out: expected a folder for the check alone, got '{folder}', which holds a run")
     if not 0 <= monte_carlo <= _MOST_TRIALS:
         raise InvalidInput(f"--monte-carlo: expected a number of trials from 0 to {_MOST_TRIALS}, got {monte_carlo}")
-    check_folder(folder, force)
-    settings = {"hold": hold, "engine": engine, "time_step": time_step, "mode": "prescribed" if prescribed else "servo"}
-    wrong = (push, shake, mu, mass, offset, turn, start_error)
-    studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
-    studies["trials"] = run / "trials" if out is None else out.with_name(f"{out.name}-trials")
-    summary = _check(run, folder, force, settings, wrong, studies, as_json)
+    load_run(run)  # says what is wrong with it before anything is made
+    with new_folder(out, force, "check", run) as folder:
+        place = folder.place
+        if (place / "plan.json").exists() or place in (run.resolve(), *run.resolve().parents):
+            raise InvalidInput(f"--out: expected a folder for the check alone, got '{out}', which holds a run")
+        settings = {"hold": hold, "engine": engine, "time_step": time_step, "mode": "prescribed" if prescribed else "servo"}
+        wrong = (push, shake, mu, mass, offset, turn, start_error)
+        studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
+        studies["trials"] = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
+        summary = _check(run, folder, settings, wrong, studies, as_json)
     if as_json:
-        typer.echo(json.dumps({**summary, "folder": str(folder)}, allow_nan=False))
+        typer.echo(json.dumps({**summary, "folder": str(folder.path)}, allow_nan=False))
     if summary.get("monte_carlo", {}).get("interrupted"):
         raise typer.Exit(130)
     if not summary["held"]:
         raise typer.Exit(3)
 
 
-def _check(run: Path, folder: Path, force: bool, settings: dict, wrong: tuple, studies: dict, as_json: bool) -> dict:
+def _check(run: Path, folder, settings: dict, wrong: tuple, studies: dict, as_json: bool) -> dict:
     import numpy as np
 
     from pinograsp.referee import simulate
     from pinograsp.referee.task import Task
     from pinograsp.report import checked
-    from pinograsp.storage import load_run, write_folder
+    from pinograsp.storage import load_run
     from pinograsp.viz.checks import save_check_figures
+    from pinograsp.writing import list_in
 
     loaded = load_run(run)
     task = Task.of(loaded)
@@ -106,7 +108,7 @@ def _check(run: Path, folder: Path, force: bool, settings: dict, wrong: tuple, s
     if not as_json:
         typer.echo(simulation.describe())
     texts = []
-    for name, study in _studies(task, loaded.summary["margins"], studies, disturbance, settings, as_json):
+    for name, study in _studies(run, task, loaded.summary["margins"], studies, disturbance, settings, as_json):
         summary[name] = study.summary()
         texts.append(study.describe())
         if not as_json:
@@ -118,20 +120,24 @@ def _check(run: Path, folder: Path, force: bool, settings: dict, wrong: tuple, s
         figures = [figure.name for figure in save_check_figures(simulation, path)]
         (path / "check.md").write_text(checked(summary, figures, texts), encoding="utf-8")
 
-    write_folder(folder, fill, force=force)
+    list_in(run, f"{folder.place}/")  # in the run's folder it is a part of the run
+    folder.write(fill)
     if not as_json:
-        typer.echo(f"\nwritten to {folder}: check.md, check.json, check.npz and figures")
+        typer.echo(f"\nwritten to {folder.path}: check.md, check.json, check.npz and figures")
     return summary
 
 
-def _studies(task, margins: dict, studies: dict, disturbance, settings: dict, as_json: bool):
+def _studies(run: Path, task, margins: dict, studies: dict, disturbance, settings: dict, as_json: bool):
     """The studies that were asked for, by name; the planner's own margins stand beside the thresholds."""
     from pinograsp.referee import load_threshold, monte_carlo, slip_threshold
+    from pinograsp.referee.monte_carlo import FILE
+    from pinograsp.writing import list_in
 
     if studies["monte_carlo"]:
         # Trials are kept as they come: the same command, typed again, goes on from there.
         told = json.dumps({"seed": studies["seed"], **settings}, sort_keys=True)
         trials = studies["trials"] / hashlib.sha256(told.encode()).hexdigest()[:8]
+        list_in(run, trials / FILE)
         study = monte_carlo(
             task, count=studies["monte_carlo"], seed=studies["seed"], progress=bar(as_json), folder=trials, **settings
         )

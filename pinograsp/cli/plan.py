@@ -26,7 +26,7 @@ from pinograsp.cli.app import (
     app,
     bar,
     console,
-    fresh_folder,
+    new_folder,
 )  # fmt: skip
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp, Status
 
@@ -99,23 +99,22 @@ def plan(
 
 def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None, force: bool, as_json: bool) -> None:
     from pinograsp.cases import load_case
-    from pinograsp.storage import check_folder, run_of
+    from pinograsp.storage import run_of
 
     chosen = [f'forces.{key}="{value}"' for key, value in options.items() if value is not None]
     loaded = load_case(case, [*(changes or []), *chosen])
-    folder = out if out is not None else fresh_folder(loaded.name)
-    check_folder(folder, force)
-    try:
-        planned = loaded.plan(progress=bar(as_json))
-    except GraspInfeasible as error:
-        # A proof is a result: it is kept like one. A grid that found nothing proves nothing.
-        if error.solution.search == "convex" and error.solution.status is Status.INFEASIBLE:
-            _keep_proof(error, loaded, folder, force)
-        raise
-    run = run_of(planned, loaded.settings())
-    if case == "paper":
-        run = replace(run, summary=run.summary | _beside_the_paper(loaded, run.summary["notes"]))
-    _finish(run, folder, force, as_json)
+    with new_folder(out, force, loaded.name) as folder:
+        try:
+            planned = loaded.plan(progress=bar(as_json))
+        except GraspInfeasible as error:
+            # A proof is a result: it is kept like one. A grid that found nothing proves nothing.
+            if error.solution.search == "convex" and error.solution.status is Status.INFEASIBLE:
+                _keep_proof(error, loaded, folder)
+            raise
+        run = run_of(planned, loaded.settings())
+        if case == "paper":
+            run = replace(run, summary=run.summary | _beside_the_paper(loaded, run.summary["notes"]))
+        _finish(run, folder, as_json)
 
 
 def _beside_the_paper(case, notes: list[str]) -> dict:
@@ -151,12 +150,11 @@ def _closed(case, as_json: bool):
 
 def _plan_object(case, out, force: bool, as_json: bool) -> None:
     """Place the hand, close it on the object, plan."""
-    from pinograsp.storage import check_folder, run_of
+    from pinograsp.storage import run_of
 
-    folder = out if out is not None else fresh_folder(f"{Path(case.hand).stem}-{case.object.split(':')[0]}")
-    check_folder(folder, force)
-    planned = case.plan(_closed(case, as_json), progress=bar(as_json))
-    _finish(run_of(planned, {"name": f"{case.hand}, {case.object}", **case.settings()}), folder, force, as_json)
+    with new_folder(out, force, f"{Path(case.hand).stem}-{case.object.split(':')[0]}") as folder:
+        planned = case.plan(_closed(case, as_json), progress=bar(as_json))
+        _finish(run_of(planned, {"name": f"{case.hand}, {case.object}", **case.settings()}), folder, as_json)
 
 
 @app.command()
@@ -193,7 +191,7 @@ def close(
         raise typer.Exit(3)
 
 
-def _finish(run, folder: Path, force: bool, as_json: bool) -> None:
+def _finish(run, folder, as_json: bool) -> None:
     """Save a run with its report and figures, print it, and leave with its exit code."""
     from pinograsp.storage import save_run
 
@@ -203,25 +201,25 @@ def _finish(run, folder: Path, force: bool, as_json: bool) -> None:
 
         write_report(run, path, [figure.name for figure in save_figures(run, path)])
 
-    save_run(run, folder, force=force, extras=extras)
+    save_run(run, folder, extras=extras)
     if as_json:
-        typer.echo(json.dumps({**run.summary, "folder": str(folder)}, allow_nan=False))
+        typer.echo(json.dumps({**run.summary, "folder": str(folder.path)}, allow_nan=False))
     else:
-        _print(run, folder)
+        _print(run, folder.path)
     if run.summary["status"] == "interrupted":
         raise typer.Exit(130)
     if run.summary["status"] not in HELD:
         raise typer.Exit(3)
 
 
-def _keep_proof(error, loaded, folder: Path, force: bool) -> None:
+def _keep_proof(error, loaded, folder) -> None:
     from pinograsp.report import write_report
     from pinograsp.storage import run_of_failure, save_run
 
     layout = {"hand": loaded.hand.source, "contacts": [contact.finger for contact in loaded.contacts]}
     run = run_of_failure(error, layout, loaded.settings())
-    save_run(run, folder, force=force, extras=lambda path: write_report(run, path))
-    typer.echo(f"the proof is written to {folder}: report.html, report.md, plan.json", err=True)
+    save_run(run, folder, extras=lambda path: write_report(run, path))
+    typer.echo(f"the proof is written to {folder.path}: report.html, report.md, plan.json", err=True)
 
 
 def _print(run, folder: Path) -> None:

@@ -28,16 +28,17 @@ def report(
       pinograsp check runs/paper && pinograsp report runs/paper
     """
     from pinograsp.report import write_report
-    from pinograsp.storage import add_files, load_check, load_run, newest_check
+    from pinograsp.storage import load_check, load_run, newest_check
     from pinograsp.viz.figures import save_figures
+    from pinograsp.writing import add_files
 
-    loaded = load_run(run)
-    found = check if check is not None else newest_check(run)
-    verdict = None if found is None else load_check(found)[0]
+    load_run(run)  # says what is wrong with it before anything is made
 
     def fill(path: Path) -> None:
+        loaded = load_run(run)  # that of the folder in which the files are to be: another may have taken its place
+        found = check if check is not None else newest_check(run)
         figures = [figure.name for figure in save_figures(loaded, path)] if loaded.arrays else []
-        write_report(loaded, path, figures, verdict)
+        write_report(loaded, path, figures, None if found is None else load_check(found)[0])
 
     add_files(run, fill)
     typer.echo(f"written to {run}: report.html, report.md and figures")

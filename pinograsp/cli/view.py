@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -40,14 +41,16 @@ def view(
     """
     from pinograsp.storage import load_run, newest_check
 
-    if html is not None and html.exists() and not force:
+    if html is not None and os.path.lexists(html) and not force:
         raise ResultsNotWritten(f"'{html}' already exists: choose another --html, or overwrite it with --force")
     loaded = load_run(run)
     simulation = check if check is not None else newest_check(run)
     if html is not None:
         from pinograsp.viz.viewer import save_html
+        from pinograsp.writing import list_in
 
         save_html(loaded, html, simulation=simulation)
+        list_in(html.parent, html)  # in a run's folder it is one of the run's files
         typer.echo(f"written to {html} ({html.stat().st_size / 1e6:.1f} MB)")
         return
     if not 0 <= port < 65536:

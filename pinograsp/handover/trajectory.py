@@ -19,7 +19,7 @@ from pinograsp.handover.actuators import controls
 from pinograsp.handover.quintic import between, interpolated
 from pinograsp.handover.yaml_text import yaml_of
 from pinograsp.hands.coupling import Coupling
-from pinograsp.storage import write_file
+from pinograsp.writing import write_file
 
 _FIELDS = {"position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "effort"}
 _MESSAGE = {"positions": "q", "velocities": "dq", "accelerations": "ddq", "effort": "effort"}

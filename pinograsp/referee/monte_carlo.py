@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from dataclasses import asdict, dataclass, fields
@@ -216,7 +217,7 @@ def monte_carlo(
     Raises:
         InvalidInput: unusable settings; a hold too short for the push; a folder with rows of another plan or of other
             settings.
-        ResultsNotWritten: the folder cannot be written.
+        ResultsNotWritten: the folder cannot be written, or another process writes trials there.
     """
     started = time.perf_counter()
     count, seed = int(number("count", count, at_least=1)), int(number("seed", seed, at_least=0))
@@ -246,13 +247,14 @@ def monte_carlo(
         )
         try:
             # As they come, so that an interruption loses none that is done.
-            for name, trial, drawn, outcome in joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
-                log.add({
-                    "error": name, "trial": trial, "drawn": drawn, "held": outcome.held, "drift_m": outcome.drift,
-                    "reason": outcome.reason,
-                })  # fmt: skip
-                bar.update()
-                interrupt()
+            with contextlib.closing(joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(work)) as results:
+                for name, trial, drawn, outcome in results:
+                    log.add({
+                        "error": name, "trial": trial, "drawn": drawn, "held": outcome.held, "drift_m": outcome.drift,
+                        "reason": outcome.reason,
+                    })  # fmt: skip
+                    bar.update()
+                    interrupt()
         except KeyboardInterrupt:
             interrupted = True
     rows = tuple(log.rows[key] for key in wanted if key in log.rows)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from pathlib import Path
 
 from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.writing import failure_told, lock, place_of
 
 _SAME = 1e-6  # relative difference between a plan and the same one, planned again
 
@@ -14,11 +16,12 @@ _SAME = 1e-6  # relative difference between a plan and the same one, planned aga
 class TrialLog:
     """Rows by error and trial, kept in ``rows`` and on disk, under a header that says what they are of.
 
-    A context: it closes the file. Without a path nothing is written. A last line that was cut short is dropped.
+    A context: it keeps the file from other writers, and closes it. Without a path nothing is written. A last line that was cut short is
+    dropped.
 
     Raises:
         InvalidInput: the file holds something else, or rows under another header.
-        ResultsNotWritten: it cannot be written.
+        ResultsNotWritten: it cannot be written, or another process is writing it.
     """
 
     def __init__(self, path: Path | None, header: dict):
@@ -26,19 +29,23 @@ class TrialLog:
         if path is None:
             return
         self.head = _line(header)
+        with failure_told(path):
+            place_of(path).parent.mkdir(parents=True, exist_ok=True)
+            self.file = path.open("a+b", buffering=0)
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            kept = self.path.read_bytes() if self.path.exists() else b""
-        except OSError as error:
-            raise ResultsNotWritten(f"cannot write '{self.path}': {error}") from error
-        whole = kept[: kept.rfind(b"\n") + 1]  # without a last line that was cut short
-        self._read(whole, kept, header)
-        try:
-            self.file = self.path.open("ab")
-            self.file.truncate(len(whole))
-        except OSError as error:
-            raise ResultsNotWritten(f"cannot write '{self.path}': {error}") from error
-        self.empty = not whole
+            with failure_told(path):
+                if lock(self.file.fileno()) is False:
+                    raise ResultsNotWritten(f"another process is writing trials to '{path}': wait for it, or give another folder")
+                self.file.seek(0)
+                kept = self.file.read()
+            whole = kept[: kept.rfind(b"\n") + 1]  # without a last line that was cut short
+            self._read(whole, kept, header)
+            with failure_told(path):
+                self.file.truncate(len(whole))
+        except BaseException:
+            self.file.close()
+            raise
+        self.size = len(whole)
 
     def _read(self, whole: bytes, kept: bytes, header: dict) -> None:
         if not whole:
@@ -68,16 +75,20 @@ class TrialLog:
 
     def add(self, row: dict) -> None:
         """Keep a row; on disk at once."""
-        self.rows[row["error"], row["trial"]] = row
-        if self.file is None:
-            return
-        try:
+        if self.file is not None:
             # Not before the first row: settings that cannot be simulated leave nothing behind.
-            self.file.write((self.head if self.empty else b"") + _line(row))
-            self.file.flush()
-        except OSError as error:
-            raise ResultsNotWritten(f"cannot write '{self.path}': {error}") from error
-        self.empty = False
+            line = (b"" if self.size else self.head) + _line(row)
+            with failure_told(self.path):
+                try:
+                    written = 0
+                    while written < len(line):
+                        written += self.file.write(line[written:])
+                except BaseException:
+                    with contextlib.suppress(OSError):  # part of a line that stays is dropped by the next reader
+                        self.file.truncate(self.size)
+                    raise
+            self.size += len(line)
+        self.rows[row["error"], row["trial"]] = row
 
     def __enter__(self) -> TrialLog:
         return self

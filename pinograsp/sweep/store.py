@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
+import re
 from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
-from pinograsp.storage import write_file
+from pinograsp.writing import ASIDE, discard, failure_told, is_still, lock, place_of, sweep, write_file
 
 # pyarrow's and other readers of whole folders pass over names that begin like these.
 SCHEMA, MANIFEST, _LOCK = "pinograsp.sweep/1", "_manifest.json", ".lock"
-_ASIDE = f".{MANIFEST}-"  # what a manifest is called until it is whole
+_PART = re.compile(r"part-(\d{6,})-(\d{6,})\.parquet")
 _MERGED = 100  # parts that become one
 
 
@@ -37,30 +37,21 @@ class Store:
             "versions": {name: version(name) for name in ("pinograsp", "pin", "numpy", "pyarrow")},
         }  # fmt: skip
         try:
-            self._open(manifest)
-        except OSError as error:
-            self.__exit__()
-            raise ResultsNotWritten(f"cannot write '{folder}': {error}") from error
-        except InvalidInput:
+            with failure_told(folder):
+                place_of(folder)
+                self._open(manifest)
+        except BaseException:
             self.__exit__()
             raise
 
     def _open(self, manifest: dict) -> None:
         path = self.folder / MANIFEST
-        if not path.exists() and self.folder.exists():
-            foreign = sorted(one.name for one in self.folder.iterdir() if one.name != _LOCK and not one.name.startswith(_ASIDE))
-            if foreign:
-                raise ResultsNotWritten(
-                    f"folder '{self.folder}' holds files that no sweep wrote ({', '.join(foreign[:5])}): give another folder"
-                )
+        self._refuse_others()
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.lock = (self.folder / _LOCK).open("w")
-        try:
-            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ResultsNotWritten(f"folder '{self.folder}': another sweep is writing there: wait for it, or stop it") from None
-        except OSError:  # a file system without locks
-            pass
+        self.lock = (self.folder / _LOCK).open("a")
+        if lock(self.lock.fileno()) is False:
+            raise ResultsNotWritten(f"folder '{self.folder}': another sweep is writing there: wait for it, or stop it")
+        self._refuse_others()
         if path.exists():
             found = _manifest(self.folder)
             if found["hash"] != manifest["hash"]:
@@ -72,14 +63,27 @@ class Store:
                 )
         else:
             write_file(path, (json.dumps(manifest, indent=2) + "\n").encode())
+        sweep(self.folder, discard)
         live, stale = _parts(self.folder)
-        for one in [*stale, *self.folder.glob(".part-*"), *self.folder.glob(f"{_ASIDE}*")]:
+        for one in stale:
             one.unlink()
         for one in live:
             table = _read(one, ["index", "status"])
-            self.have[table["index"].to_numpy()] = True
+            rows = table["index"].to_numpy()
+            if rows.min(initial=0) < 0 or rows.max(initial=0) >= len(self.have):
+                raise InvalidInput(f"'{one}' holds rows that this sweep has not: remove it, and its own are planned again")
+            self.have[rows] = True
             self.counts.update(table["status"].to_pylist())
         self.next = 1 + max((_span(one)[1] for one in live), default=-1)
+
+    def _refuse_others(self) -> None:
+        """Raise where the folder has no manifest, but something else."""
+        if self.folder.exists() and not (self.folder / MANIFEST).exists():
+            foreign = sorted(one.name for one in self.folder.iterdir() if one.name != _LOCK and not one.name.startswith(ASIDE))
+            if foreign:
+                raise ResultsNotWritten(
+                    f"folder '{self.folder}' holds files that no sweep wrote ({', '.join(foreign[:5])}): give another folder"
+                )
 
     @property
     def done(self) -> int:
@@ -96,6 +100,8 @@ class Store:
 
         if not self.kept:
             return
+        if not is_still(self.lock.fileno(), self.folder / _LOCK) or not (self.folder / MANIFEST).exists():
+            raise ResultsNotWritten(f"folder '{self.folder}' was removed, or another has taken its place, while a sweep was writing there")
         columns = {
             name: [_CELLS.get(kind, _plain)(row.get(name)) for row in self.kept]
             for name, kind in {"index": "whole", **self.kinds}.items()
@@ -116,12 +122,10 @@ class Store:
         if len(small) < 2:
             return
         path = self.folder / f"part-{_span(small[0])[0]:06d}-{_span(small[-1])[1]:06d}.parquet"
-        try:
+        with failure_told(path):
             write_file(path, _parquet(pa.concat_tables([_read(one) for one in small])))
             for one in small:
                 one.unlink()
-        except OSError as error:
-            raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
 
     def __enter__(self) -> Store:
         return self
@@ -147,7 +151,10 @@ def read_sweep(folder: str | Path):
             tables = [_read(one) for one in _parts(folder)[0]]
         except FileNotFoundError:  # merged just now
             continue
-        return pa.concat_tables(tables).sort_by("index") if tables else schema.empty_table()
+        try:
+            return pa.concat_tables(tables).sort_by("index") if tables else schema.empty_table()
+        except pa.ArrowException as error:
+            raise InvalidInput(f"'{folder}' holds parts of other sweeps: {error}") from error
 
 
 def _schema(kinds: dict[str, str]):
@@ -191,14 +198,15 @@ def _manifest(folder: Path) -> dict:
 def _parts(folder: Path) -> tuple[list[Path], list[Path]]:
     """The parts in order, and those that a merged one has taken the place of."""
     live, stale, end = [], [], -1
-    for path in sorted(folder.glob("part-*-*.parquet"), key=lambda path: (_span(path)[0], -_span(path)[1])):
+    parts = [path for path in folder.glob("part-*.parquet") if _PART.fullmatch(path.name)]
+    for path in sorted(parts, key=lambda path: (_span(path)[0], -_span(path)[1])):
         (live if _span(path)[0] > end else stale).append(path)
         end = max(end, _span(path)[1])
     return live, stale
 
 
 def _span(path: Path) -> tuple[int, int]:
-    _, first, last = path.stem.split("-")
+    first, last = _PART.fullmatch(path.name).groups()
     return int(first), int(last)
 
 
@@ -207,11 +215,15 @@ def _read(path: Path, columns: list[str] | None = None):
     from pyarrow import parquet
 
     try:
-        return parquet.ParquetFile(path).read(columns)
+        table = parquet.ParquetFile(path).read(columns)
     except FileNotFoundError:
         raise
     except (OSError, pa.ArrowException) as error:
         raise InvalidInput(f"'{path}' cannot be read: remove it, and its rows are planned again ({error})") from error
+    missing = [name for name in columns or ("index",) if name not in table.column_names]
+    if missing:
+        raise InvalidInput(f"'{path}' cannot be read: remove it, and its rows are planned again (no column {missing[0]})")
+    return table
 
 
 def _parquet(table) -> bytes:

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pinograsp.storage import Run, write_file
+from pinograsp.storage import Run
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, arrow
+from pinograsp.writing import write_file
 
 
 def save_html(run: Run, path: str | Path, *, simulation=None) -> Path:

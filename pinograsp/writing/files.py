@@ -1,0 +1,168 @@
+"""Single files, and the lists that folders keep of what was written into them."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from pinograsp.errors import ResultsNotWritten
+from pinograsp.writing.locks import ASIDE, alive, locked, staged, sweep
+
+LISTING = "files.txt"
+_HEADER = "# Written by pinograsp: overwriting removes these files, and no others."
+_LONGEST = 255  # bytes of a name
+
+
+def write_file(path: str | Path, content: bytes) -> Path:
+    """One file, whole or not at all: written next to its place, then renamed; returns its path. Symbolic links are followed.
+
+    Raises:
+        ResultsNotWritten: it cannot be written.
+    """
+    path = Path(path)
+    with failure_told(path):
+        place = place_of(path)
+        if place.exists() and not place.is_file():
+            raise ResultsNotWritten(f"cannot write '{path}': expected the place of a file, and what is there is none")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        sweep(place.parent, discard)
+        staging, handle = staged(place.parent / ASIDE, folder=False)
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())  # renamed before its content is on disk, it could be empty after a power cut
+                if place.exists():
+                    os.fchmod(stream.fileno(), place.stat().st_mode & 0o777)
+                staging.replace(place)
+        except BaseException:
+            staging.unlink(missing_ok=True)
+            raise
+    return path
+
+
+def list_in(folder: str | Path, *paths: str | Path) -> None:
+    """Tell in a folder's list that files, or folders with lists of their own (their paths end with '/'), are written here as well.
+
+    Those elsewhere are left out, and nothing is done for a folder without a list.
+
+    Raises:
+        ResultsNotWritten: the list cannot be written.
+    """
+    with failure_told(folder):
+        folder = place_of(folder)
+        places = [(place_of(path), "/" if str(path).endswith("/") else "") for path in paths]
+        inner = {place.relative_to(folder).as_posix() + end for place, end in places if place.is_relative_to(folder)}
+        if inner and listing_of(folder) is not None:
+            with locked(folder):
+                write_listing(folder, (listing_of(folder) or set()) | inner)
+
+
+def safe_name(text: str) -> str:
+    """A text as the name of a file or a folder: not hidden, not too long, and of letters, digits, '.', '_' and '-'."""
+    return cut(re.sub(r"[^\w.-]", "_", text).lstrip("."), 100) or "_"
+
+
+def cut(text: str, longest: int) -> str:
+    return text.encode(errors="replace")[:longest].decode(errors="ignore")
+
+
+@contextlib.contextmanager
+def failure_told(path: str | Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise ResultsNotWritten(f"cannot write '{path}': {error}") from error
+
+
+def place_of(path: str | Path) -> Path:
+    """Where a path leads."""
+    try:
+        place = Path(os.path.realpath(path))
+        longest = max((os.fsencode(part) for part in place.parts), key=len)
+    except ValueError as error:  # a NUL, or letters that are none
+        raise ResultsNotWritten(f"cannot write {str(path)!r}: {error}") from error
+    if len(longest) > _LONGEST:
+        raise ResultsNotWritten(
+            f"cannot write '{cut(os.fsdecode(longest), 30)}...': expected names of at most {_LONGEST} bytes, got {len(longest)}"
+        )
+    return place
+
+
+def flush(path: Path) -> None:
+    """Onto the disk itself, as far as the file system does that."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EROFS, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
+
+
+# -- what was written here
+
+
+def listing_of(folder: Path) -> set[str] | None:
+    """Files that a folder lists as written here, and folders, with '/' at their end, that list their own; None without a list."""
+    try:
+        header, *names = (folder / LISTING).read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError):
+        return None
+    return set(names) - {""} if header == _HEADER else None
+
+
+def write_listing(folder: Path, names: set[str]) -> None:
+    write_file(folder / LISTING, "\n".join([_HEADER, *sorted(names), ""]).encode())
+
+
+def entries(folder: Path) -> Iterator[tuple[Path, bool]]:
+    """All within a folder and whether it was written here: what is in folders of ours before them, others' folders as one."""
+    listed = listing_of(folder)
+    yield from _within(folder, "", listed or set())
+    if os.path.lexists(folder / LISTING):
+        yield folder / LISTING, listed is not None
+
+
+def _within(folder: Path, prefix: str, listed: set[str]) -> Iterator[tuple[Path, bool]]:
+    for entry in sorted(os.scandir(folder), key=lambda one: one.name):
+        path, name = Path(entry.path), prefix + entry.name
+        if entry.name.startswith(ASIDE):
+            yield path, alive(path) is False
+        elif not entry.is_dir(follow_symlinks=False):
+            if name != LISTING:
+                yield path, name in listed
+        elif f"{name}/" in listed and listing_of(path) is not None:
+            yield from entries(path)
+            yield path, True
+        elif any(one.startswith(f"{name}/") and one != f"{name}/" for one in listed):
+            yield from _within(path, f"{name}/", listed)
+            yield path, True
+        else:
+            yield path, False
+
+
+def discard(path: Path) -> None:
+    """Remove what was put aside: a file, a half-written folder, or a whole one as far as it was written here."""
+    if path.is_symlink() or not path.is_dir():
+        path.unlink(missing_ok=True)
+        return
+    if listing_of(path) is None:
+        shutil.rmtree(path, ignore_errors=True)
+        return
+    for inner, ours in [*entries(path), (path, True)]:
+        if not ours or (inner.name == LISTING and len(os.listdir(inner.parent)) > 1):
+            continue  # a list stays with what stays
+        with contextlib.suppress(OSError):  # a folder with something left in it
+            if inner != path and inner.name.startswith(ASIDE):
+                discard(inner)
+            elif inner.is_dir() and not inner.is_symlink():
+                inner.rmdir()
+            else:
+                inner.unlink(missing_ok=True)

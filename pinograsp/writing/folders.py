@@ -1,0 +1,264 @@
+"""Folders that appear whole or not at all, and never in the place of what somebody else has put there."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import hashlib
+import itertools
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from pinograsp.errors import ResultsNotWritten
+from pinograsp.writing.files import (
+    LISTING,
+    cut,
+    discard,
+    entries,
+    failure_told,
+    flush,
+    list_in,
+    listing_of,
+    place_of,
+    safe_name,
+    write_listing,
+)  # fmt: skip
+from pinograsp.writing.locks import ASIDE, alive, locked, staged, sweep
+
+_RETIRED = ".pinograsp.old-"  # begins the name of what is being replaced, where two folders cannot change places at once
+_EXCHANGE = 2  # Linux: RENAME_EXCHANGE
+_OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR)
+
+
+class NewFolder:
+    """A folder that is to be written whole or not at all. A context: it keeps the name from other writers from the start.
+
+    Args:
+        folder: a new or an empty one; symbolic links are followed. force: or one that was written here and holds nothing else.
+
+    Raises:
+        ResultsNotWritten: it exists and ``force`` is off, it holds files that were not written here, another process is writing it, or
+            the place cannot be written.
+    """
+
+    def __init__(self, folder: str | Path, *, force: bool = False):
+        self.path, self.force, self.made = Path(folder), force, []
+        with failure_told(self.path):
+            self.place = place_of(self.path)
+            self._check(self.place)
+            self.staging, self.handle = _claimed(self.place, self.made, lambda: self._check(self.place))
+
+    @classmethod
+    def fresh(cls, name: str, beside: Path) -> NewFolder:
+        """One that does not exist and that nobody is writing: ``name``, ``name-2``, ... with letters that are safe in names."""
+        for count in itertools.count(1):
+            folder = beside / (safe_name(name) if count == 1 else f"{safe_name(name)}-{count}")
+            if not os.path.lexists(folder):
+                with contextlib.suppress(_Taken):
+                    return cls(folder)
+        raise AssertionError
+
+    def write(self, fill: Callable[[Path], None]) -> Path:
+        """Write what ``fill(path)`` writes; once. Returns the folder.
+
+        Raises:
+            ResultsNotWritten: it cannot be written; or somebody has put files there meanwhile, then the message names the folder beside
+                it where the results are.
+        """
+        with failure_told(self.path):
+            fill(self.staging)
+            files = [path for path in self.staging.rglob("*") if not path.is_dir()]
+            write_listing(self.staging, {path.relative_to(self.staging).as_posix() for path in files})
+            for path in (*files, self.staging):
+                flush(path)
+            try:
+                with locked(self.place.parent):
+                    while not self._moved():
+                        pass
+            except ResultsNotWritten as refusal:
+                raise ResultsNotWritten(f"{refusal}; the results are in '{self._kept_beside()}'") from None
+            finally:
+                flush(self.place.parent)
+        return self.path
+
+    def _check(self, place: Path) -> None:
+        """Raise unless the folder may take the place of what is there."""
+        if not place.exists():
+            return
+        if not place.is_dir():
+            raise ResultsNotWritten(f"'{self.path}' is a file: give a folder that does not exist yet")
+        if place.is_mount():
+            raise ResultsNotWritten(f"folder '{self.path}' is a mount point, which nothing can take the place of: give one within it")
+        if place in (here := Path.cwd(), *here.parents):
+            raise ResultsNotWritten(f"folder '{self.path}' is the one you are in: give another --out, or call from elsewhere")
+        if not any(place.iterdir()):
+            return
+        if not self.force:
+            raise _Taken(f"folder '{self.path}' already exists: choose another --out, or overwrite it with --force")
+        foreign = [path for path, ours in entries(place) if not ours]
+        if any(path.name.startswith(ASIDE) for path in foreign):
+            raise ResultsNotWritten(f"another process is writing into folder '{self.path}': wait for it, or choose another --out")
+        if foreign:
+            names = ", ".join(f"{path.relative_to(place)}" + "/" * path.is_dir() for path in foreign[:5]) + ", ..." * (len(foreign) > 5)
+            raise ResultsNotWritten(
+                f"folder '{self.path}' holds files that no run wrote ({names}): it is not overwritten, choose another --out"
+            )
+
+    def _moved(self) -> bool:
+        """Whether the staging folder has taken its place; False where something has just come there."""
+        self._check(self.place)
+        if not self.place.exists() or not any(self.place.iterdir()):
+            try:
+                os.rename(self.staging, self.place)  # never over a file, nor over a folder with something in it
+            except OSError as error:
+                if error.errno in _OCCUPIED:
+                    return False
+                raise
+            return True
+        with locked(self.place):
+            self._check(self.place)
+            _exchange(self.staging, self.place)
+            try:
+                self._check(self.staging)
+            except ResultsNotWritten:  # something came between the two
+                _exchange(self.staging, self.place)
+                raise
+            discard(self.staging)
+        return True
+
+    def _kept_beside(self) -> Path:
+        for count in itertools.count(2):
+            kept = self.place.with_name(f"{cut(self.place.name, 200)}-{count}")
+            if not os.path.lexists(kept):
+                try:
+                    os.rename(self.staging, kept)
+                except OSError as error:
+                    if error.errno not in _OCCUPIED:
+                        raise
+                else:
+                    return kept
+        raise AssertionError
+
+    def __enter__(self) -> NewFolder:
+        return self
+
+    def __exit__(self, *_) -> None:
+        _given_up(self.staging, self.handle, self.made)
+
+
+def write_folder(folder: str | Path | NewFolder, fill: Callable[[Path], None], *, force: bool = False) -> Path:
+    """A folder with what ``fill(path)`` writes, whole or not at all; arguments and errors as for :class:`NewFolder`."""
+    if isinstance(folder, NewFolder):
+        return folder.write(fill)
+    with NewFolder(folder, force=force) as new:
+        return new.write(fill)
+
+
+def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
+    """Files that ``fill(path)`` writes, moved into a folder one by one and added to its list; they replace earlier ones.
+
+    Raises:
+        ResultsNotWritten: the folder cannot be written, or another process is writing there.
+    """
+    with failure_told(folder):
+        place = place_of(folder)
+        staging, handle = _claimed(place / LISTING, made := [])
+        try:
+            fill(staging)
+            new = sorted(staging.iterdir())
+            for path in new:
+                flush(path)
+            list_in(place, *(place / path.name for path in new))
+            for path in new:
+                path.replace(place / path.name)
+        finally:
+            _given_up(staging, handle, made)
+
+
+class _Taken(ResultsNotWritten):
+    """Another name may do."""
+
+
+def _claimed(place: Path, made: list[Path], check: Callable[[], None] = lambda: None) -> tuple[Path, int]:
+    """A new folder aside for ``place``, and the handle that keeps it; ``made`` gets the folders that were made on the way."""
+    parent = place.parent
+    made += [one for one in (parent, *parent.parents) if not one.exists()]
+    try:
+        for attempt in itertools.count():
+            with contextlib.ExitStack() as locks:
+                try:
+                    parent.mkdir(parents=True, exist_ok=True)
+                    locks.enter_context(locked(parent))
+                except FileNotFoundError:  # its maker has just removed it again
+                    if attempt == 100:
+                        raise
+                    continue
+                if place.is_dir():
+                    locks.enter_context(locked(place))
+                _restore(place)
+                sweep(parent, discard)
+                if _is_claimed(place):
+                    raise _Taken(f"another process is writing '{place}': wait for it, or choose another folder")
+                if listing_of(parent) is not None and _is_claimed(parent):
+                    raise ResultsNotWritten(f"another process is writing '{parent}': wait for it, or choose another folder")
+                check()
+                return staged(parent / f"{ASIDE}{_mark(place)}", folder=True)
+    except BaseException:
+        _given_up(None, None, made)
+        raise
+    raise AssertionError
+
+
+def _given_up(staging: Path | None, handle: int | None, made: list[Path]) -> None:
+    """The end of a claim: what was not moved into its place goes."""
+    if staging is not None:
+        with contextlib.suppress(OSError):
+            if staging.exists():
+                discard(staging)
+        os.close(handle)
+    for folder in made:
+        with contextlib.suppress(OSError):  # there is something in it
+            folder.rmdir()
+
+
+def _mark(place: Path) -> str:
+    """What tells a name in those of entries put aside for it, however long it is."""
+    return f"{hashlib.sha256(os.fsencode(place.name)).hexdigest()[:12]}-"
+
+
+def _is_claimed(place: Path) -> bool:
+    return any(alive(path) for path in place.parent.glob(f"{ASIDE}{_mark(place)}*"))
+
+
+def _exchange(one: Path, other: Path) -> None:
+    """Two folders change places: at once on Linux, elsewhere one after the other, which :func:`_restore` repairs after a kill."""
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except AttributeError:
+        failure = errno.ENOSYS
+    else:
+        here = -100  # AT_FDCWD
+        if renameat2(here, os.fsencode(one), here, os.fsencode(other), _EXCHANGE) == 0:
+            return
+        failure = ctypes.get_errno()
+    if failure not in (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP):
+        raise OSError(failure, os.strerror(failure), str(other))
+    retired = other.with_name(f"{_RETIRED}{_mark(other)}{os.urandom(4).hex()}")
+    os.rename(other, retired)
+    try:
+        os.rename(one, other)
+    except BaseException:
+        os.rename(retired, other)
+        raise
+    os.rename(retired, one)
+
+
+def _restore(place: Path) -> None:
+    """What a writer that was killed between two renames has left: back in its place, or away if the new one got there."""
+    for retired in place.parent.glob(f"{_RETIRED}{_mark(place)}*"):
+        if place.exists():
+            discard(retired)
+        else:
+            os.rename(retired, place)
