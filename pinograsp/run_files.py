@@ -332,9 +332,12 @@ def read_document(path: Path, schema: str | None) -> dict:
     Raises:
         InvalidInput: another schema, a key that comes twice, or a document that is not plain, finite, and of bounded depth.
     """
-    document = json.loads(
-        _bounded(path).decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_constant, parse_int=_bounded_int
-    )
+    try:
+        document = json.loads(
+            _bounded(path).decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_constant, parse_int=_bounded_int
+        )
+    except (ValueError, RecursionError, OSError) as error:
+        raise InvalidInput(f"{path.name}: {_one_line(error)}") from error
     found = document.pop("schema", None) if isinstance(document, dict) else None
     if schema is not None and found != schema:
         raise InvalidInput(f"expected schema {schema}, got {found!r:.60} ({path.name})")
@@ -350,11 +353,16 @@ def read_document(path: Path, schema: str | None) -> dict:
     return document
 
 
+def _one_line(error: Exception) -> str:
+    own = isinstance(error, ValueError) and type(error) is ValueError
+    return " ".join((str(error) if own else f"{type(error).__name__}: {error}").split())[:300]
+
+
 def _bounded(path: Path) -> bytes:
     if not path.is_file():
-        raise InvalidInput(f"{path.name}: there is no such file")
+        raise ValueError("there is no such file")
     if (size := path.stat().st_size) > _LARGEST:
-        raise InvalidInput(f"{path.name}: expected at most {_LARGEST} bytes, got {size}")
+        raise ValueError(f"expected at most {_LARGEST} bytes, got {size}")
     return path.read_bytes()
 
 
@@ -362,32 +370,38 @@ def _once(pairs: list) -> dict:
     document = dict(pairs)
     if len(document) < len(pairs):
         keys = [key for key, _ in pairs]
-        raise InvalidInput(f"expected each key once, got {max(keys, key=keys.count)[:60]!r} again")
+        raise ValueError(f"expected each key once, got {max(keys, key=keys.count)[:60]!r} again")
     return document
 
 
 def _no_constant(name: str):
-    raise InvalidInput(f"expected finite numbers, got {name}")
+    raise ValueError(f"expected finite numbers, got {name}")
 
 
 def _bounded_int(text: str) -> int:
     if len(text) > _MOST_DIGITS:
-        raise InvalidInput(f"expected numbers, got one of {len(text)} digits")
+        raise ValueError(f"expected numbers, got one of {len(text)} digits")
     return int(text)
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an archive; nothing in it is run (no pickles)."""
-    if not path.is_file():
-        raise InvalidInput(f"{path.name}: there is no such file")
-    with zipfile.ZipFile(path) as archive:
-        members = archive.infolist()
-    if sum(one.file_size for one in members) > _LARGEST:
-        raise InvalidInput(f"{path.name}: expected at most {_LARGEST} bytes of arrays")
-    if any(one.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for one in members):
-        raise InvalidInput(f"{path.name}: expected an archive that NumPy has written")
-    with np.load(path, allow_pickle=False) as stored:
-        return {name: stored[name] for name in stored.files}
+    try:
+        if not path.is_file():
+            raise ValueError("there is no such file")
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+        if sum(one.file_size for one in members) > _LARGEST:
+            raise ValueError(f"expected at most {_LARGEST} bytes of arrays")
+        if any(one.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for one in members):
+            raise ValueError("expected an archive that NumPy has written")
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        if not all(isinstance(array, np.ndarray) for array in arrays.values()):
+            raise ValueError("expected arrays alone")
+    except Exception as error:  # zipfile, zlib and NumPy raise whatever comes of a broken file
+        raise InvalidInput(f"{path.name}: {_one_line(error)}") from error
+    return arrays
 
 
 def _checked(kind: type[Part], document: dict, file: str) -> None:

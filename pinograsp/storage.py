@@ -150,7 +150,7 @@ def save_run(
 
 def newest_check(folder: str | Path) -> Path | None:
     """The folder of the last simulation of a run, where there is one below the run's own."""
-    checks = [path.parent for path in Path(folder).glob("[!.]*/check.json")]  # hidden: not written to the end
+    checks = [path.parent for path in Path(folder).glob("[!.]*/check.json") if path.is_file()]  # hidden: not written to the end
     return max(checks, key=lambda path: (path / "check.json").stat().st_mtime_ns, default=None)
 
 

@@ -65,12 +65,9 @@ def friction_model(friction: dict) -> str:
     """Of a summary's ``friction``: the model and its coefficient."""
     low, high = min(friction["mu"]), max(friction["mu"])
     mu = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    model = f"pyramid of {friction['edges']} edges" if friction["edges"] else {"soft": "soft finger"}.get(friction["model"], "cone")
     torsion = f", torsion up to {1e3 * friction['torsion_m']:g} mm x F_n" if friction["torsion_m"] else ""
-    return f"mu {mu}, {_limit(friction)}, safety factor {friction['safety']:g}{torsion}"
-
-
-def _limit(friction: dict) -> str:
-    return f"pyramid of {friction['edges']} edges" if friction["edges"] else {"soft": "soft finger"}.get(friction["model"], "cone")
+    return f"mu {mu}, {model}, safety factor {friction['safety']:g}{torsion}"
 
 
 def friction_used(summary: dict) -> list[tuple[str, dict[str, float | None]]]:
@@ -85,8 +82,9 @@ def friction_used(summary: dict) -> list[tuple[str, dict[str, float | None]]]:
     }
     told = [("friction used, of mu F_n", cone)]
     if friction["model"] != "cone" or friction["torsion_m"]:
-        limit = _limit(friction) + (" with torsion" if friction["torsion_m"] and friction["model"] != "soft" else "")
-        told.append((f"of the limit of the {limit}", margins["friction_used"]))
+        limit = {"soft": "soft finger"}.get(friction["model"], friction["model"])
+        torsion = " with torsion" if friction["torsion_m"] and friction["model"] != "soft" else ""
+        told.append((f"of the {limit}{torsion}", margins["friction_used"]))
     return told
 
 
@@ -99,7 +97,7 @@ def work(joules: float, exponent: float | None) -> str:
     """Grasp energy by Eq. (9), and what of it is work that the contacts do."""
     told = f"{number(1e3 * joules)} mJ by Eq. (9)"
     if exponent is not None:
-        told += f", rho + 1 = {1 + exponent:g} times the contacts' work of {number(1e3 * joules / (1 + exponent))} mJ"
+        told += f", {1 + exponent:g} (rho + 1) times the contacts' {number(1e3 * joules / (1 + exponent))} mJ"
     return told
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import mujoco
@@ -609,3 +610,27 @@ def test_files_and_models_that_are_none_are_refused(panda, tmp_path):
         JointTrajectory(
             names=("a",), times=[0.0, 1.0], q=np.zeros((2, 1)), dq=np.zeros((1, 1)), ddq=np.zeros((2, 1)), effort=np.zeros((2, 1))
         )
+
+
+# -- names from files of others --------------------------------------------------------------------------------------------
+
+NAMES = ("=1+1", "+x", "-x", "@x", "\tx", "\rx", "'x", "a,b", 'a"b', "a\nb", "-->", "<b>&", "\U0001f600", "\u2028", "\ufeffa", "\x1b[31m", "--", "{}: #",
+         "\\U", "null", "1e5", "~")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_of_others_come_back_and_are_no_commands(tmp_path, name):
+    values = -0.5 * np.ones((2, 2))
+    made = JointTrajectory(names=(name, "joint"), times=[0.0, 1.0], q=values, dq=values, ddq=values, effort=values, joints=(name, "joint"))
+    made.to_csv(tmp_path / "a.csv")
+    with open(tmp_path / "a.csv", newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    assert not any(cell.startswith(("=", "+", "-", "@", "\t", "\r")) for cell in header)
+    assert float(rows[0][1]) == -0.5  # numbers stay numbers
+    made.to_ros2(tmp_path / "a.yaml", frame=name)
+    made.to_ros2(tmp_path / "a.json")
+    for back in (read_csv(tmp_path / "a.csv"), read_ros2(tmp_path / "a.yaml"), read_ros2(tmp_path / "a.json")):
+        assert back.names == (name, "joint")
+    made.to_mujoco(tmp_path / "a.xml")
+    root = ElementTree.parse(tmp_path / "a.xml").getroot()
+    assert [key.get("name") for key in root.iter("key")] == ["start", "final"]

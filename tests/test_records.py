@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import pickle
+import shutil
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
@@ -23,8 +24,10 @@ from pinograsp.hands.humanoid import humanoid_hand
 from pinograsp.hands.record import hand_of, hand_record
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from pinograsp.objects.record import object_of, object_record
+from pinograsp.referee import simulate
 from pinograsp.spatial import pose_of
-from pinograsp.storage import load_run, run_of, run_of_failure, save_run
+from pinograsp.storage import load_check, load_run, newest_check, run_of, run_of_failure, save_run
+from pinograsp.viz.scene import scene_of
 
 POSE = pose_of([0.3, -0.2, 0.5], pin.rpy.rpyToMatrix(0.4, -1.1, 2.0))
 
@@ -435,3 +438,132 @@ def test_a_strangers_folder_is_safe_to_read(plan, tmp_path):
     for make in (load_run(folder).hand, load_run(folder).object):
         with pytest.raises(InvalidInput, match="record"):
             make()
+
+
+@pytest.fixture(scope="module")
+def whole(plan, tmp_path_factory):
+    """A run and a simulation of it, on disk."""
+    folder = save_run(run_of(plan), tmp_path_factory.mktemp("whole") / "run")
+    simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01, sample=0.02, engine="pinocchio")
+    (folder / "check").mkdir()
+    (folder / "check" / "check.json").write_text(json.dumps(simulation.summary()))
+    np.savez(folder / "check" / "check.npz", **simulation.arrays())
+    load_run(folder), load_check(folder / "check")
+    return folder
+
+
+def put(document: dict, path: str, value) -> None:
+    *holders, last = path.split(".")
+    for key in holders:
+        document = document[key]
+    if value is None:
+        del document[last]
+    else:
+        document[last] = value
+
+
+@pytest.mark.parametrize(
+    "file, path, value",
+    [
+        ("plan.json", "status", None), ("plan.json", "status", "fine"), ("plan.json", "balance", 3), ("plan.json", "work_J", "1"),
+        ("plan.json", "work_J", True), ("plan.json", "work_J", 1e308), ("plan.json", "work_J", float("nan")), ("plan.json", "work_J", 10**399),
+        ("plan.json", "normal_forces_N", {"thumb": 1.0}), ("plan.json", "normal_forces_N.thumb", [1.0]), ("plan.json", "cautions", "none"),
+        ("plan.json", "contact_forces_N.thumb", [1.0, 2.0]), ("plan.json", "friction.edges", 5), ("plan.json", "friction.mu", []),
+        ("plan.json", "friction.model", "soft"), ("plan.json", "margins", None), ("plan.json", "margins.friction_used", {}),
+        ("plan.json", "grid.points", float("inf")), ("plan.json", "impact_time_s", 0.2), ("plan.json", "layout.contacts", ["a", "a", "b"]),
+        ("plan.json", "layout.fingers.thumb", [99]), ("plan.json", "layout.fingers.thumb", [-1]), ("plan.json", "layout.joints", ["one"]),
+        ("plan.json", "layout", []), ("plan.json", "settings", 7), ("plan.json", "versions", {"a": 1}), ("plan.json", "message", "none found"),
+        ("plan.json", "settings.name", ["a"]), ("plan.json", "remedy", "\ud800"), ("check/check.json", "held", None),
+        ("check/check.json", "held", "yes"), ("check/check.json", "drift_mm", float("inf")), ("check/check.json", "reason", 1), ("check/check.json", "planned_forces_N", {"a": 1.0}),
+        ("check/check.json", "final_forces_N", {}), ("check/check.json", "release_s", "never"), ("check/check.json", "disturbance", None),
+    ],
+    ids=lambda value: f"{value!r:.30}",
+)  # fmt: skip
+def test_documents_are_checked_when_they_are_read(whole, tmp_path, file, path, value):
+    folder = shutil.copytree(whole, tmp_path / "run")
+    document = json.loads((folder / file).read_text())
+    put(document, path, value)
+    (folder / file).write_text(json.dumps(document))
+    refused(folder, file)
+
+
+def refused(folder, file: str) -> None:
+    """Reading the folder tells what is wrong with the file, in one line of its own."""
+    name, read = (file.split("/")[-1], load_check) if "/" in file else (file, load_run)
+    with pytest.raises(InvalidInput) as told:
+        read((folder / file).parent)
+    message = str(told.value)
+    assert name.partition(".")[0] in message and len(message) < 700 and "\n" not in message, message
+    assert "Traceback" not in message and "object has no attribute" not in message
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"schema": "pinograsp.plan/1", "a": ' + "[" * 60 + "]" * 60 + "}", '{"a": 1, "a": 2}', "1" * 10_000, "\ud800"],
+    ids=["unending", "deep", "twice", "digits", "no text"],
+)  # fmt: skip
+def test_documents_that_are_none_are_refused(whole, tmp_path, text):
+    folder = shutil.copytree(whole, tmp_path / "run")
+    for file in ("plan.json", "check/check.json"):
+        (folder / file).write_bytes(text.encode("utf-8", "surrogatepass"))
+        name, read = (folder / "check", load_check) if "/" in file else (folder, load_run)
+        with pytest.raises(InvalidInput, match=r"(no readable run|pinograsp check).*(plan|check)\.json"):
+            read(name)
+
+
+ARRAYS = {
+    "plan.npz": {
+        "times": lambda a: a[::-1], "impact": lambda a: np.array(10**6), "q": lambda a: a[:, :3], "dq": lambda a: a.astype("f4"),
+        "torques": lambda a: a[:5], "forces_o": lambda a: a[..., 0], "rotations_oc": lambda a: 2 * a, "mu": lambda a: -a,
+        "load": lambda a: np.full(6, np.nan), "com_o": lambda a: np.full(3, np.inf), "normal_forces": lambda a: 1e200 + a,
+        "contact_names": lambda a: a[:1], "contact_links": lambda a: np.zeros(3), "points_o": lambda a: a.astype(complex),
+        "gravity": lambda a: np.array([b"x"] * 3), "contact_law": lambda a: 0 * a, "branches": lambda a: np.zeros(3),
+        "holding_torques": lambda a: np.array("x"), "torque_limit": None, "margin_forces": None,
+    },
+    "check/check.npz": {
+        "times": lambda a: 0 * a, "q": lambda a: a[0], "object_poses": lambda a: 0 * a, "forces_o": lambda a: a[:, :1], "slips": None,
+        "energy_damped": lambda a: a[:2], "planned_forces": lambda a: np.append(a, 1.0),
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("file, name", [(file, name) for file, changes in ARRAYS.items() for name in changes])
+def test_arrays_are_checked_when_they_are_read(whole, tmp_path, file, name):
+    folder = shutil.copytree(whole, tmp_path / "run")
+    with np.load(folder / file) as stored:
+        arrays = dict(stored)
+    change = ARRAYS[file][name]
+    changed = arrays.pop(name) if change is None else change(arrays[name])
+    np.savez(folder / file, **(arrays if change is None else arrays | {name: changed}))
+    refused(folder, file)
+
+
+def test_archives_that_unpack_without_end_are_refused(whole, tmp_path):
+    """Before anything is unpacked: a file of a few bytes may say that it holds gigabytes."""
+    import zipfile
+
+    for kind, content in (("lzma", b""), ("bomb", bytes(10**6)), ("twice", b"")):
+        folder = shutil.copytree(whole, tmp_path / kind)
+        with zipfile.ZipFile(folder / "plan.npz", "w", zipfile.ZIP_LZMA if kind == "lzma" else zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("times.npy", content)
+        data = (folder / "plan.npz").read_bytes()
+        if kind == "bomb":
+            at = data.rfind(b"PK\x01\x02") + 24
+            (folder / "plan.npz").write_bytes(data[:at] + (2**31).to_bytes(4, "little") + data[at + 4 :])
+        refused(folder, "plan.npz")
+
+
+def test_the_scene_must_be_of_the_plan(whole, tmp_path):
+    folder = shutil.copytree(whole, tmp_path / "run")
+    scene = json.loads((folder / "scene.json").read_text())
+    other = scene | {"hand": hand_record(load_hand("allegro_right"))}
+    (folder / "scene.json").write_text(json.dumps(other))
+    for use in (lambda run: run.hand(), scene_of, lambda run: simulate(run, hold=0.01)):
+        with pytest.raises(InvalidInput, match="hand of the plan"):
+            use(load_run(folder))
+
+
+def test_a_link_that_leads_nowhere_is_no_check(whole, tmp_path):
+    folder = shutil.copytree(whole, tmp_path / "run")
+    (folder / "a").mkdir()
+    (folder / "a" / "check.json").symlink_to("nowhere")
+    assert newest_check(folder) == folder / "check"

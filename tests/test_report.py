@@ -18,7 +18,7 @@ from pinograsp.report import answer, headline, markdown, page, write_report
 from pinograsp.storage import newest_check, run_of, save_run
 from pinograsp.viz import figures
 from pinograsp.viz.figures import save_figures
-from pinograsp.words import disturbance_held, does_it_hold, friction_used, printable
+from pinograsp.words import disturbance_held, does_it_hold, friction_used, number, printable
 
 CHANGES = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.2}
 
@@ -51,7 +51,7 @@ def test_the_answer_comes_first(run):
         "Does it hold?", "How hard?", "How much energy?", "Which margin?", "Simulated?",
     ]  # fmt: skip
     assert "Yes" in lines[0] and f"{sum(run.summary['normal_forces_N'].values()):.2f} N" in lines[1]
-    assert f"{1e3 * run.summary['work_J']:.2f} mJ by Eq. (9), rho + 1 = 2.5 times" in lines[2] and "proven" in lines[2]
+    assert f"{1e3 * run.summary['work_J']:.2f} mJ by Eq. (9), 2.5 (rho + 1) times the contacts' {number(1e3 * run.summary['work_J'] / 2.5)} mJ" in lines[2] and "proven" in lines[2]
     assert f"{run.summary['margins']['load_factor']:.3g} times" in lines[3] and "pinograsp check" in lines[4]
     lost = {"held": False, "engine": "mujoco", "reason": "it fell", "force_error": 0.5}
     assert "Lost (mujoco): it fell" in headline(run, lost)[4]
@@ -201,7 +201,7 @@ def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
     assert 100 * np.array(list(cone.values())) == pytest.approx([line.get_ydata()[-1] for line in drawn.get_lines()[:3]], rel=1e-6)
     scene = scene_of(run)
     assert scene.used[scene.frame_at(scene.closed)] == pytest.approx(list(cone.values()), rel=1e-6)
-    assert "pyramid of 4 edges" in limit and model == run.summary["margins"]["friction_used"]
+    assert limit == "of the pyramid" and model == run.summary["margins"]["friction_used"]
     told, facts = dict(answer(run)), dict(scene.facts)
     for same in (what, limit, "load held by these forces", "disturbance held besides", "grasp energy (work)", "friction"):
         assert told[same].split()[0] == facts[same].split()[0], same

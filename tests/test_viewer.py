@@ -204,7 +204,7 @@ def test_friction_used_is_that_of_the_margins(run, make_problem, hand):
         scene, least = scene_of(one), np.array(list(one.summary["margins"]["least_mu"].values()))
         assert np.allclose(scene.used[scene.frame_at(1.0)], least / one.arrays["mu"], rtol=1e-6)
         assert np.isnan(scene.used[0]).all()
-        own = [value for what, value in scene.facts if what.startswith("of the limit of the")]
+        own = [value for what, value in scene.facts if what in ("of the pyramid", "of the soft finger")]
         assert own == [", ".join(f"{name} {100 * used:.0f} %" for name, used in one.summary["margins"]["friction_used"].items())]
 
 

@@ -19,6 +19,7 @@ from pinograsp.handover.actuators import controls
 from pinograsp.handover.quintic import between, interpolated
 from pinograsp.handover.yaml_text import yaml_of
 from pinograsp.hands.coupling import Coupling
+from pinograsp.words import printable
 from pinograsp.writing import write_file
 
 _FIELDS = {"position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "effort"}
@@ -109,7 +110,8 @@ class JointTrajectory:
     def to_csv(self, path: str | Path, *, followers: bool = False) -> JointTrajectory:
         """Write a table: ``time`` [s] and, by joint, ``JOINT/position``, ``/velocity``, ``/acceleration``, ``/effort``.
 
-        ``followers`` adds coupled joints. An existing file is replaced. Returns what was written.
+        ``followers`` adds coupled joints. An existing file is replaced. Returns what was written. Names that a spreadsheet would
+        take for a formula get an apostrophe before them, which :func:`read_csv` takes off.
 
         Raises:
             ResultsNotWritten: the place cannot be written.
@@ -117,7 +119,10 @@ class JointTrajectory:
         own = self.with_followers() if followers else self
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
-        table.writerow(["time", *(f"{name}/{kind}" for kind in _FIELDS for name in own.names)])
+        quoting = csv.QUOTE_ALL if any("\r" in name for name in own.names) else csv.QUOTE_MINIMAL  # csv itself overlooks it
+        csv.writer(text, lineterminator="\n", quoting=quoting).writerow(
+            ["time", *(f"{_no_formula(name)}/{kind}" for kind in _FIELDS for name in own.names)]
+        )
         rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in _FIELDS.values())])
         table.writerows([repr(value) for value in row] for row in rows.tolist())
         write_file(path, text.getvalue().encode())
@@ -195,7 +200,7 @@ class JointTrajectory:
         arrays = {"times": own.times, **arrays}
         keys = [("start", 0), ("impact", self.impact_time), ("final", own.times.size - 1)]
         lines = [
-            f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(names[kind]))} -->"  # no comment may hold two hyphens in a row
+            f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(map(printable, names[kind])))} -->"  # no comment may hold two hyphens in a row
             for what, kind in (("qpos", "joints"), ("ctrl", "actuators"))
         ]
         for name, i in keys:
@@ -216,6 +221,10 @@ class JointTrajectory:
         return replace(self, notes=(*self.notes, *notes))
 
 
+def _no_formula(name: str) -> str:
+    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "'")) else name
+
+
 def read_csv(path: str | Path) -> JointTrajectory:
     """The trajectory in a table that :meth:`JointTrajectory.to_csv` wrote; :class:`InvalidInput` where it is none."""
     try:
@@ -229,6 +238,7 @@ def read_csv(path: str | Path) -> JointTrajectory:
     if header != ["time", *(f"{name}/{kind}" for kind in _FIELDS for name in names)]:
         raise InvalidInput(f"'{path}': expected columns time, JOINT/{', JOINT/'.join(_FIELDS)}, got {', '.join(header[:9])}...")
     blocks = np.split(values[:, 1:], len(_FIELDS), axis=1)
+    names = [name.removeprefix("'") for name in names]
     return JointTrajectory(names=tuple(names), times=values[:, 0], **dict(zip(_FIELDS.values(), blocks)))
 
 

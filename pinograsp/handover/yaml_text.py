@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
-
 
 def yaml_of(message: dict) -> str:
     """YAML that version 1.1 reads alike: names in quotes, a point in every number with an exponent."""
     inner = message.get("trajectory", message)
     header = inner["header"]
     lines = [
-        f"header: {{stamp: {{sec: 0, nanosec: 0}}, frame_id: {json.dumps(header['frame_id'])}}}",
-        f"joint_names: [{', '.join(map(json.dumps, inner['joint_names']))}]",
+        f"header: {{stamp: {{sec: 0, nanosec: 0}}, frame_id: {_quoted(header['frame_id'])}}}",
+        f"joint_names: [{', '.join(map(_quoted, inner['joint_names']))}]",
         "points:",
     ]
     for point in inner["points"]:
@@ -24,6 +22,11 @@ def yaml_of(message: dict) -> str:
     if inner is not message:
         lines = ["trajectory:", *(f"  {line}" for line in lines)]
     return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    """In double quotes: with YAML's own escapes, JSON's pairs of surrogates mean something else there."""
+    return '"' + "".join(f"\\{c}" if c in '"\\' else c if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
 
 
 def _digits(value: float) -> str:

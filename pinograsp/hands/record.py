@@ -181,7 +181,7 @@ def _check_names(key: str, built: list[str], given: list) -> None:
     own = [one if one in known else re.sub(r"^\d{4,} ", "", one) for one in built]
     if own != names:
         raise InvalidInput(
-            f"hand record: {key}: expected its description's ({', '.join(own)}), got {', '.join(names) or 'none'}"
+            f"hand record: {key}: expected its description's ({', '.join(own)[:300]}), got {', '.join(names)[:300] or 'none'}"
         )
 
 
