@@ -85,7 +85,7 @@ def compare(case: Case) -> list[Row]:
             for name, ours in zip(fingers, forces.normal_forces)
         ),
         Row(quantity="sum of normal forces", unit="N", published=published.sum(), ours=forces.normal_forces.sum()),
-        Row(quantity="grasp energy (work)", unit="mJ", published=ENERGY_MJ, ours=1e3 * forces.work),
+        Row(quantity="grasp energy (work)", unit="mJ", published=ENERGY_MJ, ours=1e3 * forces.work, note="rho + 1 times the contacts' own"),
         Row(quantity="grasp energy (impulse)", unit="N s", published=None, ours=forces.impulse),
         Row(
             quantity="largest penetration",

@@ -196,7 +196,7 @@ def impulse_energy(compliance: Compliance, final_depth, duration: float, shape: 
 
 
 def work_energy(compliance: Compliance, final_depth, duration: float, shape: DecelerationShape = CONSTANT):
-    """Grasp-energy measure "work" [J] per contact: Eq. (9) integrated over *depth*.
+    """Grasp-energy measure "work" [J] per contact: Eq. (9) integrated over *depth*, rho + 1 times the work that the contact does.
 
     K delta_F^(rho+1) + c lambda delta_F^(rho+2) / tau for a deceleration of ``shape`` that ends at ``final_depth`` [m]
     after ``duration`` = tau [s]; c is the shape's ``work_factor``, 2 (rho+1) B(3/2, rho+1) for the constant one.

@@ -99,7 +99,7 @@ class ForceSolution:
 
     @property
     def work(self) -> float:
-        """Grasp energy by Eq. (9) over depth [J]."""
+        """Grasp energy by Eq. (9) over depth [J]: rho + 1 times the work that the contacts do."""
         return float(self.problem.energy(self.normal_forces, self.impact_time, "work").sum())
 
     @property
