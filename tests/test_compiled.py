@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import builtins
+import gc
 import json
 import os
 import pickle
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import fields, replace
 
 import numpy as np
@@ -430,3 +432,30 @@ def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
         assert own.forces_wrench @ way == pytest.approx(slope, abs=2e-3 * np.abs(slope).max()), grasp
         assert own.cost_wrench @ way == pytest.approx((one.primal - other.primal) / (2 * step), rel=2e-3, abs=2e-3 * one.primal)
     assert compared >= 4
+
+
+def test_new_weights_loads_and_limits_leave_nothing_behind(contact_set):
+    """What is kept with the contacts is bounded: a loop that tunes its weights runs for days."""
+    contacts, load = next(grasps(contact_set, 20, 1, 3))
+    rng = np.random.default_rng(0)
+
+    def calls(count):
+        for i in range(count):
+            jacobian = np.concatenate([rng.uniform(-0.08, 0.08, (20, 3, 9)), rng.normal(size=(20, 3, 9))], axis=1)
+            limits = TorqueLimits(jacobian=jacobian, bias=np.zeros(9), limit=np.full(9, 10.0)) if i % 2 else None
+            problem = ForceProblem(contacts=contacts, load=load * rng.uniform(0.9, 1.1), mu=0.8, torques=limits)
+            weights = {"work": 1.0, "least_squares": rng.uniform(1e-4, 1e-3)}
+            assert optimize_forces(problem, rng.uniform(0.8, 0.9), objective=weights).found
+
+    def size():
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        calls(40)  # until everything that is kept is full
+        before = size()
+        calls(40)
+        assert size() - before < 4e5  # one set of matrices takes about 50 kB
+    finally:
+        tracemalloc.stop()

@@ -14,7 +14,7 @@ import numpy as np
 
 from pinograsp.checks import frozen
 from pinograsp.forces.kernels import CONVERGED, answer, powers_of, whole
-from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.problem import ForceProblem, kept
 from pinograsp.forces.program import BALANCE, GAP, NEAR, VIOLATION, Program, energy_terms_at, gap_size
 
 _KEPT = 16  # impact times and objectives kept per problem
@@ -212,15 +212,12 @@ class Prepared:
 
 def prepare(problem: ForceProblem, weights, impact_time: float, solver: str, key) -> Prepared | None:
     """What a call needs besides its load, if a problem that shares these matrices was solved before; kept under ``key``."""
-    cache = problem._assembled.get(("objective", *weights.items(), "cache"))
-    template = None if cache is None else cache.get("template")
+    known = problem._assembled["objectives"].get(tuple(weights.items()))
+    template = None if known is None else known[-1].get("template")
     name = "" if template is None else template.choice(solver)
     if not name:
         return None
-    if len(problem._prepared) >= _KEPT:
-        problem._prepared.clear()
-    found = problem._prepared[key] = Prepared(problem, template, name, weights, impact_time)
-    return found
+    return kept(problem._prepared, key, lambda: Prepared(problem, template, name, weights, impact_time), _KEPT)
 
 
 def compile_now() -> None:

@@ -193,12 +193,9 @@ class ForceProblem:
             )
         # Matrices that do not depend on the load or the limits are shared by all problems on the same contacts.
         key = (self.balance, self.moment_length, self.friction, mu.tobytes(), id(self.torques))
-        shared = self.contacts._derived.setdefault("problems", {})
-        if key not in shared:
-            if len(shared) >= _KEPT:
-                shared.pop(next(iter(shared)))
-            shared[key] = {"torques": self.torques}  # held, so that its id stays its own
-        put("_assembled", shared[key])
+        problems = self.contacts._derived.setdefault("problems", {})
+        # The torques are held, so that their id stays their own.
+        put("_assembled", kept(problems, key, lambda: {"torques": self.torques, "objectives": {}}, _KEPT))
         put("_prepared", {})  # shared by all that differ in their load alone
 
     def __reduce__(self):
@@ -351,6 +348,17 @@ class ForceProblem:
         """
         along = np.einsum("r,rkc->kc", array_of("direction", direction, (self.rows,)), self.scaled_columns)
         return along[:, 2] - self.pyramid * (np.abs(along[:, 0]) + np.abs(along[:, 1]))
+
+
+def kept(store: dict, key, make, most: int):
+    """``store[key]``, made where it is missing; beyond ``most`` entries the one least recently asked for goes."""
+    found = store.pop(key, None)
+    if found is None:
+        found = make()
+        while len(store) >= most:
+            store.pop(next(iter(store)), None)
+    store[key] = found
+    return found
 
 
 def _load(value) -> np.ndarray:

@@ -24,7 +24,7 @@ import numpy as np
 from pinograsp.checks import instance_of, number, one_of, shown
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.problem import MEASURES, ForceProblem
+from pinograsp.forces.problem import MEASURES, ForceProblem, kept
 
 OBJECTIVES = (*MEASURES, "least_squares", "peak", "motor_heat")
 # Accepted answers: relative to the load (forces) and to the objective (gap).
@@ -35,6 +35,7 @@ NEAR = 1e-6  # a limit met to this share is active
 # Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load,
 # or none at all, cost the gap is measured against the other.
 _NOTHING, _VANISHING = 1e-5, 1e-2
+_OBJECTIVES = 8  # whose matrices are kept with the contacts: some 90 kB each for 30 contacts
 _WEIGHTLESS = 1e-6  # of the least normal force
 
 
@@ -283,17 +284,15 @@ def assemble(
     scale = max(float(np.sqrt(load @ load)), _WEIGHTLESS * float(lo.max())) if np.any(load) else float(lo.max())
     scale = scale or 1.0
     powers = [(weights[m] * c * scale**e, e) for m in MEASURES if weights.get(m) for c, e in terms[m]]
-    key = ("objective", *weights.items())
-    if key not in stored:
-        stored[key] = _quadratic(problem, weights)
-        stored[(*key, "cache")] = {}  # solvers keep there what depends on nothing else
-    P, q, constant = stored[key]
+    P, q, constant, largest, cache = kept(
+        stored["objectives"], tuple(weights.items()), lambda: _quadratic(problem, weights), _OBJECTIVES
+    )
     sizes = [c for c, _ in powers]
     peak = weights.get("peak", 0.0) * scale
     if peak:
         sizes.append(peak)
     if P is not None:
-        sizes.append(0.5 * stored[(*key, "largest")] * scale**2)
+        sizes.append(0.5 * largest * scale**2)
     unit = max(sizes) if max(sizes) > 0 else 1.0
     if "rows" not in stored:
         stored["rows"] = _torque_rows(problem)
@@ -304,7 +303,6 @@ def assemble(
         # A limit that no admissible forces reach is drawn in to just beyond their reach: huge ones spoil a solver's scaling.
         reach = np.maximum(2.0 * stored["reach"] @ hi, scale)
         R_lo, R_hi = np.maximum(R_lo, np.minimum(-reach, R_hi)), np.minimum(R_hi, np.maximum(reach, R_lo))
-    cache = stored[(*key, "cache")]
     cache["torque limits"] = stored["rows"][1:3]
     return Program(
         friction=problem.friction,
@@ -328,8 +326,11 @@ def assemble(
     )
 
 
-def _quadratic(problem: ForceProblem, weights) -> tuple[np.ndarray | None, np.ndarray, float]:
-    """P, q and the constant of the quadratic objectives, in newtons and the objectives' units."""
+def _quadratic(problem: ForceProblem, weights) -> tuple[np.ndarray | None, np.ndarray, float, float, dict]:
+    """P, q and the constant of the quadratic objectives, in newtons and the objectives' units; P's largest diagonal entry.
+
+    And an empty cache: solvers keep there what depends on nothing else.
+    """
     n = problem.k * problem.friction.d
     P, q, constant = None, np.zeros(n), 0.0
     if weights.get("least_squares"):
@@ -343,9 +344,8 @@ def _quadratic(problem: ForceProblem, weights) -> tuple[np.ndarray | None, np.nd
         P = heat if P is None else P + heat
         q = 2 * weight * bias @ T
         constant = weight * float(bias @ bias)
-    if P is not None:
-        problem._assembled[("objective", *weights.items(), "largest")] = float(np.abs(np.diag(P)).max()) or 1.0
-    return P, q, constant
+    largest = 0.0 if P is None else float(np.abs(np.diag(P)).max()) or 1.0
+    return P, q, constant, largest, {}
 
 
 def _torque_rows(problem: ForceProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
