@@ -146,3 +146,14 @@ def test_multiplier_qp_is_the_refinement(balance):
         qp.solve([1.0, 2.0])
     with pytest.raises(InvalidInput, match="normal forces"):
         MultiplierQP(problem, np.zeros(problem.k))
+
+
+@pytest.mark.parametrize("measure", ["work", "impulse"])
+def test_damping_may_be_missing_in_some_of_the_problems(make_problem, measure):
+    problems = [make_problem(balance="wrench", compliance=pg.Compliance(damping=damping)) for damping in (0.0, 100.0, 0.0, 400.0)]
+    found = pg.solve_batch(pg.ForceBatch.of(problems, 0.85), objective=measure)
+    for i, problem in enumerate(problems):
+        alone = pg.optimize_forces(problem, 0.85, objective=measure)
+        assert found.status[i] is Status.OK and found.objective[i] == pytest.approx(alone.certificate.primal, rel=1e-6)
+        by_integral = problem.energy(found.forces_c[i, :, 2], 0.85, measure).sum()
+        assert found.objective[i] == pytest.approx(by_integral, rel=1e-6)

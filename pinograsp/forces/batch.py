@@ -139,8 +139,11 @@ class ForceBatch:
         energies = {}
         for name in MEASURES:
             terms = [problem.energy_terms(at, name) for problem, at in zip(problems, times)]
-            if len({len(one) for one in terms}) == 1:
-                energies[name] = np.array(terms)
+            most = max(map(len, terms))
+            # Without damping there is a term less: the last one then counts as several.
+            energies[name] = np.array([
+                [*own[:-1], *[(own[-1][0] / (most - len(own) + 1), own[-1][1])] * (most - len(own) + 1)] for own in terms
+            ])  # fmt: skip
         return cls(
             points=points, rotations=rotations, loads=np.array([problem.load for problem in problems]), **made,
             counts=np.array([problem.k for problem in problems]), friction=first.friction, balance=first.balance,
