@@ -355,7 +355,8 @@ def plan_grasp(
         raise InvalidInput("objective and torque_limit: expected search='convex', the grids know neither")
     forces = grid_search(problem, grid, search=search, solver=solver or "daqp", progress=progress)
     if not forces.found or forces.status is Status.INACCURATE:
-        raise GraspInfeasible(f"no grasp found ({forces.status}). {forces.status.remedy}\n{forces.explain()}", forces)
+        known = "" if forces.status is Status.INFEASIBLE else ", though none is ruled out"
+        raise GraspInfeasible(f"no grasp found{known} ({forces.status}). {forces.status.remedy}\n{forces.explain()}", forces)
     found = time.perf_counter()
     moved = plan_motion(hand, forces, motion)
     elapsed = {"forces": found - started, "motion": time.perf_counter() - found}
@@ -429,7 +430,7 @@ def _convex_plan(hand, problem, solver, objective, torque_limit, motion, progres
 
 def _why(forces: ForceSolution) -> str:
     """The diagnosis of a convex search without forces, at the impact time that admits the largest forces."""
-    text = f"no grasp found ({forces.status}). {forces.status.remedy}"
+    text = f"no grasp found, though none is ruled out ({forces.status}). {forces.status.remedy}"
     if forces.status is Status.INFEASIBLE:
         earliest = forces.problem.impact_time_range[0]
         text = f"no grasp: every impact time is proven infeasible\n{diagnose(forces.problem, earliest)}"

@@ -12,7 +12,8 @@ import pytest
 import pinograsp as pg
 from pinograsp.cases import load_case
 from pinograsp.cases.published import AS_PUBLISHED
-from pinograsp.errors import CaseRejected, GraspInfeasible, InvalidInput, Status
+from pinograsp.errors import CaseRejected, GraspInfeasible, InvalidInput, Status, status_of
+from pinograsp.forces import global_optimum
 from pinograsp.report import failure, markdown
 from pinograsp.storage import load_run, run_of
 
@@ -171,3 +172,13 @@ def test_readme_python_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec("\n".join(blocks), {})
     assert "the load can be held" in capsys.readouterr().out
+
+
+def test_what_is_not_proven_is_not_called_infeasible(hand, make_problem, monkeypatch):
+    problem = make_problem(balance="wrench", measure="impulse")
+    monkeypatch.setattr(global_optimum, "_MOST", 0)
+    with pytest.raises(GraspInfeasible) as caught:
+        pg.plan_grasp(hand, problem, search="convex")
+    assert caught.value.solution.status is Status.INACCURATE and status_of(caught.value) == "inaccurate"
+    text = str(caught.value)
+    assert "none is ruled out" in text and "nothing is proven" in text and "infeasible" not in text

@@ -189,8 +189,8 @@ class Diagnosis:
     Attributes:
         status: ``OK`` where the load can be held, else ``INFEASIBLE`` (or ``INACCURATE``: too close to tell).
         impact_time: t_I [s]. proof: the certificate, None where the load can be held.
-        load_factors: least and largest multiple of the load that can be held (None: no multiple).
-        smallest_mu: friction coefficients (k,) that would just do, all scaled alike; None: no friction would.
+        load_factors: least and largest multiple of the load that can be held (None: none was found).
+        smallest_mu: friction coefficients (k,) that would just do, all scaled alike; None: none was found.
         text: all of it in words.
     """
 
@@ -359,12 +359,12 @@ def _words(problem, impact_time, status, proof, factors, mu) -> str:
         if proof.at_torque:
             lines.append(f"  at the torque limit: {', '.join(proof.at_torque)}")
     if factors is None:
-        lines.append("  no multiple of this load can be held")
+        lines.append("  no multiple of this load was found that can be held")
     elif np.isfinite(factors[1]):
         text = f"  the largest load that could be held is {factors[1]:.4g} times this one"
         lines.append(text + (f", the least {factors[0]:.4g} times" if factors[0] > 1e-6 else ""))
     if mu is None:
-        lines.append(f"  no friction coefficient up to {_LARGEST_FRICTION:g} would do")
+        lines.append(f"  no friction coefficient up to {_LARGEST_FRICTION:g} was found that would do")
     elif np.ptp(mu) <= 1e-12 * max(mu.max(), 1.0):
         lines.append(f"  the smallest friction coefficient that would do is {mu.max():.4g} (given: {problem.mu.max():.4g})")
     else:
