@@ -34,7 +34,7 @@ _REMEDIES = {
     Status.OK: "",
     Status.UNBALANCED: "These normal forces cannot balance the load: change them, raise mu or move the contacts.",
     Status.INFEASIBLE: "Raise mu, lighten the object, allow deeper penetration or an earlier impact, or refine the grid.",
-    Status.INACCURATE: "The answer failed its certificate, and nothing is proven: change the load, mu or the limits a little, or the solver.",
+    Status.INACCURATE: "The answer failed its certificate and nothing is proven: change load, mu or limits a little, or the solver.",
     Status.INTERRUPTED: "The search was stopped: run it again to the end for the optimum.",
     Status.JOINT_LIMIT: "Widen the named joint limit or choose another contact posture.",
     Status.NOT_TRACKED: "Use a smaller time step, another contact posture, or fewer contacts on that finger.",

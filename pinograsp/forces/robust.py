@@ -131,7 +131,7 @@ class RobustForces:
                 f"{self.infeasibility.margin:.4g} N of net wrench is left; diagnose() that load"
             )
         if self.status is Status.INFEASIBLE:
-            return f"no common normal forces hold all of {what}; that some load cannot be held by itself is not proven: {self.status.remedy}"
+            return f"no common normal forces hold all of {what}; none of the loads is proven to be too much by itself: {self.status.remedy}"
         return f"neither forces for {what} nor a proof that there are none: {self.status.remedy}"
 
 
