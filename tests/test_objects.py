@@ -799,3 +799,34 @@ def test_contacts_can_be_made_on_every_shape(shape):
     _, normals, _ = shape.project(points)
     assert np.allclose([c.normal_o for c in contacts], normals)
     assert np.array_equal(contacts.com_o, shape.com_o)
+
+
+@pytest.mark.parametrize("name", ["cylinder", "disc", "box", "mesh of the cylinder", "mesh of the box"])
+def test_on_an_edge_rounding_does_not_decide_the_normal(name):
+    """Points on rims, edges and corners, moved by rounding: one normal, the mean of the faces', for project and contacts alike."""
+    own = PRIMITIVES[name.split()[-1]]
+    shape = own
+    if name.startswith("mesh"):
+        made = trimesh.creation.box(own.size) if "box" in name else trimesh.creation.cylinder(own.radius, own.height, sections=16)
+        shape = mesh_of(made)
+    if "box" in name:
+        half = own.size / 2
+        edge = np.array([[half[0], -half[1], 0.01], [0.01, half[1], half[2]], half, -half])
+        outward = np.sign(edge) * (np.abs(edge) == half)
+    else:
+        angle = 2 * np.pi * np.arange(16) / 16 + np.pi / 16
+        reach = own.radius * (np.cos(np.pi / 16) if name.startswith("mesh") else 1)
+        around = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+        edge, outward = reach * around + [0, 0, own.height / 2], around + [0, 0, 1]
+    outward = outward / np.linalg.norm(outward, axis=1)[:, None]
+    rotation = POSE[:3, :3]
+    points = edge @ rotation.T + POSE[:3, 3]
+    rng = np.random.default_rng(0)
+    for off in (0.0, 1e-17, 1e-16, 1e-12):
+        moved = points + off * rng.normal(size=points.shape)
+        for normals in (
+            shape.project(moved)[1],
+            np.array([shape.project(point[None])[1][0] for point in moved]),
+            np.array([contact.normal_o for contact in contacts_at(None, shape, moved)]),
+        ):
+            assert np.abs(normals + outward @ rotation.T).max() < 1e-9

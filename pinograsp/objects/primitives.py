@@ -125,6 +125,8 @@ class Cylinder(Body):
         # The quotient blends the side's and the cap's directions in proportion to how far the point is beyond each.
         blend = beyond_side[:, None] * outward + beyond_cap[:, None] * cap
         normal = np.where(rim[:, None], blend / np.where(rim, distance, 1.0)[:, None], normal)
+        at_rim = np.maximum(np.abs(beyond_side), np.abs(beyond_cap)) <= NO_DIRECTION
+        normal = np.where(at_rim[:, None], (outward + cap) / np.sqrt(2), normal)
         return local - distance[:, None] * normal, normal, distance
 
     def _curvature_b(self, surface, outward):
@@ -254,6 +256,9 @@ class Box(Body):
         gap = np.maximum(beyond, 0.0) * np.sign(local)
         distance = np.where(inside, beyond[each, axis], np.linalg.norm(gap, axis=1))
         outward = np.where(inside[:, None], face, gap / np.where(inside, 1.0, distance)[:, None])
+        here = np.abs(beyond) <= NO_DIRECTION
+        at_edge = (here.sum(axis=1) > 1) & (beyond <= NO_DIRECTION).all(axis=1)
+        outward[at_edge] = (here * np.where(local < 0, -1.0, 1.0))[at_edge] / np.sqrt(here[at_edge].sum(axis=1))[:, None]
         surface = np.clip(local, -half, half)
         surface[each[inside], axis[inside]] = (face * half)[inside, axis[inside]]
         return surface, outward, distance

@@ -98,6 +98,9 @@ class TriangleSurface:
             inside[unsure] = self.winding_number(points[unsure]) > 0.5
         distance = np.where(inside, -distance, distance)
         apart = (feature > 0) & (np.abs(distance) > NO_DIRECTION)
+        # Rounding must not decide whether a point on an edge is taken for one on a face beside it.
+        touching = np.abs(distance) <= NO_DIRECTION
+        mean[touching] = self._feature_normals[face[touching], _feature_at(surface[touching], self.corners[face[touching]])]
         outward = np.where(apart[:, None], offset / np.where(apart, distance, 1.0)[:, None], mean)
         return surface, outward, distance, opposite
 
@@ -241,6 +244,18 @@ def _nearest_on(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np
     within &= ((foot - points) ** 2).sum(axis=1) <= least
     best[within], feature[within] = foot[within], 0
     return best, feature
+
+
+def _feature_at(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Where points (p, 3) on triangles (p, 3, 3) lie, as :func:`_nearest_on` numbers it, to within NO_DIRECTION."""
+    feature = np.zeros(len(points), dtype=int)
+    for n, (i, j) in enumerate(_EDGES):
+        side = corners[:, j] - corners[:, i]
+        off = np.linalg.norm(np.cross(points - corners[:, i], side), axis=1)
+        feature[off <= NO_DIRECTION * np.linalg.norm(side, axis=1)] = 1 + n
+    for i in range(3):
+        feature[np.linalg.norm(points - corners[:, i], axis=1) <= NO_DIRECTION] = 4 + i
+    return feature
 
 
 def _pieces(corners: np.ndarray) -> np.ndarray:
