@@ -104,14 +104,16 @@ class PlacementNotFound(NoGrasp):
 
 
 class GeometryFailed(PinograspError):
-    """The distance between a link and the object could not be computed. ``link`` names it: its mesh is likely degenerate."""
+    """The distance between a link and the object could not be computed. ``link`` names it: a mesh is likely degenerate."""
 
     def __init__(self, link: str, kind: str):
         self.link = link
-        super().__init__(
-            f"the distance of link '{link}' ({kind}) from the object could not be computed: repair its mesh (slivers, "
-            "zero-area triangles) or give it a simpler collision geometry"
+        remedy = (
+            "repair its mesh (slivers, zero-area triangles) or give it a simpler collision geometry"
+            if kind.startswith(("BVH", "Convex"))
+            else "check the object's mesh, if it is one, and the sizes and places of both: they may be deep inside each other"
         )
+        super().__init__(f"the distance of link '{link}' ({kind}) from the object could not be computed: {remedy}")
 
 
 class SimulationDiverged(PinograspError):

@@ -9,7 +9,8 @@ import trimesh
 
 from pinograsp.cases import load_case
 from pinograsp.contacts import PALM, Friction, clearance, close_hand, open_and_closed
-from pinograsp.errors import InvalidInput, Status
+from pinograsp.contacts.penetration import Penetration
+from pinograsp.errors import GeometryFailed, InvalidInput, Status
 from pinograsp.hands import load_hand
 from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
 from pinograsp.objects import Box, Cylinder, Sphere
@@ -362,3 +363,44 @@ def test_joints_stay_on_their_way(two_links, seed, wrap, target):
     ends = np.minimum(target, two_links.upper)
     assert np.all(closure.q >= -1e-12) and np.all(closure.q <= ends + 1e-12)
     assert np.all(closure.events[1] <= ends + 1e-12)
+
+
+def test_depths_of_parts_deep_in_an_object(tmp_path):
+    """Coal's depth of a part deep inside is next to nothing; the way out is found all the same."""
+    hand = load_hand(
+        write(
+            tmp_path, link("palm"), link("jaw", '<box size="0.02 0.02 0.02"/>', "-0.01 0 0"),
+            joint("j", "palm", "jaw", "0 0 0", "1 0 0", "prismatic", "-0.1 0.2"),
+        )
+    )  # fmt: skip
+    ball = Sphere(radius=0.1, mass=0.1, pose=at(0.1, 0, 0))
+    contacts = close_hand(hand, ball, start=[-0.05], target=[0.1], fixed=True).contacts()
+    surfaces = Penetration(hand, ball, contacts)
+    for depth in (0.001, 0.01, 0.03, 0.06, 0.09):
+        assert surfaces.at(np.array([depth]))[0] == pytest.approx([depth], abs=1e-6)
+
+
+def test_what_cannot_be_computed_is_told_apart():
+    assert "repair its mesh" in str(GeometryFailed("tip", "BVHModelOBBRSS"))
+    assert "repair its mesh" not in str(GeometryFailed("tip", "Box")) and "sizes and places" in str(GeometryFailed("tip", "Box"))
+
+
+def test_objects_of_another_scale_are_refused(two_links):
+    for ball in (Sphere(radius=0.01, mass=0.1, pose=at(0, 0, 1e6)), Sphere(radius=6e12, mass=0.1, pose=at(0, 0, 6.1e12))):
+        for use in (close_hand, lambda hand, one: clearance(hand, one, np.zeros(2))):
+            with pytest.raises(InvalidInput, match="within 1000 m of the hand's root"):
+                use(two_links, ball)
+
+
+def test_closing_comes_to_an_end(tmp_path, monkeypatch):
+    """A jaw that slides along a face, a micrometre off it: every step is a micrometre."""
+    monkeypatch.setattr("pinograsp.contacts.closing._MOST_STEPS", 500)
+    hand = load_hand(
+        write(
+            tmp_path, link("palm"), link("jaw", '<box size="0.02 0.02 0.02"/>'),
+            joint("j", "palm", "jaw", "0 0 0", "1 0 0", "prismatic", "-0.1 0.2"),
+        )
+    )  # fmt: skip
+    box = Box(size=[0.2, 0.2, 0.2], mass=0.1, pose=at(0, 0, 0.110001))
+    with pytest.raises(InvalidInput, match="more than 500 steps, for 'jaw' is close to the object for long"):
+        close_hand(hand, box, start=[-0.05], target=[0.1])

@@ -11,9 +11,11 @@ from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_of
 from pinograsp.objects.body import tangents
+from pinograsp.spatial import FARTHEST
 
 PALM = "palm"
-_FAR = 1e3  # [m] farther than any hand from its object: coal failed
+_FAR = 1e3  # [m] farther off than any part of a hand
+_FAILED = 10 * FARTHEST  # [m] no hand is as far from its object: coal failed
 _OFF = 1e-4  # [m] what coal's depth of an overlap may be off
 _CLEAR = 1e-4  # [m] a hull farther off than this says enough
 _TILT = 1e-3  # [rad] tilt that tells the corners of a flat contact
@@ -51,6 +53,11 @@ class Distances:
     """Signed distances of the hand's geometry to an object at a posture."""
 
     def __init__(self, hand: HandModel, object):
+        away = float(np.linalg.norm(object.com_o - hand.pose[:3, 3])) + object.bounding_radius
+        if not away <= FARTHEST:
+            raise InvalidInput(
+                f"object: expected one within {FARTHEST:g} m of the hand's root, got one that reaches to {away:.3g} m: are the units right?"
+            )
         self.model, self.data = hand.model, hand.model.createData()
         self.object, self.shape = object, object.collision_geometry
         self.request, self.plain, self.result = coal.DistanceRequest(), coal.DistanceRequest(), coal.DistanceResult()
@@ -98,7 +105,7 @@ class Distances:
             self.result.clear()
             distance = coal.distance(geometry, pose, self.shape, moved, request, self.result)
             point = np.array(self.result.getNearestPoint1())
-            if np.isfinite(point).all() and max(least, -_FAR) <= distance < _FAR:
+            if np.isfinite(point).all() and max(least, -_FAILED) <= distance < _FAILED:
                 return distance, point
             # At its finest tolerance coal can lose itself on slivers of a mesh: coarser, then from a hair's breadth aside.
             moved.setTranslation(object_pose.getTranslation() + 1e-7 * np.array([attempt, 1.0, -attempt]))

@@ -37,6 +37,7 @@ _CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
 _BALANCED = 1e-3  # of the pressing forces: what may be left of them where the object jams
 _PUSHES, _CUTS = 200, 30  # pushes at most, and rounds of making way after each
 _PRESSING = 60  # points that are remembered
+_MOST_STEPS = 50_000  # of one closing, which takes some hundreds
 
 
 def close_hand(
@@ -162,7 +163,15 @@ class _Closing:
                 )
             if gaps[i] <= (TOUCH if part.joint else 1e-6) and part.link not in self.touched:
                 self.touch(part, gaps[i], point)
+        first = steps = 0
         while self.free.any():
+            steps += 1
+            if steps > _MOST_STEPS:
+                near = self.parts[first].link
+                raise InvalidInput(
+                    f"hand '{self.hand.name}': closing takes more than {_MOST_STEPS} steps, for '{near}' is close to the object for "
+                    "long, or reaches very far: move the object a little, or check the sizes of the hand"
+                )
             moving, touched = self.moving, self.touched
             if not moving.any():  # the next ones' turn
                 self.at = float(self.begins[self.free].min())

@@ -65,12 +65,16 @@ class Penetration:
 
     def _deepest(self, part: HandPart, normal: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         distances, pose, off, depth = self.distances, self.distances.pose, 2 * _CLEAR, None
+        further = _CLEAR
         for _ in range(_ROUNDS):
             moved = coal.Transform3s(pose.getRotation(), pose.getTranslation() + off * normal)
             gap, mine = distances.at(part, moved, part.geometry)
             if gap < 0.5 * _CLEAR:  # deeper than thought
-                off += _CLEAR + min(max(-gap, 0.0), 10 * _CLEAR)  # coal's own depth is rough
+                # Coal's own depth is rough, often next to nothing deep inside: each time twice as far.
+                off += further + min(max(-gap, 0.0), 10 * _CLEAR)
+                further *= 2
                 continue
+            further = _CLEAR
             other = np.array(distances.result.getNearestPoint2())
             direction = (other - mine) / gap
             # Farther off than need be, the nearest points are others than those that overlap.
