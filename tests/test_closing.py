@@ -366,18 +366,21 @@ def test_joints_stay_on_their_way(two_links, seed, wrap, target):
 
 
 def test_depths_of_parts_deep_in_an_object(tmp_path):
-    """Coal's depth of a part deep inside is next to nothing; the way out is found all the same."""
-    hand = load_hand(
-        write(
-            tmp_path, link("palm"), link("jaw", '<box size="0.02 0.02 0.02"/>', "-0.01 0 0"),
-            joint("j", "palm", "jaw", "0 0 0", "1 0 0", "prismatic", "-0.1 0.2"),
-        )
-    )  # fmt: skip
-    ball = Sphere(radius=0.1, mass=0.1, pose=at(0.1, 0, 0))
-    contacts = close_hand(hand, ball, start=[-0.05], target=[0.1], fixed=True).contacts()
-    surfaces = Penetration(hand, ball, contacts)
-    for depth in (0.001, 0.01, 0.03, 0.06, 0.09):
-        assert surfaces.at(np.array([depth]))[0] == pytest.approx([depth], abs=1e-6)
+    """Coal's depth of a box deep inside is next to nothing; the way out is found all the same."""
+    parts = [link("palm", '<box size="0.1 0.1 0.03"/>', "0 0 -0.015")]
+    for i, angle in enumerate((0.0, 2.1, 4.2)):
+        base = joint(f"a{i}", "palm", f"inner{i}", f"{0.05 * np.cos(angle)} {0.05 * np.sin(angle)} 0", limits="-0.5 1.5")
+        parts += [link(f"inner{i}", '<box size="0.01 0.01 0.04"/>', "0 0 0.025"), link(f"outer{i}", '<box size="0.02 0.02 0.01"/>', "0 0 0.03"),
+                  base.replace("<axis", f'<origin rpy="0 0 {angle}"/><axis').replace('"/><origin rpy', '" rpy'),
+                  joint(f"b{i}", f"inner{i}", f"outer{i}", "0 0 0.05", limits="-0.2 1.5")]  # fmt: skip
+    hand = load_hand(write(tmp_path, *parts))
+    for radius, height in ((0.01, 0.05), (0.03, 0.02)):
+        cylinder = Cylinder(radius=radius, height=height, mass=0.1, pose=at(0.005, 0.002, 0.07))
+        closure = close_hand(hand, cylinder)
+        surfaces = Penetration(hand, cylinder, closure.contacts())
+        for further in np.linspace(0.1, 1.2, 12):
+            depths, normals, _ = surfaces.at(closure.q + further * np.sign(closure.target - closure.start))
+            assert np.isfinite(depths).all() and np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
 
 
 def test_what_cannot_be_computed_is_told_apart():

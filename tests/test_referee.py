@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import own_hands
 import pinocchio as pin
 import pytest
 
@@ -531,3 +532,24 @@ def test_without_mujoco_the_extra_is_named_and_pinocchio_serves(plan, tmp_path):
     done = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert "ExtraMissing" in done.stdout and "pinograsp[sim]" in done.stdout, done.stderr
     assert "('index', 'middle', 'thumb')" in done.stdout
+
+
+@pytest.mark.parametrize("moments", ["1e-5 1e-5 0", "0 0 0", "1e-5 1e-5 -1e-15", "1e-300 1e-300 1e-300"])
+def test_links_without_inertia_about_an_axis_are_simulated(tmp_path, moments):
+    """Thin rods and point masses: MuJoCo wants a little about every axis."""
+    pytest.importorskip("mujoco")
+    from pinograsp.referee.scene import build
+
+    xx, yy, zz = moments.split()
+    text = own_hands.HANDS["parallel_gripper"]
+    start = text.index("<inertia ", text.index('<link name="left_jaw">'))
+    end = text.index("/>", start)
+    path = tmp_path / "rod.urdf"
+    path.write_text(f'{text[:start]}<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"{text[end:]}')
+    hand = pg.load_hand(path)
+    servo = Servo(stiffness=np.ones(hand.n), damping=np.ones(hand.n), rotor=np.full(hand.n, 1e-4))
+    model, notes = build(hand, pg.Sphere(radius=0.01, mass=0.1), time_step=1e-3, gravity_o=[0, 0, -9.81], servo=servo)
+    assert (model.body_inertia[1:] > 0).all() and any("has no inertia about some axis" in note for note in notes)
+    sound, none = build(pg.load_hand(own_hands.write(tmp_path, "parallel_gripper")), pg.Sphere(radius=0.01, mass=0.1),
+                        time_step=1e-3, gravity_o=[0, 0, -9.81], servo=servo)  # fmt: skip
+    assert not none and (sound.body_inertia[2:] == model.body_inertia[2:]).all()

@@ -15,6 +15,8 @@ _HAND, _OBJECT = {"contype": 1, "conaffinity": 2}, {"contype": 2, "conaffinity":
 # Contacts are found from 1 mm off and make no force: MuJoCo's soft contacts cannot judge a static grasp.
 _FOUND_ONLY = {"margin": -0.5, "gap": 0.501, "density": 0.0}
 _LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links that have none, as MuJoCo needs
+# Of links with a direction about which they have none (thin rods, point masses): part of their largest, and at least [kg m^2].
+_LEAST_SHARE, _TINY_INERTIA = 1e-6, 1e-12
 _STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
 
 
@@ -39,7 +41,8 @@ def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_fac
     if not flat:
         # Its search for several points turns the normals of hulls and cylinders, by up to tens of degrees (MuJoCo 4.0.0).
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
-    bodies = _links(spec, hand)
+    notes: list[str] = []
+    bodies = _links(spec, hand, notes)
     for name, kp, kv, rotor in zip(hand.joint_names, servo.stiffness, servo.damping, servo.rotor):
         spec.joint(name).armature = rotor
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -49,7 +52,6 @@ def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_fac
         tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, name2=coupling.followed)
         tie.data[:2] = coupling.offset, coupling.factor
         tie.solref, tie.solimp = (2 * time_step, 1.0), _STIFF
-    notes: list[str] = []
     for one in hand.geometry.geometryObjects:
         shape = convex(one.geometry, one.name, notes)
         if shape is not None:
@@ -64,7 +66,7 @@ def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_fac
         raise InvalidInput(f"MuJoCo refuses this hand or object: {error}") from error
 
 
-def _links(spec, hand: HandModel) -> dict:
+def _links(spec, hand: HandModel, notes: list[str]) -> dict:
     model, bodies = hand.model, {0: spec.worldbody}
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -73,7 +75,9 @@ def _links(spec, hand: HandModel) -> dict:
         body = bodies[j] = bodies[model.parents[j]].add_body(
             name=f"link {j}", pos=placement.translation, quat=_quaternion(placement.rotation)
         )
-        _set_inertia(body, inertia.mass, inertia.lever, inertia.inertia)
+        raised = _set_inertia(body, inertia.mass, inertia.lever, inertia.inertia)
+        if raised:
+            notes.append(f"what joint '{model.names[j]}' moves has no inertia about some axis: {raised:.2g} kg m^2 is taken")
         motion = np.array(data.joints[j].S).ravel()
         slides = hand.is_prismatic(j)
         axis = motion[:3] if slides else motion[3:]
@@ -83,11 +87,18 @@ def _links(spec, hand: HandModel) -> dict:
     return bodies
 
 
-def _set_inertia(body, mass: float, lever, inertia) -> None:
+def _set_inertia(body, mass: float, lever, inertia) -> float:
+    """Give a body mass and inertia; the least moment that had to be put in place of a smaller one [kg m^2], or 0."""
     if mass < _LEAST_MASS:
         mass, inertia = _LEAST_MASS, inertia + _LEAST_INERTIA * np.eye(3)
+    moments, axes = np.linalg.eigh(inertia)
+    least = max(_LEAST_SHARE * moments[-1], _TINY_INERTIA)
+    raised = least if moments[0] < least else 0.0
+    if raised:
+        inertia = axes @ np.diag(np.maximum(moments, least)) @ axes.T
     body.mass, body.ipos, body.explicitinertial = mass, lever, True
     body.fullinertia = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return raised
 
 
 def _quaternion(rotation) -> np.ndarray:
