@@ -13,6 +13,7 @@ import pinograsp as pg
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import LoadSet, TorqueLimits, load_margin, optimize_forces, optimize_robust
+from pinograsp.motion import MotionSpec, plan_motion
 
 CONE = Friction(model="cone")
 
@@ -197,3 +198,47 @@ def test_the_load_that_cannot_be_held_is_found_in_bulk(make_problem, monkeypatch
     plain = optimize_robust(problem, loads, 0.85)
     assert len(asked) == 1 and found.status is plain.status is Status.INFEASIBLE
     assert found.infeasibility.margin == pytest.approx(plain.infeasibility.margin, rel=1e-9) and plain.infeasibility.margin > 0
+
+
+@pytest.mark.parametrize("name", ["pyramid", "cone", "soft", "ball"])
+def test_forces_under_any_load_of_the_set_balance_it(make_problem, name):
+    friction = {"cone": Friction(model="cone"), "soft": Friction(model="soft", torsion=0.003)}.get(name, Friction())
+    problem = make_problem(balance="wrench", friction=friction)
+    half = np.array([0.05, 0, 0.05, 0, 2e-4, 0])
+    loads = LoadSet.around(problem.load, box=half, ball=0.05 if name == "ball" else 0.0)
+    robust = optimize_robust(problem, loads, 0.82)
+    assert robust.status is Status.OK
+    rng = np.random.default_rng(0)
+    inside = [problem.load + half * rng.uniform(-1, 1, 6) for _ in range(4)] + [loads.wrenches[0]]
+    if name == "ball":
+        inside.append(problem.load + half * [1, 0, 0, 0, 0, 0] + np.array([0.04, 0, 0, 0, 0, 0]))
+    for load in [None, *inside]:
+        found = robust.under(load)
+        assert found.problem.load == pytest.approx(problem.load if load is None else load)
+        assert found.normal_forces == pytest.approx(robust.normal_forces, rel=1e-12) and found.residual < 1e-6
+        used = np.column_stack([found.forces_c[:, :2], found.torsion])[:, : friction.d - 1] / friction.scale(problem.mu)
+        assert np.all(friction.gauge(used) <= found.normal_forces * (1 + 1e-6))
+        # Friction alone: the margin of the same normal forces says the same.
+        assert load_margin(found.problem, [0, 0, 1.0, 0, 0, 0], normal_forces=found.normal_forces) >= 0
+    for outside in (problem.load + 4 * half, 2 * problem.load):
+        with pytest.raises(InvalidInput, match="one of the set"):
+            robust.under(outside)
+
+
+def test_a_robust_squeeze_is_carried_out(hand, make_problem):
+    problem = make_problem(balance="wrench")
+    robust = optimize_robust(problem, LoadSet.around(problem.load, box=[0.1, 0, 0.1, 0, 0, 0]), 0.82)
+    spec = MotionSpec(samples=1, time_step=0.02)
+    motion = plan_motion(hand, robust, spec)
+    assert motion.status is Status.OK
+    normals = np.einsum("kx,kx->k", motion.forces_o[-1], problem.contacts.rotations_oc[:, :, 2])
+    assert normals == pytest.approx(robust.normal_forces, rel=1e-9)
+    assert motion.forces_o[-1].sum(axis=0) == pytest.approx(-problem.load[:3], abs=1e-6)
+    # More squeeze than the load alone asks for needs more torque.
+    alone = plan_motion(hand, optimize_forces(problem, 0.82), spec)
+    assert np.abs(motion.holding_torques).max() > np.abs(alone.holding_torques).max()
+    nothing = optimize_robust(problem, LoadSet(wrenches=[100 * problem.load]), 0.85)
+    with pytest.raises(InvalidInput, match="infeasible"):
+        plan_motion(hand, nothing)
+    with pytest.raises(InvalidInput, match="solution"):
+        plan_motion(hand, problem)

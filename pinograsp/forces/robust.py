@@ -23,14 +23,17 @@ from dataclasses import dataclass, replace
 import clarabel
 import numpy as np
 import scipy.sparse as sp
+from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, brief, instance_of, number, read_only
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.conic import cone_rows, solve
 from pinograsp.forces.infeasibility import Infeasibility, prove
+from pinograsp.forces.optimize import record
 from pinograsp.forces.problem import MEASURES, ForceProblem
 from pinograsp.forces.program import Program, assemble, energy_terms_at, feasibility, weights_of
+from pinograsp.forces.solution import ForceSolution
 
 _EDGES_FOR_BALLS = 16
 _FRICTION_ONLY = (*MEASURES, "peak")  # objectives that depend on the common F_n alone
@@ -120,6 +123,51 @@ class RobustForces:
         """primal - dual, in the objective's unit."""
         return self.primal - self.dual
 
+    def under(self, load=None) -> ForceSolution:
+        """The forces under one load of the set (6,) [N, N m]: the common normal forces, and friction's reaction to that load.
+
+        The reaction is a mean of those to the set's wrenches, and what the response to the ball adds. Default: the problem's own
+        load where the set has it, else the mean of the set's.
+
+        Raises:
+            InvalidInput: there are no normal forces, or the load is not in the set.
+        """
+        started, problem = time.perf_counter(), self.problem
+        if not len(self.normal_forces):
+            raise InvalidInput(f"robust forces: expected some that hold their loads, got status '{self.status}'")
+        given = problem.load if load is None else array_of("load", load, (6,))
+        size = float(np.linalg.norm(self.balanced, axis=1).max())
+        held = self.loads.ball + 1e-7 * size
+        shares, rest = self._shares(given)
+        if load is None and np.linalg.norm(rest) > held:
+            given = self.loads.wrenches.mean(axis=0)
+            shares, rest = self._shares(given)
+        if np.linalg.norm(rest) > held:
+            raise InvalidInput(
+                f"load: expected one of the set that these forces hold, got {given.tolist()}: {np.linalg.norm(rest):.4g} N (moments "
+                f"over the moment length) from its wrenches, where a ball of {self.loads.ball:g} N is held"
+            )
+        problem, friction = problem.with_load(given), problem.friction
+        u = np.zeros((problem.k, friction.d - 1))
+        widths, forces = friction.scale(problem.mu), np.einsum("s,skc->kc", shares, self.forces_c)
+        slipping = widths[:, 0] > 0
+        u[slipping, :2] = forces[slipping, :2] / widths[slipping, :2]
+        u[:, 2:] = (shares @ self.torsion)[:, None] / widths[:, 2:]
+        if self.response is not None:
+            u += self.response @ rest
+        program = feasibility(problem, self.normal_forces, self.normal_forces)
+        x = np.column_stack([u, self.normal_forces]).ravel() / program.force_scale
+        found = record(problem, program, self.impact_time, x, self.status, None, None, "clarabel", {}, started)
+        return replace(found, search="robust")
+
+    def _shares(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shares (s,) of the set's loads in their nearest mean to ``load`` (6,), and what is left of it (rows,) [N]."""
+        scaled = _scaled(self.problem, load)
+        size = float(np.abs(self.balanced).max()) or 1.0
+        shares, _ = nnls(np.vstack([self.balanced.T / size, np.full(len(self.balanced), 1e4)]), np.append(scaled / size, 1e4))
+        shares /= shares.sum()
+        return shares, scaled - shares @ self.balanced
+
     def explain(self) -> str:
         """The outcome in words."""
         what = f"{len(self.balanced)} loads" + (f" and a ball of {self.loads.ball:g} N" if self.loads.ball else "")
@@ -177,9 +225,14 @@ def optimize_robust(
     lo, hi = problem.normal_force_range(impact_time)
     largest = loads.wrenches[np.argmax([problem.scaled_norm(w) for w in loads.wrenches])]
     program = assemble(replace(problem, load=largest), weights, terms, lo, hi)
-    scaled = np.array([np.concatenate([w[:3], w[3:] / problem.moment_length])[: problem.rows] for w in loads.wrenches])
+    scaled = np.array([_scaled(problem, wrench) for wrench in loads.wrenches])
     targets = np.unique(-scaled / program.force_scale, axis=0)  # in force balance loads may differ by moments alone
     return _Robust(problem, program, targets, loads, impact_time).solved(started)
+
+
+def _scaled(problem: ForceProblem, wrench: np.ndarray) -> np.ndarray:
+    """A wrench (6,) in the balance rows (rows,), moments divided by the moment length [N]."""
+    return np.concatenate([wrench[:3], wrench[3:] / problem.moment_length])[: problem.rows]
 
 
 class _Robust:

@@ -24,7 +24,7 @@ class ForceSolution:
 
     Attributes:
         status: ``OK``, ``INFEASIBLE`` (no admissible forces, or no point of the grid), ``INACCURATE`` or ``INTERRUPTED``.
-        problem: what was solved. search: ``"paper"``, ``"paper+qp"``, ``"hybrid"`` or ``"convex"``. solver: which one ran,
+        problem: what was solved. search: ``"paper"``, ``"paper+qp"``, ``"hybrid"``, ``"convex"`` or ``"robust"``. solver: which one ran,
             "" if none did.
         impact_time: t_I [s], None without a solution.
         acceleration: A (k,) [m/s^2]. multipliers: (k1, k2) (k, 2). forces_c: contact forces (k, 3) [N].

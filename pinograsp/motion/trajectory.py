@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pinograsp.checks import brief, number, one_of, read_only
+from pinograsp.checks import brief, instance_of, number, one_of, read_only
 from pinograsp.contacts import PALM
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import ForceSolution
+from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import HandModel
 from pinograsp.motion.approach import STARTS, approach
 from pinograsp.motion.contact_ik import contact_postures, moving_groups
@@ -93,8 +93,8 @@ class Motion:
     __repr__ = brief("status", "peak_torque", "impact", "times", "q", "notes")
 
 
-def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | None = None) -> Motion:
-    """Joint motion and torques that carry out ``solution``.
+def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: MotionSpec | None = None) -> Motion:
+    """Joint motion and torques that carry out ``solution``; of robust forces the squeeze, under ``solution.under()``'s load.
 
     Every contact-phase posture of every finger is taken through grasp and approach phase; per finger the one with the
     least infinity norm of its torques over both phases is kept (the palm is fixed, so fingers do not disturb each
@@ -102,9 +102,12 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
 
     Raises:
         ContactNotReached: a finger has no posture at its contact points.
-        InvalidInput: unknown fingers or wrong sizes in ``spec``.
+        InvalidInput: unknown fingers or wrong sizes in ``spec``, or a solution without forces.
     """
     spec = MotionSpec() if spec is None else spec
+    instance_of("solution", solution, ForceSolution, RobustForces)
+    if isinstance(solution, RobustForces):
+        solution = solution.under()
     problem, contacts = solution.problem, solution.problem.contacts
     gravity_o = problem.gravity_o
     postures = contact_postures(
