@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import secrets
 import signal
+import subprocess
 import sys
 
 import numpy as np
@@ -119,3 +120,22 @@ def command(tmp_path, monkeypatch, capsys):
         return code, shown.out, shown.err
 
     return run
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of its own that is soon full: size in KiB -> its folder."""
+    made = []
+
+    def make(size: int):
+        disk = tmp_path / f"disk{len(made)}"
+        disk.mkdir()
+        done = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}k", "none", str(disk)], capture_output=True, text=True)
+        if done.returncode:
+            pytest.skip(f"file systems cannot be mounted here: {done.stderr.strip()}")
+        made.append(disk)
+        return disk
+
+    yield make
+    for disk in made:
+        subprocess.run(["umount", "-l", str(disk)], check=True)

@@ -29,6 +29,7 @@ from pinograsp.referee import (
 from pinograsp.referee.monte_carlo import _drawn, wilson
 from pinograsp.referee.task import Task
 from pinograsp.referee.thresholds import _bisected
+from pinograsp.referee.trial_log import TrialLog
 
 G, MU, SAFETY = 9.81, 0.6, 1.5
 QUICK = {"hold": 0.6, "time_step": 5e-4}
@@ -400,3 +401,111 @@ def test_probabilities_agree_with_the_normal_distribution(plan):
     ):
         clear = np.abs(margin - 1) > 0.005
         assert np.array_equal(values[f"{name}_held"][clear], margin[clear] > 1), name
+
+
+# -- several at once, and a full disk ------------------------------------------------------------------------------------
+
+HEADER = {"schema": "x/1", "seed": 0}
+
+
+def row(trial: int) -> dict:
+    return {"error": "mass", "trial": trial, "drawn": [0.1] * 20}
+
+
+def trials_in(path) -> list[int]:
+    header, *lines = path.read_bytes().split(b"\n")[:-1]
+    assert json.loads(header) == HEADER
+    return [json.loads(line)["trial"] for line in lines]
+
+
+def test_trials_have_one_writer(tmp_path):
+    path = tmp_path / "a" / "log.jsonl"
+    with TrialLog(path, HEADER) as log:
+        log.add(row(0))
+        with pytest.raises(ResultsNotWritten, match="another process is writing trials"):
+            TrialLog(path, HEADER)
+        log.add(row(1))
+    with TrialLog(path, HEADER) as log:
+        assert list(log.rows) == [("mass", 0), ("mass", 1)]
+    assert trials_in(path) == [0, 1]
+    with pytest.raises(ResultsNotWritten, match="cannot write"):
+        TrialLog(tmp_path / ("n" * 300) / "log.jsonl", HEADER)
+
+
+LOGGED = """
+import sys
+from pathlib import Path
+from pinograsp.referee.trial_log import TrialLog
+from pinograsp.errors import ResultsNotWritten
+print("ready", flush=True)
+while True:
+    try:
+        with TrialLog(Path(sys.argv[1]), {"schema": "x/1", "seed": 0}) as log:
+            for trial in range(len(log.rows), len(log.rows) + 50):
+                log.add({"error": "mass", "trial": trial, "drawn": [0.1] * 20})
+    except ResultsNotWritten:
+        pass
+"""
+
+
+@pytest.mark.parametrize("rounds", [1, pytest.param(30, marks=pytest.mark.slow)])
+def test_writers_of_trials_that_are_killed_lose_and_double_none(tmp_path, rounds):
+    path, rng = tmp_path / "log.jsonl", np.random.default_rng(rounds)
+    for _ in range(rounds):
+        writers = [subprocess.Popen([sys.executable, "-c", LOGGED, str(path)], stdout=subprocess.PIPE) for _ in range(2)]
+        for writer in writers:
+            assert writer.stdout.readline() == b"ready\n"
+        time.sleep(rng.uniform(0, 0.1))
+        for writer in writers:
+            writer.kill()
+            writer.wait()
+            writer.stdout.close()
+        with TrialLog(path, HEADER) as log:
+            log.add(row(len(log.rows)))
+        found = trials_in(path)
+        assert found == list(range(len(found)))
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+from pinograsp.referee.trial_log import TrialLog
+from pinograsp.errors import ResultsNotWritten
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    with TrialLog(Path(sys.argv[1]), {"schema": "x/1", "seed": 0}) as log:
+        for trial in range(50):
+            log.add({"error": "mass", "trial": trial, "drawn": [0.1] * 20})
+except ResultsNotWritten as error:
+    print(len(log.rows), error)
+"""
+
+
+def test_where_a_log_grows_too_large_its_trials_stay(tmp_path):
+    path = tmp_path / "log.jsonl"
+    done = subprocess.run([sys.executable, "-c", LIMITED, str(path)], capture_output=True, text=True, timeout=100)
+    kept, _, message = done.stdout.partition(" ")
+    assert message.startswith(f"cannot write '{path}'"), done.stderr
+    assert trials_in(path) == list(range(int(kept))) and int(kept) > 3
+    with TrialLog(path, HEADER) as log:
+        log.add(row(len(log.rows)))
+    assert trials_in(path) == list(range(int(kept) + 1))
+
+
+def test_on_a_full_disk_the_trials_are_kept_and_resumed(task, study, small_disk):
+    disk, file = small_disk(8), study[0] / "monte_carlo.jsonl"  # a page for the trials, and one that is taken
+    (disk / "ballast").write_bytes(bytes(4096))
+    header, *rows = file.read_bytes().splitlines(keepends=True)
+    text, more = b"".join([header, *rows[:5]]), json.loads(rows[0])
+    while len(text) < 4096 - len(rows[5]):  # trials of a larger count
+        more["trial"] += 100
+        text += json.dumps(more).encode() + b"\n"
+    (disk / "monte_carlo.jsonl").write_bytes(text[:4096])
+    same = {"count": 2, "seed": 5, "errors": ROUGH, "jobs": 1, "folder": disk, **QUICK}
+    with pytest.raises(ResultsNotWritten, match="No space left"):
+        monte_carlo(task, **same)
+    kept = (disk / "monte_carlo.jsonl").read_bytes()
+    assert text.startswith(kept) and kept.endswith(b"\n") and kept.count(b"\n") >= 6
+    (disk / "ballast").unlink()
+    again = monte_carlo(task, **same)
+    assert again.rows == study[1].rows and (disk / "monte_carlo.jsonl").read_bytes().startswith(kept)

@@ -31,8 +31,8 @@ def filling(text: str, size: int = 1):
 
 def texts(folder: Path) -> dict[str, str]:
     """What a reader finds: not what is being written, or was when its writer was killed."""
-    found = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "files.txt"]
-    return {path.relative_to(folder).as_posix(): path.read_text() for path in found if not path.parent.name.startswith(".pinograsp-")}
+    found = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "files.txt"}
+    return {name: path.read_text() for name, path in found.items() if ".pinograsp-" not in name}
 
 
 def whole(text: str) -> dict[str, str]:
@@ -384,19 +384,8 @@ def test_of_many_at_once_none_loses_its_answer_silently(tmp_path, kind):
 # -- a full disk ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def small_disk(tmp_path):
-    """A file system of 256 KiB."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", str(disk)], capture_output=True, text=True)
-    if done.returncode:
-        pytest.skip(f"file systems cannot be mounted here: {done.stderr.strip()}")
-    yield disk
-    subprocess.run(["umount", "-l", str(disk)], check=True)
-
-
 def test_on_a_full_disk_the_earlier_folder_stays(small_disk):
+    small_disk = small_disk(256)
     run = write_folder(small_disk / "run", filling("1", 1000))
     page = write_file(small_disk / "page.html", b"1" * 1000)
     for write in (
