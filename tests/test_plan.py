@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 import pinograsp
+from pinograsp import storage
 from pinograsp.cases import load_case
 from pinograsp.cases.published import compare
 from pinograsp.errors import ContactNotReached, GraspInfeasible, InvalidInput, ResultsNotWritten, Status
@@ -126,6 +128,42 @@ def test_a_run_comes_back_as_it_was(run, tmp_path):
         assert np.array_equal(back.arrays[name], array)
     assert json.loads((folder / "plan.json").read_text())["schema"] == "pinograsp.plan/1"
     assert os.listdir(folder.parent) == ["run"]
+
+
+def test_a_plan_is_saved_as_its_run(plan, tmp_path):
+    back = load_run(pinograsp.save_run(plan, tmp_path / "run"))
+    assert back.summary == plan.summary() and back.hand().n == 20
+    for other in (3, "runs/paper", None, GraspInfeasible("none")):
+        with pytest.raises(InvalidInput, match="expected a GraspPlan, or a Run"):
+            save_run(other, tmp_path / "other")
+    for broken in (replace(run_of(plan), settings={"a": object()}), replace(run_of(plan), summary={"a": float("nan")})):
+        with pytest.raises(InvalidInput, match="expected plain, finite values"):
+            save_run(broken, tmp_path / "other")
+    assert os.listdir(tmp_path) == ["run"]
+
+
+@pytest.mark.parametrize("place", ["a" * 300, "a\0b", Path(*["a" * 200] * 30)])
+def test_names_that_no_file_system_takes_are_refused(run, tmp_path, place):
+    with pytest.raises(ResultsNotWritten, match="cannot write"):
+        save_run(run, tmp_path / place)
+    assert os.listdir(tmp_path) == []
+
+
+def test_what_is_read_is_of_one_run(run, tmp_path, monkeypatch):
+    """Another run takes the folder's place after its first files were read."""
+    folder = save_run(run, tmp_path / "run")
+    other = replace(run, settings={"name": "other"}, scene={})
+    plain = storage.read_plan
+
+    def replaced(*args):
+        monkeypatch.setattr(storage, "read_plan", plain)
+        found = plain(*args)
+        save_run(other, folder, force=True)
+        return found
+
+    monkeypatch.setattr(storage, "read_plan", replaced)
+    back = load_run(folder)
+    assert back.settings == {"name": "other"} and back.scene == {}
 
 
 def test_stored_arrays_are_consistent(run):

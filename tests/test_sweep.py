@@ -464,6 +464,107 @@ def test_folders_that_are_refused(grid, tmp_path):
         Store(tmp_path / "out", {}, 3, {"status": "text"})
 
 
+def test_what_others_have_put_beside_the_rows_stays(tmp_path):
+    kinds = {"status": "text"}
+    with Store(tmp_path / "out", {}, 4, kinds) as store:
+        store.add([{"index": 0, "status": "ok"}])
+        store.save()
+    theirs = ("part-mine-x.parquet", "part-1-2-3.parquet", "part-000000-.parquet", ".part-notes", "._manifest.json-old", "notes.txt")
+    for name in theirs:
+        (tmp_path / "out" / name).write_text("mine")
+    (tmp_path / "out" / ".pinograsp-dead").write_text("half")  # of a writer that was killed
+    for index in (1, 2, 3):
+        with Store(tmp_path / "out", {}, 4, kinds) as store:
+            assert store.done == index
+            store.add([{"index": index, "status": "ok"}])
+            store.save()
+            store.merge()
+    assert read_sweep(tmp_path / "out")["index"].to_pylist() == [0, 1, 2, 3]
+    assert {*theirs} < {path.name for path in (tmp_path / "out").iterdir()} and not (tmp_path / "out" / ".pinograsp-dead").exists()
+
+
+def test_parts_of_other_tables_are_told(tmp_path):
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    kinds = {"status": "text"}
+    Store(tmp_path / "out", {}, 4, kinds).__exit__()
+    part = tmp_path / "out" / "part-000000-000000.parquet"
+    for columns, message in (({"a": [1]}, "no column index"), ({"index": [7], "status": ["ok"]}, "holds rows that this sweep has not")):
+        parquet.write_table(pa.table(columns), part)
+        with pytest.raises(InvalidInput, match=message):
+            Store(tmp_path / "out", {}, 4, kinds)
+    Store(tmp_path / "other", {}, 4, kinds).__exit__()
+
+
+@pytest.mark.parametrize("how", ["removed", "replaced", "lock removed"])
+def test_a_folder_that_is_taken_away_meanwhile_is_told(tmp_path, how):
+    kinds, folder = {"status": "text"}, tmp_path / "out"
+    with Store(folder, {}, 3, kinds) as store:
+        if how == "lock removed":
+            (folder / ".lock").unlink()
+        else:
+            folder.rename(tmp_path / "moved")
+        if how == "replaced":
+            Store(folder, {"another": 1}, 3, kinds).__exit__()
+        store.add([{"index": 0, "status": "ok"}])
+        with pytest.raises(ResultsNotWritten, match="was removed, or another has taken its place"):
+            store.save()
+    assert not list(tmp_path.rglob("part*"))
+
+
+STORED = """
+import sys
+from pathlib import Path
+import numpy as np
+from pinograsp.errors import ResultsNotWritten
+from pinograsp.sweep import store as module
+module._MERGED = 5
+print("ready", flush=True)
+while True:
+    try:
+        with module.Store(Path(sys.argv[1]), {}, 100000, {"status": "text"}) as store:
+            for index in np.flatnonzero(~store.have)[:30].tolist():
+                store.add([{"index": index, "status": "ok"}])
+                store.save()
+    except ResultsNotWritten:
+        pass
+"""
+
+
+@pytest.mark.parametrize("rounds", [1, pytest.param(30, marks=pytest.mark.slow)])
+def test_writers_of_rows_that_are_killed_lose_and_double_none(tmp_path, rounds):
+    rng, before = np.random.default_rng(rounds), 0
+    for _ in range(rounds):
+        writers = [subprocess.Popen([sys.executable, "-c", STORED, str(tmp_path / "out")], stdout=subprocess.PIPE) for _ in range(2)]
+        for writer in writers:
+            assert writer.stdout.readline() == b"ready\n"
+        time.sleep(rng.uniform(0, 0.3))
+        for writer in writers:
+            writer.kill()
+            writer.wait()
+            writer.stdout.close()
+        with Store(tmp_path / "out", {}, 100000, {"status": "text"}) as store:
+            found = read_sweep(tmp_path / "out")["index"].to_pylist()
+            assert found == list(range(len(found))) and store.done == len(found) >= before
+            before = len(found)
+        assert all(path.name in (".lock", "_manifest.json") or path.match("part-*-*.parquet") for path in (tmp_path / "out").iterdir())
+
+
+def test_on_a_full_disk_the_rows_are_kept_and_resumed(small_disk):
+    folder, kinds = small_disk(64) / "out", {"status": "text"}
+    with pytest.raises(ResultsNotWritten, match="No space left"), Store(folder, {}, 100, kinds) as store:
+        for index in range(100):
+            store.add([{"index": index, "status": "ok"}])
+            store.save()
+    kept = read_sweep(folder)["index"].to_pylist()
+    assert kept == list(range(len(kept))) and 0 < len(kept) < 100
+    with Store(folder, {}, 100, kinds) as store:
+        assert store.done == len(kept)
+    with pytest.raises(ResultsNotWritten, match="cannot write"):
+        Store(folder.parent / ("n" * 300), {}, 100, kinds)
+
+
 def test_folders_that_cannot_be_read(grid, tmp_path):
     with pytest.raises(InvalidInput, match="holds no sweep: expected a folder that 'pinograsp sweep' has written"):
         read_sweep(tmp_path)

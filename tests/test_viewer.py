@@ -30,7 +30,7 @@ from pinograsp.objects.record import object_record
 from pinograsp.plan import plan_grasp
 from pinograsp.referee import simulate
 from pinograsp.spatial import pose_of, tangent_frame
-from pinograsp.storage import Run, run_of, save_run
+from pinograsp.storage import Run, newest_check, run_of, save_run
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import friction_cone, triangles_of
 from pinograsp.viz.viewer import save_html, view
@@ -347,10 +347,21 @@ def test_view_writes_a_file_and_keeps_what_is_there(command, run, tmp_path):
     assert code == 2 and "--port" in err
 
 
+def test_a_page_in_the_runs_folder_is_one_of_its_files(command, run, tmp_path):
+    save_run(run, tmp_path / "a")
+    assert command("view", "a", "--html", "a/view.html")[0] == 0
+    save_run(run, tmp_path / "a", force=True)
+    assert not (tmp_path / "a" / "view.html").exists()
+    code, _, err = command("view", "a", "--html", "n" * 300)
+    assert code == 2 and "at most 255 bytes" in err
+
+
 def test_view_takes_the_latest_check(command, run, simulation, tmp_path):
     save_run(run, tmp_path / "a")
     alone = (command("view", "a", "--html", "alone.html"), (tmp_path / "alone.html").read_text())[1]
     stored(simulation, tmp_path / "a" / "check")
+    stored(simulation, tmp_path / "a" / ".pinograsp-half")  # one that was killed while it was written
+    assert newest_check(tmp_path / "a") == tmp_path / "a" / "check"
     assert command("view", "a", "--html", "both.html")[0] == 0
     both = (tmp_path / "both.html").read_text()
     assert '"simulated": null' in alone and '"simulated": null' not in both
