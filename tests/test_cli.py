@@ -161,6 +161,20 @@ BAD = {
     "height of a sphere": (["paper", "--set", "object.shape=sphere"], "height_mm is needed for a cylinder"),
     "name with a slash": (["paper", "--set", "name=../up"], "name"),
     "gravity of two": (["paper", "--set", "gravity=[0, 1]"], "gravity"),
+    "tiny grid step": (["paper", "--set", "grid.accelerations.step=1e-300"], "expected 0 or a size from 1e-12 to 1e+12"),
+    "too many grid values": (["paper", "--set", "grid.accelerations.step=1e-5"], "expected at most 10000 values"),
+    "too many grid cells": (["paper", "--set", "grid.accelerations.step=1e-4", "--set", "grid.impact_times.step=1e-4"], "at most 1000000 pairs"),
+    "huge grid start": (["paper", "--set", "grid.impact_times.start=1e308"], "expected 0 or a size from 1e-12 to 1e+12"),
+    "tiny stiffness": (["paper", "--set", "compliance.stiffness=1e-300"], "expected 0 or a size from 1e-12 to 1e+12"),
+    "huge exponent": (["paper", "--set", "compliance.exponent=300"], "less than or equal to 10"),
+    "long name": (["paper", "--set", "name=" + "a" * 300], "at most 100 characters"),
+    "name of dots": (["paper", "--set", "name=.."], "name"),
+    "long hand": (["paper", "--set", "hand.source=" + "a" * 300], "no such file"),
+    "long case": (["a" * 300], "no case"),
+    "no case at all": ([""], "no case"),
+    "no decimal index": (["paper", "--set", "contacts.²=1"], "expected an index below 3"),
+    "deep key": (["paper", "--set", "a" + ".a" * 3000 + "=1"], "at most 50 lists and mappings within each other"),
+    "deep value": (["paper", "--set", "hand.xacro_args=" + "[" * 60 + "]" * 60], "at most 50 lists and mappings within each other"),
     "half the links": (
         ["paper", "--set", "contacts=[{finger: index, point_mm: [4.7, 8.8, 71], link: index_distal}, "
          "{finger: index, point_mm: [4.7, 8.8, 71]}]"],
@@ -222,6 +236,11 @@ def test_a_motion_at_its_limit_is_written_and_said(command, tmp_path):
         ("name: x", "hand: Field required"),
         ("\x00", "not valid YAML"),
         ("x" * 1_000_001, "at most 1000000"),
+        ("[" * 3000, "at most 50 lists and mappings within each other"),
+        ("hand: " + "[" * 100 + "]" * 100, "at most 50 lists and mappings within each other"),
+        ("a: &a [*a]", "at most 50 lists and mappings within each other"),
+        ("a: &a [" + "x, " * 9 + "x]\n" + "".join(f"{b}: &{b} [{f'*{a}, ' * 10}]\n" for a, b in zip("abcdefgh", "bcdefghi")), "at most 3000000 values"),
+        ("? [a]\n: 1", "Keys should be strings"),
     ],
 )
 def test_broken_case_files(command, tmp_path, text, message):
@@ -244,6 +263,12 @@ def test_binary_case_file_and_strange_hands(command, tmp_path):
     code, _, err = command("plan", "case.yaml")
     assert code == 2 and "has no <inertial>" in err
     assert {path.name for path in tmp_path.iterdir()} == {"case.yaml", "broken.urdf"}
+
+
+def test_a_pipe_is_no_case_file(command, tmp_path):
+    os.mkfifo(tmp_path / "case.yaml")
+    code, _, err = command("plan", "case.yaml")
+    assert code == 2 and "no case 'case.yaml'" in err
 
 
 def test_all_problems_of_a_case_are_named_at_once():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -765,6 +766,28 @@ def test_no_dask_scheduler_there(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "_CONNECTED_WITHIN", 0.5)
     with pytest.raises(InvalidInput, match="expected the address of a running Dask scheduler, got 'tcp://127.0.0.1:1'"):
         sweep(GRID, tmp_path / "out", backend="dask", scheduler="tcp://127.0.0.1:1", progress=False)
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://x:0", "tcp://127.0.0.1:99999", ":5", "tcp://127.0.0.1:", "tcp://h:²"])
+def test_an_address_without_host_and_port_is_refused(tmp_path, address):
+    pytest.importorskip("distributed")
+    with pytest.raises(InvalidInput, match=r"scheduler: expected an address with a port from 1 to 65535"):
+        sweep(GRID, tmp_path / "out", backend="dask", scheduler=address, progress=False)
+
+
+def test_a_port_where_somebody_else_listens_is_refused(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(run, "_ANSWERED_WITHIN", 0.2)
+    wanted = "expected the address of a running Dask scheduler"
+    with socket.create_server(("127.0.0.1", 0)) as silent, pytest.raises(InvalidInput, match=wanted):
+        sweep(GRID, tmp_path / "out", backend="dask", scheduler=f"tcp://127.0.0.1:{silent.getsockname()[1]}", progress=False)
+
+
+@pytest.mark.parametrize("jobs", [0, -2, -5, 1001, 10**9, 10**400, True, 1.5, "2", None])
+def test_numbers_of_processes_that_cannot_be(tmp_path, jobs):
+    with pytest.raises(InvalidInput, match="jobs: expected a number of processes from 1 to 1000, or -1 for all cores"):
+        sweep(GRID, tmp_path / "out", jobs=jobs, progress=False)
+    assert not (tmp_path / "out").exists()
 
 
 def test_missing_extras_are_named(tmp_path):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
+import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
 from pinograsp.contacts import FRICTION_MODELS, Compliance, ContactSet, DecelerationShape, Friction, contacts_at, touching
 from pinograsp.errors import CaseRejected
 from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem, GridSpec, grid_values
@@ -21,6 +20,9 @@ from pinograsp.plan import GraspPlan, plan_grasp
 from pinograsp.spatial import pose_of, rotation_rpy
 
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
+_SMALLEST, _LARGEST = 1e-12, 1e12  # of numbers: nothing that a hand holds is outside, and computing stays away from the ends of floats
+_LONGEST_NAME = 100  # it becomes a folder's
+_MOST_VALUES, _MOST_CELLS = 10_000, 1_000_000  # of a grid: along one direction; impact times x accelerations
 
 
 def _increasing(pair: tuple[float, float]) -> tuple[float, float]:
@@ -29,11 +31,18 @@ def _increasing(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Vector = tuple[float, float, float]
+def _reasonable(value: float) -> float:
+    if abs(value) > _LARGEST or 0 < abs(value) < _SMALLEST:
+        raise ValueError(f"expected 0 or a size from {_SMALLEST:g} to {_LARGEST:g}")
+    return value
+
+
+Number = Annotated[float, AfterValidator(_reasonable)]
+Positive = Annotated[float, Field(gt=0), AfterValidator(_reasonable)]
+NotNegative = Annotated[float, Field(ge=0), AfterValidator(_reasonable)]
+Vector = tuple[Number, Number, Number]
 Range = Annotated[tuple[Positive, Positive], AfterValidator(_increasing)]
-Angles = dict[str, tuple[float, ...]]
+Angles = dict[str, tuple[Number, ...]]
 
 
 class Section(BaseModel):
@@ -48,7 +57,7 @@ class HandSection(Section):
     rpy_deg: Vector = (0.0, 0.0, 0.0)
     palm: str | None = None
     fingers: dict[str, str] | None = None
-    limits_deg: dict[str, tuple[float, float]] = {}
+    limits_deg: dict[str, tuple[Number, Number]] = {}
     xacro_args: dict[str, Any] = {}
 
 
@@ -84,7 +93,7 @@ class FrictionSection(Section):
     mu: NotNegative
     model: Literal[FRICTION_MODELS] = "pyramid"
     edges: Annotated[int, Field(ge=4, le=128, multiple_of=2)] = 4
-    safety: Annotated[float, Field(ge=1)] = 1.0
+    safety: Annotated[float, Field(ge=1, le=1000)] = 1.0
     torsion_mm: NotNegative = 0.0
 
     @model_validator(mode="after")
@@ -97,15 +106,15 @@ class FrictionSection(Section):
 class ComplianceSection(Section):
     stiffness: Positive = 5.0e4
     damping: NotNegative = 100.0
-    exponent: Positive = 1.5
+    exponent: Annotated[float, Field(ge=0.5, le=10)] = 1.5
 
 
 class DecelerationSection(Section):
     """Shape of the deceleration over the grasp phase: exactly one of the three."""
 
-    linear: tuple[float, float] | None = None
-    polynomial: tuple[float, ...] | None = None
-    sampled: tuple[float, ...] | None = None
+    linear: tuple[Number, Number] | None = None
+    polynomial: Annotated[tuple[Number, ...], Field(max_length=20)] | None = None
+    sampled: Annotated[tuple[Number, ...], Field(max_length=10_000)] | None = None
 
     @model_validator(mode="after")
     def _one_shape(self):
@@ -152,16 +161,39 @@ class ForcesSection(Section):
 class Steps(Section):
     """start, start + step, ... up to stop."""
 
-    start: float
-    stop: float
+    start: Number
+    stop: Number
     step: Positive
+
+    @model_validator(mode="after")
+    def _not_too_many(self):
+        if self.count > _MOST_VALUES:
+            raise ValueError(f"expected at most {_MOST_VALUES} values, got {self.count:.3g}: take a larger step")
+        return self
+
+    @property
+    def count(self) -> float:
+        """Number of values, about."""
+        return max(0.0, (self.stop - self.start) / self.step + 1)
+
+
+Several = Annotated[tuple[Number, ...], Field(max_length=_MOST_VALUES)]
 
 
 class GridSection(Section):
-    impact_times: Steps | tuple[float, ...] = Steps(start=0.80, stop=0.95, step=0.05)
-    accelerations: Steps | tuple[float, ...] = Steps(start=0.01, stop=1.0, step=0.005)
-    multipliers: Steps | tuple[float, ...] = Steps(start=-1.0, stop=1.0, step=0.1)
+    impact_times: Steps | Several = Steps(start=0.80, stop=0.95, step=0.05)
+    accelerations: Steps | Several = Steps(start=0.01, stop=1.0, step=0.005)
+    multipliers: Steps | Several = Steps(start=-1.0, stop=1.0, step=0.1)
     net_force_limit: NotNegative = 0.1
+
+    @model_validator(mode="after")
+    def _not_too_many(self):
+        times, accelerations = (
+            values.count if isinstance(values, Steps) else len(values) for values in (self.impact_times, self.accelerations)
+        )
+        if times * accelerations > _MOST_CELLS:
+            raise ValueError(f"expected at most {_MOST_CELLS} pairs of impact time and acceleration, got {times * accelerations:.3g}")
+        return self
 
 
 class MotionSection(Section):
@@ -181,10 +213,10 @@ class Case(Section):
     """A whole case. ``folder`` is where relative hand paths start (the case file's own)."""
 
     schema_: Literal[1] = Field(1, alias="schema")
-    name: str = Field(pattern=r"^[\w.-]+$")
+    name: str = Field(pattern=r"^\w[\w.-]*$", max_length=_LONGEST_NAME)
     hand: HandSection
     object: ObjectSection
-    contacts: tuple[ContactSection, ...] = Field(min_length=1)
+    contacts: tuple[ContactSection, ...] = Field(min_length=1, max_length=200)
     friction: FrictionSection
     gravity: Vector = (0.0, 0.0, -9.81)
     compliance: ComplianceSection = ComplianceSection()
@@ -207,7 +239,7 @@ class Case(Section):
         """The hand, placed, with the case's limits."""
         beside = self.folder / self.hand.source
         return load_hand(
-            beside if beside.is_file() else self.hand.source,
+            beside if os.path.isfile(beside) else self.hand.source,
             pose=pose_of(1e-3 * np.array(self.hand.position_mm), rotation_rpy(*np.radians(self.hand.rpy_deg))),
             palm=self.hand.palm,
             fingers=self.hand.fingers,
@@ -342,8 +374,9 @@ def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = N
     path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(source)
     wanted = f"a YAML file or one of: {', '.join(builtin_cases())}"
     data = read_mapping(path, "case", name, wanted, _BIGGEST, "hand, object, contacts...")
-    for key, value in _changes(changes).items():
+    for key, value in changes_of(changes).items():
         put_value(data, key, value)
+    check_extent(data, f"case '{name}'")
     if "folder" in data:
         raise CaseRejected(f"case '{name}': folder: unknown key")
     return validated(Case, {**data, "folder": path.resolve().parent}, f"case '{name}'")
@@ -355,85 +388,3 @@ def with_changes(case: Case, changes: dict[str, Any]) -> Case:
     for key, value in changes.items():
         put_value(data, key, value)
     return validated(Case, {**data, "folder": case.folder}, f"case '{case.name}'")
-
-
-def validated(kind: type[Section], data: dict, what: str):
-    """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` names all that is wrong with ``what``."""
-    try:
-        return kind.model_validate(data)
-    except ValidationError as error:
-        lines = dict.fromkeys(map(line_of, error.errors()))
-        raise CaseRejected(f"{what} is not valid: " + "; ".join(lines)) from None
-
-
-def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, keys: str) -> dict:
-    """The mapping in a YAML file of at most ``biggest`` bytes; ``kind`` and ``name`` are what errors call it.
-
-    Raises:
-        CaseRejected: no such file (``wanted`` is expected), one that cannot be read, or no mapping with ``keys``.
-    """
-    what = f"{kind} '{name}'"
-    try:
-        if not path.is_file():
-            raise CaseRejected(f"no {what}: expected {wanted}")
-        if path.stat().st_size > biggest:
-            raise CaseRejected(f"{what}: {path.stat().st_size} bytes; a {kind} file has at most {biggest}")
-        data = _parse_yaml(path.read_text(encoding="utf-8"), what)
-    except (OSError, UnicodeDecodeError) as error:
-        raise CaseRejected(f"{what} cannot be read: {error}") from error
-    if not isinstance(data, dict):
-        raise CaseRejected(f"{what}: expected a mapping with {keys}, got {type(data).__name__}")
-    return data
-
-
-def _parse_yaml(text: str, what: str):
-    try:
-        return YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, ValueError) as error:  # ValueError: numbers and dates that YAML cannot build
-        raise CaseRejected(f"{what}: not valid YAML: {' '.join(str(error).split())}") from error
-
-
-def _changes(changes) -> dict[str, Any]:
-    if changes is None or isinstance(changes, dict):
-        return changes or {}
-    parsed = {}
-    for change in changes:
-        key, equals, value = change.partition("=")
-        if not equals or not key.strip():
-            raise CaseRejected(f"--set {change}: expected KEY=VALUE, for example object.mass=1.1")
-        parsed[key.strip()] = _parse_yaml(value, f"--set {change}")
-    return parsed
-
-
-def put_value(data: dict, key: str, value) -> None:
-    *parents, last = key.split(".")
-    for i, parent in enumerate(parents):
-        inner = data.setdefault(parent, {}) if isinstance(data, dict) else None
-        if isinstance(data, list) and parent.isdigit() and int(parent) < len(data):
-            inner = data[int(parent)]
-        if not isinstance(inner, dict | list):
-            raise CaseRejected(f"--set {key}: '{'.'.join(parents[: i + 1])}' holds no further keys")
-        data = inner
-    if isinstance(data, list):
-        if not last.isdigit() or int(last) >= len(data):
-            raise CaseRejected(f"--set {key}: expected an index below {len(data)}, got '{last}'")
-        data[int(last)] = value
-    else:
-        data[last] = value
-
-
-def line_of(error, known: list[str] = ()) -> str:
-    """One of pydantic's errors in words; an unknown key with the nearest spelling among ``known``."""
-    where = place_of(error)
-    text, got = error["msg"].removeprefix("Value error, "), error["input"]
-    if error["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
-        text = "unknown key" + (f"; did you mean '{near[0]}'?" if near else "")
-    elif isinstance(got, str | int | float | None):
-        text += f" (got {got!r})"
-    return f"{where}: {text}" if where else text
-
-
-def place_of(error) -> str:
-    """The dotted key that one of pydantic's errors is about, without tags of unions, which only blur it."""
-    return ".".join(str(part) for part in error["loc"] if part not in ("Steps", "tuple[float, ...]", "range", "list"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,7 +11,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from pinograsp.cases.case import NotNegative, Section, validated
+from pinograsp.cases.case import NotNegative, Number, Section
+from pinograsp.cases.reading import validated
 from pinograsp.contacts import FRICTION_MODELS, Closure, Friction, close_hand
 from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem
 from pinograsp.hands import HandModel, load_hand
@@ -40,11 +42,11 @@ class ObjectCase(Section):
     hand: str
     object: str | dict[str, Any]
     root: str | None = None
-    at: Annotated[tuple[float, ...], AfterValidator(_pose)] | None = None
+    at: Annotated[tuple[Number, ...], AfterValidator(_pose)] | None = None
     mu: NotNegative = 0.7
     friction: Literal[FRICTION_MODELS] = "cone"
-    safety: Annotated[float, Field(ge=1)] = 1.0
-    samples: Annotated[int, Field(ge=1)] = 48
+    safety: Annotated[float, Field(ge=1, le=1000)] = 1.0
+    samples: Annotated[int, Field(ge=1, le=100_000)] = 48
     seed: Annotated[int, Field(ge=0)] = 0
     wrap: bool = False
     hulls: bool = False
@@ -71,13 +73,13 @@ class ObjectCase(Section):
     def load_hand(self) -> HandModel:
         """The hand at the world's origin; loaded once."""
         beside = self.folder / self.hand
-        return _hand(str(beside) if beside.is_file() else self.hand, self.root, self.hulls)
+        return _hand(str(beside) if os.path.isfile(beside) else self.hand, self.root, self.hulls)
 
     def make_object(self) -> Body:
         """The object at the world's origin."""
         fields = object_fields(self.object)
         path = self.folder / str(fields.get("path", ""))
-        if path.is_file():
+        if os.path.isfile(path):
             fields["path"] = path
         return object_from(f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items()))
 

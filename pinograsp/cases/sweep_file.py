@@ -8,14 +8,16 @@ import functools
 import hashlib
 import json
 import math
+import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
-from pinograsp.cases.case import Case, NotNegative, Positive, Section, line_of, load_case, place_of, put_value, read_mapping
+from pinograsp.cases.case import Case, NotNegative, Number, Positive, Section, load_case
 from pinograsp.cases.object_case import ObjectCase, object_fields
+from pinograsp.cases.reading import check_extent, line_of, place_of, put_value, read_mapping
 from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import HandModel
@@ -32,15 +34,15 @@ def _rising(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
-Pair = Annotated[tuple[float, float], AfterValidator(_rising)]
+Pair = Annotated[tuple[Number, Number], AfterValidator(_rising)]
 PositivePair = Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
 
 
 class Span(Section):
     """``steps`` values from ``from`` to ``to``, both included, evenly spaced or with even ratios (``log``)."""
 
-    from_: float = Field(alias="from")
-    to: float
+    from_: Number = Field(alias="from")
+    to: Number
     steps: Annotated[int, Field(ge=2, le=_MOST)]
     spacing: Literal["linear", "log"] = "linear"
 
@@ -60,7 +62,7 @@ class Draw(Section):
 
     uniform: Pair | None = None
     log_uniform: PositivePair | None = None
-    normal: tuple[float, NotNegative] | None = None
+    normal: tuple[Number, NotNegative] | None = None
     choice: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
@@ -131,6 +133,8 @@ class SweepSpec(Section):
         if (IMPACT_TIME in named) != (self.what == "forces"):
             wanted = "needs" if self.what == "forces" else "has no"
             raise ValueError(f"what: {self.what} {wanted} {IMPACT_TIME} [s] under set, over or samples")
+        if self.samples and self.samples.count * len(self.samples.draws) > _MOST:
+            raise ValueError(f"expected at most {_MOST} drawn values, got {self.samples.count * len(self.samples.draws)}")
         if self.rows > _MOST:
             raise ValueError(f"expected at most {_MOST} rows, got {self.rows}: take fewer values or draws")
         return self
@@ -183,7 +187,7 @@ class SweepSpec(Section):
         always = {key: value for key, value in self.set.items() if key == IMPACT_TIME}
         if self.case is not None:
             beside = self.folder / self.case
-            source = beside if beside.is_file() else self.case
+            source = beside if os.path.isfile(beside) else self.case
             known = _names(load_case(source).settings())
             try:
                 made = load_case(source, fixed)
@@ -232,7 +236,7 @@ class SweepSpec(Section):
         """The sweep as plain values, with the values of its case and what its hand's file holds, for the record of a run."""
         made = self.base.case({})
         source = made.folder / (made.hand.source if isinstance(made, Case) else made.hand)
-        digest = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else None
+        digest = hashlib.sha256(source.read_bytes()).hexdigest() if os.path.isfile(source) else None
         told = self.model_dump(mode="json", by_alias=True)
         return {**told, "of": made.settings(), "hand_file_sha256": digest}
 
@@ -320,6 +324,7 @@ def load_sweep(source: str | Path | dict) -> SweepSpec:
         name, folder = str(path), path.resolve().parent
         keys = "case, over, samples"
         data = read_mapping(path, "sweep", name, f"a YAML file with {keys}", _BIGGEST, keys)
+    check_extent(data, f"sweep '{name}'")
     for key in ("name", "folder"):
         if key in data:
             raise CaseRejected(f"sweep '{name}': {key}: unknown key")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import socket
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -26,7 +27,8 @@ BACKENDS = ("joblib", "dask")
 _SAVED_EVERY = 2.0  # [s] of rows that a kill may lose
 _CHUNK = 0.3  # [s] of work handed over at once: long beside the handing over, short beside what is waited for
 _MOST_AT_ONCE = 2000  # rows of a chunk
-_CONNECTED_WITHIN = 10  # [s] to a scheduler
+_MOST_JOBS = 1000  # processes
+_ANSWERED_WITHIN, _CONNECTED_WITHIN = 3, 10  # [s] at the address of a scheduler, and by the scheduler itself
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,8 +91,8 @@ def sweep(
         PinograspError: workers were lost; what was done is kept.
     """
     started = time.perf_counter()
-    if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or not jobs:
-        raise InvalidInput(f"jobs: expected a number of processes, or -1 for all cores, got {jobs!r}")
+    if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or not (jobs == -1 or 1 <= jobs <= _MOST_JOBS):
+        raise InvalidInput(f"jobs: expected a number of processes from 1 to {_MOST_JOBS}, or -1 for all cores, got {jobs!r}")
     one_of("backend", backend, BACKENDS)
     if (backend == "dask") != (scheduler is not None):
         raise InvalidInput("scheduler: expected the address of a Dask scheduler with backend='dask', and only there")
@@ -173,14 +175,31 @@ def _by_joblib(jobs: int, payload: str, chunks: _Chunks) -> Iterator[tuple[list[
         raise PinograspError(f"a worker was lost, by lack of memory or a crash; what is done is kept: start again ({why})") from error
 
 
+def _check_answer(scheduler: str) -> None:
+    """Refuse an address where no scheduler speaks: Dask's own client says so late and at length, or waits for ever."""
+    scheme, _, rest = scheduler.rpartition("://")
+    host, _, port = rest.rpartition(":")
+    if not host or not (port.isascii() and port.isdecimal()) or not 1 <= int(port) <= 65535:
+        raise InvalidInput(f"scheduler: expected an address with a port from 1 to 65535, as tcp://10.0.0.1:8786, got '{scheduler}'")
+    if scheme not in ("", "tcp", "tls"):
+        return
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=_ANSWERED_WITHIN) as link:
+            if scheme != "tls" and not link.recv(1):  # a scheduler speaks first
+                raise OSError("what is there hangs up")
+    except (OSError, UnicodeError) as error:
+        raise InvalidInput(f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})") from error
+
+
 def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Iterator[tuple[list[dict], float, list[int]]]:
     try:
         import distributed
     except ImportError as error:
         raise ExtraMissing(f"sweeps on a cluster need distributed: pip install 'pinograsp[dask]' ({error})") from error
+    _check_answer(scheduler)
     try:
         client = distributed.Client(scheduler, timeout=_CONNECTED_WITHIN, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except Exception as error:  # whatever comes of a stranger's answer
         raise InvalidInput(f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})") from error
     with client:
         ahead = distributed.as_completed(loop=client.loop, with_results=True)

@@ -307,7 +307,7 @@ class _Watch:
             os.path.realpath(path)
             for path in (
                 *installed, *filter(None, sys.path), Path(pinograsp.__file__).parent, Path(pinograsp.__file__).parent.parent / "urdf", HERE, kind,
-                "~/.cache/matplotlib", "~/.config/matplotlib", "/usr/lib", "/usr/share/fonts", "/proc", "/sys/devices/system/cpu",
+                "~/.cache/matplotlib", "~/.config/matplotlib", "/usr/lib", "/usr/share/fonts", "/proc", "/sys/devices/system/cpu", "/sys/fs/cgroup",
                 "/dev/null", "/dev/urandom", "/etc/localtime", "/usr/share/zoneinfo",
             )
             for path in [os.path.expanduser(path)]

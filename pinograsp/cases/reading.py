@@ -1,0 +1,120 @@
+"""YAML files to plain values, changes of them, and what is wrong with them in words."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+from ruamel.yaml import YAML
+
+from pinograsp.errors import CaseRejected
+
+_DEEPEST, _MOST_PARTS = 50, 3_000_000  # lists and mappings within each other, and values with aliases written out
+
+
+def validated(kind: type[BaseModel], data: dict, what: str):
+    """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` names all that is wrong with ``what``."""
+    try:
+        return kind.model_validate(data)
+    except ValidationError as error:
+        lines = dict.fromkeys(map(line_of, error.errors()))
+        raise CaseRejected(f"{what} is not valid: " + "; ".join(lines)) from None
+
+
+def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, keys: str) -> dict:
+    """The mapping in a YAML file of at most ``biggest`` bytes; ``kind`` and ``name`` are what errors call it.
+
+    Raises:
+        CaseRejected: no such file (``wanted`` is expected), one that cannot be read, or no mapping with ``keys``.
+    """
+    what = f"{kind} '{name}'"
+    try:
+        if not os.path.isfile(path):
+            raise CaseRejected(f"no {what}: expected {wanted}")
+        with path.open("rb") as file:
+            content = file.read(biggest + 1)  # the size that a file system tells may be wrong
+        if len(content) > biggest:
+            raise CaseRejected(f"{what}: {max(len(content), path.stat().st_size)} bytes; a {kind} file has at most {biggest}")
+        data = _parse_yaml(content.decode("utf-8"), what)
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseRejected(f"{what} cannot be read: {error}") from error
+    if not isinstance(data, dict):
+        raise CaseRejected(f"{what}: expected a mapping with {keys}, got {type(data).__name__}")
+    check_extent(data, what)
+    return data
+
+
+def check_extent(data, what: str) -> None:
+    """Refuse plain values that are nested too deep, or, with the aliases of YAML, too many."""
+    parts, left = 0, [(data, 0)]
+    while left:
+        one, depth = left.pop()
+        inner = [*one, *one.values()] if isinstance(one, dict) else one if isinstance(one, list | tuple | set) else ()
+        parts += len(inner)
+        if depth > _DEEPEST:
+            raise CaseRejected(f"{what}: expected at most {_DEEPEST} lists and mappings within each other")
+        if parts > _MOST_PARTS:
+            raise CaseRejected(f"{what}: expected at most {_MOST_PARTS} values, aliases written out")
+        left += [(part, depth + 1) for part in inner if isinstance(part, dict | list | tuple | set)]
+
+
+def _parse_yaml(text: str, what: str):
+    opened = np.cumsum([(char in "[{") - (char in "]}") for char in text if char in "[]{}"] or [0])
+    if opened.max() > 2 * _DEEPEST:  # the reader would take many seconds; texts may hold some brackets as well
+        raise CaseRejected(f"{what}: expected at most {_DEEPEST} lists and mappings within each other")
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except RecursionError:
+        raise CaseRejected(f"{what}: expected at most {_DEEPEST} lists and mappings within each other") from None
+    except Exception as error:  # numbers, dates, keys and tags that cannot be built raise whatever comes of them
+        raise CaseRejected(f"{what}: not valid YAML: {' '.join(str(error).split())}") from error
+
+
+def changes_of(changes) -> dict[str, Any]:
+    if changes is None or isinstance(changes, dict):
+        return changes or {}
+    parsed = {}
+    for change in changes:
+        key, equals, value = change.partition("=")
+        if not equals or not key.strip():
+            raise CaseRejected(f"--set {change}: expected KEY=VALUE, for example object.mass=1.1")
+        parsed[key.strip()] = _parse_yaml(value, f"--set {change}")
+    return parsed
+
+
+def put_value(data: dict, key: str, value) -> None:
+    *parents, last = key.split(".")
+    for i, parent in enumerate(parents):
+        inner = data.setdefault(parent, {}) if isinstance(data, dict) else None
+        if isinstance(data, list) and parent.isdecimal() and int(parent) < len(data):
+            inner = data[int(parent)]
+        if not isinstance(inner, dict | list):
+            raise CaseRejected(f"--set {key}: '{'.'.join(parents[: i + 1])}' holds no further keys")
+        data = inner
+    if isinstance(data, list):
+        if not last.isdecimal() or int(last) >= len(data):
+            raise CaseRejected(f"--set {key}: expected an index below {len(data)}, got '{last}'")
+        data[int(last)] = value
+    else:
+        data[last] = value
+
+
+def line_of(error, known: list[str] = ()) -> str:
+    """One of pydantic's errors in words; an unknown key with the nearest spelling among ``known``."""
+    where = place_of(error)
+    text, got = error["msg"].removeprefix("Value error, "), error["input"]
+    if error["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
+        text = "unknown key" + (f"; did you mean '{near[0]}'?" if near else "")
+    elif isinstance(got, str | int | float | None):
+        text += f" (got {got!r})"
+    return f"{where}: {text}" if where else text
+
+
+def place_of(error) -> str:
+    """The dotted key that one of pydantic's errors is about, without tags of unions, which only blur it."""
+    return ".".join(str(part) for part in error["loc"] if part not in ("Steps", "tuple[float, ...]", "range", "list"))
