@@ -7,10 +7,12 @@ import gc
 import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import tracemalloc
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -393,18 +395,106 @@ def test_problems_go_to_other_processes(contact_set):
     assert len(compiled.whole.signatures) == known
 
 
-def test_compiling_is_announced_on_a_terminal_and_only_then(tmp_path):
-    """Once, when functions are not in the cache yet; loading them from there says nothing."""
-    script = (
-        "import sys, numpy as np; sys.stderr.isatty = lambda: {}; from pinograsp.forces.solvers import compiled_solvers as load; "
-        "kernels, _ = load(), load(); kernels.phi(1.0, np.ones(1), np.ones(2)); kernels.support(np.ones(3), 2, np.ones((0, 2)))"
-    )
-    for cache, terminal, told in (("a", True, 1), ("a", True, 0), ("b", False, 0)):
-        done = subprocess.run(
-            [sys.executable, "-c", script.format(terminal)], cwd=tmp_path, capture_output=True, text=True, check=True,
-            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / cache)},
-        )  # fmt: skip
-        assert done.stderr.count("compiling solvers") == told and done.stdout == ""
+COMPILING = """
+import numpy as np
+from pinograsp.forces.solvers import compiled_solvers
+kernels = compiled_solvers()
+for _ in range(2):
+    assert kernels.phi(1.0, np.ones(1), np.ones(2))[0] == 0.5
+    kernels.support(np.ones(3), 2, np.ones((0, 2)))
+"""
+
+
+def run_python(script, folder, **environment):
+    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, timeout=500,
+                          env={**os.environ, **environment})  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_compiling_is_said_once_and_damaged_caches_are_made_again(tmp_path):
+    """Said where functions are not in the cache yet; loading them says nothing; a file that was cut off, or is no such file, counts as none."""
+    cache = tmp_path / "cache"
+
+    def told():
+        done = run_python(COMPILING, tmp_path, NUMBA_CACHE_DIR=str(cache))
+        assert done.stdout == ""
+        return done.stderr.count("compiling solvers")
+
+    assert [told(), told()] == [1, 0]
+    for kind, damage in (("nbi", lambda data: data[:-9]), ("nbc", lambda data: data[: len(data) // 2]), ("nbi", lambda data: b"nothing")):
+        for file in cache.rglob(f"*.{kind}"):
+            file.write_bytes(damage(file.read_bytes()))
+        assert [told(), told()] == [1, 0]
+
+
+def test_nowhere_to_keep_compiled_code(tmp_path):
+    """Neither the package's folder nor the user's can be written, not even by root: their places are taken by files."""
+    package = tmp_path / "pinograsp"
+    shutil.copytree(Path(pg.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    (package / "forces" / "__pycache__").write_text("")
+    (tmp_path / "home").write_text("")
+    places = {name: str(tmp_path / "home") for name in ("HOME", "XDG_CACHE_HOME", "IPYTHONDIR")}
+    done = run_python(COMPILING, tmp_path, PYTHONPATH=str(tmp_path), PYTHONDONTWRITEBYTECODE="1", NUMBA_CACHE_DIR="", **places)
+    assert done.stderr.count("compiling solvers") == 1 == done.stderr.count("set NUMBA_CACHE_DIR")
+
+
+IN_PROCESSES = """
+import multiprocessing, os, threading
+import numpy as np
+import pinograsp as pg
+
+rng, n = np.random.default_rng(0), 3000
+angle = 2 * np.pi * np.arange(3) / 3 + rng.uniform(-0.3, 0.3, (n, 3))
+out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=2)
+frames = np.stack([np.stack([-out[..., 1], out[..., 0], out[..., 2]], axis=2), 0 * out + [0, 0, 1], -out], axis=3)
+frames[..., 0] *= np.sign(np.linalg.det(frames))[..., None]
+batch = pg.ForceBatch(points=0.03 * out, rotations=frames, loads=np.tile([0, 0, -1.0, 0, 0, 0], (n, 1)), mu=0.8, low=0.01, high=30.0,
+                      friction=pg.Friction(model="cone"))
+
+def held(_=None):
+    return int(pg.solve_batch(batch, threads=2).ok.sum())
+
+if __name__ == "__main__":
+    here, found = held(), []
+    threads = [threading.Thread(target=lambda: found.append(held())) for _ in range(4)]
+    [one.start() for one in threads]
+    [one.join() for one in threads]
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if held() == here else 1)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        found += pool.map_async(held, range(4)).get(timeout=100)
+    print(here > 1000, set(found) == {here}, len(found), os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+def test_bulk_in_threads_forks_and_pools(tmp_path):
+    """No threading layer of numba's: what follows several calls at once, or a fork, is what one call gives."""
+    assert run_python(IN_PROCESSES, tmp_path).stdout.split() == ["True", "True", "8", "0"]
+
+
+def test_nothing_is_left_to_compile_after_warming_up(contact_set):
+    """Loops and bulk as they are used: any kind of array, any model, with and without limits of torques."""
+    from numba.core import event
+
+    from pinograsp.forces import MultiplierQP
+
+    warm_up()
+    with event.install_recorder("numba:compile") as compiled:
+        for name, model in MODELS.items():
+            for contacts, load in grasps(contact_set, 3, 1, 2):
+                problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=model)
+                batch = pg.ForceBatch.of([problem, problem], 0.9)
+                for one in (batch, pickle.loads(pickle.dumps(batch))):
+                    for objective in ("work", {"impulse": 1, "least_squares": 1}):
+                        pg.solve_batch(one, objective=objective)
+                if model.edges == 4:
+                    online = pg.OnlineForces(problem)
+                    for wrench in (problem.load, np.array(load), list(load), np.tile(load, (2, 1)).T[:, 0]):
+                        online.step(wrench, mu=0.5, poses=np.tile(np.eye(4), (3, 1, 1)))
+                MultiplierQP(problem, np.ones(3)).solve(list(load))
+    assert [done.data["dispatcher"].py_func.__name__ for _, done in compiled.buffer] == []
 
 
 def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():

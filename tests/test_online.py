@@ -12,8 +12,9 @@ import pytest
 from conftest import around_cylinder
 
 import pinograsp as pg
+from pinograsp.contacts import Contact, ContactSet
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.spatial import rotation_rpy
+from pinograsp.spatial import rotation_rpy, tangent_frame
 
 MODELS = {
     "pyramid": pg.Friction(),
@@ -103,6 +104,49 @@ def test_forces_are_the_optimum_or_the_closest(name, balance):
                     assert status is Status.OK and left <= 1e-9 * np.linalg.norm(load)
                     assert forces == pytest.approx(best, abs=2e-5 * np.abs(best).max())
     assert held >= 4 and missed >= 4
+
+
+def any_contacts(rng, k):
+    """Contacts in a cloud, facing inwards, anywhere, each other (jaws), or one way."""
+    points, kind = rng.normal(size=(k, 3)), rng.integers(4)
+    inwards = -points + 0.3 * rng.normal(size=(k, 3))
+    anywhere = rng.normal(size=(k, 3))
+    jaws = np.sign(rng.normal(size=(k, 1))) * [0.0, 1.0, 0.0] + 1e-3 * rng.normal(size=(k, 3))
+    one_way = [0.0, 0.0, 1.0] + 0.1 * rng.normal(size=(k, 3))
+    normals = (inwards, anywhere, jaws, one_way)[kind]
+    if kind == 2:
+        points[:, 1] *= 1e-3
+    contacts = [
+        Contact(finger=f"c{i}", link="", point_o=point, rotation_oc=tangent_frame(normal / np.linalg.norm(normal)), length=None, distance=0.0)
+        for i, (point, normal) in enumerate(zip(0.03 * points, normals))
+    ]
+    return ContactSet(contacts=tuple(contacts), com_o=np.zeros(3))
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
+@pytest.mark.parametrize("seed, count", [(1, 30), pytest.param(2, 400, marks=pytest.mark.slow)])
+def test_no_forces_leave_less(seed, count):
+    """Slippery contacts, caps far above the load, grasps of any kind: what is left is the least that any forces leave."""
+    rng, missed, unproven = np.random.default_rng(seed), 0, 0
+    for _ in range(count):
+        friction, k = MODELS[rng.choice(list(MODELS))], int(rng.integers(1, 8))
+        problem = pg.ForceProblem(
+            contacts=any_contacts(rng, k), load=np.ones(6), mu=10 ** rng.uniform(-2, 0.3, k), friction=friction,
+            balance=rng.choice(["wrench", "force"]),
+        )  # fmt: skip
+        low = float(rng.choice([0.0, 0.01, 0.1, 1.0]))
+        high = low + 10 ** rng.uniform(-1, 4)
+        online, oracle = pg.OnlineForces(problem, normal_forces=(low, high)), Oracle(problem, low, high)
+        for _ in range(2):
+            load = np.append(rng.normal(size=3), 0.03 * rng.normal(size=3)) * 10 ** rng.uniform(-1, 3)
+            forces, _, status = online.step(load)
+            missing, _ = oracle(load)
+            left, size = problem.scaled_norm(online.unbalanced), max(problem.scaled_norm(load), low)
+            assert left <= missing + 2e-6 * max(size, missing), (friction, problem.balance, low, high)
+            assert forces[:, 2].min() >= low * (1 - 1e-9) and forces[:, 2].max() <= high * (1 + 1e-9)
+            missed += status is Status.INFEASIBLE
+            unproven += status is Status.INACCURATE
+    assert missed >= count and unproven <= 0.01 * count
 
 
 def test_warm_and_cold_agree_and_forces_follow_the_load():

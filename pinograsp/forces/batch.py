@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +16,7 @@ from pinograsp.checks import (
     brief,
     each_of,
     floats_of,
+    frozen,
     instance_of,
     integer,
     items_of,
@@ -30,7 +33,7 @@ from pinograsp.forces.problem import BALANCES, MEASURES, ForceProblem
 from pinograsp.forces.program import Program, assemble, weights_of
 from pinograsp.forces.solvers import compiled_solvers
 
-_AT_ONCE = 20_000  # problems per compiled call: Ctrl-C waits for one
+_AT_ONCE, _MOST_THREADS = 256, 1024  # problems per compiled call: Ctrl-C waits for one, about a millisecond
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -206,11 +209,8 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
     """
     started = time.perf_counter()
     kernels = compiled_solvers()
-    import numba
-
     instance_of("batch (see ForceBatch.of)", batch, ForceBatch)
-    if threads is not None:
-        threads = integer("threads", threads, at_least=1, at_most=numba.config.NUMBA_NUM_THREADS)
+    threads = _cores() if threads is None else integer("threads", threads, at_least=1, at_most=_MOST_THREADS)
     weights = weights_of(objective, _problem(batch, 0))
     friction, (n, k) = batch.friction, batch.mu.shape
     for name in MEASURES:
@@ -222,20 +222,25 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
     takes = friction.separates and not weights.get("peak") and not (friction.model == "soft" and squares)
     forces, torsion, answers = np.zeros((n, k, 3)), np.zeros((n, k)), np.zeros((n, 4))
     codes = np.full(n, kernels.STALLED)
-    before = numba.get_num_threads()
-    try:
-        if threads is not None:
-            numba.set_num_threads(threads)
-        for start in range(0, n if takes else 0, _AT_ONCE):
-            at = slice(start, start + _AT_ONCE)
-            kernels.many(
-                batch.points[at], batch.rotations[at], batch.counts[at], batch.loads[at], batch.mu[at] / friction.safety,
-                friction.torsion / friction.safety, batch.low[at], batch.high[at], batch.moment_lengths[at],
-                6 if batch.balance == "wrench" else 3, squares, terms[at], friction.radii, friction.round_dimensions, forces[at],
-                torsion[at], answers[at], codes[at],
-            )  # fmt: skip
-    finally:
-        numba.set_num_threads(before)
+    given = (
+        batch.points, batch.rotations, batch.counts, batch.loads, batch.mu / friction.safety, float(friction.torsion / friction.safety),
+        batch.low, batch.high, batch.moment_lengths, 6 if batch.balance == "wrench" else 3, float(squares), terms, friction.radii,
+        friction.round_dimensions,
+    )  # fmt: skip
+    # Read-only, all of them: another kind of array would be compiled for again.
+    given = [frozen(np.ascontiguousarray(one).view()) if isinstance(one, np.ndarray) else one for one in given]
+
+    def solve(start: int) -> None:
+        kernels.many(start, min(start + _AT_ONCE, n), *given, forces, torsion, answers, codes)
+
+    starts = range(0, n if takes else 0, _AT_ONCE)
+    if threads == 1 or len(starts) < 2:
+        for start in starts:
+            solve(start)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            for _ in pool.map(solve, starts):  # the compiled code lets go of Python's lock
+                pass
     left = np.flatnonzero(codes == kernels.STALLED)
     kinds = np.empty(3, dtype=object)  # one by one: assigned at once they would become plain text
     kinds[kernels.CONVERGED], kinds[kernels.STALLED] = Status.OK, Status.INACCURATE
@@ -247,6 +252,11 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
         status=status, forces_c=forces, torsion=torsion, objective=answers[:, 0], bound=answers[:, 1], residual=answers[:, 2],
         violation=answers[:, 3], general=len(left), elapsed=time.perf_counter() - started,
     )  # fmt: skip
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _problem(batch: ForceBatch, i: int) -> ForceProblem:

@@ -13,7 +13,17 @@ import math
 import numpy as np
 
 from pinograsp.checks import frozen
-from pinograsp.forces.kernels import CONVERGED, answer, powers_of, whole
+from pinograsp.forces.kernels import (
+    CONVERGED,
+    answer,
+    box_least_squares,
+    box_memory,
+    many,
+    online,
+    online_memory,
+    powers_of,
+    whole,
+)  # fmt: skip
 from pinograsp.forces.problem import ForceProblem, kept
 from pinograsp.forces.program import BALANCE, GAP, NEAR, VIOLATION, Program, energy_terms_at, gap_size
 
@@ -221,7 +231,7 @@ def prepare(problem: ForceProblem, weights, impact_time: float, solver: str, key
 
 
 def compile_now() -> None:
-    """Compile (or load from the cache) every function for the types that are used."""
+    """Compile (or load from the cache) every function that the package calls, for the types that it calls them with."""
     k, d, m = 1, 3, 6
     B, touched, counts = np.zeros((k, d, m)), np.arange(m)[None], np.array([[m, m]])
     B[0, :, :3] = np.eye(3)
@@ -239,4 +249,17 @@ def compile_now() -> None:
     whole(
         _joined(sizes, np.int64), _joined(numbers, float), _joined(at, float), frozen(np.zeros(6)), np.empty(6 + 7 * k),
         np.empty(3 * k, np.bool_),
+    )  # fmt: skip
+    tick, settings, _, frames, limits, *_ = online_memory(d, k, 0)
+    settings[:] = m, 2, 0, 1, 1, 1, np.inf, 1, 0, 0, 0, k
+    frames[:, 3:12], limits[1:] = np.eye(3).ravel(), 1.0
+    online(tick, none, none, np.zeros(1, dtype=np.int64))
+    memory, settings, *_, H, _ = box_memory(m, 2)
+    settings[2], H[:] = 1.0, 1.0
+    box_least_squares(memory)
+    one, frame = frozen(np.ones((1, k))), frozen(np.eye(3)[None, None])
+    many(
+        0, 1, frozen(np.ones((1, k, 3))), frame, frozen(np.ones(1, dtype=np.int64)), frozen(np.zeros((1, 6))), one, 0.0, one, one,
+        frozen(np.ones(1)), m, 1.0, frozen(np.zeros((1, 0, 2))), frozen(radii), 2, np.empty((1, k, 3)), np.empty((1, k)),
+        np.empty((1, 4)), np.zeros(1, dtype=np.int64),
     )  # fmt: skip

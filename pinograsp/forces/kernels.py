@@ -41,9 +41,10 @@ in Vandenberghe 2010). In infeasible programs the multipliers grow along a Farka
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 
-FLAGS = {"cache": True, "fastmath": {"contract", "arcp", "nsz"}, "error_model": "numpy"}
+from pinograsp.forces.jit import jit
+
+FLAGS = {"fastmath": {"contract", "arcp", "nsz"}, "error_model": "numpy"}
 NEWTON = FLAGS | {"fastmath": {"contract", "arcp", "nsz", "reassoc"}}  # sums over contacts side by side
 CONVERGED, STALLED, INFEASIBLE = 0, 1, 2
 # Dual Newton.
@@ -53,7 +54,9 @@ _STRONG = 0.03  # least curvature of objectives of order one that need no proxim
 _FIRST_WEIGHT, _SHRINK, _LEAST_WEIGHT = 0.1, 0.1, 1e-3  # proximal weights, from pass to pass
 _ROUGHLY, _BALANCED = 1e-2, 1e-11  # residual of the balance, of the load, of the passes before and of the last
 _NEWTON_GAP = 1e-9
-_GIVE, _GIVES = 1e-3, 6  # softness of the balance where it cannot be had, squared forces weigh one; proximal passes
+# Softness of the balance where it cannot be had, squared forces weigh one: first, from pass to pass, least; proximal passes.
+_GIVE, _FIRMER, _LEAST_GIVE, _GIVES = 1e-3, 0.1, 1e-7, 20
+_CLOSEST, _CLOSEST_WITHIN = 1e-8, 1e-6  # what is left of the balance against its proven least, of the load; with torque rows
 _BOX_STEPS = 60
 # Interior points.
 _STEPS = 60
@@ -75,7 +78,7 @@ _SHARP = 1e-9  # of the load or the largest F_n: answers that miss a limit by mo
 # contacts next to each other in memory, without branches where that matters.
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
     """x (d, k), the minimiser of every contact's part of the Lagrangian at slopes S + t V (d, k); norm (k,) of its round part.
 
@@ -121,7 +124,7 @@ def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
             x[1, i] = min(max(-b / w[1, i], -radii[1] * F), radii[1] * F)
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def _slopes(A, y, out):
     """out (d k,) = A' y with A (m, d k)."""
     a, b, c = y[0], y[1], y[2]
@@ -134,7 +137,7 @@ def _slopes(A, y, out):
             out[l] = a * A[0, l] + b * A[1, l] + c * A[2, l]
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
     """D (m, terms k) and weights (terms k,) such that D diag(weights) D' is a generalised Hessian of the negative dual.
 
@@ -182,7 +185,7 @@ def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
         weights[i] = 1.0 / slope if lo[i] < F and hi[i] > F else 0.0
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def _newton_direction(D, weights, give, residual, H, step):
     """step (m,) with (D diag(weights) D' + give + a little) step = residual; H (m, m) is scratch."""
     m, n, trace, largest = D.shape[0], D.shape[1], 0.0, 0.0
@@ -203,14 +206,12 @@ def _newton_direction(D, weights, give, residual, H, step):
     _solve(H, step)
 
 
-@njit(**NEWTON)
-def _proves(V, b, y, lo, hi, radii, n_round):
-    """Whether y is a Farkas certificate: y . (A x - b) > 0 for all admissible x, with V = A' y (d, k). If so its largest entry
-    becomes 1."""
-    e, total, size = V.shape[0] - 1, 0.0, 0.0
+@jit(**NEWTON)
+def _least_along(V, b, y, lo, hi, radii, n_round):
+    """The least y . (A x - b) of all admissible x, with V = A' y (d, k)."""
+    e, total = V.shape[0] - 1, 0.0
     for r in range(b.shape[0]):
         total -= b[r] * y[r]
-        size = max(size, abs(y[r]))
     for i in range(V.shape[1]):
         s, t = V[e, i], 0.0
         for j in range(n_round):
@@ -219,14 +220,21 @@ def _proves(V, b, y, lo, hi, radii, n_round):
             s -= radii[j] * abs(V[j, i])
         s -= np.sqrt(t)
         total += min(lo[i] * s, hi[i] * s)
-    if not total > _PROVEN * size:
+    return total
+
+
+@jit(**NEWTON)
+def _proves(V, b, y, lo, hi, radii, n_round):
+    """Whether y is a Farkas certificate: y . (A x - b) > 0 for all admissible x, with V = A' y (d, k). If so its largest entry
+    becomes 1."""
+    size = np.abs(y).max()
+    if not _least_along(V, b, y, lo, hi, radii, n_round) > _PROVEN * size:
         return False
-    for r in range(b.shape[0]):
-        y[r] /= size
+    y /= size
     return True
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, work):
     """Maximise the dual of quadratic weights w > 0 (d, k) from y (m,) in at most ``most`` steps; (code, Newton steps).
 
@@ -303,7 +311,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
     return STALLED, most
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
     """The objective at x and the bound that y proves with the tangents of the objective at x; slopes (d k,) is scratch."""
     d, k = q.shape
@@ -334,7 +342,7 @@ def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
     return value, bound
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
     """Minimise over the cones from y (m,), 0 if nothing is known; x (d, k) is start and result, y the multipliers.
 
@@ -373,7 +381,7 @@ def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
     return STALLED, steps
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def newton_scratch(d, k):
     """Numbers that :func:`dual_newton` needs to work with."""
     return 48 + 4 * d * k + k + 7 * 5 * k
@@ -385,7 +393,7 @@ def newton_scratch(d, k):
 # that the innermost loops run over contacts next to each other in memory.
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def phi(F, coefs, exps):
     """phi, phi' and phi'' at F > 0; see :func:`interior_point` for the powers."""
     value, first, second = 0.0, 0.0, 0.0
@@ -402,7 +410,7 @@ def phi(F, coefs, exps):
     return value * F, first, second / F
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _factor(H):
     """Cholesky factor U'U of H (n, n) in its upper triangle, in place, inverse pivots on the diagonal; pivots are floored."""
     n = H.shape[0]
@@ -421,7 +429,7 @@ def _factor(H):
                 H[i, c] -= t * H[r, c]
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _solve(U, v):
     """v <- (U'U)^-1 v with U from :func:`_factor`."""
     n = v.shape[0]
@@ -437,7 +445,7 @@ def _solve(U, v):
         v[r] = t * U[r, r]
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _factor_contacts(H):
     """:func:`_factor` for every contact's block of H (d, d, k); d is 3 or 4."""
     d, _, k = H.shape
@@ -459,7 +467,7 @@ def _factor_contacts(H):
             H[3, 3, i] = 1.0 / np.sqrt(max(rest, max(floor, 1e-15 * H[3, 3, i])))
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _half_solve(U, rows, out):
     """out[h] = U'^-1 rows[h] for the contacts' factors U and every row (n, d k)."""
     d, _, k = U.shape
@@ -476,7 +484,7 @@ def _half_solve(U, rows, out):
                 out[h, 3 * k + i] = rest * U[3, 3, i]
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _back_solve(U, v):
     """v <- U^-1 v for the contacts' factors U; v (1, d k)."""
     d, _, k = U.shape
@@ -491,7 +499,7 @@ def _back_solve(U, v):
         v[0, i], v[0, k + i], v[0, 2 * k + i] = (s - U[0, 1, i] * t - U[0, 2, i] * u) * U[0, 0, i], t, u
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _add_products(A, v, out):
     """out += A v; the number of rows is a multiple of three."""
     for r in range(0, A.shape[0], 3):
@@ -502,7 +510,7 @@ def _add_products(A, v, out):
         out[r], out[r + 1], out[r + 2] = out[r] + a, out[r + 1] + b, out[r + 2] + c
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _add_combination(A, y, sign, out):
     """out += sign A' y; the number of rows is a multiple of three."""
     for r in range(0, A.shape[0], 3):
@@ -511,7 +519,7 @@ def _add_combination(A, y, sign, out):
             out[0, l] += A[r, l] * a + A[r + 1, l] * b + A[r + 2, l] * c
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _gram(T, S):
     """S = T T', its upper triangle, in blocks of three rows and columns."""
     for r in range(0, T.shape[0], 3):
@@ -532,7 +540,7 @@ def _gram(T, S):
 # torque rows of one contact. Torque rows of several contacts, ``shared``, follow as rows by themselves.
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _limits_along(G, used, shared, v, out):
     """out = G v. ``used`` (limits of a contact, d): whether a component enters."""
     _, d, k = G.shape
@@ -548,7 +556,7 @@ def _limits_along(G, used, shared, v, out):
     _add_products(shared, v, out[G.shape[0] * k :])
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _add_limits(G, used, v, out):
     """out += G' v, but for torque rows of several contacts."""
     _, d, k = G.shape
@@ -559,7 +567,7 @@ def _add_limits(G, used, v, out):
                     out[0, j * k + i] += G[a, j, i] * v[a * k + i]
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _add_weighted_limits(G, used, w, H):
     """H += G' diag(w) G, but for torque rows of several contacts."""
     _, d, k = G.shape
@@ -571,7 +579,7 @@ def _add_weighted_limits(G, used, w, H):
                         H[j, c, i] += G[a, j, i] * G[a, c, i] * w[a * k + i]
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _both_sides(v, sign, one_sided, out):
     """Per limit the entry of its lower side and sign times that of its upper one, which facets do not have."""
     other = out.shape[0] - one_sided
@@ -584,19 +592,19 @@ def _both_sides(v, sign, one_sided, out):
 # Vectors of second-order cones are tuples (u, u, u or 0, head).
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _in_cone(v, i, k, n_round):
     """Contact i's components of v (1, d k) that a second-order cone bounds."""
     return v[0, i], v[0, k + i], v[0, 2 * k + i] if n_round == 3 else 0.0, v[0, v.shape[1] - k + i]
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _row(v, i):
     """Row i of v (k, 4)."""
     return v[i, 0], v[i, 1], v[i, 2], v[i, 3]
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _to_cone(v, dv, step):
     """The largest step up to ``step`` that keeps v + step dv in the cone."""
     a = dv[3] * dv[3] - dv[0] * dv[0] - dv[1] * dv[1] - dv[2] * dv[2]
@@ -613,7 +621,7 @@ def _to_cone(v, dv, step):
     return min(step, -v[3] / dv[3]) if dv[3] < 0.0 else step
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _scaling(s, z):
     """Nesterov and Todd's scaling (vector, size) of a cone's vector and its multiplier."""
     ss = np.sqrt(max(s[3] * s[3] - s[0] * s[0] - s[1] * s[1] - s[2] * s[2], 1e-300))
@@ -624,7 +632,7 @@ def _scaling(s, z):
     return (a * s[0] - b * z[0], a * s[1] - b * z[1], a * s[2] - b * z[2], a * s[3] + b * z[3]), np.sqrt(ss / zz)
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _scaled(bar, scale, v, sign):
     """W v for sign 1, W^-1 v for sign -1 and the inverse scale."""
     along = bar[0] * v[0] + bar[1] * v[1] + bar[2] * v[2]
@@ -633,7 +641,7 @@ def _scaled(bar, scale, v, sign):
     return scale * (v[0] + t * bar[0]), scale * (v[1] + t * bar[1]), scale * (v[2] + t * bar[2]), head
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _scale_cones(x, zc, n_round, bar, eta, H):
     """Scalings of all cones and their Hessians, added to H; returns the sum of the complementarity."""
     d, _, k = H.shape
@@ -654,7 +662,7 @@ def _scale_cones(x, zc, n_round, bar, eta, H):
     return comp
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
     """Steps of the cones' multipliers for the step dx; the largest step up to alpha. The predictor leaves its Jordan products
     in ``centring``."""
@@ -676,7 +684,7 @@ def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
     return alpha
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _centre_cones(zc, bar, eta, centre, centring):
     """Jordan products p in ``centring`` become W^-1 (lambda \\ (centre e - p)), lambda = W z."""
     for i in range(eta.shape[0]):
@@ -690,7 +698,7 @@ def _centre_cones(zc, bar, eta, centre, centring):
         centring[i, 0], centring[i, 1], centring[i, 2], centring[i, 3] = c
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _to_boundary(v, dv, alpha):
     """The largest step up to alpha that keeps v + alpha dv at least 0."""
     for l in range(v.shape[0]):
@@ -699,7 +707,7 @@ def _to_boundary(v, dv, alpha):
     return alpha
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def support(g, n_round, vertices):
     """max of g . u over U (:class:`~pinograsp.contacts.Friction`); vertices (e, 2) of the polygon, (0, 2) without one."""
     total = 0.0 if n_round > 0 else -np.inf
@@ -713,7 +721,7 @@ def support(g, n_round, vertices):
     return total
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g):
     """Lower bound of the objective that y proves with tangents near x, ``Program.lower_bound`` compiled, and the objective at x.
 
@@ -751,7 +759,7 @@ def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, ve
     return total, value
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _newton_step(T, H, S, G, used, sides, weights, multipliers, row, dx, dy):
     """dx, the right-hand side without limits on entry, becomes the step of x; dy that of the rows' multipliers.
 
@@ -768,7 +776,7 @@ def _newton_step(T, H, S, G, used, sides, weights, multipliers, row, dx, dy):
     _back_solve(H, dx)
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g):
     """Farkas bound of the multipliers y = [balance; torque rows], ``Program.excluded`` compiled. g (d,) is scratch."""
     k, d, n = B.shape
@@ -776,7 +784,7 @@ def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g)
     return bound_of(y, x, B, touched, counts, b, P, x, none, none, lo, hi, n_round, vertices, R_lo, R_hi, g)[0]
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, give, x, y):
     """Minimise over the cones; x (k, d) and y (m + r,) are the results. (CONVERGED, STALLED or INFEASIBLE, steps).
 
@@ -971,7 +979,7 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
     return STALLED, _STEPS
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _to_contacts(v, multipliers, z, own, n, torques, up, x, y):
     """x (k, d) from its components v, and the multipliers of all rows in their order."""
     k, d = x.shape
@@ -989,7 +997,7 @@ def _to_contacts(v, multipliers, z, own, n, torques, up, x, y):
 # -- answers and their checks -----------------------------------------------------------------------------------------
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def powers_of(terms, scale, unit):
     """phi' as the solvers take it, from pairs (coefficient, exponent): the exponents are 1, 1 + 1 / rho and 1 + 2 / rho."""
     count = terms.shape[0]
@@ -1004,7 +1012,7 @@ def powers_of(terms, scale, unit):
     return coefs, exps
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
            correction, x, y, gauge, residual):  # fmt: skip
     """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound, by Newton's method); fills x, y, gauge (k,),
@@ -1041,10 +1049,7 @@ def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
                 for j in range(d):
                     t += B[i, j, r] * x[i, j]
             residual[r] = t
-        t = 0.0
-        for r in range(m):
-            t += residual[r] * residual[r]
-        if again or t <= 1e-26:
+        if again or (residual * residual).sum() <= 1e-26:
             break
         for i in range(k):
             for j in range(d):
@@ -1074,7 +1079,7 @@ def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
     return code, violation, value, bound, newton
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _part(packed, start, shape):
     """The array of this shape that begins at ``start``, and where the next one does."""
     size = 1
@@ -1083,7 +1088,7 @@ def _part(packed, start, shape):
     return packed[start : start + size].reshape(shape), start + size
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def whole(sizes, numbers, at, load, out, active):
     """One force problem from its load (6,) [N, N m] to everything its record holds.
 
@@ -1139,8 +1144,7 @@ def whole(sizes, numbers, at, load, out, active):
         lo[i], hi[i] = low / scale, min(caps[i], high) / scale
         if not hi[i] - lo[i] > 1e-9 * hi[i]:
             return failed
-    for r in range(m):
-        b[r] /= scale
+    b /= scale
     unit = 0.5 * largest * scale * scale
     for a in range(terms.shape[0]):
         unit = max(unit, terms[a, 0] * scale ** terms[a, 1])
@@ -1198,7 +1202,7 @@ def whole(sizes, numbers, at, load, out, active):
 # -- many problems, and one again and again ---------------------------------------------------------------------------
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _columns(points, rotations, mu, torsion, arm, A, widths):
     """Balance A (m, d k) by component from contact points (k, 3) about the centre of mass and frames (k, 3, 3), moments over
     ``arm``; widths (d, k): what a component of one newton at the friction limit is [N, N m]."""
@@ -1221,7 +1225,7 @@ def _columns(points, rotations, mu, torsion, arm, A, widths):
                 A[r, 2 * k + i] = rotations[i, r - 3, 2] * torsion / arm if r >= 3 else 0.0
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _judge(A, b, lo, hi, radii, n_round, x):
     """Norm of A x - b and the largest violation of friction and bounds on F_n."""
     m, (d, k) = A.shape[0], x.shape
@@ -1243,7 +1247,7 @@ def _judge(A, b, lo, hi, radii, n_round, x):
     return np.sqrt(off), violation
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, squares, terms, radii, n_round, forces, moments, answers):
     """One problem of :func:`many`; its code."""
     k, d = points.shape[0], radii.shape[0] + 1
@@ -1273,17 +1277,14 @@ def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, square
         lo[i], hi[i] = low[i] / scale, high[i] / scale
         if not lo[i] <= hi[i]:
             return INFEASIBLE
-        x[e, i] = min(max(2.0 / k, lo[i]), hi[i])
-        for j in range(e):
-            x[j, i] = 0.0
+        x[:, i], x[e, i] = 0.0, min(max(2.0 / k, lo[i]), hi[i])
     unit = 0.5 * heaviest * scale * scale
     for a in range(terms.shape[0]):
         unit = max(unit, terms[a, 0] * scale ** terms[a, 1])
     for i in range(k):
         for j in range(d):
             P[j, i] *= scale * scale / unit
-    for r in range(m):
-        b[r] /= scale
+    b /= scale
     coefs, exps = powers_of(terms, scale, unit)
     code, steps = dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work)
     if code == CONVERGED:
@@ -1302,14 +1303,15 @@ def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, square
     return code
 
 
-@njit(parallel=True, **FLAGS)
-def many(points, rotations, counts, loads, mu, torsion, low, high, arms, m, squares, terms, radii, n_round, forces, moments,
-         answers, codes):  # fmt: skip
-    """N problems on all threads: the first counts[p] contacts of each, points about the centres of mass, mu with its safety.
+@jit(nogil=True, **FLAGS)
+def many(start, stop, points, rotations, counts, loads, mu, torsion, low, high, arms, m, squares, terms, radii, n_round, forces,
+         moments, answers, codes):  # fmt: skip
+    """Problems ``start`` to ``stop`` of N, without Python's lock: the first counts[p] contacts of each, points about the centres of
+    mass, mu with its safety.
 
     The objective: ``squares`` times the sum of squared forces, and terms (N, t, 2), powers of F_n. Fills forces (N, k, 3),
     moments (N, k), answers (N, 4: objective, bound, residual [N], violation [N]) and codes (N,)."""
-    for p in prange(loads.shape[0]):
+    for p in range(start, stop):
         k = counts[p]
         codes[p] = _one_of_many(
             points[p, :k], rotations[p, :k], loads[p], mu[p, :k], torsion, low[p, :k], high[p, :k], arms[p], m, squares, terms[p],
@@ -1317,7 +1319,7 @@ def many(points, rotations, counts, loads, mu, torsion, low, high, arms, m, squa
         )  # fmt: skip
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _not_finite(values):
     for v in values.ravel():
         if not abs(v) < 1e12:
@@ -1325,11 +1327,11 @@ def _not_finite(values):
     return False
 
 
-@njit(**FLAGS)
-def online(wrench, memory, jacobian, gravity, chains):
+@jit(**FLAGS)
+def online(memory, jacobian, gravity, chains):
     """One tick of :class:`pinograsp.motion.OnlineForces`: (code, Newton steps, what is not balanced [N]).
 
-    wrench (6,), the load; memory, see :func:`online_memory`; jacobian (6 columns,): of the joints, column by column, world axes,
+    memory, see :func:`online_memory`; jacobian (6 columns,): of the joints, column by column, world axes,
     linear velocity at the world's origin first; gravity (n,); chains: their length 3 p, then contacts, each with a joint's column
     and degree of freedom (3 p), then, where torques have limits, what :func:`_within_torques` takes. All flat and few, since
     every array handed over costs a tenth of a microsecond.
@@ -1338,13 +1340,13 @@ def online(wrench, memory, jacobian, gravity, chains):
     uses as much friction. CONVERGED: balanced; INFEASIBLE: the closest forces; STALLED: not within the steps, the closest that
     were found; -1: an input is not finite or a friction coefficient negative, and nothing has changed.
     """
-    settings, n, com = memory[:12], len(gravity), memory[8:11]
+    settings, n, com, wrench = memory[:12], len(gravity), memory[8:11], memory[12:18]
     k, m, n_round, torsion, arm, safety = (
         int(settings[11]), int(settings[0]), int(settings[1]), settings[2] / settings[4], settings[3], settings[4],
     )  # fmt: skip
-    frames, limits = memory[12 : 12 + 13 * k].reshape((k, 13)), memory[12 + 13 * k : 12 + 17 * k].reshape((4, k))
-    limit, state = memory[12 + 17 * k :][:n], memory[18 + 21 * k + 2 * n :]
-    out = memory[12 + 17 * k + n : 18 + 21 * k + 2 * n]
+    frames, limits = memory[18 : 18 + 13 * k].reshape((k, 13)), memory[18 + 13 * k : 18 + 17 * k].reshape((4, k))
+    limit, state = memory[18 + 17 * k :][:n], memory[24 + 21 * k + 2 * n :]
+    out = memory[18 + 17 * k + n : 24 + 21 * k + 2 * n]
     d, most = 4 if torsion > 0.0 else 3, int(settings[5])
     e, n = d - 1, d * k
     if _not_finite(wrench) or _not_finite(frames) or _not_finite(gravity) or frames[:, 12].min() < 0.0:
@@ -1380,25 +1382,17 @@ def online(wrench, memory, jacobian, gravity, chains):
         for j in range(d):
             # Without friction its components do nothing: any weight will do.
             w[j, i], q[j, i] = 1.0 if j == e else max(mu[i] * mu[i], 1e-6), 0.0
-    for r in range(m):
-        b[r] /= scale
-        y[r] = state[r] / scale
+    b /= scale
+    y[:] = state[:m] / scale
     code, steps = _ascend(A, b, q, w, lo, hi, radii, n_round, 0.0, x, y, _BALANCED, most, work)
     if code == STALLED:  # from scratch, then
         y[:] = 0.0
         code, used = _ascend(A, b, q, w, lo, hi, radii, n_round, 0.0, x, y, _BALANCED, most, work)
         steps += used
-    for r in range(m):
-        state[r] = y[r] * scale if code == CONVERGED else 0.0
+    state[:m] = y * scale if code == CONVERGED else 0.0 * y
     if code != CONVERGED:
-        # As near to balance as it gets: proximal passes take the weight of the forces out of it.
-        y[:] = 0.0
-        for stage in range(_GIVES):
-            for i in range(k):
-                for j in range(d):
-                    q[j, i] = -w[j, i] * x[j, i] if stage else 0.0
-            _, used = _ascend(A, b, q, w, lo, hi, radii, n_round, _GIVE, x, y, 1e-9, most, work)
-            steps += used
+        code, used = _closest(A, b, w, lo, hi, radii, n_round, x, y, q, most, work)
+        steps += used
     off = _hand_out(
         x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out
     )
@@ -1420,7 +1414,40 @@ def online(wrench, memory, jacobian, gravity, chains):
     return code, steps, off * scale
 
 
-@njit(**FLAGS)
+@jit(**NEWTON)
+def _closest(A, b, w, lo, hi, radii, n_round, x, y, q, most, work):
+    """The least |A x - b| of all admissible x (d, k): INFEASIBLE where it is proven, else STALLED; and Newton steps.
+
+    Proximal passes: the weight w of the forces pulls towards the last answer, so it drops out of the result, and the
+    balance gets firmer from pass to pass. At the end the multipliers prove that no forces leave less.
+    y (m,), q (d, k) and ``work`` are scratch.
+    """
+    d, k = x.shape
+    n = d * k
+    flat, V, best = x.reshape(n), work[48 + n : 48 + 2 * n], work[48 + 2 * n + 36 * k : 48 + 3 * n + 36 * k]
+    steps, give, nearest = 0, _GIVE, np.inf
+    y[:], q[:] = 0.0, 0.0
+    for stage in range(_GIVES):
+        _, used = _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, 1e-9, most, work)
+        steps += used
+        off, _ = _judge(A, b, lo, hi, radii, n_round, x)
+        _slopes(A, y, V)
+        least = _least_along(V.reshape((d, k)), b, y, lo, hi, radii, n_round) / max(np.sqrt((y * y).sum()), 1e-300)
+        if off - least <= _CLOSEST * max(off, 1.0):
+            return INFEASIBLE if least > _PROVEN else STALLED, steps
+        if off < nearest:
+            nearest, best[:] = off, flat
+        if steps > _GIVES // 2 * most:
+            break
+        firmer = max(give * _FIRMER, _LEAST_GIVE)
+        y *= give / firmer
+        give = firmer
+        q[:] = -w * x
+    flat[:] = best
+    return STALLED, steps
+
+
+@jit(**FLAGS)
 def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out):
     """Fills ``out`` of :func:`online` from x (d, k), and returns what it leaves of the balance."""
     d, k = x.shape
@@ -1457,7 +1484,7 @@ def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations,
     return off
 
 
-@njit(**FLAGS)
+@jit(**FLAGS)
 def _within_torques(A, b, w, lo, hi, radii, n_round, scale, widths, points, rotations, com, jacobian, gravity, limit, chains, x):
     """Interior points with |gravity + J'f| <= limit (n,) and x (d, k) the result: (code, steps); the closest forces where the load
     cannot be held so. Where no forces at all keep the limits x stays as it was.
@@ -1514,29 +1541,40 @@ def _within_torques(A, b, w, lo, hi, radii, n_round, scale, widths, points, rota
     for a in range(len(vertices)):
         vertices[a] = (radii[0] if a % 2 else -radii[0], radii[1] if a // 2 else -radii[1])
     P, q, z, y = np.zeros((k, d, d)), np.zeros((k, d)), np.empty((k, d)), np.zeros(m + rows)
-    above = np.empty(k)
+    above = np.maximum(hi, lo + 1e-9)
     for i in range(k):
-        above[i] = max(hi[i], lo[i] + 1e-9)
         for j in range(d):
             P[i, j, j] = w[j, i]
     none, coefs = np.ones(1), np.empty(0)
     code, steps = interior_point(
         flat, G, used, own, B, touched, counts, both, b, P, q, coefs, none, lo, above, n_round, vertices, R_lo, R_hi, 0.0, z, y
     )
-    found = code == CONVERGED
-    for _ in range(0 if found else _GIVES // 2):
+    proven = False
+    give, nearest, best, scratch = _GIVE, np.inf, np.zeros((k, d)), np.empty(d)
+    for _ in range(0 if code == CONVERGED else _GIVES // 2):
         done, used_up = interior_point(
-            flat, G, used, own, B, touched, counts, both, b, P, q, coefs, none, lo, above, n_round, vertices, R_lo, R_hi, _GIVE, z, y
+            flat, G, used, own, B, touched, counts, both, b, P, q, coefs, none, lo, above, n_round, vertices, R_lo, R_hi, give, z, y
         )
         steps += used_up
-        if done != CONVERGED:
+        if done != CONVERGED or _not_finite(z):
             break
-        found = True
-        for i in range(k):
-            for j in range(d):
-                q[i, j] = -w[j, i] * z[i, j]
-    if not found or _not_finite(z):
-        return STALLED if code == CONVERGED else code, steps
+        x[:] = z.T
+        off, _ = _judge(A, b, lo, hi, radii, n_round, x)
+        if off < nearest:
+            nearest, best[:] = off, z
+        y /= max(np.sqrt((y[:m] * y[:m]).sum()), 1e-300)
+        least = excluded(y, B, touched, counts, b, lo, above, n_round, vertices, R_lo, R_hi, scratch)
+        proven = nearest - least <= _CLOSEST_WITHIN * max(nearest, 1.0)
+        if proven:
+            break
+        give = max(give * _FIRMER, _LEAST_GIVE)
+        q[:] = -w.T * z
+    if code != CONVERGED:
+        if nearest == np.inf:
+            return code, steps
+        z[:], code = best, INFEASIBLE if proven else STALLED
+    elif _not_finite(z):
+        return STALLED, steps
     for i in range(k):
         F = min(max(z[i, e], lo[i]), hi[i])
         t = 0.0
@@ -1554,21 +1592,21 @@ def online_memory(d, k, n):
     """The memory of :func:`online` (an array), and its parts, which are views of it.
 
     settings (12,): rows of the balance, round components, torsion [m], arm [m], safety factor, most steps, change of F_n [N] and
-    of shares per tick, centre of mass, contacts. frames (k, 13): contact point about the centre of mass, contact frame by rows,
-    mu. limits (4, k): least and largest F_n, share of them that holds now, share that it moves to. limit (n,): of torques. out:
-    forces (3 k), torsional moments (k), unbalanced wrench (6), torques (n); on entry the last tick's.
-    state: multipliers of the last tick (6) [N], scratch.
+    of shares per tick, centre of mass, contacts. wrench (6,): the load. frames (k, 13): contact point about the centre of mass,
+    contact frame by rows, mu. limits (4, k): least and largest F_n, share of them that holds now, share that it moves to.
+    limit (n,): of torques. out: forces (3 k), torsional moments (k), unbalanced wrench (6), torques (n); on entry the last
+    tick's. state: multipliers of the last tick (6) [N], scratch.
     """
-    sizes = 12, 13 * k, 4 * k, n, 4 * k + 6 + n, 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
+    sizes = 12, 6, 13 * k, 4 * k, n, 4 * k + 6 + n, 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
     memory = np.zeros(sum(sizes))
-    settings, frames, limits, limit, out, state = np.split(memory, np.cumsum(sizes)[:-1])
-    return memory, settings, frames.reshape(k, 13), limits.reshape(4, k), limit, out, state
+    settings, wrench, frames, limits, limit, out, state = np.split(memory, np.cumsum(sizes)[:-1])
+    return memory, settings, wrench, frames.reshape(k, 13), limits.reshape(4, k), limit, out, state
 
 
 # -- multipliers at fixed normal forces ---------------------------------------------------------------------------------
 
 
-@njit(**NEWTON)
+@jit(**NEWTON)
 def box_least_squares(memory):
     """Minimise 1/2 |H k + b|^2 + eps/2 |k|^2 over |k| <= 1, in the arrays of :func:`box_memory`; whether it converged.
 

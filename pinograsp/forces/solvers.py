@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import sys
 import warnings
 
 import daqp
@@ -37,28 +35,7 @@ def compiled_solvers():
         from pinograsp.forces import kernels
     except ImportError as error:
         raise ExtraMissing(f"the compiled solvers need numba: pip install 'pinograsp[fast]' ({error})") from error
-    _announce_compiling()
     return kernels
-
-
-@functools.cache
-def _announce_compiling() -> None:
-    """Have a terminal told when functions are compiled and not found in the cache, so that nobody waits in silence."""
-    from numba.core import event
-
-    class Announcer(event.Listener):
-        told = False
-
-        def on_start(self, started):
-            ours = started.data["dispatcher"].py_func.__module__.startswith("pinograsp.")
-            if ours and not self.told and sys.stderr.isatty():
-                self.told = True
-                print("pinograsp: compiling solvers, once per machine: about a minute", file=sys.stderr, flush=True)
-
-        def on_end(self, ended):
-            pass
-
-    event.register("numba:compile", Announcer())
 
 
 def solve_qp(solver: str, P, q, A=None, b=None, lb=None, ub=None) -> np.ndarray | None:

@@ -12,6 +12,7 @@ from pinograsp.forces import ForceProblem
 from pinograsp.forces.solvers import compiled_solvers
 from pinograsp.hands import HandModel
 
+_HUGE, _FAR = 1e12, 1e6  # loads [N, N m]; positions [rad, m] and friction: beyond them numbers mean nothing
 _MOST = 50  # Newton steps of one try; a warm start needs one to five
 
 
@@ -53,7 +54,8 @@ class OnlineForces:
             problem: contacts, friction (a cone, soft fingers or a 4-edge pyramid), balance, gravity, and the limits of its
                 ``torques``, which hold at the posture of the tick. Its load is not used.
             hand: whose torques are wanted; None: forces alone. q: its posture (n,) [rad]; default: the contacts' own.
-            normal_forces: least and largest F_n [N], numbers or (k,); default: the problem's range at the middle of its impact times.
+            normal_forces: least and largest F_n [N], numbers or (k,); default: up to what the problem's largest depth and its
+                ``max_normal_force`` allow, from the least force of its range of impact times.
             max_rate: largest |dF_n/dt| [N/s]; None: any. ramp: how long a contact that is gained or lost takes [s].
             period: of the loop [s]. max_steps: Newton steps of one try.
 
@@ -74,7 +76,7 @@ class OnlineForces:
         self._rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
         n = 0 if hand is None else hand.n
         parts = kernels.online_memory(friction.d, k, n)
-        self._memory, self._settings, self._frames, self._limits, self._torque_limit, self._out, self._state = parts
+        self._memory, self._settings, self._load, self._frames, self._limits, self._torque_limit, self._out, self._state = parts
         self.forces, self.moments = self._out[: 3 * k].reshape(k, 3), self._out[3 * k : 4 * k]
         self.unbalanced, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
         self.status, self.steps, self._started = Status.OK, 0, False
@@ -103,13 +105,16 @@ class OnlineForces:
     def of(cls, plan, **settings) -> OnlineForces:
         """For a plan's grasp, from the posture that it ends in; ``settings`` as for the class."""
         problem, motion = plan.problem, plan.motion
-        given = {"hand": plan.hand, "q": motion.q[-1], "normal_forces": problem.normal_force_range(plan.forces.impact_time)}
-        return cls(problem, **given | settings)
+        return cls(problem, **{"hand": plan.hand, "q": motion.q[-1]} | settings)
 
     def _range(self, given) -> np.ndarray:
         problem = self.problem
         if given is None:
-            return np.array(problem.normal_force_range(float(np.mean(problem.impact_time_range))))
+            # A loop holds, however the impact was: of the limits of Eqs. (13) the depth alone counts, which the material bears.
+            low, _ = problem.normal_force_range(problem.impact_time_range[1])
+            high = np.full(problem.k, float(problem.compliance.normal_force(problem.max_depth)))
+            high = high if problem.max_normal_force is None else np.minimum(high, problem.max_normal_force)
+            return np.array([np.minimum(low, high), high])
         try:
             low, high = given
         except (TypeError, ValueError):
@@ -210,38 +215,43 @@ class OnlineForces:
         Raises:
             InvalidInput: shapes that do not fit, a number that is not finite, mu < 0; forces and torques stay as they were.
         """
-        if type(wrench) is not np.ndarray or wrench.shape != (6,) or wrench.dtype != float or not wrench.flags.c_contiguous:
-            wrench = np.array(array_of("wrench", wrench, (6,)))
+        wrench = _checked("wrench", wrench, (6,), _HUGE)
         if q is not None or poses is not None or mu is not None:
             self._update(q, poses, mu)
+        self._load[:] = wrench
         self._settings[6] = self._rate if self._started else np.inf
-        code, self.steps, _ = self._tick(wrench, self._memory, self._jacobian, self._gravity, self._chains)
+        code, self.steps, _ = self._tick(self._memory, self._jacobian, self._gravity, self._chains)
         if code < 0:
-            array_of("wrench", wrench, (6,))
-            raise InvalidInput("OnlineForces: expected finite numbers below 1e12, and mu >= 0")
+            raise InvalidInput(f"OnlineForces: expected contacts and gravity torques below {_HUGE:g}")
         self._started = True
         self.status = self._codes[code]
         return self.forces, self.torques, self.status
 
     def _update(self, q, poses, mu) -> None:
-        k = len(self._frames)
         # All checked before anything changes.
+        k = len(self._frames)
         if q is not None:
             if self.hand is None:
                 raise InvalidInput("q: expected none, there is no hand")
-            q = np.asarray(q, dtype=float)
-            if q.shape != (self.hand.n,) or not np.isfinite(q).all():
-                array_of("q", q, (self.hand.n,))
+            q = _checked("q", q, (self.hand.n,), _FAR)
         if poses is not None:
-            poses = np.asarray(poses, dtype=float)
-            if poses.shape != (k, 4, 4) or not np.isfinite(poses).all():
-                array_of("poses", poses, (k, 4, 4))
+            poses = _checked("poses", poses, (k, 4, 4), _FAR)
         if mu is not None:
-            mu = np.asarray(mu, dtype=float)
-            if mu.shape not in ((), (k,)) or not np.all((mu >= 0) & (mu < np.inf)):
-                raise InvalidInput(f"mu: expected {k} numbers >= 0, or one, got {mu.tolist()}")
+            mu = _checked("mu", mu, (k,), _FAR) if np.ndim(mu) else number("mu", mu, at_least=0)
+            if np.min(mu) < 0:
+                raise InvalidInput(f"mu: expected friction coefficients >= 0, got {mu.tolist()}")
             self._frames[:, 12] = mu
         if poses is not None:
             self._place(poses[:, :3, 3], poses[:, :3, :3])
         if q is not None:
             self._move(q)
+
+
+def _checked(name: str, value, shape: tuple, limit: float) -> np.ndarray:
+    """An array of finite numbers up to ``limit``; quick where it is one."""
+    if type(value) is not np.ndarray or value.shape != shape or value.dtype.char != "d":
+        value = array_of(name, value, shape)
+    if not np.abs(value).max() < limit:
+        array_of(name, value, shape)
+        raise InvalidInput(f"{name}: expected numbers below {limit:g}, got {value.tolist()}")
+    return value
