@@ -36,8 +36,8 @@ _REMEDIES = {
     Status.INFEASIBLE: "Raise mu, lighten the object, allow deeper penetration or an earlier impact, or refine the grid.",
     Status.INACCURATE: "The answer failed its certificate and nothing is proven: change load, mu or limits a little, or the solver.",
     Status.INTERRUPTED: "The search was stopped: run it again to the end for the optimum.",
-    Status.JOINT_LIMIT: "Widen the named joint limit or choose another contact posture.",
-    Status.NOT_TRACKED: "Use a smaller time step, another contact posture, or fewer contacts on that finger.",
+    Status.JOINT_LIMIT: "A joint meets its limit: the motion's remedy names it. Widen it, or choose another contact posture or start.",
+    Status.NOT_TRACKED: "Contact points cannot follow their paths: the motion's remedy says what keeps which finger from it.",
 }
 
 

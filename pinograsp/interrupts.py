@@ -39,3 +39,16 @@ def interrupts_kept() -> Iterator[Callable[[], None]]:
     finally:
         if ours:
             signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def interrupts_not_inherited() -> Iterator[None]:
+    """Processes that are started in here do not hear Ctrl-C, which goes to all that a terminal runs: who started them ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

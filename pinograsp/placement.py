@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
 import pickle
 import tempfile
-from dataclasses import dataclass, replace
+import traceback
+import warnings
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import cloudpickle
 import joblib
 import numpy as np
 import pinocchio as pin
+from joblib.externals.loky.backend import resource_tracker
 from tqdm import tqdm
 
-from pinograsp.checks import brief, number
-from pinograsp.contacts import Closure, check_geometry, clearance, close_hand, fingertips, link_centre, open_and_closed
-from pinograsp.errors import PinograspError, PlacementNotFound, Status
+from pinograsp.checks import brief, instance_of, number, one_of
+from pinograsp.contacts import (
+    Closure,
+    Contact,
+    ContactSet,
+    check_geometry,
+    clearance,
+    close_hand,
+    fingertips,
+    link_centre,
+    open_and_closed,
+)
+from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
-from pinograsp.interrupts import interrupts_kept
-from pinograsp.motion import torque_limits
+from pinograsp.interrupts import interrupts_kept, interrupts_not_inherited
+from pinograsp.motion import effort_of, torque_limits
+from pinograsp.objects.body import Body
 from pinograsp.writing import failure_told
 
 _ALIGNED = 0.7  # share of the samples whose object axes are aligned with the hand's
@@ -81,7 +97,7 @@ def find_placements(
     count: int = 64,
     seed: int = 0,
     margin: float = 1.2,
-    torque_limit: str | float | np.ndarray | None = "effort",
+    torque_limit: str | float | np.ndarray | None = None,
     impact_time: float = 0.9,
     wrap: bool = False,
     jobs: int = -1,
@@ -96,19 +112,24 @@ def find_placements(
     Args:
         count: samples. seed: of the random numbers; the result does not depend on ``jobs``.
         margin: placements that hold a smaller multiple of the load come after all others.
-        torque_limit: ``"effort"``: within the hand's effort limits (joints without one are not limited); a number or
-            (n,) [N m]; None.
+        torque_limit: largest |torque| (n,) or one number [N m], or ``"effort"`` for the hand's own effort limits (joints without one
+            are not limited). Default: these, where a joint has one; ``np.inf``: none.
         impact_time: t_I of the forces that rank the placements [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
-        **settings: of :class:`~pinograsp.forces.ForceProblem` (mu, friction, ...).
+        **settings: of :class:`~pinograsp.forces.ForceProblem`: ``mu`` (needed), ``friction``, ...; numbers, since the contacts are
+            not known yet.
 
     Returns:
-        Placements by: enough load margin first, then least energy.
+        Placements by: enough load margin first, then least energy. Stopped by Ctrl-C: those found until then.
+
+    Raises:
+        InvalidInput: settings that cannot be used. PinograspError: a process was lost, or the object's own code failed.
     """
     count = int(number("count", count, at_least=1))
     number("margin", margin, at_least=0)
+    _check_settings(hand, object, torque_limit, impact_time, settings)
     check_geometry(hand)
     seeds = np.random.SeedSequence(int(seed)).spawn(count)
     found, outcomes, tried, interrupted = [], {}, 0, False
@@ -116,27 +137,65 @@ def find_placements(
     # Meshes are heavy: they go to every process once, and never come back.
     with tempfile.TemporaryDirectory() as folder, interrupts_kept() as interrupt:
         case = (hand, object, torque_limit, impact_time, wrap, settings)
-        if joblib.effective_n_jobs(jobs) > 1:
-            path = Path(folder) / "case.pickle"
-            with failure_told(path):
-                path.write_bytes(cloudpickle.dumps(case))
-            case = str(path)
-        work = (joblib.delayed(_try)(case, s) for s in seeds)
         try:
-            for outcome, placement in joblib.Parallel(n_jobs=jobs, return_as="generator")(work):
-                tried += 1
-                bar.update()
-                outcomes[outcome] = outcomes.get(outcome, 0) + 1
-                if placement is not None:
-                    closure = replace(placement.closure, hand=hand.placed(placement.pose), object=object)
-                    forces = replace(placement.forces, problem=replace(placement.forces.problem, object=object))
-                    found.append(replace(placement, closure=closure, forces=forces))
-                interrupt()
+            if joblib.effective_n_jobs(jobs) > 1:
+                case = _handed_over(case, Path(folder) / "case.pickle")
+            with contextlib.ExitStack() as stack:
+                # joblib warns of samples that are given up.
+                stack.enter_context(warnings.catch_warnings())
+                warnings.simplefilter("ignore", UserWarning)
+                resource_tracker.ensure_running()  # joblib's own process; starting it opens signals that are blocked
+                with interrupts_not_inherited():
+                    results = joblib.Parallel(n_jobs=jobs, return_as="generator")(joblib.delayed(_try)(case, s) for s in seeds)
+                    stack.enter_context(contextlib.closing(results))
+                for outcome, placement in results:
+                    if isinstance(outcome, Exception):
+                        raise outcome
+                    tried += 1
+                    bar.update()
+                    outcomes[outcome] = outcomes.get(outcome, 0) + 1
+                    if placement is not None:
+                        closure = replace(placement.closure, hand=hand.placed(placement.pose), object=object)
+                        forces = replace(placement.forces, problem=replace(placement.forces.problem, object=object))
+                        found.append(replace(placement, closure=closure, forces=forces))
+                    interrupt()
+            interrupt()
         except KeyboardInterrupt:
             interrupted = True
+        except BrokenProcessPool:
+            why = "a process of the search was lost, by lack of memory or a crash: try fewer (jobs=1)"
+            raise PinograspError(why) from None
     bar.close()
     found.sort(key=lambda one: (one.load_margin < margin, one.energy if one.load_margin >= margin else -one.load_margin))
     return PlacementSearch(placements=tuple(found), tried=tried, outcomes=outcomes, interrupted=interrupted)
+
+
+def _check_settings(hand: HandModel, object, torque_limit, impact_time, settings: dict) -> None:
+    """What every sample would stumble over, told at once: a problem of one contact with the same settings."""
+    instance_of("hand", hand, HandModel)
+    instance_of("object", object, Body)
+    if "mu" not in settings:
+        raise InvalidInput("find_placements: expected the friction coefficient, mu=...")
+    allowed = [field.name for field in fields(ForceProblem) if field.init and field.name not in ("contacts", "load", "object", "torques")]
+    for name in settings:
+        one_of("setting", name, allowed)
+    number("mu", settings["mu"], at_least=0)
+    at = object.pose[:3, 3]
+    contact = Contact(finger="any", link="", point_o=at, rotation_oc=np.eye(3), length=None, distance=0.0)
+    problem = ForceProblem.holding(object, ContactSet(contacts=(contact,), com_o=at + [0.0, 0.0, 1.0]), **settings)
+    problem.checked_impact_time(impact_time)
+    effort_of(hand, torque_limit)
+
+
+def _handed_over(case: tuple, path: Path) -> str:
+    """The case in a file, for other processes."""
+    try:
+        whole = cloudpickle.dumps(case)
+    except (pickle.PicklingError, TypeError, AttributeError) as error:
+        raise InvalidInput(f"find_placements: hand, object or settings cannot go to other processes ({error}): use jobs=1") from None
+    with failure_told(path):
+        path.write_bytes(whole)
+    return str(path)
 
 
 @functools.lru_cache(maxsize=1)
@@ -144,7 +203,19 @@ def _case(path: str) -> tuple:
     return pickle.loads(Path(path).read_bytes())
 
 
-def _try(case: tuple | str, seed) -> tuple[str, Placement | None]:
+def _try(case: tuple | str, seed) -> tuple[str | Exception, Placement | None]:
+    """What came of one sample, or the error that it ended in."""
+    try:
+        return _tried(case, seed)
+    except PinograspError as error:  # plain ones: those that carry more do not survive the way to another process
+        return (InvalidInput if isinstance(error, InvalidInput) else PinograspError)(str(error)), None
+    except Exception as error:
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        what = f"{type(error).__name__}: {error} (in {at.name}, {at.filename}, line {at.lineno})"
+        return PinograspError(f"find_placements: a sample failed with {what}"), None
+
+
+def _tried(case: tuple | str, seed) -> tuple[str, Placement | None]:
     """What came of one sample of a case, or of the file it is in; a placement comes without its hand and object."""
     hand, object, torque_limit, impact_time, wrap, settings = _case(case) if isinstance(case, str) else case
     try:
@@ -188,9 +259,9 @@ def hold(closure: Closure, *, torque_limit=None, impact_time=0.9, **settings) ->
 def problem_of(hand: HandModel, object, contacts, torque_limit, **settings) -> ForceProblem:
     """The problem of holding an object with a closed hand, torques limited at the posture of the contacts."""
     problem = ForceProblem.holding(object, contacts, **settings)
-    if torque_limit is None:
+    limit = effort_of(hand, torque_limit)
+    if not np.isfinite(limit).any():
         return problem
-    limit = hand.effort_or_infinity if isinstance(torque_limit, str) and torque_limit == "effort" else torque_limit
     return replace(
         problem, torques=torque_limits(hand, contacts, contacts.posture, limit=limit, gravity_o=problem.gravity_o)
     )

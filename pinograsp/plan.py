@@ -24,7 +24,7 @@ from pinograsp.forces import (
     optimize_grasp,
 )
 from pinograsp.hands import HandModel
-from pinograsp.motion import Motion, MotionSpec, plan_motion, torque_limits
+from pinograsp.motion import Motion, MotionSpec, effort_of, plan_motion, torque_limits
 from pinograsp.objects.body import Body
 
 _SLIDES = 1e-4  # [m] across the normal: worth telling
@@ -62,6 +62,12 @@ class GraspPlan:
         return self.forces.status if self.forces.status is not Status.OK else self.motion.status
 
     @property
+    def remedy(self) -> str:
+        """What is behind a status other than ``OK`` and what to do about it; empty for ``OK``."""
+        own = self.motion.remedy if self.forces.status is Status.OK else ""
+        return own or self.status.remedy
+
+    @property
     def cautions(self) -> tuple[str, ...]:
         """What the plan's promise does not cover, in words: look here before a simulation or a robot does."""
         problem, contacts, motion = self.problem, self.problem.contacts, self.motion
@@ -75,6 +81,11 @@ class GraspPlan:
             for name, contact in zip(contacts.names, contacts)
             if contact.finger == PALM
         ]
+        if problem.torques is not None and problem.torques.limited.any():
+            loaded = np.abs(problem.torques.jacobian).max(axis=(0, 1)) > 0
+            free = [name for name, bears, has in zip(problem.torques.joints, loaded, problem.torques.limited) if bears and not has]
+            if free:
+                told.append(f"no limit is known of the torques of {', '.join(free)}: they are not limited")
         for name, slip in zip(contacts.names, motion.slip):
             if slip > _SLIDES:
                 told.append(f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses: friction then points elsewhere")
@@ -102,7 +113,7 @@ class GraspPlan:
         forces, names = self.forces, self.problem.contacts.names
         return {
             "status": str(self.status),
-            "remedy": self.status.remedy,
+            "remedy": self.remedy,
             "search": forces.search,
             "solver": forces.solver or "none",
             "balance": self.problem.balance,
@@ -327,8 +338,8 @@ def plan_grasp(
         solver: name of the solver; default: the search's own.
         objective: of the convex search; default: the problem's measure.
         torque_limit: the convex search keeps the holding torques at t_F within it: largest |torque| (n,) or one number
-            [N m], or ``"effort"`` for the hand's own effort limits. Default: torques are reported, not limited; for an
-            object within the effort limits of the joints that have one.
+            [N m], or ``"effort"`` for the hand's own effort limits (joints without one are not limited: a caution names
+            them). Default: torques are reported, not limited; for an object ``"effort"``, where a joint has a limit.
         motion: postures and sampling; see :class:`~pinograsp.motion.MotionSpec`.
         **settings: of the problem where an object is given: ``mu`` (needed), ``friction``, ``max_depth``... as for
             :meth:`~pinograsp.forces.ForceProblem.holding`.
@@ -379,7 +390,7 @@ def _closed_plan(
     problem = ForceProblem.holding(closure.object, closure.contacts(), **settings)
     search = search or "convex"
     if torque_limit is None and search == "convex" and np.any(hand.effort > 0):
-        torque_limit = hand.effort_or_infinity
+        torque_limit = "effort"
     if motion is None:
         motion = MotionSpec(
             start={finger.name: closure.start[finger.dofs] for finger in hand.fingers},
@@ -396,7 +407,7 @@ def _closed_plan(
 def _convex_plan(hand, problem, solver, objective, torque_limit, motion, progress, started) -> GraspPlan:
     limited = torque_limit is not None
     if limited:
-        torque_limit = hand.effort if isinstance(torque_limit, str) and torque_limit == "effort" else torque_limit
+        torque_limit = effort_of(hand, torque_limit)
     elif objective is not None and "motor_heat" in objective and problem.torques is None:
         limited, torque_limit = True, np.inf  # motor heat needs the Jacobians, at the posture that is found
     spent = {"forces": 0.0, "motion": 0.0}

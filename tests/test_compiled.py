@@ -7,6 +7,7 @@ import gc
 import json
 import os
 import pickle
+import runpy
 import shutil
 import subprocess
 import sys
@@ -412,20 +413,29 @@ def run_python(script, folder, **environment):
     return done
 
 
-def test_compiling_is_said_once_and_damaged_caches_are_made_again(tmp_path):
-    """Said where functions are not in the cache yet; loading them says nothing; a file that was cut off, or is no such file, counts as none."""
-    cache = tmp_path / "cache"
+def test_compiling_is_said_once(tmp_path):
+    """Where functions are not in the cache yet; loading them from there says nothing."""
+    for told in (1, 0):
+        done = run_python(COMPILING, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+        assert done.stderr.count("compiling solvers") == told and done.stdout == ""
 
-    def told():
-        done = run_python(COMPILING, tmp_path, NUMBA_CACHE_DIR=str(cache))
-        assert done.stdout == ""
-        return done.stderr.count("compiling solvers")
 
-    assert [told(), told()] == [1, 0]
-    for kind, damage in (("nbi", lambda data: data[:-9]), ("nbc", lambda data: data[: len(data) // 2]), ("nbi", lambda data: b"nothing")):
-        for file in cache.rglob(f"*.{kind}"):
+def test_damaged_caches_are_made_again(tmp_path):
+    """Files that were cut off, are empty, or are no such file."""
+    module = tmp_path / "kernel.py"
+    module.write_text("from pinograsp.forces.jit import jit\n\n\n@jit()\ndef twice(x):\n    return 2.0 * x\n")
+
+    def from_cache():
+        twice = runpy.run_path(str(module))["twice"]
+        assert twice(1.5) == 3.0
+        return sum(twice.stats.cache_hits.values())
+
+    assert [from_cache(), from_cache()] == [0, 1]
+    for damage in (lambda data: data[:-9], lambda data: data[: len(data) // 2], lambda data: b"", lambda data: b"nothing"):
+        for kind in ("nbi", "nbc"):
+            (file,) = (tmp_path / "__pycache__").glob(f"*.{kind}")
             file.write_bytes(damage(file.read_bytes()))
-        assert [told(), told()] == [1, 0]
+            assert [from_cache(), from_cache()] == [0, 1]
 
 
 def test_nowhere_to_keep_compiled_code(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from conftest import POINTS
 from test_hand import allegro
 
-from pinograsp.contacts import PenetrationProfile, contacts_at
+from pinograsp.contacts import Friction, PenetrationProfile, contacts_at
 from pinograsp.errors import ContactNotReached, InvalidInput, Status
 from pinograsp.forces import ForceProblem, GridSpec, grid_search
 from pinograsp.hands import load_hand
@@ -482,3 +482,27 @@ def test_an_allegro_hand_holds_a_ball(contact_set):
 def test_bad_motion_settings_are_refused(settings):
     with pytest.raises(InvalidInput, match="expected"):
         MotionSpec(**settings)
+
+
+def test_remedies_name_the_cause(hand, make_problem, final_angles):
+    """A joint's limit, joints that are too few, steps that are too long: each by its name."""
+    problem = make_problem()
+    forces = grid_search(problem, search="hybrid", progress=False)
+    tight = plan_motion(hand.with_limits({"index_dip": (0.0, 0.53)}), forces, MotionSpec(posture=final_angles, samples=1, spread=0.0))
+    assert tight.status is Status.JOINT_LIMIT and "index_dip" in tight.remedy and "time step" not in tight.remedy
+    rough = plan_motion(hand, forces, MotionSpec(posture=final_angles, time_step=0.5))
+    assert rough.status is Status.NOT_TRACKED and "smaller time step" in rough.remedy
+    assert plan_motion(hand, forces, MotionSpec(posture=final_angles)).remedy == ""
+
+
+def test_jaws_on_one_actuator_are_named():
+    from pinograsp.objects import Box
+    from pinograsp.placement import find_placements
+    from pinograsp.plan import plan_grasp
+
+    friction = Friction(model="soft", torsion=0.005)
+    box = Box(size=(0.03, 0.03, 0.08), mass=0.1)
+    best = find_placements(load_hand("panda"), box, mu=0.7, friction=friction, count=6, jobs=1, progress=False).best
+    plan = plan_grasp(best.closure.hand, best.closure, mu=0.7, friction=friction)
+    assert plan.status is Status.NOT_TRACKED and plan.remedy == plan.summary()["remedy"] == plan.motion.remedy
+    assert "panda_finger_joint1" in plan.remedy and "the others of its 2 follow" in plan.remedy and "time step" not in plan.remedy

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
+import weakref
+from dataclasses import replace
+
 import numpy as np
 import own_hands
 import pytest
 
 from pinograsp.contacts import PALM, Friction, clearance
-from pinograsp.errors import InvalidInput, PlacementNotFound, Status
+from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box, Cylinder, Sphere
 from pinograsp.placement import find_placements
@@ -131,3 +139,131 @@ def test_no_placement_says_why(allegro):
         _ = search.best
     with pytest.raises(InvalidInput, match="count"):
         find_placements(allegro, heavy, count=0, **SETTINGS)
+
+
+@pytest.mark.parametrize("settings, message", [
+    ({}, "friction coefficient, mu="), ({"mu": [0.7, 0.7]}, "mu: expected a finite number"), ({"mu": 0.7, "frictoin": 1}, "did you mean 'friction'"),
+    ({"mu": 0.7, "friction": 3}, "friction"), ({"mu": 0.7, "torque_limit": "plenty"}, "torque limit"), ({"mu": 0.7, "torque_limit": [1, 2]}, "torque limit"),
+    ({"mu": 0.7, "impact_time": 2.0}, "impact time"), ({"mu": -0.1}, "mu"),
+])  # fmt: skip
+def test_unusable_settings_are_told_before_anything_is_tried(allegro, ball, settings, message):
+    with pytest.raises(InvalidInput, match=message) as told:
+        find_placements(allegro, ball, count=10_000, progress=False, **settings)
+    assert told.value.__cause__ is None
+
+
+class Failing(Sphere):
+    """What others write may fail."""
+
+    @property
+    def bounding_radius(self):
+        raise ValueError("no radius today")
+
+
+class Deadly(Sphere):
+    @property
+    def bounding_radius(self):
+        os._exit(1)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_errors_of_samples_are_one_message(jobs):
+    with pytest.raises(PinograspError, match="ValueError: no radius today .in bounding_radius") as told:
+        find_placements(load_hand("panda"), Failing(radius=0.02, mass=0.1), count=4, jobs=jobs, **SETTINGS)
+    assert told.value.__cause__ is None and "joblib" not in str(told.value)
+
+
+def test_lost_processes_are_one_message():
+    with pytest.raises(PinograspError, match="process of the search was lost"):
+        find_placements(load_hand("panda"), Deadly(radius=0.02, mass=0.1), count=4, jobs=2, **SETTINGS)
+
+
+def test_effort_limits_mean_the_same_everywhere():
+    """Joints without one are not limited, and named; a hand without any is told so."""
+    ball, free = Sphere(radius=0.02, mass=0.05), load_hand("humanoid")
+    first = find_placements(free, ball, count=4, jobs=1, **SETTINGS).best.closure
+    model = first.hand.model.copy()
+    model.effortLimit[::2] = 0.0
+    part = replace(first.hand, model=model)
+    closure = replace(first, hand=part)
+    plan = plan_grasp(part, closure, mu=0.7, friction=SETTINGS["friction"], torque_limit="effort")
+    limited = plan.problem.torques.limited
+    assert not limited[::2].any() and limited[1::2].all()
+    (caution,) = [text for text in plan.cautions if "no limit is known" in text]
+    moving = np.abs(plan.problem.torques.jacobian).max(axis=(0, 1)) > 0
+    assert [name in caution for name in np.array(part.joint_names)[::2][moving[::2]]] == [True] * moving[::2].sum()
+    assert find_placements(part, ball, count=2, jobs=1, torque_limit="effort", **SETTINGS).tried == 2
+    model.effortLimit[:] = 0.0
+    for ask in (
+        lambda: plan_grasp(part, closure, mu=0.7, torque_limit="effort"),
+        lambda: find_placements(part, ball, count=2, jobs=1, torque_limit="effort", **SETTINGS),
+    ):
+        with pytest.raises(InvalidInput, match="no joint of hand .* has one"):
+            ask()
+    assert find_placements(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
+
+
+class Interrupting(Sphere):
+    """Ctrl-C comes while its third sample is made, the second time where exceptions get lost."""
+
+    asked = 0
+    lost = False
+
+    @property
+    def bounding_radius(self):
+        type(self).asked += 1
+        if self.asked == 9:
+            if self.lost:
+                gone = {0}
+                keep = weakref.ref(gone, lambda _: signal.raise_signal(signal.SIGINT))
+                del gone
+                assert keep() is None
+            else:
+                signal.raise_signal(signal.SIGINT)
+        return self.radius
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_what_was_found_until_ctrl_c_is_kept(lost, monkeypatch):
+    monkeypatch.setattr(sys, "unraisablehook", lambda _: None)
+    monkeypatch.setattr(Interrupting, "asked", 0)
+    monkeypatch.setattr(Interrupting, "lost", lost)
+    search = find_placements(load_hand("panda"), Interrupting(radius=0.02, mass=0.1), count=200, jobs=1, **SETTINGS)
+    assert search.interrupted and search.tried < 200 and sum(search.outcomes.values()) == search.tried
+
+
+STOPPED = """
+import pinograsp as pg
+from pinograsp.placement import find_placements
+if __name__ == "__main__":
+    print("started", flush=True)
+    search = find_placements(pg.load_hand("allegro_right"), pg.Sphere(radius=0.03, mass=0.15), count=100_000, jobs=2, mu=0.7, progress=False)
+    print(search.interrupted, 0 < search.tried < 100_000, sum(search.outcomes.values()) == search.tried)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("everybody", [True, False])
+def test_ctrl_c_stops_a_search_on_all_cores(tmp_path, everybody):
+    """From a terminal, which tells all processes, and to the one alone."""
+    for pause in (6.0, 7.0):
+        running = subprocess.Popen(
+            [sys.executable, "-c", STOPPED], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        assert running.stdout.readline() == "started\n"
+        time.sleep(pause)
+        (os.killpg if everybody else os.kill)(running.pid, signal.SIGINT)
+        out, err = running.communicate(timeout=60)
+        assert (out.split(), err, running.returncode) == (["True"] * 3, "", 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("everybody", [True, False])
+def test_ctrl_c_writes_nothing_and_exits_with_130(tmp_path, everybody):
+    command = [sys.executable, "-m", "pinograsp.cli", "plan", "--hand", "allegro_right", "--object", "sphere:radius=0.03,mass=0.15", "--samples", "5000"]
+    running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    time.sleep(8.0)
+    (os.killpg if everybody else os.kill)(running.pid, signal.SIGINT)
+    out, err = running.communicate(timeout=60)
+    assert running.returncode == 130 and "of 5000 placements tried" in err and "Traceback" not in err
+    assert out == "" and list(tmp_path.iterdir()) == []

@@ -144,6 +144,8 @@ def _closed(case, as_json: bool):
         return case.closure()
     found = case.placements(progress=bar(as_json))
     if found.interrupted:
+        held = len(found.placements)
+        typer.echo(f"pinograsp: {found.tried} of {case.samples} placements tried, {held} hold the object; nothing written", err=True)
         raise KeyboardInterrupt
     return found.best.closure
 

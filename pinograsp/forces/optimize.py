@@ -186,7 +186,8 @@ def _compiled(problem, ready, started) -> ForceSolution | None:
 def warm_up() -> None:
     """Load and compile the solvers made for grasp forces (extra ``fast``), so that ``solver="auto"`` uses them from now on.
 
-    Compiling takes up to a minute once per machine (the result is cached on disk), loading about a second.
+    Those of :class:`~pinograsp.motion.OnlineForces` and :func:`~pinograsp.forces.solve_batch` as well: nothing is left to compile.
+    It takes a minute or two once per machine (the result is cached on disk; NUMBA_CACHE_DIR says where), loading some seconds.
 
     Raises:
         ExtraMissing: numba is not installed.

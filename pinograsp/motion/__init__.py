@@ -2,7 +2,7 @@
 
 from pinograsp.motion.contact_ik import ContactPostures, contact_postures
 from pinograsp.motion.online import OnlineForces
-from pinograsp.motion.torques import torque_limits
+from pinograsp.motion.torques import effort_of, torque_limits
 from pinograsp.motion.trajectory import Motion, MotionSpec, plan_motion
 
-__all__ = ["ContactPostures", "Motion", "MotionSpec", "OnlineForces", "contact_postures", "plan_motion", "torque_limits"]
+__all__ = ["ContactPostures", "Motion", "MotionSpec", "OnlineForces", "contact_postures", "effort_of", "plan_motion", "torque_limits"]

@@ -37,6 +37,7 @@ class FingerMotion:
         errors: distance of each contact point from its target (m, c) [m]; of a closed grasp its part along the normal.
         slips: what is left of that distance across the normal (m, c) [m]; zero where ``errors`` holds all of it.
         limited: names of joints that were stopped by their limits.
+        surfaces: whether it is the links' surfaces that miss their depths, although the contact points keep to their paths.
     """
 
     q: np.ndarray
@@ -46,6 +47,7 @@ class FingerMotion:
     errors: np.ndarray
     slips: np.ndarray
     limited: tuple[str, ...]
+    surfaces: bool = False
 
     __repr__ = brief()
 

@@ -22,15 +22,17 @@ class OnlineForces:
     Every tick minimises the sum of squares of normal and tangential forces (a torsional moment counts as the tangential force that
     uses as much friction) under balance, friction and the limits of F_n, from the last tick's multipliers: a strongly convex
     problem, so the forces change no more abruptly than the load does. Solved to 1e-11 of the load by Newton's method on the
-    dual (:mod:`pinograsp.forces.kernels`), in a bounded number of steps. Where a joint would bear more than its limit the tick
-    is solved again by interior points, with rows for the joints: a tenth of a millisecond more for a dozen contacts, half of one
+    dual (:mod:`pinograsp.forces.kernels`), in a bounded number of steps. What cannot be balanced leaves the least that any
+    forces within the limits leave, to 1e-8 of the load (1e-6 with torque limits), by a bound that proves it. Where a joint would bear
+    more than its limit the tick is solved again by interior points, with rows for the joints: a tenth of a millisecond more for a dozen contacts, half of one
     where the load cannot be held. Where no forces at all keep the joints within their limits, these do not count.
 
     Attributes:
         forces: (k, 3) in the contacts' axes [N]. moments: about the normals (k,) [N m]. torques: (n,) [N m], empty without a hand.
         unbalanced: wrench (6,) that the contacts leave, about the centre of mass [N, N m].
-        status: ``OK``; ``INFEASIBLE``: these are the closest forces (least squares; moments over the problem's moment length);
-            ``INACCURATE``: closest within the steps allowed.
+        status: ``OK``; ``INFEASIBLE``: no forces within the limits of this tick, its rates and ramps included, balance the load, and
+            none leave less (least squares; moments over the problem's moment length); ``INACCURATE``: neither is proven within
+            the steps allowed, these are the closest that were found.
         steps: Newton steps of the last tick. names: the contacts.
 
     The arrays are overwritten by the next step: copy what must stay.
@@ -213,7 +215,7 @@ class OnlineForces:
                 normal; default: the last. mu: friction coefficients (k,) or one; default: the last.
 
         Raises:
-            InvalidInput: shapes that do not fit, a number that is not finite, mu < 0; forces and torques stay as they were.
+            InvalidInput: shapes that do not fit, a number that is not finite or absurdly large, mu < 0; nothing has changed then.
         """
         wrench = _checked("wrench", wrench, (6,), _HUGE)
         if q is not None or poses is not None or mu is not None:
@@ -237,8 +239,8 @@ class OnlineForces:
         if poses is not None:
             poses = _checked("poses", poses, (k, 4, 4), _FAR)
         if mu is not None:
-            mu = _checked("mu", mu, (k,), _FAR) if np.ndim(mu) else number("mu", mu, at_least=0)
-            if np.min(mu) < 0:
+            mu = _checked("mu", mu if np.ndim(mu) else np.full(k, number("mu", mu)), (k,), _FAR)
+            if mu.min() < 0:
                 raise InvalidInput(f"mu: expected friction coefficients >= 0, got {mu.tolist()}")
             self._frames[:, 12] = mu
         if poses is not None:

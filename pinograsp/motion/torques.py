@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of
+from pinograsp.checks import array_of, floats_of, one_of, shown
 from pinograsp.contacts import PALM, ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimits
@@ -39,6 +39,26 @@ def contact_torques(jacobians, wrenches_o) -> np.ndarray:
     return np.einsum("mcxn,mcx->mn", jacobians, wrenches_o)
 
 
+def effort_of(hand: HandModel, torque_limit=None) -> np.ndarray:
+    """Largest |torque| per joint (n,) [N m] that a ``torque_limit`` means; infinity: not limited.
+
+    Args:
+        torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, where a joint has one; None: these as well, or
+            nothing where no joint has one.
+    """
+    if isinstance(torque_limit, str):
+        one_of("torque limit", torque_limit, ("effort",))
+        if not np.any(hand.effort > 0):
+            raise InvalidInput(f"effort limits: no joint of hand '{hand.name}' has one: give limit= or torque_limit= in N m")
+    if torque_limit is None or isinstance(torque_limit, str):
+        return hand.effort_or_infinity
+    limit = np.array(floats_of("torque limit", torque_limit))
+    limit = np.full(hand.n, limit) if limit.ndim == 0 else limit
+    if limit.shape != (hand.n,) or not np.all(limit > 0):
+        raise InvalidInput(f"torque limit: expected one number > 0 or {hand.n} [N m], or 'effort', got {shown(torque_limit)}")
+    return limit
+
+
 def torque_limits(
     hand: HandModel, contacts: ContactSet, q, *, depth=0.0, limit=None, gravity_o=(0.0, 0.0, -9.81)
 ) -> TorqueLimits:
@@ -50,19 +70,17 @@ def torque_limits(
         hand, contacts, q: the posture at which the contacts' links touch the object.
         depth: penetration of the contact points along their normals at ``q`` [m], one or (k,): at t_F the links have gone
             that far (``solution.profile.final_depth``).
-        limit: largest |torque| per joint (n,) [N m] (a number applies to all); default: the hand's effort limits.
+        limit: largest |torque| per joint (n,) [N m] (a number applies to all), or ``"effort"``, the default: the hand's own effort
+            limits; joints without one are not limited.
         gravity_o: gravity (3,) [m/s^2].
 
     Raises:
-        InvalidInput: contacts without links, or effort limits that are missing (zero).
+        InvalidInput: contacts without links, or a hand without any effort limit.
     """
     model = hand.model.copy()
     model.gravity.linear = array_of("gravity", gravity_o, (3,))
     q = array_of("q", q, (hand.n,))
-    if limit is None:
-        limit = hand.effort
-    elif np.ndim(limit) == 0:
-        limit = np.full(hand.n, limit)
+    limit = effort_of(hand, "effort" if limit is None else limit)
     depth = array_of("depth", np.full(len(contacts), depth) if np.ndim(depth) == 0 else depth, (len(contacts),))
     data = model.createData()
     bias = pin.computeGeneralizedGravity(model, data, q)

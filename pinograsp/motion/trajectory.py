@@ -25,6 +25,7 @@ _TRACKED = 1e-6
 _SURFACE_ROUNDS, _KNOTS = 8, 5
 # Surfaces may miss their depth by this between those times [m]: half a per cent of a force of 5 N.
 _SURFACE = 1e-5
+_HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do not move them
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
 
@@ -64,7 +65,8 @@ class Motion:
     """Joint trajectory and torques from t = 0 to t_F.
 
     Attributes:
-        status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``. notes: position and effort limits met or exceeded, by joint.
+        status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``. remedy: what causes that, and what to do, empty for ``OK``.
+        notes: position and effort limits met or exceeded, by joint.
         times: (m,) [s]; sample ``impact`` is t_I, the last of the approach and the first of the grasp phase.
         q, dq, ddq: (m, n) [rad, rad/s, rad/s^2]. torques: (m, n) [N m]; holding_torques: (n,), those that hold still after t_F.
         forces_o: contact forces on the object (m, k, 3), world axes [N].
@@ -89,6 +91,7 @@ class Motion:
     slip: np.ndarray
     postures: dict[str, int]
     peak_torque: float
+    remedy: str = ""
 
     __repr__ = brief("status", "peak_torque", "impact", "times", "q", "notes")
 
@@ -132,7 +135,7 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
     q, dq, ddq = np.tile(start, (m, 1)), np.zeros((m, hand.n)), np.zeros((m, hand.n))
     contact_part = np.zeros((m, hand.n))
     velocities, tracking, slip = np.zeros((m, problem.k, 3)), np.zeros(problem.k), np.zeros(problem.k)
-    notes: list[str] = list(hand.notes)
+    notes, remedies = list(hand.notes), []
     clean = on_path = True
     groups = moving_groups(hand, contacts)
     for finger, which in groups:
@@ -157,12 +160,22 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
         velocities[impact:, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
         tracking[which], slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
         outside = _outside_limits(hand, finger, path[0])
-        notes += [f"{joint} was stopped by its limit in the grasp phase" for joint in motion.limited]
+        stopped = [f"{joint} was stopped by its limit at {_limit_met(hand, joint, motion.q[-1, i])} in the grasp phase"
+                   for i, joint in enumerate(finger.actuated) if joint in motion.limited]  # fmt: skip
+        notes += stopped
         notes += [
             f"{joint} leaves its limits by {_displacement(hand, joint, by)} in the approach" for joint, by in outside
         ]
-        clean &= not motion.limited and not outside
-        on_path &= bool(tracking[which].max() <= _TRACKED)
+        if tracking[which].max() > _TRACKED:
+            on_path = False
+            remedies.append(_why_off_path(finger, own, motion, stopped, closed, after[1] - after[0]))
+        elif stopped:
+            clean = False
+            remedies.append(f"{'; '.join(stopped)}: widen the limit, or take another contact posture")
+        if outside:
+            clean = False
+            swinging = ", ".join(f"{joint} (by {_displacement(hand, joint, by)})" for joint, by in outside)
+            remedies.append(f"{swinging} swings beyond its limits in the approach: start elsewhere, or touch later")
     busy = {int(i) for finger, _ in groups for i in finger.dofs}
     for name, angles in (spec.posture or {}).items():
         if not busy.intersection(hand.finger(name).dofs.tolist()):  # an idle finger, on its own path to its own posture
@@ -197,7 +210,37 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
         slip=read_only(slip),
         postures={name: len(found.angles) for name, found in postures.items()},
         peak_torque=float(np.abs(total).max()),
+        remedy=". ".join(remedies),
     )
+
+
+def _why_off_path(finger, contacts, motion: FingerMotion, stopped: list[str], closed: bool, step: float) -> str:
+    """What keeps contact points from their paths, and what helps."""
+    missed = f"{finger.name} misses its path by {1e3 * motion.errors.max():.2g} mm"
+    if stopped:
+        return f"{missed}: {'; '.join(stopped)}: widen the limit, or take another contact posture"
+    J = motion.jacobians[0][:, :3]
+    # A closed finger follows the depths before anything else.
+    rows = np.einsum("cx,cxn->cn", [one.normal_o for one in contacts], J) if closed else J.reshape(-1, J.shape[2])
+    asked, ways = len(rows), int(np.sum(np.linalg.svd(rows, compute_uv=False) > _HARDLY))
+    moves = f"{missed}: its contacts ask for {asked} {'depths' if closed else 'displacements'} of their own"
+    if finger.n < asked:
+        coupled = f" (the others of its {len(finger.joints)} follow)" if finger.coupled else ""
+        return (
+            f"{moves}, and it has no more actuated joints than {', '.join(finger.actuated)}{coupled}: the motion is the closest there is; "
+            "for more, plan fewer contacts on it, or forces that press them alike"
+        )
+    if ways < asked:
+        return f"{moves}, and its joints, as they stand at impact, can give {ways}: take another contact posture"
+    if motion.surfaces:
+        return f"{missed}: an edge or another place of its link is in the way: place the hand otherwise, or press less deep (max_depth)"
+    return f"{missed}: its joints could follow: use a smaller time step than {step:g} s"
+
+
+def _limit_met(hand, joint: str, value: float) -> str:
+    """The limit of a joint that is nearest to a position, with its unit."""
+    at = hand.joint_names.index(joint)
+    return _displacement(hand, joint, min(hand.lower[at], hand.upper[at], key=lambda limit: abs(limit - value)))
 
 
 def _displacement(hand, joint: str, value: float) -> str:
@@ -237,7 +280,7 @@ def _press_surfaces(hand, finger, own, found, contacts, object, profile, which, 
         deeper = CubicSpline(times[knots], asked)(times)
     # A surface that has other places in the way (links with edges) is off by what is left.
     errors = np.maximum(best.errors, np.where(off > _SURFACE, off, 0.0))
-    return replace(best, errors=read_only(errors))
+    return replace(best, errors=read_only(errors), surfaces=bool(best.errors.max() <= _TRACKED < errors.max()))
 
 
 def _of_touching(contacts, posture) -> dict[str, np.ndarray]:
