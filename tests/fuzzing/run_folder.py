@@ -91,7 +91,7 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
         path.parent.mkdir(parents=True, exist_ok=True)
         if content is not None:
             path.write_bytes(content)
-    use = str(rng.choice(["report", "figures", "page", "scene", "simulate", "handover"], p=[0.35, 0.12, 0.13, 0.15, 0.15, 0.1]))
+    use = str(rng.choice(["report", "figures", "page", "scene", "simulate", "handover"], p=[0.45, 0.04, 0.08, 0.25, 0.08, 0.1]))
     return {"folder": str(folder / "run"), "use": use, "engine": str(rng.choice(["mujoco", "pinocchio"])), "deeds": deeds}
 
 
@@ -221,9 +221,10 @@ def _rename(rng, files: dict) -> None:
 def _stored(content: bytes):
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
+            arrays = {name: stored[name] for name in stored.files}
     except Exception:
         return None
+    return {name: array for name, array in arrays.items() if isinstance(array, np.ndarray)}
 
 
 def _archived(arrays: dict) -> bytes:
