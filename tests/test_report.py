@@ -96,7 +96,8 @@ def test_report_again_with_the_newest_check(run, tmp_path, monkeypatch):
     result = CliRunner().invoke(app, ["check", str(folder), "--hold", "0.3", "--out", str(folder / "check")])
     assert result.exit_code in (0, 3)
     assert newest_check(folder) == folder / "check"
-    assert CliRunner().invoke(app, ["report", str(folder)]).exit_code == 0
+    result = CliRunner().invoke(app, ["report", str(folder)])
+    assert result.exit_code == 0 and re.search(r"^Does it hold\? (Yes|No)", result.output)
     assert re.search(r"Simulated\?\*\* (Held|Lost) \(mujoco\)", (folder / "report.md").read_text())
     assert not list(folder.glob(".new-*"))
 
