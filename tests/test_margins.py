@@ -294,3 +294,12 @@ def test_closure_and_min_weight_equal_a_linear_program(contact_set, seed):
 def test_closure_of_many_contacts(contact_set):
     found = force_closure(around(contact_set, 60, 0), 0.4)
     assert found.closed and 0 < found.margin < 1
+
+
+def test_squeeze_that_does_not_balance_holds_no_load_at_all(make_problem):
+    held = optimize_forces(make_problem(balance="wrench"), 0.85)
+    nothing = held.problem.with_load(np.zeros(6))
+    uneven = grasp_margins(replace(held, problem=nothing, forces_c=held.forces_c * [[0.0, 0.0, 1.0], [0, 0, 50.0], [0, 0, 1.0]]))
+    assert uneven.load_factor == 0.0
+    still = optimize_forces(nothing, 0.85)
+    assert still.found and grasp_margins(still).load_factor == np.inf

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from dataclasses import fields, replace
 
 import cvxpy as cp
 import numpy as np
@@ -25,6 +26,7 @@ from pinograsp.contacts.quality import (
     manipulability,
 )
 from pinograsp.errors import InvalidInput
+from pinograsp.forces import force_closure, min_weight
 from pinograsp.spatial import rotation_rpy, skew, tangent_frame
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
@@ -699,3 +701,34 @@ NOTHING = ContactSet(contacts=(), com_o=np.zeros(3))
 def test_wrong_input_is_refused(call):
     with pytest.raises(InvalidInput):
         call()
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-160, 1e-30, 1e30, 1e160, 1e300])
+def test_numbers_out_of_all_proportion_give_numbers_or_are_refused(contacts, size):
+    spread = replace_points(contacts, size)
+    calls = [
+        lambda: grasp_map_metrics(contacts, moment_length=size),
+        lambda: grasp_map_metrics(spread),
+        lambda: grasp_volume(contacts, size),
+        lambda: ferrari_canny(contacts, size, tolerance=0.1),
+        lambda: ferrari_canny(spread, 0.5, tolerance=0.1),
+        lambda: grasp_stiffness(contacts, Compliance(), size),
+        lambda: grasp_stiffness(contacts, Compliance(stiffness=size, exponent=3.0), 1.0),
+        lambda: min_weight(spread, 0.5),
+        lambda: force_closure(contacts, size),
+    ]
+    answered = 0
+    for call in calls:
+        try:
+            found = call()
+        except InvalidInput as error:
+            assert "expected" in str(error)
+            continue
+        answered += 1
+        for value in [found] if isinstance(found, float) else [getattr(found, field.name) for field in fields(found)]:
+            assert not np.any(np.isnan(np.asarray(value, dtype=float)))
+    assert answered < len(calls)
+
+
+def replace_points(contacts, size):
+    return ContactSet(contacts=tuple(replace(c, point_o=size * c.point_o) for c in contacts), com_o=size * contacts.com_o)

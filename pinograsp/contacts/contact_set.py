@@ -140,6 +140,17 @@ class ContactSet:
             self._derived["distance"] = mean if mean > 0 else 1.0
         return self._derived["distance"]
 
+    def checked_moment_length(self, length: float | None = None) -> float:
+        """The length [m] that moments are divided by, default ``mean_distance``; refused where they do not compare with forces then."""
+        name = "moment length" if length is not None else "moment length, the contacts' mean distance from the centre of mass"
+        length = number(name, self.mean_distance if length is None else length, at_least=1e-9, at_most=1e3, unit="m")
+        farthest = float(np.abs(self.points_o - self.com_o).max(initial=0.0))
+        if farthest > 1e9 * length:
+            raise InvalidInput(
+                f"contacts: expected within a billion moment lengths of {length:g} m, got one {farthest:.3g} m from the centre of mass"
+            )
+        return length
+
     @property
     def G(self) -> np.ndarray:
         """Grasp map (6, 3k): stacked contact forces f_c -> wrench on the object, linear first [N, N m].

@@ -22,6 +22,7 @@ from pinograsp.checks import array_of, finite_of, integer, number, one_of, read_
 from pinograsp.errors import InvalidInput
 
 FRICTION_MODELS = ("pyramid", "cone", "soft")
+LARGEST_MU = 1e6  # beyond any pair of materials, and still a number to reckon with
 _MOST_EDGES = 1024  # a cone in all but name
 
 

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 from pinograsp.checks import array_of, brief, number, one_of, read_only
 from pinograsp.contacts.compliance import Compliance
 from pinograsp.contacts.contact_set import ContactSet
-from pinograsp.contacts.friction import Friction
+from pinograsp.contacts.friction import LARGEST_MU, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
 
@@ -24,6 +24,7 @@ NORMS = ("L1", "Linf")
 BALANCES = ("wrench", "force")
 # Of the largest singular value: what counts as a missing rank.
 _FLAT = 1e-12
+_STIFF = 1e50  # [N/m]: squares of larger numbers soon are none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -231,6 +232,11 @@ def grasp_stiffness(
     normal = rho * compliance.stiffness * compliance.depth(force) ** (rho - 1)
     tangential = ratio * normal
     springs = np.column_stack([tangential, tangential, normal]).ravel()
+    if np.any((springs != 0) & ~((springs > 1 / _STIFF) & (springs < _STIFF))):
+        raise InvalidInput(
+            f"contact law: expected stiffnesses of 0, or {1 / _STIFF:g} to {_STIFF:g} N/m, got {normal.tolist()} along the normals, "
+            f"and {ratio:g} of it across"
+        )
     G = _scaled_map(contacts, length)
     scaled = (G * springs) @ G.T
     eigenvalues, eigenvectors = np.linalg.eigh((scaled + scaled.T) / 2)
@@ -276,16 +282,15 @@ def _rows(balance: str) -> int:
 def _moment_length(contacts: ContactSet, moment_length: float | None) -> float:
     if not isinstance(contacts, ContactSet) or len(contacts) == 0:
         raise InvalidInput(f"contacts: expected a ContactSet with at least one contact, got {contacts!r}")
-    if moment_length is not None:
-        return number("moment length", moment_length, above=0, unit="m")
-    return contacts.mean_distance
+    return contacts.checked_moment_length(moment_length)
 
 
-def _per_contact(name: str, value, k: int, unit: str = "-") -> np.ndarray:
+def _per_contact(name: str, value, k: int, unit: str = "-", at_most: float = np.inf) -> np.ndarray:
     """Numbers >= 0 (k,), from one for all or one each."""
     result = array_of(name, np.full(k, value) if np.ndim(value) == 0 else value, (k,))
-    if np.any(result < 0):
-        raise InvalidInput(f"{name}: expected numbers >= 0 [{unit}], got {result.tolist()}")
+    if np.any((result < 0) | (result > at_most)):
+        up_to = f", up to {at_most:g}" if at_most < np.inf else ""
+        raise InvalidInput(f"{name}: expected numbers >= 0{up_to} [{unit}], got {result.tolist()}")
     return result
 
 
@@ -308,7 +313,7 @@ def _cones(
     if friction.d == 4:
         about_normal = np.concatenate([np.zeros((k, 3)), normals[:, :3] / length], axis=1)
         tangents = np.concatenate([tangents, about_normal[:, None]], axis=1)
-    tangents = friction.scale(_per_contact("mu", mu, k))[:, :, None] * tangents
+    tangents = friction.scale(_per_contact("mu", mu, k, at_most=LARGEST_MU))[:, :, None] * tangents
     return np.ascontiguousarray(normals[:, :rows]), np.ascontiguousarray(tangents[:, :, :rows]), friction
 
 

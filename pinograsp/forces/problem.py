@@ -31,6 +31,7 @@ from pinograsp.contacts import (
     impulse_energy,
     work_energy,
 )
+from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 
@@ -44,7 +45,7 @@ BY_DEPTH = "penetration depth (Eq. 13a)"
 BY_CAP = "largest normal force of the contact"
 
 # What is beyond these is a slip of the unit: solvers would be left with numbers that no longer add up.
-_STRONG, _DEAR, _FAR, _STICKY = 1e12, 1e100, 1e3, 1e6  # [N], energy per newton, [m], mu
+_STRONG, _DEAR = 1e12, 1e100  # [N], energy per newton
 _KEPT = 16  # sets of matrices kept per contact set: a sweep over mu must not fill the memory
 
 
@@ -157,8 +158,8 @@ class ForceProblem:
         put("load", _load(self.load))
         put("gravity_o", array_of("gravity", self.gravity_o, (3,)))
         mu = each_of("mu", self.mu, k)
-        if np.any((mu < 0) | (mu > _STICKY)):
-            raise InvalidInput(f"mu: expected friction coefficients >= 0, up to {_STICKY:g}, got {shown(mu.tolist())}")
+        if np.any((mu < 0) | (mu > LARGEST_MU)):
+            raise InvalidInput(f"mu: expected friction coefficients >= 0, up to {LARGEST_MU:g}, got {shown(mu.tolist())}")
         put("mu", mu)
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
@@ -183,14 +184,7 @@ class ForceProblem:
             put("max_normal_force", cap)
         if self.torques is not None and len(self.torques.jacobian) != k:
             raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
-        if self.moment_length is None:
-            put("moment_length", self.contacts.mean_distance)
-        else:
-            put("moment_length", number("moment length", self.moment_length, above=0, unit="m"))
-        if not 1e-9 <= self.moment_length <= _FAR:
-            raise InvalidInput(
-                f"moment length: expected 1e-9 to {_FAR:g} m, so that moments and forces compare, got {self.moment_length:g} m"
-            )
+        put("moment_length", self.contacts.checked_moment_length(self.moment_length))
         # Matrices that do not depend on the load or the limits are shared by all problems on the same contacts.
         key = (self.balance, self.moment_length, self.friction, mu.tobytes(), id(self.torques))
         problems = self.contacts._derived.setdefault("problems", {})
