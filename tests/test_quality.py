@@ -660,7 +660,6 @@ def test_manipulability_is_zero_where_a_direction_is_missing(J):
 # -- what is refused ---------------------------------------------------------------------------------------------------
 
 GRASP = ellipsoid_grasp(0, 4)
-NOTHING = ContactSet(contacts=(), com_o=np.zeros(3))
 
 
 @pytest.mark.parametrize(
@@ -676,14 +675,12 @@ NOTHING = ContactSet(contacts=(), com_o=np.zeros(3))
         lambda: ferrari_canny(GRASP, 0.5, moment_length=0),
         lambda: ferrari_canny(GRASP, 0.5, friction="cone"),
         lambda: ferrari_canny(GRASP, 0.5, tolerance=-1),
-        lambda: ferrari_canny(NOTHING, 0.5),
+        lambda: ContactSet(contacts=(), com_o=np.zeros(3)),
         lambda: ferrari_canny(GRASP.points_o, 0.5),
         lambda: grasp_volume(GRASP, -0.1),
         lambda: grasp_volume(GRASP, 0.5, balance="moment"),
-        lambda: grasp_volume(NOTHING, 0.5),
         lambda: grasp_map_metrics(GRASP, moment_length=-1),
         lambda: grasp_map_metrics(GRASP, balance="moment"),
-        lambda: grasp_map_metrics(NOTHING),
         lambda: grasp_stiffness(GRASP, Compliance(), -1.0),
         lambda: grasp_stiffness(GRASP, Compliance(), [1.0] * 5),
         lambda: grasp_stiffness(GRASP, Compliance(), np.inf),
@@ -691,7 +688,6 @@ NOTHING = ContactSet(contacts=(), com_o=np.zeros(3))
         lambda: grasp_stiffness(GRASP, 5e4, 1.0),
         lambda: grasp_stiffness(GRASP, Compliance(), 1.0, tangential_ratio=-0.1),
         lambda: grasp_stiffness(GRASP, Compliance(), 1.0, moment_length=0),
-        lambda: grasp_stiffness(NOTHING, Compliance(), 1.0),
         lambda: manipulability(np.zeros((3, 4))),
         lambda: manipulability(np.zeros((1, 6, 4))),
         lambda: manipulability(np.full((1, 3, 4), np.nan)),

@@ -4,13 +4,14 @@ from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.global_optimum import Branch, optimize_grasp
 from pinograsp.forces.grid import GridSpec, grid_values
 from pinograsp.forces.infeasibility import Diagnosis, Infeasibility, diagnose
+from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.margins import ForceClosure, GraspMargins, force_closure, grasp_margins, load_margin, min_weight
 from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
 from pinograsp.forces.optimize import FORCE_SOLVERS, Certificate, optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES
 from pinograsp.forces.reliability import Reliability, holding_probability
-from pinograsp.forces.robust import LoadSet, RobustForces, optimize_robust
+from pinograsp.forces.robust import RobustForces, optimize_robust
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
 from pinograsp.forces.solution import ForceSolution

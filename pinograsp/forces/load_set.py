@@ -1,0 +1,54 @@
+"""Sets of loads that one squeeze is to hold."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import array_of, brief, number
+from pinograsp.errors import InvalidInput
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoadSet:
+    """Loads on the object that must all be held: the convex hull of wrenches, and a ball around it.
+
+    Attributes:
+        wrenches: (s, 6) external wrenches, linear first, about the centre of mass, world axes [N, N m].
+        ball: radius of disturbances in any direction on top [N; moments over the problem's moment length].
+    """
+
+    wrenches: np.ndarray
+    ball: float = 0.0
+
+    __repr__ = brief()
+
+    def __post_init__(self):
+        wrenches = array_of("loads", self.wrenches, (None, 6))
+        if len(wrenches) == 0:
+            raise InvalidInput("loads: expected at least one wrench, got none")
+        object.__setattr__(self, "wrenches", wrenches)
+        object.__setattr__(self, "ball", number("ball of disturbances", self.ball, at_least=0, unit="N"))
+
+    @classmethod
+    def around(cls, load, *, box=None, ball: float = 0.0, mass_range: tuple[float, float] = (1.0, 1.0)) -> LoadSet:
+        """Loads around a nominal one (6,) [N, N m].
+
+        Args:
+            box: half-widths (6,) of a box of disturbances [N, N m].
+            ball: radius of a ball of disturbances [N].
+            mass_range: least and largest multiple of the nominal load (a weight), e.g. (0.9, 1.2).
+        """
+        load = array_of("load", load, (6,))
+        low, high = array_of("mass range", mass_range, (2,))
+        if not 0 <= low <= high:
+            raise InvalidInput(f"mass range: expected 0 <= least <= largest multiple, got {low:g} and {high:g}")
+        half = np.zeros(6) if box is None else array_of("box of disturbances", box, (6,))
+        if np.any(half < 0):
+            raise InvalidInput(f"box of disturbances: expected half-widths >= 0, got {half.tolist()}")
+        corners = itertools.product(*[(-h, h) if h > 0 else (0.0,) for h in half])
+        offsets = np.array(list(corners))
+        scales = (low, high) if high > low else (low,)
+        return cls(wrenches=np.concatenate([scale * load + offsets for scale in scales]), ball=ball)
