@@ -407,3 +407,10 @@ def test_closing_comes_to_an_end(tmp_path, monkeypatch):
     box = Box(size=[0.2, 0.2, 0.2], mass=0.1, pose=at(0, 0, 0.110001))
     with pytest.raises(InvalidInput, match="more than 500 steps, for 'jaw' is close to the object for long"):
         close_hand(hand, box, start=[-0.05], target=[0.1])
+
+
+def test_a_hand_of_very_many_shapes_is_not_closed(tmp_path):
+    many = "<collision><geometry><sphere radius='0.01'/></geometry></collision>" * 501
+    hand = load_hand(write(tmp_path, link("palm"), link("a").replace("</link>", f"{many}</link>"), joint("j", "palm", "a")))
+    with pytest.raises(InvalidInput, match="501 collision shapes, expected at most 500"):
+        close_hand(hand, Sphere(radius=0.01, mass=0.1, pose=at(0, 0, 0.1)))

@@ -561,7 +561,7 @@ def test_more_than_any_robot_has_is_refused_at_once(tmp_path):
     joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 0.01", "0 1 0", "-1 1 1 1") for i in range(1, n + 1)]
     for text, message in (
         (robot("chain", *parts, *joints), "at most 2000 links, got 3001"),
-        (robot("chain", *parts[:1000], *joints[:999]), "at most 100 moving joints, got 999: give root="),
+        (robot("chain", *parts[:1000], *joints[:999]), "at most 100 moving joints .*, got 999"),
         (robot("many", *(one.replace("</link>", "<collision/>" * 3000 + "</link>") for one in parts[:2]), joints[0]),
          "at most 2000 collision shapes"),
         ("<!DOCTYPE robot [<!ENTITY e 'x'>]>" + urdf()[21:], "entity declarations are not allowed"),

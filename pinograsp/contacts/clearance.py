@@ -19,6 +19,7 @@ _FAILED = 10 * FARTHEST  # [m] no hand is as far from its object: coal failed
 _OFF = 1e-4  # [m] what coal's depth of an overlap may be off
 _CLEAR = 1e-4  # [m] a hull farther off than this says enough
 _TILT = 1e-3  # [rad] tilt that tells the corners of a flat contact
+_MOST_SHAPES = 500
 _PATCH = 1e-3  # [m] corners nearer to each other are one: curved bodies of up to a metre's radius touch at a point
 
 
@@ -139,7 +140,12 @@ class Distances:
 
 
 def check_geometry(hand: HandModel) -> None:
-    """Refuse a hand without collision geometry."""
+    """Refuse a hand without collision geometry, or with more than can be gone through."""
+    if hand.geometry.ngeoms > _MOST_SHAPES:
+        raise InvalidInput(
+            f"hand '{hand.name}' has {hand.geometry.ngeoms} collision shapes, expected at most {_MOST_SHAPES}: give root= the hand's palm, or "
+            "fewer shapes"
+        )
     if not hand.geometry.ngeoms:
         raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import struct
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -14,6 +15,8 @@ from pinograsp.hands.elements import parse_xml, read_bytes
 
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".off", ".dae")
 MOST_BYTES, MOST_TRIANGLES = 200_000_000, 2_000_000
+
+_SILENT = logging.NullHandler()
 
 
 def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -26,6 +29,7 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     import trimesh  # slow to import
 
+    logging.getLogger("trimesh").addHandler(_SILENT)  # it would print tracebacks of what is told by the error
     kind = path.suffix.lower()
     if kind not in FORMATS:
         raise ValueError(f"expected a mesh file that ends in one of {', '.join(FORMATS)}, got '{path.name}'")

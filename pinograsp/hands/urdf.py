@@ -31,7 +31,7 @@ _NUMBERS = {
     "dynamics": {"damping": (1, _LARGEST), "friction": (1, _LARGEST), "armature": (1, _LARGEST)},
 }
 # Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of its joints.
-_MOST_LINKS, _MOST_MOVING = 2000, 100
+_MOST_LINKS, _MOST_MOVING, _MOST_SHAPES = 2000, 100, 2000
 
 
 @dataclass(slots=True)
@@ -71,12 +71,12 @@ def prepare(
         HandNotLoaded: with all problems found.
     """
     problems, notes = list(problems), list(notes)
-    _check_counts(source, robot, links="link", joints="joint")
+    _check_count(source, "links", len(robot.findall("link")), _MOST_LINKS)
+    _check_count(source, "joints", len(robot.findall("joint")), _MOST_LINKS)
     outside = _cut_out(source, robot, root, notes) if root is not None else set()
-    _check_counts(source, robot, collision_shapes="link/collision")
+    _check_count(source, "collision shapes", len(robot.findall("link/collision")), _MOST_SHAPES)
     moving = sum(joint.get("type") != "fixed" for joint in robot.findall("joint"))
-    if moving > _MOST_MOVING:
-        raise HandNotLoaded(source, f"expected at most {_MOST_MOVING} moving joints, got {moving}: give root= the hand's palm")
+    _check_count(source, "moving joints (root= is the link that a hand on a robot starts from)", moving, _MOST_MOVING)
     for _, joint in named(robot, "joint"):
         if joint.get("type") == "fixed":  # it follows nothing and needs no axis
             drop(joint, "mimic", "limit", "axis")
@@ -107,11 +107,9 @@ def prepare(
     return prepared
 
 
-def _check_counts(source: str, robot: ElementTree.Element, **paths: str) -> None:
-    """Refuse more elements than any robot has, by what they are called."""
-    for what, path in paths.items():
-        if (count := len(robot.findall(path))) > _MOST_LINKS:
-            raise HandNotLoaded(source, f"expected at most {_MOST_LINKS} {what.replace('_', ' ')}, got {count}")
+def _check_count(source: str, what: str, count: int, most: int) -> None:
+    if count > most:
+        raise HandNotLoaded(source, f"expected at most {most} {what}, got {count}")
 
 
 # -- the tree ----------------------------------------------------------------------------------------------------------
