@@ -143,8 +143,8 @@ def check_geometry(hand: HandModel) -> None:
     """Refuse a hand without collision geometry, or with more than can be gone through."""
     if hand.geometry.ngeoms > _MOST_SHAPES:
         raise InvalidInput(
-            f"hand '{hand.name}' has {hand.geometry.ngeoms} collision shapes, expected at most {_MOST_SHAPES}: give root= the hand's palm, or "
-            "fewer shapes"
+            f"hand '{hand.name}' has {hand.geometry.ngeoms} collision shapes, expected at most {_MOST_SHAPES}: give root= the hand's "
+            "palm, or fewer shapes"
         )
     if not hand.geometry.ngeoms:
         raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
