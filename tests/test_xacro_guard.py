@@ -260,6 +260,34 @@ def test_parameters_of_macros_are_read_as_xacro_reads_them():
     assert _parameter("x:=" + "a" * 10_000 + "'")  # xacro's own would not come back
 
 
+def test_optional_includes_may_be_missing(tmp_path):
+    path = write(tmp_path, '<xacro:include filename="gone.xacro" optional="true"/><link name="a"/>')
+    assert 'name="a"' in expand_xacro(path)
+
+
+def test_what_the_guard_does_not_answer_does_not_work():
+    """Ways to Python's own functions that a version of xacro may have, and that nobody has seen."""
+    from pinograsp.hands.xacro_guard import _harmless_xacro
+
+    module = _harmless_xacro()
+    for call in ("load_yaml('x')", "eval('1')", "open('x')", "glob.glob('*')", "compile('1', '', 'eval')", "exec('1')"):
+        with pytest.raises(Exception, match="only arithmetic is allowed|has no attribute 'glob'"):
+            eval(call, vars(module))
+    assert module._global_symbols == {}
+
+
+def test_another_xacro_is_not_taken_for_the_one_that_is_known(tmp_path, monkeypatch):
+    from pinograsp.hands import xacro_guard
+
+    monkeypatch.setattr(xacro_guard, "_REPLACED", (*xacro_guard._REPLACED, "something_new"))
+    xacro_guard._harmless_xacro.cache_clear()
+    try:
+        with pytest.raises(HandNotLoaded, match="cannot be guarded"):
+            expand_xacro(write(tmp_path, "<link name='a'/>"))
+    finally:
+        xacro_guard._harmless_xacro.cache_clear()
+
+
 def test_included_files_are_scanned_too(tmp_path):
     write(tmp_path, '<link name="$(env HOME)"/>', "part.xacro")
     path = write(tmp_path, '<xacro:include filename="part.xacro"/>')

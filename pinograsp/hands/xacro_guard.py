@@ -253,6 +253,9 @@ class _Guard:
         return arguments[found[1]]
 
     def parse(self, text, name: str):
+        if not is_file(Path(name)):  # as xacro says it, which may have been told that the file is optional
+            self.module.filestack.pop()
+            raise self.module.XacroException(f"No such file: {name}", exc=FileNotFoundError(name))
         document = self.files.document(name)
         self.charge(_weight(document))
         return document
