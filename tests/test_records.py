@@ -562,6 +562,21 @@ def test_the_scene_must_be_of_the_plan(whole, tmp_path):
             use(load_run(folder))
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda record: record["geometry"][0].update(size=[1e100] * 3), lambda record: record["joints"][3].update(lever=[1e100, 0, 0]),
+        lambda record: record["frames"][5]["placement"][0].__setitem__(3, 1e200), lambda record: record["joints"][2]["placement"][1].__setitem__(3, -1e5),
+    ],
+)  # fmt: skip
+def test_lengths_out_of_all_proportion_are_refused(whole, change):
+    record = json.loads((whole / "scene.json").read_text())["hand"]
+    hand_of(record)
+    change(record)
+    with pytest.raises(InvalidInput, match="up to 1000 m"):
+        hand_of(record)
+
+
 def test_a_link_that_leads_nowhere_is_no_check(whole, tmp_path):
     folder = shutil.copytree(whole, tmp_path / "run")
     (folder / "a").mkdir()

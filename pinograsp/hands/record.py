@@ -17,6 +17,7 @@ from pinograsp.hands.elements import drop, is_file, named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.urdf import prepare
+from pinograsp.spatial import FARTHEST
 
 _KINDS = {str: "a text", list: "a list", dict: "a mapping", int: "a whole number"}
 # Of the actuated joints, by their names in Pinocchio.
@@ -131,6 +132,7 @@ def _model(record: dict, description: str) -> pin.Model:
         mass = number(f"hand record: {where}mass", one.get("mass"), at_least=0, unit="kg")
         lever, inertia = (array_of(f"hand record: {where}{key}", one.get(key), shape)
                           for key, shape in (("lever", (3,)), ("inertia", (3, 3))))  # fmt: skip
+        _near(f"{where}lever", lever)
         if not np.array_equal(inertia, inertia.T):
             raise InvalidInput(f"hand record: {where}inertia: expected a symmetric matrix, got {inertia.tolist()}")
         model.inertias[j] = pin.Inertia(mass, lever, inertia)
@@ -186,7 +188,15 @@ def _check_names(key: str, built: list[str], given: list) -> None:
 
 
 def _placement(one: dict, where: str) -> pin.SE3:
-    return pin.SE3(placement_of(f"hand record: {where}placement", one.get("placement")))
+    placement = placement_of(f"hand record: {where}placement", one.get("placement"))
+    _near(f"{where}placement", placement[:3, 3])
+    return pin.SE3(placement)
+
+
+def _near(where: str, lengths) -> None:
+    """No robot is larger: beyond it squares and products overflow in the end."""
+    if not np.abs(lengths).max() <= FARTHEST:
+        raise InvalidInput(f"hand record: {where}: expected lengths up to {FARTHEST:g} m, got {np.abs(lengths).max():g}")
 
 
 def _finger(model: pin.Model, links: list[str], i: int, one) -> Finger:
@@ -248,6 +258,7 @@ def _geometry(source: str, model: pin.Model, shapes: list) -> pin.GeometryModel:
         from_file = kind in ("mesh", "hull")
         if not all(value != 0 if from_file else value > 0 for value in size):
             raise InvalidInput(f"hand record: {where}size: expected numbers above zero [m], got {size}")
+        _near(f"{where}size", size)
         placement = _placement(one, where)
         made = _mesh(_field(one, "path", str, where), size, problems) if from_file else PRIMITIVES[kind](*size)
         if made is not None:

@@ -146,6 +146,8 @@ def _json(rng, content: bytes) -> bytes:
         document = json.loads(content)
     except (ValueError, RecursionError):
         return content
+    if not isinstance(document, dict | list):
+        return content
     for _ in range(int(rng.integers(1, 3))):
         holders = [document]
         for one in holders:
