@@ -63,7 +63,7 @@ class CaseRejected(InvalidInput):
 
 
 class ResultsNotWritten(InvalidInput):
-    """The output folder cannot be used (it exists, or holds files that are not ours)."""
+    """The output cannot be written: its folder exists, holds files that are not ours or belongs to another writer, or the disk is full."""
 
 
 class ExtraMissing(PinograspError, ImportError):

@@ -6,11 +6,13 @@ import contextlib
 import fcntl
 import json
 import os
+import random
 import re
 import struct
 import subprocess
 import sys
 import termios
+import time
 
 import pytest
 from ruamel.yaml import YAML
@@ -20,6 +22,8 @@ from pinograsp.cases import builtin_cases, load_case
 from pinograsp.cli import app
 from pinograsp.errors import CaseRejected
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
+from pinograsp.storage import load_run
+from pinograsp.writing import NewFolder
 
 REQUIRED = {
     "status", "impact_time_s", "normal_forces_N", "multipliers", "work_J", "impulse_Ns", "net_force_N", "net_moment_Nm",
@@ -508,3 +512,85 @@ def on_a_terminal(folder, *arguments) -> list[str]:
 
 def test_shells_can_complete(command):
     assert "--install-completion" in command("--help")[1]
+
+
+# -- folders -------------------------------------------------------------------------------------------------------------
+
+LIGHT = ("--set", "motion.samples=1", "--set", "motion.time_step=0.01")
+
+
+def start(folder, *args, largest: int | None = None) -> subprocess.Popen:
+    """The command in a process of its own; ``largest``: no file may grow beyond this size [bytes]."""
+    limit = "" if largest is None else f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({largest}, {largest})); "
+    code = f"import sys; {limit}sys.argv[0] = 'pinograsp'; from pinograsp.cli import main; main()"
+    return subprocess.Popen([sys.executable, "-c", code, *args], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize("out", ["n" * 300, ".", "taken/run", "/dev/null/run", "/"])
+def test_folders_that_cannot_be_used_are_told_before_the_work(command, tmp_path, monkeypatch, out):
+    from pinograsp.cases.case import Case
+
+    monkeypatch.setattr(Case, "plan", lambda *_, **__: pytest.fail("long work"))
+    with NewFolder(tmp_path / "taken" / "run"):
+        code, _, err = command("plan", "paper", "--out", out, "--force")
+    assert code == 2 and err.startswith("pinograsp: ") and "Traceback" not in err, err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_two_plans_at_once_keep_both_answers_or_one_is_refused(tmp_path):
+    same = [start(tmp_path, "plan", "paper", *LIGHT, "--out", "x", "--json") for _ in range(2)]
+    codes = [(one.communicate()[1], one.returncode)[1] for one in same]
+    assert sorted(codes) == [0, 2] and os.listdir(tmp_path) == ["x"]
+    named = [start(tmp_path, "plan", "paper", *LIGHT, "--json") for _ in range(2)]
+    told = {json.loads(one.communicate()[0])["folder"] for one in named}
+    assert told == {os.path.join("runs", "paper"), os.path.join("runs", "paper-2")}
+
+
+@pytest.mark.slow
+def test_on_a_full_disk_every_command_tells_it_and_leaves_nothing_half_written(tmp_path):
+    assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "x").wait() == 0
+    before = sorted((path.relative_to(tmp_path), path.stat().st_mtime_ns) for path in (tmp_path / "x").rglob("*"))
+    (tmp_path / "s.yaml").write_text("case: paper\nset: {motion.samples: 1, motion.time_step: 0.01}\nover: {object.mass: [0.5, 1.0]}\n")
+    for args, largest in (
+        (("plan", "paper", *LIGHT, "--out", "x", "--force"), 10_000), (("plan", "paper", *LIGHT, "--out", "y"), 10_000),
+        (("report", "x"), 10_000), (("view", "x", "--html", "page.html"), 10_000), (("sweep", "s.yaml", "--out", "z", "--jobs", "1"), 2_000),
+        (("check", "x", "--hold", "0.1"), 10_000), (("check", "x", "--hold", "0.6", "--time-step", "1e-3", "--monte-carlo", "1"), 1_000),
+    ):  # fmt: skip
+        process = start(tmp_path, *args, "--quiet", largest=largest)
+        _, err = process.communicate(timeout=300)
+        assert process.returncode == 2 and "cannot write" in err and "Traceback" not in err, (args, err)
+        assert not [path for path in tmp_path.rglob(".pinograsp-*")], args
+    inside = [(path, when) for path, when in before if path.name not in ("files.txt", "x")]
+    now = {path.relative_to(tmp_path): path.stat().st_mtime_ns for path in (tmp_path / "x").rglob("*")}
+    assert all(now[path] == when for path, when in inside)
+    assert not (tmp_path / "y").exists() and not (tmp_path / "x" / "check").exists() and not (tmp_path / "page.html").exists()
+    assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "x", "--force").wait() == 0
+    assert start(tmp_path, "sweep", "s.yaml", "--out", "z", "--jobs", "1").wait() == 0
+
+
+@pytest.mark.slow
+def test_killed_a_hundred_times_an_old_or_a_new_run_is_there(tmp_path):
+    """Half of the kills fall anywhere, half from the moment on when the first files are written."""
+    rng = random.Random(1)
+    began = time.monotonic()
+    assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "run", "--set", "object.mass=0.5").wait() == 0
+    whole, current = time.monotonic() - began, 0.5
+    for kill in range(100):
+        mass = round(0.3 + 0.004 * kill, 4)
+        process = start(tmp_path, "plan", "paper", *LIGHT, "--out", "run", "--force", "--set", f"object.mass={mass}")
+        if rng.random() < 0.5:
+            time.sleep(rng.uniform(0, whole))
+        else:
+            while process.poll() is None and not list(tmp_path.glob(".pinograsp-*/plan.npz")):
+                time.sleep(0.005)
+            time.sleep(rng.uniform(0, 0.4 * whole))
+        process.kill()
+        process.communicate()
+        found = load_run(tmp_path / "run").settings["object"]["mass"]
+        assert found in (current, mass)
+        listed = (tmp_path / "run" / "files.txt").read_text().splitlines()[1:]
+        assert sorted([*listed, "files.txt"]) == sorted(os.listdir(tmp_path / "run"))
+        current = found
+    assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "run", "--force").wait() == 0
+    assert os.listdir(tmp_path) == ["run"]

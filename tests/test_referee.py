@@ -471,6 +471,9 @@ def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
         code, _, told = command("check", str(folder), *option)
         assert code == 2, option
         assert "expected" in told
+    for out, words in (("n" * 300, "at most 255 bytes"), (".", "the one you are in"), (str(folder / "plan.json"), "is a file")):
+        code, _, told = command("check", str(folder), "--out", out, "--force")
+        assert code == 2 and words in told
 
 
 @pytest.mark.parametrize(
