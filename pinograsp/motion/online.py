@@ -24,8 +24,9 @@ class OnlineForces:
     problem, so the forces change no more abruptly than the load does. Solved to 1e-11 of the load by Newton's method on the
     dual (:mod:`pinograsp.forces.kernels`), in a bounded number of steps. What cannot be balanced leaves the least that any
     forces within the limits leave, to 1e-8 of the load (1e-6 with torque limits), by a bound that proves it. Where a joint would bear
-    more than its limit the tick is solved again by interior points, with rows for the joints: a tenth of a millisecond more for a dozen contacts, half of one
-    where the load cannot be held. Where no forces at all keep the joints within their limits, these do not count.
+    more than its limit the tick is solved again by interior points, with rows for the joints: a tenth of a millisecond more for a
+    dozen contacts, half of one where the load cannot be held. Where no forces at all keep the joints within their limits, these
+    do not count.
 
     Attributes:
         forces: (k, 3) in the contacts' axes [N]. moments: about the normals (k,) [N m]. torques: (n,) [N m], empty without a hand.
