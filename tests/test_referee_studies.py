@@ -448,7 +448,7 @@ while True:
 """
 
 
-@pytest.mark.parametrize("rounds", [1, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rounds", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_writers_of_trials_that_are_killed_lose_and_double_none(tmp_path, rounds):
     path, rng = tmp_path / "log.jsonl", np.random.default_rng(rounds)
     for _ in range(rounds):

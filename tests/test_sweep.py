@@ -533,7 +533,7 @@ while True:
 """
 
 
-@pytest.mark.parametrize("rounds", [1, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rounds", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_writers_of_rows_that_are_killed_lose_and_double_none(tmp_path, rounds):
     rng, before = np.random.default_rng(rounds), 0
     for _ in range(rounds):
