@@ -11,7 +11,7 @@ from hypothesis import settings
 
 from pinograsp.cases import load_case
 from pinograsp.cases.published import AS_PUBLISHED
-from pinograsp.cli import main
+from pinograsp.cli import run as command_line
 from pinograsp.contacts import Contact, ContactSet, contacts_at
 from pinograsp.forces import ForceProblem
 from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
@@ -111,11 +111,7 @@ def command(tmp_path, monkeypatch, capsys):
     def run(*args):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(sys, "argv", ["pinograsp", *args])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
+        code = command_line()
         shown = capsys.readouterr()
         return code, shown.out, shown.err
 

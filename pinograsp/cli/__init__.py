@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import signal
 import sys
 import traceback
 
@@ -17,13 +20,25 @@ except KeyboardInterrupt:
 
 from pinograsp.errors import PinograspError, exit_code_of, status_of
 
-__all__ = ["app", "bench", "check", "hands", "main", "plan", "report", "sweep", "view"]
+__all__ = ["app", "bench", "check", "hands", "main", "plan", "report", "run", "sweep", "view"]
 
 _UsageError = typer.BadParameter.__base__  # of click, or of the copy of it that typer brings
 
 
 def main() -> None:
-    """Entry point: errors become one message and an exit code, never a traceback."""
+    """Entry point: the command line, and the end of the process."""
+    code = run()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    if code == 130:  # at once: where Ctrl-C has passed through compiled code, Python would end by the signal instead, or crash
+        os._exit(130)
+    signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # nothing is left to do but to clear up
+    raise SystemExit(code)
+
+
+def run() -> int:
+    """The command line as a call, which returns the exit code: errors become one message, never a traceback."""
     told.update(quiet=False, verbose=False)
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(errors="backslashreplace")  # names of files may be no text
@@ -34,7 +49,7 @@ def main() -> None:
         code = _tell(error)
     if code == 130:
         _say("interrupted")
-    raise SystemExit(code)
+    return code
 
 
 def _tell(error: BaseException) -> int:
