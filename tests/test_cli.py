@@ -13,6 +13,7 @@ import subprocess
 import sys
 import termios
 import time
+from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
@@ -169,6 +170,7 @@ BAD = {
     "too many grid values": (["paper", "--set", "grid.accelerations.step=1e-5"], "expected at most 10000 values"),
     "too many grid cells": (["paper", "--set", "grid.accelerations.step=1e-4", "--set", "grid.impact_times.step=1e-4"], "at most 1000000 pairs"),
     "huge grid start": (["paper", "--set", "grid.impact_times.start=1e308"], "expected 0 or a size from 1e-12 to 1e+12"),
+    "endless motion": (["paper", "--set", "limits.final_time=1e6"], "expected at most 200000 steps"),
     "tiny stiffness": (["paper", "--set", "compliance.stiffness=1e-300"], "expected 0 or a size from 1e-12 to 1e+12"),
     "huge exponent": (["paper", "--set", "compliance.exponent=300"], "less than or equal to 10"),
     "long name": (["paper", "--set", "name=" + "a" * 300], "at most 100 characters"),
@@ -508,6 +510,16 @@ def on_a_terminal(folder, *arguments) -> list[str]:
         os.close(screen)
     assert process.returncode == 0
     return [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in told.decode().splitlines()]
+
+
+def test_commands_of_the_readme_judge_the_run_that_they_name():
+    """In every block: what is checked is what the block has planned, whatever was planned before."""
+    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    blocks = [block for block in re.findall(r"^```\w*\n(.*?)^```$", text, re.M | re.S) if "pinograsp check runs/" in block]
+    assert blocks
+    for block in blocks:
+        planned = re.findall(r"pinograsp plan .*--out (\S+)", block)
+        assert set(re.findall(r"pinograsp check (\S+)", block)) <= set(planned) and "--force" in block
 
 
 def test_shells_can_complete(command):

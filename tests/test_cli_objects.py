@@ -57,6 +57,18 @@ def test_plan_from_hand_and_object(command, tmp_path):
     assert (tmp_path / "run" / "report.md").is_file() and (tmp_path / "run" / "plan.npz").is_file()
 
 
+def test_meshes_are_objects_too_and_help_says_so(command, tmp_path):
+    import trimesh
+
+    trimesh.creation.icosphere(radius=30.0, subdivisions=2).export(tmp_path / "ball.stl")
+    code, out, err = command(
+        "close", "--hand", "allegro_right", "--object", "mesh:path=ball.stl,scale=0.001,mass=0.2", "--at", "0.08,0,0.07", "--json"
+    )
+    assert code == 0 and json.loads(out)["touches"], err
+    for name in ("plan", "close"):
+        assert "mesh:path=mug.stl" in "".join(command(name, "-h")[1].replace("│", "").split())
+
+
 def test_plan_takes_a_case_or_a_hand_with_an_object(command):
     for options in (["paper", "--hand", "panda"], ["--hand", "panda"], ["--object", BALL], []):
         code, _, err = command("plan", *options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,13 @@ def run(path: Path, folder: Path) -> str:
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return done.stdout
+
+
+def test_the_sweep_file_runs(command):
+    code, out, err = command("sweep", str(ROOT / "examples" / "sweep.yaml"), "--out", "rows", "--jobs", "1", "--json")
+    told = json.loads(out)
+    assert code == 0 and told["rows"] == told["done"] == told["counts"]["ok"] == 12, (out, err)
+    assert "examples/sweep.yaml" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_examples_are_numbered_short_and_said_to_be_what_they_are():

@@ -21,6 +21,7 @@ from pinograsp.spatial import pose_of, rotation_rpy
 
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
 _SMALLEST, _LARGEST = 1e-12, 1e12  # of numbers: nothing that a hand holds is outside, and computing stays away from the ends of floats
+_MOST_STEPS = 200_000  # of the motion
 _LONGEST_NAME = 100  # it becomes a folder's
 _MOST_VALUES, _MOST_CELLS = 10_000, 1_000_000  # of a grid: along one direction; impact times x accelerations
 
@@ -230,6 +231,13 @@ class Case(Section):
     def __repr__(self) -> str:
         where = f"hand={self.hand.source!r:.60}, object={self.object.shape!r}, contacts={len(self.contacts)}"
         return f"{type(self).__name__}(name={self.name!r:.60}, {where}, search={self.forces.search!r}, balance={self.forces.balance!r})"
+
+    @model_validator(mode="after")
+    def _not_too_many_steps(self):
+        steps = self.limits.final_time / self.motion.time_step
+        if steps > _MOST_STEPS:
+            raise ValueError(f"limits.final_time, motion.time_step: expected at most {_MOST_STEPS} steps, got {steps:.3g}")
+        return self
 
     def settings(self) -> dict:
         """The case as plain values, defaults filled in: what a run's file echoes."""

@@ -129,11 +129,14 @@ def _check(run: Path, folder, settings: dict, wrong: tuple, studies: dict, as_js
 
 def _studies(run: Path, task, margins: dict, studies: dict, disturbance, settings: dict, as_json: bool):
     """The studies that were asked for, by name; the planner's own margins stand beside the thresholds."""
-    from pinograsp.referee import load_threshold, monte_carlo, slip_threshold
+    from pinograsp.referee import Errors, load_threshold, monte_carlo, slip_threshold
     from pinograsp.referee.monte_carlo import FILE
     from pinograsp.writing import list_in
 
     if studies["monte_carlo"]:
+        if not as_json:
+            count, kinds = studies["monte_carlo"], Errors().kinds
+            typer.echo(f"{count} trials with each of {', '.join(kinds)}, and {count} with all together: {count * (len(kinds) + 1)} trials")
         # Trials are kept as they come: the same command, typed again, goes on from there.
         told = json.dumps({"seed": studies["seed"], **settings}, sort_keys=True)
         trials = studies["trials"] / hashlib.sha256(told.encode()).hexdigest()[:8]

@@ -30,6 +30,7 @@ from pinograsp.cli.app import (
 )  # fmt: skip
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp, Status
 
+_SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 or mesh:path=mug.stl,scale=0.001,density=600 \\[m, kg]"
 _WIDE = 120  # columns of a terminal that shows notes beside figures
 
 
@@ -44,7 +45,7 @@ def plan(
     ] = None,
     object: Annotated[
         str | None,
-        typer.Option(help="With --hand: what to hold, as cylinder:radius=0.02,height=0.12,mass=0.2 \\[m, kg]."),
+        typer.Option(help=f"With --hand: what to hold, as {_SPECS}."),
     ] = None,
     root: Root = None,
     at: At = None,
@@ -163,7 +164,7 @@ def _plan_object(case, out, force: bool, as_json: bool) -> None:
 def close(
     hand: Annotated[str, typer.Option(help="A hand of the catalogue, or its URDF, xacro or MJCF file.")],
     object: Annotated[
-        str, typer.Option(help="What to close on, as cylinder:radius=0.02,height=0.12,mass=0.2 \\[m, kg].")
+        str, typer.Option(help=f"What to close on, as {_SPECS}.")
     ],
     root: Root = None,
     at: At = None,

@@ -50,8 +50,9 @@ def run(case) -> str:
     spec = load_sweep("sweep.yaml")
     for index in {0, spec.rows // 2, spec.rows - 1}:
         spec.row(index)
-    # Placements are searched in other processes, and tried by the dozen.
-    if spec.rows > MOST or (spec.hand is not None and spec.base.case(spec.row(0)).at is None):
+    # Placements are searched in other processes, and tried by the dozen; so may postures be.
+    postures = [{**spec.set, **spec.row(index)}.get("motion.samples", 1) for index in range(min(spec.rows, MOST))]
+    if spec.rows > MOST or any(isinstance(many, int | float) and many > 20 for many in postures) or (spec.hand is not None and spec.base.case(spec.row(0)).at is None):
         return "read"
     done = sweep("sweep.yaml", "out", jobs=case["jobs"], progress=False)
     table = read_sweep("out")

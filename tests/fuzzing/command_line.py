@@ -1,0 +1,123 @@
+"""Command lines: words, options and values of all commands, mixed, on small runs, cases and files; a few as real processes."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from fuzzing import case_file, sweep_file
+from fuzzing.case_file import pick
+
+EXIT_CODES = (0, 2, 3)
+OBJECT, AT = "sphere:radius=0.02,mass=0.1", "0,0,0.105"
+STARTS = [
+    ["plan", "case.yaml"], ["plan", "case.yaml", "--set", "object.mass=1.1", "--json"], ["plan", "--hand", "panda", "--object", OBJECT, "--at", AT],
+    ["close", "--hand", "panda", "--object", OBJECT, "--at", AT], ["check", "run", "--hold", "0.02", "--time-step", "0.002"], ["hands", "panda"],
+    ["hands", "panda", "--root", "panda_leftfinger", "--json"], ["report", "run"], ["view", "run", "--html", "page.html"], ["sweep", "sweep.yaml", "--jobs", "1"],
+    ["bench", "--contacts", "3"], ["--version"], ["--help"], ["--quiet", "hands", "panda"], ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--push", "0,0,-1@0+0.01"],
+]  # fmt: skip
+OPTIONS = [
+    "--json", "--quiet", "-q", "--verbose", "-v", "-h", "--help", "--version", "--force", "--wrap", "--hulls", "--prescribed", "--no-browser", "--", "-", "",
+    "--hold", "--push", "--shake", "--mu", "--mass", "--offset", "--turn", "--start-error", "--engine", "--time-step", "--seed", "--out", "--set",
+    "--safety", "--friction", "--search", "--balance", "--measure", "--solver", "--hand", "--object", "--at", "--root", "--jobs", "--backend",
+    "--scheduler", "--contacts", "--port", "--html", "--check", "--samples", "--monte-carlo", "--nothing", "run", "case.yaml", "sweep.yaml", "paper",
+]  # fmt: skip
+VALUES = [
+    "0", "-0", "-1", "1", "2", "0.5", "1e-3", "1e308", "-1e308", "1e-320", "nan", "inf", "-inf", "99999999999999999999", "1" + "0" * 400, "", " ", "x",
+    "0,0,0", "0,0,1", "1,2", "nan,0,0", "0,0,1e308", "1e308,1e308,1e308", "0,0,-1@0.5+0.2", "0,0,-1@nan+1", "@", "0,0,1@", "0,0,1@1e308", ",,", "a=1", "a.b=1", "=",
+    "object.mass=nan", "object.mass=1e308", "friction.mu=[", "contacts.0.point_mm=[1,2]", "mujoco", "pinocchio", "cone", "soft", "pyramid", "glue", "convex",
+    "hybrid", "paper", "paper+qp", "wrench", "force", "work", "impulse", "daqp", "clarabel", "quadprog", "gurobi", "panda", "humanoid", "nobody", "ä☃", "\x1b[2J",
+    "\udcff", "a" * 300, "a/" * 3000, "..", ".", "../up", "run", "run/check", "case.yaml", "new", "new/deep/er", "pipe", "empty", "damaged", OBJECT, AT, "0,0,0.1,0,0,45",
+    "sphere:radius=nan,mass=1", "sphere:radius=1e-300,mass=1", "box:size=1x2,mass=1", "box:size=0.03x0.03x0.05,mass=0.1", "mesh:path=nothing.stl,mass=1",
+    "cylinder:radius=0.02,height=1e308,mass=0.1", "sphere:", ":", "tcp://127.0.0.1:99999", "nonsense", "joblib", "dask", "page.html", "-5", "1000000000", "3",
+]  # fmt: skip
+_KEPT: dict[str, Path] = {}
+
+
+def prepare() -> None:
+    """A run and a check of it, made once and copied for every input."""
+    import tempfile
+
+    import pinograsp as pg
+
+    for name in pg.__all__:
+        getattr(pg, name)
+    folder = Path(tempfile.mkdtemp(prefix="fuzzing-run-"))
+    (folder / "case.yaml").write_bytes(case_file.text_of(case_file.CONVEX))
+    before = os.getcwd()
+    os.chdir(folder)
+    for line in (["plan", "case.yaml", "--out", "run", "--quiet"], ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--quiet"], ["bench", "--contacts", "3", "--quiet"]):
+        _run(line)
+    os.chdir(before)
+    _KEPT["run"] = folder / "run"
+
+
+def make(rng: np.random.Generator, folder: Path):
+    if _KEPT:
+        shutil.copytree(_KEPT["run"], folder / "run")
+    (folder / "case.yaml").write_bytes(case_file.text_of(case_file.CONVEX))
+    (folder / "sweep.yaml").write_bytes(case_file.text_of(sweep_file.SWEEPS[1]))
+    (folder / "empty").mkdir()
+    (folder / "damaged").write_bytes(rng.bytes(100))
+    os.mkfifo(folder / "pipe")
+    if rng.random() < 0.15 and (folder / "run").is_dir():  # a run that is damaged
+        path = pick(rng, sorted(path for path in (folder / "run").rglob("*") if path.is_file()))
+        content = path.read_bytes()
+        path.write_bytes(content[: int(rng.integers(len(content) + 1))] + rng.bytes(int(rng.integers(20))))
+    line = list(pick(rng, STARTS))
+    for _ in range(int(rng.choice([0, 1, 1, 1, 2, 3, 5]))):
+        at, how = int(rng.integers(len(line) + 1)), rng.random()
+        if how < 0.4:
+            line[at:at] = [pick(rng, OPTIONS), pick(rng, VALUES)]
+        elif how < 0.55:
+            line.insert(at, pick(rng, OPTIONS))
+        elif how < 0.85 and line:
+            line[at % len(line)] = pick(rng, VALUES)
+        elif line:
+            del line[at % len(line)]
+    return [word.replace("\0", "?") for word in line]
+
+
+def _long(line: list[str]) -> bool:
+    """Whether a line starts other processes, serves a page, or plans the whole case of the paper: not for here."""
+    words = set(line)
+    places = "--hand" in words and "--at" not in words
+    return bool(places or words & {"--monte-carlo", "--thresholds", "--install-completion", "--show-completion"}
+                or ("view" in words and "--html" not in words) or ("sweep" in words and "--jobs" not in words) or "--scheduler" in words)  # fmt: skip
+
+
+def run(case) -> str:
+    if _long(case):
+        return "left out"
+    code, out, err = _run(case)
+    if code not in EXIT_CODES or ("Traceback" in err and not {"-v", "--verbose"} & set(case)):
+        raise AssertionError(f"exit code {code}: {err[-3000:]}")
+    if "--json" in case and out.strip() and not {"-h", "--help", "--version"} & set(case):
+        json.loads(out, parse_constant=lambda name: 1 / 0)
+    if code and not err and not out:
+        raise AssertionError(f"exit code {code} without a word")
+    return f"exit {code}"
+
+
+def _run(line: list[str]) -> tuple[int, str, str]:
+    from pinograsp import cli
+
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
+    before, sys.argv = sys.argv, ["pinograsp", *line]
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            code = cli.run()
+    finally:
+        sys.argv = before
+    told = []
+    for stream in (out, err):
+        stream.flush()
+        told.append(stream.buffer.getvalue().decode("utf-8", "replace"))
+    return code, *told
