@@ -68,6 +68,7 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
     except (NoGrasp, PinograspError) as error:
         return found | {"status": type(error).__name__, "seconds": f"{time.perf_counter() - started:.1f}",
                         "why": str(error).splitlines()[0][:160]}  # fmt: skip
+    bears = pg.grasp_margins(plan.forces).load_factor
     certificate, limits = plan.forces.certificate, hand.effort
     share = np.abs(plan.motion.torques[-1])[limits > 0] / limits[limits > 0]
     return found | {
@@ -80,6 +81,7 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
         "balance_N": f"{certificate.balance_force:.1e}",
         "balance_Nm": f"{certificate.balance_moment:.1e}",
         "load_margin": f"{best.load_margin:.2f}",
+        "squeeze_bears": "" if bears is None or np.isinf(bears) else f"{bears:.3f}",
         "effort_used": f"{share.max():.3f}" if share.size else "no limits",
         "seconds": f"{time.perf_counter() - started:.1f}",
         "why": "; ".join(plan.motion.notes[-1:])[:160] if str(plan.status) != "ok" else "",
@@ -87,7 +89,8 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
 
 
 def table(rows: list[dict]) -> str:
-    """Hands down, objects across: certified forces, contacts, and what the motion says."""
+    """Hands down, objects across: contacts, multiples of the load that the planned squeeze and that other forces there would bear,
+    and what the motion says."""
     lines = ["| hand | cylinder | box | sphere |", "| --- | --- | --- | --- |"]
     for name in dict.fromkeys(one["hand"] for one in rows):
         cells = []
@@ -98,7 +101,8 @@ def table(rows: list[dict]) -> str:
             elif one.get("forces") == "ok":
                 motion = "" if one["status"] == "ok" else f", {one['status']}"
                 size = "" if one["size"] == 1 else f" at {one['size']:g} of the size"
-                cells.append(f"{one['contacts']} contacts, margin {float(one['load_margin']):.1f}{size}{motion}")
+                bears = one["squeeze_bears"] and f"{float(one['squeeze_bears']):.2f}"
+                cells.append(f"{one['contacts']} contacts, {bears or 'any'}, {float(one['load_margin']):.0f}{size}{motion}")
             else:
                 cells.append(f"none: {one['status']}")
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
@@ -113,7 +117,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE / "hands.csv")
     options = parser.parse_args()
     columns = ("hand", "object", "width_mm", "size", "mass_g", "tried", "hold", "status", "forces", "contacts", "links", "energy_Ns",
-               "gap", "balance_N", "balance_Nm", "load_margin", "effort_used", "seconds", "why")  # fmt: skip
+               "gap", "balance_N", "balance_Nm", "load_margin", "squeeze_bears", "effort_used", "seconds", "why")  # fmt: skip
     rows = []
     for name in tqdm(options.hands, unit="hand"):
         hand = pg.load_hand(name)
