@@ -201,8 +201,8 @@ def test_bad_input_gets_one_message_and_exit_code_2(command, tmp_path, name):
 NO_GRASP = {
     "infeasible load": (["--set", "object.mass=30"], "closest to balance"),
     "no friction": (["--set", "friction.mu=0"], "no grasp found"),
-    "unreachable point": (["--set", "hand.position_mm=[300, 37, 50]"], "too far"),
-    "beyond a joint limit": (["--set", "hand.limits_deg={}"], "thumb_abduction at 130.0 deg"),
+    "unreachable point": (["--set", "hand.position_mm=[300, 37, 50]"], "mm are left"),
+    "beyond a joint limit": (["--set", "hand.limits_deg={}"], "with joints at their limits (thumb_abduction at 90.0 deg"),
 }
 
 

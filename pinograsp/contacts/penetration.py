@@ -145,7 +145,7 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
             raise ContactNotReached(
                 name,
                 f"no posture near the given one has its surface at the contact points; {1e3 * np.abs(left).max():.3g} mm are "
-                "left: give another posture or other points",
+                f"left{_at_limits(hand, dofs, angles)}: give another posture or other points",
             )
         q[dofs] = angles
     depth.distances.put(q)
@@ -158,3 +158,14 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
             )
         )
     return ContactSet(contacts=tuple(made), com_o=contacts.com_o, posture=read_only(q))
+
+
+def _at_limits(hand: HandModel, dofs, angles) -> str:
+    """The joints that would go beyond their limits, in words."""
+    stuck = []
+    for i, angle in zip(dofs, angles):
+        if angle in (hand.lower[i], hand.upper[i]):
+            name = hand.joint_names[i]
+            slides = hand.is_prismatic(hand.model.getJointId(name))
+            stuck.append(f"{name} at " + (f"{1e3 * angle:.1f} mm" if slides else f"{np.degrees(angle):.1f} deg"))
+    return f", with joints at their limits ({', '.join(stuck)})" if stuck else ""
