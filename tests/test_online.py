@@ -149,6 +149,24 @@ def test_no_forces_leave_less(seed, count):
     assert missed >= count and unproven <= 0.01 * count
 
 
+@pytest.mark.parametrize("mu", [0.003, 0.01, 0.1])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
+def test_slippery_jaws_do_all_they_can(mu, share):
+    """Two fingers that face each other, across the load: at their caps they bear 2 mu F_n of it, however little friction there is."""
+    frames = [tangent_frame([0.0, side, 0.0]) for side in (1.0, -1.0)]
+    jaws = [
+        Contact(finger=f"jaw {i}", link="", point_o=-0.03 * frame[:, 2], rotation_oc=frame, length=None, distance=0.0)
+        for i, frame in enumerate(frames)
+    ]
+    contacts = ContactSet(contacts=tuple(jaws), com_o=np.zeros(3))
+    cap, load = share / (2 * mu), np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    problem = pg.ForceProblem(contacts=contacts, load=load, mu=mu, friction=pg.Friction(model="cone"))
+    online = pg.OnlineForces(problem, normal_forces=(0.0, cap))
+    forces, _, status = online.step(load)
+    assert status is Status.INFEASIBLE and online.unbalanced == pytest.approx((1 - share) * load, abs=1e-6)
+    assert forces[:, 2] == pytest.approx([cap, cap], rel=1e-6)
+
+
 def test_warm_and_cold_agree_and_forces_follow_the_load():
     problem, _ = problem_of(5, 3, MODELS["cone"])
     online, cold = (pg.OnlineForces(problem, normal_forces=(LOW, 20.0)) for _ in range(2))

@@ -238,7 +238,7 @@ from pinograsp.placement import find_placements
 if __name__ == "__main__":
     print("started", flush=True)
     search = find_placements(pg.load_hand("allegro_right"), pg.Sphere(radius=0.03, mass=0.15), count=100_000, jobs=2, mu=0.7, progress=False)
-    print(search.interrupted, 0 < search.tried < 100_000, sum(search.outcomes.values()) == search.tried)
+    print(search.interrupted, search.tried < 100_000, sum(search.outcomes.values()) == search.tried)
 """
 
 
