@@ -505,6 +505,7 @@ def test_unusable_settings_are_refused(plan, settings, message):
         lambda: Push(wrench_o=[1, 2, 3]),
         lambda: Push(wrench_o=np.zeros(6), duration=0.0),
         lambda: Disturbance(mu=-0.1),
+        lambda: Disturbance(mu=1e308),
         lambda: Disturbance(mass_factor=0.0),
         lambda: Disturbance(shake=[1, np.nan, 0]),
         lambda: Disturbance(pushes=(1,)),

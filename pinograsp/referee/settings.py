@@ -14,6 +14,7 @@ from pinograsp.hands import HandModel
 # Stiffness of a small servo [N m/rad]; sliding joints as stiff as that one is 30 mm from its axis [N/m].
 _TURNING, _SLIDING = 50.0, 50.0 / 0.03**2
 _ROTOR = 1e-4  # [kg m^2]
+_MOST_MU = 1e6
 _SETTLING = 0.01  # [s] damping over stiffness
 
 
@@ -128,6 +129,8 @@ class Disturbance:
         put("shake_frequency", number("shake frequency", self.shake_frequency, above=0, unit="Hz"))
         if self.mu is not None:
             put("mu", number("mu", self.mu, at_least=0))
+            if self.mu > _MOST_MU:
+                raise InvalidInput(f"mu: expected at most {_MOST_MU:g}, got {self.mu:g}")
         put("mass_factor", number("mass factor", self.mass_factor, above=0))
         if self.start_error is not None:
             put("start_error", array_of("start error", self.start_error, (None,)))
