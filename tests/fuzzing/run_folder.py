@@ -215,7 +215,7 @@ def _rename(rng, files: dict) -> None:
             else:
                 files[name] = content.replace(old.encode(), inside)
         elif name.endswith(".npz") and (arrays := _stored(content)) is not None:
-            for key in [key for key in arrays if key.startswith("contact_") and arrays[key].dtype.kind == "U"]:
+            for key in [key for key in arrays if key.startswith("contact_") and arrays[key].dtype.kind == "U" and arrays[key].size < 1000]:
                 arrays[key] = np.array([one.replace(old, new) for one in arrays[key].tolist()])
             files[name] = _archived(arrays)
 
