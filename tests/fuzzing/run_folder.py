@@ -215,7 +215,7 @@ def _rename(rng, files: dict) -> None:
             else:
                 files[name] = content.replace(old.encode(), inside)
         elif name.endswith(".npz") and (arrays := _stored(content)) is not None:
-            for key in [key for key in arrays if key.startswith("contact_") and arrays[key].dtype.kind == "U" and arrays[key].size < 1000]:
+            for key in [key for key in arrays if key.startswith("contact_") and arrays[key].dtype.kind == "U"]:
                 arrays[key] = np.array([one.replace(old, new) for one in arrays[key].tolist()])
             files[name] = _archived(arrays)
 
@@ -226,7 +226,8 @@ def _stored(content: bytes):
             arrays = {name: stored[name] for name in stored.files}
     except Exception:
         return None
-    return {name: array for name, array in arrays.items() if isinstance(array, np.ndarray)}
+    # Some have a hundred million entries of no bytes.
+    return {name: array for name, array in arrays.items() if isinstance(array, np.ndarray) and array.size < 10**6}
 
 
 def _archived(arrays: dict) -> bytes:
