@@ -21,7 +21,7 @@ STARTS = [
     ["plan", "case.yaml"], ["plan", "case.yaml", "--set", "object.mass=1.1", "--json"], ["plan", "--hand", "panda", "--object", OBJECT, "--at", AT],
     ["close", "--hand", "panda", "--object", OBJECT, "--at", AT], ["check", "run", "--hold", "0.02", "--time-step", "0.002"], ["hands", "panda"],
     ["hands", "panda", "--root", "panda_leftfinger", "--json"], ["report", "run"], ["view", "run", "--html", "page.html"], ["sweep", "sweep.yaml", "--jobs", "1"],
-    ["bench", "--contacts", "3"], ["--version"], ["--help"], ["--quiet", "hands", "panda"], ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--push", "0,0,-1@0+0.01"],
+    ["--version"], ["--help"], ["--quiet", "hands", "panda"], ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--push", "0,0,-1@0+0.01"],
 ]  # fmt: skip
 OPTIONS = [
     "--json", "--quiet", "-q", "--verbose", "-v", "-h", "--help", "--version", "--force", "--wrap", "--hulls", "--prescribed", "--no-browser", "--", "-", "",
@@ -53,7 +53,7 @@ def prepare() -> None:
     (folder / "case.yaml").write_bytes(case_file.text_of(case_file.CONVEX))
     before = os.getcwd()
     os.chdir(folder)
-    for line in (["plan", "case.yaml", "--out", "run", "--quiet"], ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--quiet"], ["bench", "--contacts", "3", "--quiet"]):
+    for line in (["plan", "case.yaml", "--out", "run", "--quiet"], ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--quiet"]):
         _run(line)
     os.chdir(before)
     _KEPT["run"] = folder / "run"
