@@ -48,6 +48,8 @@ def does_it_hold(summary: dict, check: dict | None = None) -> Answer:
             return Answer("caution", f"Not with what it was tried with: lost in simulation under disturbances; {reason}.")
         return Answer("no", f"No. Lost in simulation: {reason}.")
     tried = "" if check is None else " Held in simulation."
+    if status == Status.NOT_TRACKED.value:
+        return Answer("caution", f"Not certain: {_LOAD}, but the hand cannot follow their paths. {summary['remedy']}{tried}")
     if status not in (Status.OK.value, Status.UNBALANCED.value):
         told = f"The plan is not complete ({status}): {summary['remedy']}"
         return Answer("no", told) if check is None else Answer("caution", f"{told}{tried}")
@@ -97,7 +99,7 @@ def work(joules: float, exponent: float | None) -> str:
     """Grasp energy by Eq. (9), and what of it is work that the contacts do."""
     told = f"{number(1e3 * joules)} mJ by Eq. (9)"
     if exponent is not None:
-        told += f", {1 + exponent:g} (rho + 1) times the contacts' {number(1e3 * joules / (1 + exponent))} mJ"
+        told += f", rho + 1 = {1 + exponent:g} times the contacts' {number(1e3 * joules / (1 + exponent))} mJ"
     return told
 
 
