@@ -117,7 +117,7 @@ def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
     return frozen(array)
 
 
-_FLOAT = np.dtype(float)
+_FLOAT, _EYE = np.dtype(float), np.eye(3)
 
 
 def floats_of(name: str, value, wanted: str = "numbers") -> np.ndarray:
@@ -186,10 +186,9 @@ def placement_of(name: str, value) -> np.ndarray:
 
 def are_rotations(matrices: np.ndarray) -> np.ndarray:
     """Which of the matrices (..., 3, 3) are orthonormal and right-handed (...,)."""
-    matrices = np.clip(matrices, -2.0, 2.0)  # squares of huge numbers overflow
-    off = np.abs(matrices @ matrices.swapaxes(-1, -2) - np.eye(3)).max(axis=(-1, -2))
-    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
-    return (off <= 1e-6) & (a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) > 0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(matrices @ matrices.swapaxes(-1, -2) - _EYE).max(axis=(-1, -2))
+        return (off <= 1e-6) & (np.linalg.det(matrices) > 0)
 
 
 def number(
@@ -238,6 +237,14 @@ def integer(name: str, value, *, at_least: int | None = None, at_most: int | Non
     return result
 
 
+def processes(jobs) -> int:
+    """``jobs`` as joblib takes it, -1 for all cores, or :class:`InvalidInput`."""
+    jobs = integer("jobs", jobs, at_least=-1, at_most=1000)
+    if jobs == 0:
+        raise InvalidInput("jobs: expected a number of processes, or -1 for all cores, got 0")
+    return jobs
+
+
 def flag(name: str, value) -> bool:
     """``value`` as True or False, or :class:`InvalidInput`: a text or a number is neither."""
     if not isinstance(value, bool | np.bool_):
@@ -245,7 +252,7 @@ def flag(name: str, value) -> bool:
     return bool(value)
 
 
-def text(name: str, value) -> str:
+def text_of(name: str, value) -> str:
     """``value`` if it is a text, or :class:`InvalidInput`."""
     if not isinstance(value, str):
         raise InvalidInput(f"{name}: expected a text, got {shown(value)}")

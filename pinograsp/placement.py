@@ -20,18 +20,8 @@ import pinocchio as pin
 from joblib.externals.loky.backend import resource_tracker
 from tqdm import tqdm
 
-from pinograsp.checks import brief, instance_of, number, one_of
-from pinograsp.contacts import (
-    Closure,
-    Contact,
-    ContactSet,
-    check_geometry,
-    clearance,
-    close_hand,
-    fingertips,
-    link_centre,
-    open_and_closed,
-)
+from pinograsp.checks import brief, flag, instance_of, integer, number, one_of, processes
+from pinograsp.contacts import Closure, Contact, ContactSet, check_geometry, clearance, close_hand, fingertips, link_centre, open_and_closed
 from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
@@ -43,6 +33,7 @@ from pinograsp.writing import failure_told
 _ALIGNED = 0.7  # share of the samples whose object axes are aligned with the hand's
 _TILT = 0.15  # [rad] noise on aligned orientations
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
+_MOST = 100_000  # samples
 _BACKWARDS = 8  # steps that take an overlapping object out of the open hand
 
 
@@ -127,11 +118,15 @@ def find_placements(
     Raises:
         InvalidInput: settings that cannot be used. PinograspError: a process was lost, or the object's own code failed.
     """
-    count = int(number("count", count, at_least=1))
-    number("margin", margin, at_least=0)
     _check_settings(hand, object, torque_limit, impact_time, settings)
     check_geometry(hand)
-    seeds = np.random.SeedSequence(int(seed)).spawn(count)
+    instance_of("object", object, Body)
+    count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
+    margin, impact_time = number("margin", margin, at_least=0), number("impact time t_I", impact_time, at_least=0, unit="s")
+    flag("wrap", wrap)
+    jobs = processes(jobs)
+    instance_of("progress", progress, bool, type(None))
+    seeds = np.random.SeedSequence(seed).spawn(count)
     found, outcomes, tried, interrupted = [], {}, 0, False
     bar = tqdm(total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False)
     # Meshes are heavy: they go to every process once, and never come back.
@@ -237,6 +232,7 @@ def _tried(case: tuple | str, seed) -> tuple[str, Placement | None]:
 
 def hold(closure: Closure, *, torque_limit=None, impact_time=0.9, **settings) -> tuple[str, Placement | None]:
     """Forces that hold a closed hand's object, as a placement; and the outcome in words."""
+    instance_of("closure", closure, Closure)
     touching = [touch for touch in closure.touches if touch.finger]
     if len(touching) < 2:
         return "fewer than two contacts", None

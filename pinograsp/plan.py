@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinograsp.checks import brief
+from pinograsp.checks import brief, instance_of, shown
 from pinograsp.contacts import PALM, Closure, close_hand
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
 from pinograsp.errors import GraspInfeasible, InvalidInput, Status
@@ -355,6 +355,11 @@ def plan_grasp(
         ContactNotReached: a finger cannot reach its contact points.
     """
     started = time.perf_counter()
+    instance_of("hand", hand, HandModel)
+    instance_of("motion", motion, MotionSpec, type(None))
+    instance_of("progress", progress, bool, type(None))
+    for name, value in (("search", search), ("solver", solver)):
+        instance_of(name, value, str, type(None))
     if not isinstance(problem, ForceProblem):
         return _closed_plan(hand, problem, grid, search, solver, objective, torque_limit, motion, progress, settings)
     if settings:
@@ -384,7 +389,7 @@ def _closed_plan(
     elif isinstance(given, Body):
         closure = close_hand(hand, given)
     else:
-        raise InvalidInput(f"problem: expected a ForceProblem, a Closure or an object of pinograsp.objects, got {given!r}")
+        raise InvalidInput(f"problem: expected a ForceProblem, a Closure or an object of pinograsp.objects, got {shown(given)}")
     if "mu" not in settings:
         raise InvalidInput("plan_grasp with an object: expected the friction coefficient, mu=...")
     problem = ForceProblem.holding(closure.object, closure.contacts(), **settings)
@@ -408,7 +413,7 @@ def _convex_plan(hand, problem, solver, objective, torque_limit, motion, progres
     limited = torque_limit is not None
     if limited:
         torque_limit = effort_of(hand, torque_limit)
-    elif objective is not None and "motor_heat" in objective and problem.torques is None:
+    elif isinstance(objective, str | Mapping) and "motor_heat" in objective and problem.torques is None:
         limited, torque_limit = True, np.inf  # motor heat needs the Jacobians, at the posture that is found
     spent = {"forces": 0.0, "motion": 0.0}
     # The torques depend on the posture at t_F, which depends on the forces: a few rounds settle both. The first finds a

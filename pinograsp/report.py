@@ -5,8 +5,11 @@ from __future__ import annotations
 import base64
 import html
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
+from pinograsp.checks import instance_of, items_of, path_of, shown
+from pinograsp.errors import InvalidInput
 from pinograsp.storage import Run
 from pinograsp.words import (
     disturbance_held,
@@ -28,6 +31,8 @@ def headline(run: Run, check: dict | None = None) -> list[str]:
 
     ``check``: ``check.json`` of a simulation of the run, if there was one.
     """
+    instance_of("run", run, Run)
+    _checked_check(check)
     s = run.summary
     forces = s["normal_forces_N"]
     listed = ", ".join(f"{name} {value:.2f} N" for name, value in forces.items())
@@ -53,8 +58,14 @@ def headline(run: Run, check: dict | None = None) -> list[str]:
     return [f"**{what}** {_escaped(text)}" for what, text in lines]
 
 
+def _checked_check(check) -> None:
+    if check is not None and not (isinstance(check, Mapping) and {"held", "engine", "reason", "force_error"} <= set(check)):
+        raise InvalidInput(f"check: expected the check.json of a simulation, got {shown(check)}")
+
+
 def answer(run: Run, check: dict | None = None) -> list[tuple[str, str]]:
     """The answer in a few lines: (what, value with its unit); ``check`` as for :func:`headline`."""
+    instance_of("run", run, Run)
     s = run.summary
     forces = ", ".join(f"{name} {value:.3f}" for name, value in s["normal_forces_N"].items())
     multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in s["multipliers"].items())
@@ -113,6 +124,7 @@ def _safety(s: dict) -> list[tuple[str, str]]:
 
 def failure(run: Run) -> str:
     """``report.md`` of a search that proved that there is no grasp."""
+    instance_of("run", run, Run)
     s = run.summary
     first, *rest = s["message"].splitlines() or [""]
     return "\n".join(
@@ -153,6 +165,7 @@ def markdown(run: Run, figures: list[str] | None = None, check: dict | None = No
 
     ``figures``: names of the files beside it. ``check``: ``check.json`` of a simulation.
     """
+    instance_of("run", run, Run)
     s = run.summary
     lines = [f"# Grasp plan: {_title(run)}", ""]
     lines += [*(f"- {line}" for line in headline(run, check)), "", *_figures(figures, _FIRST), "## In figures", ""]
@@ -219,7 +232,7 @@ _CAPTIONS = {
 def _figures(names, only) -> list[str]:
     """Figures with captions: those ``only``, or all."""
     lines = []
-    for name in names or ():
+    for name in () if names is None else items_of("figures", names, str, Path):
         stem = Path(name).stem
         if only is None or stem in only:
             finger = stem.removeprefix("torques_")
@@ -300,7 +313,9 @@ def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = 
 
     ``figures``: their names there, as :func:`~pinograsp.viz.figures.save_figures` gave them; no other file comes into the page.
     """
-    folder, names = Path(folder), [Path(name).name for name in figures]
+    instance_of("run", run, Run)
+    _checked_check(check)
+    folder, names = path_of("folder", folder), [Path(name).name for name in items_of("figures", figures, str, Path)]
     levels = []
     if run.arrays:
         text = markdown(run, names, check)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pinograsp.checks import instance_of, mapping_of, path_of, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.hands.record import hand_of, hand_record
@@ -76,6 +77,9 @@ class Run:
 
 def run_of(plan, settings: dict | None = None) -> Run:
     """A :class:`Run` of a :class:`~pinograsp.plan.GraspPlan`."""
+    if not (hasattr(plan, "forces") and hasattr(plan, "margins_around")):
+        raise InvalidInput(f"plan: expected a GraspPlan, got {shown(plan)}")
+    settings = {} if settings is None else mapping_of("settings", settings)
     layout = {
         "hand": plan.hand.name,
         "joints": list(plan.hand.joint_names),
@@ -86,7 +90,7 @@ def run_of(plan, settings: dict | None = None) -> Run:
         summary=plan.summary(),
         arrays=plan.arrays() | plan.margins_around(),
         layout=layout,
-        settings=settings or {},
+        settings=settings,
         versions=_versions(plan.forces.solver),
         scene={"hand": hand_record(plan.hand), "object": object_record(plan.problem.object)},
     )
@@ -138,6 +142,10 @@ def save_run(
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"run: expected plain, finite values in summary, layout, settings and scene ({error})") from error
 
+    instance_of("run", run, Run)
+    if extras is not None and not callable(extras):
+        raise InvalidInput(f"extras: expected a function of a path, got {shown(extras)}")
+
     def fill(staging: Path) -> None:
         for name, text in documents.items():
             (staging / name).write_text(text + "\n", encoding="utf-8")
@@ -150,24 +158,28 @@ def save_run(
 
 def newest_check(folder: str | Path) -> Path | None:
     """The folder of the last simulation of a run, where there is one below the run's own."""
-    checks = [path.parent for path in Path(folder).glob("[!.]*/check.json") if path.is_file()]  # hidden: not written to the end
+    try:
+        found = path_of("folder", folder).glob("[!.]*/check.json")  # hidden: not written to the end
+        checks = [path.parent for path in found if path.is_file()]
+    except OSError as error:
+        raise InvalidInput(f"folder: expected that of a run, got {shown(str(folder))}: {error.strerror}") from error
     return max(checks, key=lambda path: (path / "check.json").stat().st_mtime_ns, default=None)
 
 
 def load_check(folder: str | Path) -> tuple[dict, dict[str, np.ndarray]]:
     """Summary and arrays of a simulation; :class:`InvalidInput` where the folder holds none."""
-    folder = Path(folder)
+    folder = path_of("folder", folder)
     try:
         return _of_one(folder, read_check)
     except Exception as error:  # the readers raise whatever comes of a broken file
         raise InvalidInput(
-            f"simulation: expected a folder that 'pinograsp check' wrote, got '{folder}' ({_cause(error)})"
+            f"simulation: expected a folder that 'pinograsp check' wrote, got {shown(str(folder))} ({_cause(error)})"
         ) from error
 
 
 def load_run(folder: str | Path) -> Run:
     """Read a run back; :class:`InvalidInput` where the folder holds none, or one that is damaged or of another schema."""
-    folder = Path(folder)
+    folder = path_of("folder", folder)
 
     def read(folder: Path) -> tuple[dict, dict, dict]:
         scene = folder / "scene.json"

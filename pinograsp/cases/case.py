@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
+from pinograsp.checks import instance_of, path_of
 from pinograsp.contacts import FRICTION_MODELS, Compliance, ContactSet, DecelerationShape, Friction, contacts_at, touching
 from pinograsp.errors import CaseRejected
 from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem, GridSpec, grid_values
@@ -265,6 +266,7 @@ class Case(Section):
 
     def make_contacts(self, hand: HandModel) -> ContactSet:
         """The contacts of ``hand`` on the object."""
+        instance_of("hand", hand, HandModel)
         points: dict[str, list] = {}
         links: dict[str, list] = {}
         lengths: dict[str, list] = {}
@@ -378,8 +380,8 @@ def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = N
     Raises:
         CaseRejected: unknown case, broken YAML, unknown keys or unusable values: all of them named at once.
     """
-    name = str(source)
-    path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(source)
+    name = source if isinstance(source, str) else str(path_of("case", source))
+    path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else path_of("case", source)
     wanted = f"a YAML file or one of: {', '.join(builtin_cases())}"
     data = read_mapping(path, "case", name, wanted, _BIGGEST, "hand, object, contacts...")
     for key, value in changes_of(changes).items():

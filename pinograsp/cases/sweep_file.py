@@ -18,6 +18,7 @@ from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, Vali
 from pinograsp.cases.case import Case, NotNegative, Number, Positive, Section, load_case
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.cases.reading import check_extent, line_of, place_of, put_value, read_mapping
+from pinograsp.checks import mapping_of, path_of
 from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import HandModel
@@ -320,10 +321,11 @@ def load_sweep(source: str | Path | dict) -> SweepSpec:
     """
     name, folder, data = "sweep", Path("."), source
     if not isinstance(source, dict):
-        path = Path(source)
+        path = path_of("sweep", source)
         name, folder = str(path), path.resolve().parent
         keys = "case, over, samples"
         data = read_mapping(path, "sweep", name, f"a YAML file with {keys}", _BIGGEST, keys)
+    mapping_of("sweep", data)
     check_extent(data, f"sweep '{name}'")
     for key in ("name", "folder"):
         if key in data:

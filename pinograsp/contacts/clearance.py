@@ -6,11 +6,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of
+from pinograsp.checks import array_of, instance_of
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_of
-from pinograsp.objects.body import tangents
+from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import FARTHEST
 
 PALM = "palm"
@@ -141,6 +141,7 @@ class Distances:
 
 def check_geometry(hand: HandModel) -> None:
     """Refuse a hand without collision geometry, or with more than can be gone through."""
+    instance_of("hand", hand, HandModel)
     if hand.geometry.ngeoms > _MOST_SHAPES:
         raise InvalidInput(
             f"hand '{hand.name}' has {hand.geometry.ngeoms} collision shapes, expected at most {_MOST_SHAPES}: give root= the hand's "
@@ -203,7 +204,8 @@ def _nearest(hand: HandModel, data, joint: int, point: np.ndarray) -> tuple[floa
 
 def clearance(hand: HandModel, object, q) -> float:
     """Least signed distance of the hand's geometry at q (n,) from the object [m]; negative where they overlap."""
-    distances = Distances(hand, object)
+    check_geometry(hand)
+    distances = Distances(hand, instance_of("object", object, Body))
     distances.put(array_of("q", q, (hand.n,)))
     parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects]
     least = np.inf

@@ -18,13 +18,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import nnls
 
-from pinograsp.checks import array_of, number, read_only
+from pinograsp.checks import array_of, flag, instance_of, items_of, mapping_of, number, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, self_collisions
 from pinograsp.contacts.closure import Closure, Touch
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
-from pinograsp.objects.body import tangents
+from pinograsp.objects.body import Body, tangents
 
 TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes are exact to 1e-9
 _CREEP = 2e-7  # [m] least advance: what passes the object this close is taken to touch it
@@ -73,11 +73,15 @@ def close_hand(
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
     """
     check_geometry(hand)
+    instance_of("object", object, Body)
+    for name, value in (("palm", palm), ("wrap", wrap), ("fixed", fixed)):
+        flag(name, value)
+    friction = number("friction", friction, at_least=0)
     opened, closed = open_and_closed(hand, object) if start is None or target is None else (None, None)
     opened = _posture(hand, "start", start, opened)
     closed = _posture(hand, "target", target, closed)
     if fingers is not None:
-        moving = {int(i) for name in fingers for i in hand.finger(name).dofs}
+        moving = {int(i) for name in items_of("fingers", fingers, str) for i in hand.finger(name).dofs}
         closed = np.where(np.isin(np.arange(hand.n), sorted(moving)), closed, opened)
     beyond = [
         joint for joint, q, low, high in zip(hand.joint_names, opened, hand.lower, hand.upper)
@@ -85,7 +89,6 @@ def close_hand(
     ]  # fmt: skip
     if beyond:
         raise InvalidInput(f"start: expected angles within the joint limits, {', '.join(beyond)} is not")
-    friction = number("friction", friction, at_least=0)
     closing = _Closing(hand, object, opened, closed, palm, wrap)
     closing.approach()
     if not fixed:
@@ -99,7 +102,7 @@ def _posture(hand: HandModel, name: str, given, default) -> np.ndarray:
     if not isinstance(given, Mapping):
         return np.array(array_of(name, given, (hand.n,)))
     q = np.zeros(hand.n) if default is None else np.array(default)
-    for finger, angles in given.items():
+    for finger, angles in mapping_of(name, given, "{finger: joint angles} or joint positions").items():
         chain = hand.finger(finger)
         q[chain.dofs] = array_of(f"{name} of '{finger}'", angles, (chain.n,))
     return q

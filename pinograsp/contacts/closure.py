@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import brief, read_only
+from pinograsp.checks import array_of, brief, flag, read_only
 from pinograsp.contacts.clearance import PALM
 from pinograsp.contacts.contact_set import Contact, ContactSet
 from pinograsp.errors import InvalidInput
@@ -85,6 +85,9 @@ class Closure:
         Raises:
             InvalidInput: nothing touches.
         """
+        flag("palm", palm)
+        flag("patches", patches)
+        gravity_o = array_of("gravity", gravity_o, (3,))
         order = {finger.name: i for i, finger in enumerate(self.hand.fingers)} | {PALM: len(self.hand.fingers)}
         own = [touch for touch in self.touches if touch.finger and (palm or touch.finger != PALM)]
         if not own:

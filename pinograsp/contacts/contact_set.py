@@ -21,7 +21,7 @@ from pinograsp.checks import (
     read_only,
     rebuilt,
     shown,
-    text,
+    text_of,
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
@@ -57,8 +57,8 @@ class Contact:
         def put(name, value):
             object.__setattr__(self, name, value)
 
-        text("finger of the contact", self.finger)
-        text("link of the contact", self.link)
+        text_of("finger of the contact", self.finger)
+        text_of("link of the contact", self.link)
         put("point_o", array_of("contact point", self.point_o, (3,)))
         put("rotation_oc", array_of("contact frame", self.rotation_oc, (3, 3)))
         if not are_rotations(self.rotation_oc):

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
-from pinograsp.checks import array_of, brief, finite_of, number, shown, text
+from pinograsp.checks import array_of, brief, floats_of, number, shown, text_of
 from pinograsp.errors import InvalidInput
 
 
@@ -47,7 +47,7 @@ class DecelerationShape:
         def put(name, value):
             object.__setattr__(self, name, value)
 
-        text("name of the deceleration shape", self.name)
+        text_of("name of the deceleration shape", self.name)
         alpha = _normalised(self.alpha)
         lost = alpha.antiderivative()  # speed lost since the impact / (A tau)
         speed = float(lost(1.0))
@@ -125,7 +125,10 @@ class DecelerationShape:
 
 
 def _clipped(u) -> np.ndarray:
-    return np.minimum(np.maximum(finite_of("u", u), 0.0), 1.0)
+    u = floats_of("u", u)
+    if np.isnan(u).any():
+        raise InvalidInput(f"u: expected numbers, got {shown(u.tolist())}")
+    return np.minimum(np.maximum(u, 0.0), 1.0)
 
 
 def _numbers(name: str, value, wanted: str, *, least: int) -> np.ndarray:

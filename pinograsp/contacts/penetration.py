@@ -12,11 +12,12 @@ from dataclasses import replace
 import coal
 import numpy as np
 
-from pinograsp.checks import read_only
+from pinograsp.checks import array_of, instance_of, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.errors import ContactNotReached, GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _ALIKE = 1e-7  # [rad] normals this close are the same
@@ -103,6 +104,10 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
         ContactNotReached: there is no such posture within the joint limits near the given one.
         InvalidInput: several contacts on one link.
     """
+    instance_of("hand", hand, HandModel)
+    instance_of("object", object, Body)
+    instance_of("contacts", contacts, ContactSet)
+    posture = array_of("posture", posture, (hand.n,))
     depth = Penetration(hand, object, contacts)
     if any(depth.corner):
         raise InvalidInput("touching: expected one contact point a link: a surface touches a smooth object in one point")

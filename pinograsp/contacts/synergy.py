@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.checks import instance_of
 from pinograsp.contacts.clearance import Distances, HandPart, link_centre
 from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
 from pinograsp.spatial import skew
 
 _ROOM = 0.08  # of its range that a turning joint keeps from its stop: approaches swing back a little before they close
@@ -21,6 +23,8 @@ def open_and_closed(hand: HandModel, object) -> tuple[np.ndarray, np.ndarray]:
     fingertip away from the object (turning joints keep a little room there) to the one that takes it there. Other joints
     spread or oppose the fingers: each stays where its finger, when it flexes, comes nearest to the object.
     """
+    instance_of("hand", hand, HandModel)
+    instance_of("object", object, Body)
     room = _ROOM * (hand.upper - hand.lower)
     middle = np.clip(np.zeros(hand.n), hand.lower, hand.upper)
     data = hand.model.createData()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinograsp.checks import array_of
+from pinograsp.checks import array_of, shown
 from pinograsp.errors import InvalidInput
 
 _SLACK = 1e-6  # beyond a control range, in its unit
@@ -30,7 +30,7 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
         joints = [model.joint(j).name for j in range(model.njnt)]
         actuators = [model.actuator(u).name or f"actuator {u}" for u in range(model.nu)]
     except (AttributeError, TypeError) as error:
-        raise InvalidInput(f"model: expected a mujoco.MjModel, got {model!r}") from error
+        raise InvalidInput(f"model: expected a mujoco.MjModel, got {shown(model)}") from error
     missing = [prefix + name for name in every.names if prefix + name not in joints]
     if missing:
         raise InvalidInput(f"model: expected the joints {', '.join(missing)}, it has {', '.join(joints) or 'none'}: see prefix=")

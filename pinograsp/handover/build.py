@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pinograsp.checks import array_of, number, read_only
+from pinograsp.checks import array_of, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.handover.quintic import between, interpolated
 from pinograsp.handover.trajectory import JointTrajectory
@@ -122,7 +122,7 @@ def _parts(plan):
         arrays |= {"gravity": plan.problem.gravity_o, "points_o": contacts.points_o, "contact_names": contacts.names}
         return plan.hand, arrays | {"contact_links": [contact.link for contact in contacts]}, plan.status
     if not (hasattr(plan, "arrays") and hasattr(plan, "layout")):
-        raise InvalidInput(f"plan: expected a GraspPlan or the run of one, got {plan!r}")
+        raise InvalidInput(f"plan: expected a GraspPlan or the run of one, got {shown(plan)}")
     needed = ("times", "impact", "q", "dq", "ddq", "torques", "gravity", "points_o", "contact_names", "contact_links")
     if missing := [name for name in needed if name not in plan.arrays]:
         raise InvalidInput(f"plan: expected one with its motion, got a run without {', '.join(missing)}: plan it again")

@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from pinograsp.checks import array_of, brief, one_of, read_only
+from pinograsp.checks import array_of, brief, flag, one_of, path_of, read_only, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import controls
 from pinograsp.handover.quintic import between, interpolated
@@ -116,16 +116,17 @@ class JointTrajectory:
         Raises:
             ResultsNotWritten: the place cannot be written.
         """
-        own = self.with_followers() if followers else self
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
+        path = path_of("path", path)
+        own = self.with_followers() if flag("followers", followers) else self
+        written = io.StringIO()
+        table = csv.writer(written, lineterminator="\n")
         quoting = csv.QUOTE_ALL if any("\r" in name for name in own.names) else csv.QUOTE_MINIMAL  # csv itself overlooks it
-        csv.writer(text, lineterminator="\n", quoting=quoting).writerow(
+        csv.writer(written, lineterminator="\n", quoting=quoting).writerow(
             ["time", *(f"{_no_formula(name)}/{kind}" for kind in _FIELDS for name in own.names)]
         )
         rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in _FIELDS.values())])
         table.writerows([repr(value) for value in row] for row in rows.tolist())
-        write_file(path, text.getvalue().encode())
+        write_file(path, written.getvalue().encode())
         return own
 
     def to_ros2(
@@ -146,10 +147,12 @@ class JointTrajectory:
             InvalidInput: another suffix. ResultsNotWritten: the place cannot be written.
         """
         if path is not None:
-            one_of("suffix of a ROS 2 message", Path(path).suffix, (".yaml", ".yml", ".json"))
-        own = self.with_followers() if followers else self
+            path = path_of("path", path)
+            one_of("suffix of a ROS 2 message", path.suffix, (".yaml", ".yml", ".json"))
+        frame = text_of("frame", frame)
+        own = self.with_followers() if flag("followers", followers) else self
         columns = {name: getattr(own, attribute).tolist() for name, attribute in _MESSAGE.items()}
-        if not effort:
+        if not flag("effort", effort):
             columns["effort"] = [[] for _ in own.times]
         points = []
         for i, t in enumerate(own.times):
@@ -157,10 +160,10 @@ class JointTrajectory:
             points.append({name: rows[i] for name, rows in columns.items()} | {"time_from_start": {"sec": sec, "nanosec": nanosec}})
         header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
         message = {"header": header, "joint_names": list(own.names), "points": points}
-        message = {"trajectory": message} if goal else message
+        message = {"trajectory": message} if flag("goal", goal) else message
         if path is not None:
-            text = json.dumps(message, allow_nan=False) + "\n" if Path(path).suffix == ".json" else yaml_of(message)
-            write_file(path, text.encode())
+            content = json.dumps(message, allow_nan=False) + "\n" if path.suffix == ".json" else yaml_of(message)
+            write_file(path, content.encode())
         return message
 
     def to_mujoco(self, path: str | Path, *, model=None, qpos=None, feed_forward: bool = True, prefix: str = "") -> JointTrajectory:
@@ -186,7 +189,9 @@ class JointTrajectory:
         Raises:
             InvalidInput: another suffix, not a model, or one without the hand's joints. ResultsNotWritten.
         """
-        path = Path(path)
+        path = path_of("path", path)
+        flag("feed_forward", feed_forward)
+        text_of("prefix", prefix)
         one_of("suffix of MuJoCo keyframes", path.suffix, (".xml",))
         own, notes = self.with_followers(), []
         if model is None:
@@ -211,8 +216,8 @@ class JointTrajectory:
             values = {
                 "time": arrays["times"][i : i + 1], "qpos": arrays["qpos"][i], "qvel": arrays["qvel"][i], "ctrl": arrays["ctrl"][i],
             }  # fmt: skip
-            text = " ".join(f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size)
-            lines.append(f'<key name="{name}" {text}/>')
+            attributes = " ".join(f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size)
+            lines.append(f'<key name="{name}" {attributes}/>')
         archive = io.BytesIO()
         np.savez_compressed(archive, **arrays, **{kind: np.array(values, dtype=str) for kind, values in names.items()})
         write_file(path.with_suffix(".npz"), archive.getvalue())
@@ -227,6 +232,7 @@ def _no_formula(name: str) -> str:
 
 def read_csv(path: str | Path) -> JointTrajectory:
     """The trajectory in a table that :meth:`JointTrajectory.to_csv` wrote; :class:`InvalidInput` where it is none."""
+    path = path_of("path", path)
     try:
         with open(path, newline="", encoding="utf-8") as file:
             header, *rows = csv.reader(file)
@@ -251,11 +257,11 @@ def read_ros2(path: str | Path) -> JointTrajectory:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
-    path = Path(path)
+    path = path_of("path", path)
     one_of("suffix of a ROS 2 message", path.suffix, (".yaml", ".yml", ".json"))
     try:
-        text = path.read_text(encoding="utf-8")
-        message = json.loads(text) if path.suffix == ".json" else YAML(typ="safe").load(text)
+        content = path.read_text(encoding="utf-8")
+        message = json.loads(content) if path.suffix == ".json" else YAML(typ="safe").load(content)
         message = message.get("trajectory", message)
         names, points = tuple(map(str, message["joint_names"])), message["points"]
         times = [point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points]

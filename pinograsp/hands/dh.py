@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from pinograsp.checks import array_of, instance_of, items_of, number, placement_of, shown, text_of
 from pinograsp.spatial import pose_of
 
 
@@ -23,6 +24,10 @@ class Ellipsoid:
     a: float
     b: float
     c: float
+
+    def __post_init__(self):
+        for name in ("a", "b", "c"):
+            object.__setattr__(self, name, number(f"semi-axis {name}", getattr(self, name), above=0, unit="m"))
 
     def mass(self, density: float) -> float:
         """Mass [kg] at ``density`` [kg/m^3]."""
@@ -49,6 +54,13 @@ class Link:
     upper: float
     phalanx: Ellipsoid | None = None
 
+    def __post_init__(self):
+        text_of("name of the joint", self.joint)
+        text_of("name of the link", self.link)
+        for name in ("d", "a", "alpha", "lower", "upper"):
+            object.__setattr__(self, name, number(f"{name} of link {shown(self.link)}", getattr(self, name)))
+        instance_of("phalanx", self.phalanx, Ellipsoid, type(None))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FingerDescription:
@@ -59,10 +71,16 @@ class FingerDescription:
     links: tuple[Link, ...]
     metacarpal: Ellipsoid | None = None
 
+    def __post_init__(self):
+        text_of("name of the finger", self.name)
+        object.__setattr__(self, "base", placement_of("base of the finger", self.base))
+        object.__setattr__(self, "links", items_of("links", self.links, Link))
+        instance_of("metacarpal", self.metacarpal, Ellipsoid, type(None))
+
     def frames(self, q) -> list[np.ndarray]:
         """DH frames {0}..{n} in the palm frame at joint angles ``q`` [rad]; the last one is the fingertip."""
         frames = [np.array(self.base)]
-        for link, angle in zip(self.links, q, strict=True):
+        for link, angle in zip(self.links, array_of("q", q, (len(self.links),)).tolist()):
             c, s, ca, sa = math.cos(angle), math.sin(angle), math.cos(link.alpha), math.sin(link.alpha)
             step = np.array(
                 [
@@ -86,6 +104,13 @@ class HandDescription:
     effort: float
     velocity: float
     notes: str = ""
+
+    def __post_init__(self):
+        text_of("name of the hand", self.name)
+        text_of("notes", self.notes)
+        object.__setattr__(self, "fingers", items_of("fingers", self.fingers, FingerDescription))
+        for name, unit in (("density", "kg/m^3"), ("effort", "N m"), ("velocity", "rad/s")):
+            object.__setattr__(self, name, number(name, getattr(self, name), above=0, unit=unit))
 
     def to_xacro(self) -> str:
         """The description as a xacro text; its one argument is ``density`` [kg/m^3]."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 import codecs
 import difflib
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.errors import HandNotLoaded, InvalidInput
+from pinograsp.checks import flag, instance_of, mapping_of, path_of, text_of
+from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, mjcf
 from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.hands.elements import is_file, parse, read_bytes
@@ -64,8 +64,16 @@ def load_hand(
         HandNotLoaded: the file is missing or broken; all problems found are listed.
         InvalidInput: a name or a limit given here does not fit the hand.
     """
-    _check_arguments(root=(root, str), palm=(palm, str), fingers=(fingers, Mapping), limits=(limits, Mapping))
-    name = str(source)
+    for argument, value in (("root", root), ("palm", palm)):
+        instance_of(argument, value, str, type(None))
+    flag("hulls", hulls)
+    flag("trusted", trusted)
+    if fingers is not None:
+        fingers = {
+            text_of("name of a finger", finger): text_of(f"link of finger '{finger}'", link)
+            for finger, link in mapping_of("fingers", fingers, "{finger: link}").items()
+        }
+    name = str(path_of("hand", source)) if not isinstance(source, str) else source
     if name in CATALOGUE:
         path, entry = file_of(name), CATALOGUE[name]
         root, palm, fingers = root or entry.root, palm or entry.palm, fingers or entry.fingers
@@ -90,13 +98,6 @@ def load_hand(
     if hulls:
         hand = replace(hand, geometry=geometry.hulls(hand.geometry))
     return hand if pose is None else hand.placed(pose)
-
-
-def _check_arguments(**arguments) -> None:
-    for name, (value, kind) in arguments.items():
-        if value is not None and not isinstance(value, kind):
-            wanted = "a link name" if kind is str else "a mapping"
-            raise InvalidInput(f"{name}: expected {wanted}, got {value!r}")
 
 
 def _file(name: str) -> Path:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, brief, one_of, placement_of, read_only
+from pinograsp.checks import array_of, brief, integer, items_of, mapping_of, one_of, placement_of, read_only, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import pose_of
@@ -43,7 +43,7 @@ class Finger:
 
     def joint_of(self, link: str) -> int:
         """Pinocchio index of the joint that moves ``link``."""
-        return self.joint_ids[self.links.index(link)]
+        return self.joint_ids[self.links.index(one_of(f"link of finger '{self.name}'", link, self.links))]
 
     @property
     def coupled(self) -> bool:
@@ -147,31 +147,35 @@ class HandModel:
     def configuration(self, angles: dict[str, np.ndarray]) -> np.ndarray:
         """q (n,) [rad] with the given fingers at the given joint angles and every other joint at 0."""
         q = np.zeros(self.n)
-        for name, values in angles.items():
+        for name, values in mapping_of("angles", angles, "{finger: joint angles}").items():
             finger = self.finger(name)
             q[finger.dofs] = array_of(f"joint angles of '{name}'", values, (finger.n,))
         return q
 
     def is_prismatic(self, joint_id: int) -> bool:
         """Whether a joint slides (its q in m, its effort in N) rather than turns."""
-        joint = self.model.joints[joint_id]
+        joint = self._joint(joint_id)
         if joint.shortname() == "JointModelMimic":  # its own type is told in its text alone
             return "Mimicking joint type: JointModelP" in str(joint.extract())
         return joint.shortname().startswith("JointModelP")
 
     def ratio(self, joint_id: int) -> float:
         """How far a joint moves for each unit of the actuated joint that it follows; 1 for an actuated joint."""
-        joint = self.model.joints[joint_id]
+        joint = self._joint(joint_id)
         return float(joint.extract().scaling) if joint.shortname() == "JointModelMimic" else 1.0
+
+    def _joint(self, joint_id: int):
+        return self.model.joints[integer("joint", joint_id, at_least=0, at_most=self.model.njoints - 1)]
 
     def frame_placements(self, q, names) -> np.ndarray:
         """Placements oMf (len(names), 4, 4) of the named frames at ``q`` (n,) [rad]."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, array_of("q", q, (self.n,)))
-        return np.array([data.oMf[self.frame_id(name)].homogeneous for name in names])
+        return np.array([data.oMf[self.frame_id(name)].homogeneous for name in items_of("frames", names, str)]).reshape(-1, 4, 4)
 
     def frame_id(self, name: str) -> int:
         """Pinocchio's index of a frame, of the link where a joint has the same name; unknown names are refused."""
+        text_of(f"frame of hand '{self.name}'", name)
         for kind in (pin.FrameType.BODY, pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
             if self.model.existFrame(name, kind):
                 return self.model.getFrameId(name, kind)
@@ -204,7 +208,7 @@ class HandModel:
         """The same hand with the position limits of some joints replaced [rad or m]; each change is noted."""
         model, notes = self.model.copy(), list(self.notes)
         lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
-        for joint, bounds in limits.items():
+        for joint, bounds in mapping_of("limits", limits, "{joint: (lower, upper)}").items():
             one_of(f"joint of hand '{self.name}'", joint, self.joint_names)
             low, high = array_of(f"limits of '{joint}'", bounds, (2,))
             if not low < high:

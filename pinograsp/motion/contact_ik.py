@@ -15,13 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, brief, number, read_only
+from pinograsp.checks import array_of, brief, instance_of, integer, mapping_of, number, read_only
 from pinograsp.contacts import PALM, Contact, ContactSet
 from pinograsp.errors import ContactNotReached, InvalidInput
 from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.jacobian import point_jacobian
 
 REACHED = 1e-9  # [m] every posture must put its contact points back this close by forward kinematics
+MOST_SAMPLES = 10_000  # postures of a redundant joint
 _STRAIGHT = 1e-9  # [m, -] how exactly a finger must be planar for the closed form to hold
 _LIMIT_SLACK = 1e-9  # [rad] a limit met exactly must survive rounding
 
@@ -87,12 +88,13 @@ def contact_postures(
         ContactNotReached: a finger has no posture, with the nearest miss.
         InvalidInput: a reference for an unknown finger, or of the wrong size.
     """
-    number("spread", spread, at_least=0, unit="rad")
-    if samples < 1:
-        raise InvalidInput(f"samples: expected at least 1, got {samples}")
+    instance_of("hand", hand, HandModel)
+    instance_of("contacts", contacts, ContactSet)
+    spread = number("spread", spread, at_least=0, unit="rad")
+    samples = integer("samples", samples, at_least=1, at_most=MOST_SAMPLES)
     reference = {
         name: array_of(f"reference angles of '{name}'", angles, (hand.finger(name).n,))
-        for name, angles in (reference or {}).items()
+        for name, angles in mapping_of("reference", {} if reference is None else reference, "{finger: joint angles}").items()
         if name != PALM
     }
     result = {}

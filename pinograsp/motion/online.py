@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, number
+from pinograsp.checks import (
+    are_rotations,
+    array_of,
+    each_of,
+    flag,
+    instance_of,
+    integer,
+    number,
+    one_of,
+    shown,
+)
 from pinograsp.contacts import PALM
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem
@@ -66,8 +76,8 @@ class OnlineForces:
             InvalidInput: what cannot be used, with the reason. ExtraMissing: numba (extra ``fast``) is not installed.
         """
         kernels = compiled_solvers()
-        if not isinstance(problem, ForceProblem):
-            raise InvalidInput(f"OnlineForces: expected a ForceProblem, got {type(problem).__name__}")
+        instance_of("problem", problem, ForceProblem)
+        instance_of("hand", hand, HandModel, type(None))
         friction, k = problem.friction, problem.k
         if not friction.separates:
             raise InvalidInput(f"OnlineForces: expected a cone, soft fingers or 4 edges, got a pyramid with {friction.edges}")
@@ -88,7 +98,7 @@ class OnlineForces:
         self._frames[:, 12] = problem.mu
         self._limits[2:] = 1.0
         self._limits[:2] = self._range(normal_forces)
-        steps = int(number("most steps", max_steps, at_least=1))
+        steps = integer("most steps", max_steps, at_least=1, at_most=10_000)
         self._settings[:] = (
             problem.rows, friction.round_dimensions, friction.torsion, problem.moment_length, friction.safety, steps, np.inf,
             min(1.0, self.period / ramp) if ramp else 1.0, *self._com, k,
@@ -107,6 +117,8 @@ class OnlineForces:
     @classmethod
     def of(cls, plan, **settings) -> OnlineForces:
         """For a plan's grasp, from the posture that it ends in; ``settings`` as for the class."""
+        if not (hasattr(plan, "problem") and hasattr(plan, "motion")):
+            raise InvalidInput(f"plan: expected a GraspPlan, got {shown(plan)}")
         problem, motion = plan.problem, plan.motion
         return cls(problem, **{"hand": plan.hand, "q": motion.q[-1]} | settings)
 
@@ -121,10 +133,9 @@ class OnlineForces:
         try:
             low, high = given
         except (TypeError, ValueError):
-            raise InvalidInput(f"normal forces: expected (least, largest) [N], got {given!r}") from None
+            raise InvalidInput(f"normal forces: expected (least, largest) [N], got {shown(given)}") from None
         both = np.array([
-            array_of(f"{name} normal forces", np.broadcast_to(value, (problem.k,)) if np.ndim(value) == 0 else value, (problem.k,))
-            for name, value in (("least", low), ("largest", high))
+            each_of(f"{name} normal forces", value, problem.k) for name, value in (("least", low), ("largest", high))
         ])  # fmt: skip
         if np.any(both[0] < 0) or np.any(both[0] > both[1]):
             raise InvalidInput(f"normal forces: expected 0 <= least <= largest [N], got {both[0].tolist()} and {both[1].tolist()}")
@@ -194,12 +205,9 @@ class OnlineForces:
     def engage(self, contact: str | int, touches: bool = True) -> None:
         """A contact (name or number) is gained or lost: the limits of its force go there in the time of ``ramp``, without a jump."""
         if isinstance(contact, str):
-            if contact not in self.names:
-                raise InvalidInput(f"contact '{contact}': expected one of {', '.join(self.names)}")
-            contact = self.names.index(contact)
-        if not -len(self.names) <= contact < len(self.names):
-            raise InvalidInput(f"contact {contact}: expected a number below {len(self.names)}")
-        self._limits[3, contact] = float(bool(touches))
+            contact = self.names.index(one_of("contact", contact, self.names))
+        contact = integer("contact", contact, at_least=-len(self.names), at_most=len(self.names) - 1)
+        self._limits[3, contact] = float(flag("touches", touches))
         if not self._started:
             self._limits[2, contact] = self._limits[3, contact]
 
@@ -239,10 +247,12 @@ class OnlineForces:
             q = _checked("q", q, (self.hand.n,), _FAR)
         if poses is not None:
             poses = _checked("poses", poses, (k, 4, 4), _FAR)
+            if not are_rotations(poses[:, :3, :3]).all():
+                raise InvalidInput("poses: expected contact frames with orthonormal right-handed rotations")
         if mu is not None:
-            mu = _checked("mu", mu if np.ndim(mu) else np.full(k, number("mu", mu)), (k,), _FAR)
+            mu = _checked("mu", each_of("mu", mu, k), (k,), _FAR)
             if mu.min() < 0:
-                raise InvalidInput(f"mu: expected friction coefficients >= 0, got {mu.tolist()}")
+                raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(mu.tolist())}")
             self._frames[:, 12] = mu
         if poses is not None:
             self._place(poses[:, :3, 3], poses[:, :3, :3])

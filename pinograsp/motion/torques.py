@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, floats_of, one_of, shown
+from pinograsp.checks import array_of, each_of, floats_of, instance_of, one_of, shown
 from pinograsp.contacts import PALM, ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimits
@@ -77,11 +77,12 @@ def torque_limits(
     Raises:
         InvalidInput: contacts without links, or a hand without any effort limit.
     """
-    model = hand.model.copy()
+    model = instance_of("hand", hand, HandModel).model.copy()
+    k = len(instance_of("contacts", contacts, ContactSet))
     model.gravity.linear = array_of("gravity", gravity_o, (3,))
     q = array_of("q", q, (hand.n,))
     limit = effort_of(hand, "effort" if limit is None else limit)
-    depth = array_of("depth", np.full(len(contacts), depth) if np.ndim(depth) == 0 else depth, (len(contacts),))
+    depth = each_of("depth", depth, k)
     data = model.createData()
     bias = pin.computeGeneralizedGravity(model, data, q)
     pin.computeJointJacobians(model, data, q)

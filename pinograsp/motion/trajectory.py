@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pinograsp.checks import brief, instance_of, number, one_of, read_only
+from pinograsp.checks import brief, instance_of, integer, mapping_of, number, one_of, read_only
 from pinograsp.contacts import PALM
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import HandModel
 from pinograsp.motion.approach import STARTS, approach
-from pinograsp.motion.contact_ik import contact_postures, moving_groups
+from pinograsp.motion.contact_ik import MOST_SAMPLES, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 
@@ -28,6 +28,7 @@ _SURFACE = 1e-5
 _HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do not move them
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
+_MOST_TIMES = 200_000  # steps of a motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,11 +54,13 @@ class MotionSpec:
     __repr__ = brief()
 
     def __post_init__(self):
-        number("spread", self.spread, at_least=0, unit="rad")
-        number("time step", self.time_step, above=0, unit="s")
+        object.__setattr__(self, "spread", number("spread", self.spread, at_least=0, unit="rad"))
+        object.__setattr__(self, "time_step", number("time step", self.time_step, above=0, unit="s"))
         one_of("acceleration at start", self.acceleration_at_start, STARTS)
-        if self.samples != int(self.samples) or self.samples < 1:
-            raise InvalidInput(f"samples: expected a whole number >= 1, got {self.samples}")
+        object.__setattr__(self, "samples", integer("samples", self.samples, at_least=1, at_most=MOST_SAMPLES))
+        for name in ("posture", "start"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, mapping_of(name, getattr(self, name), "{finger: joint angles}"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +110,8 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
         ContactNotReached: a finger has no posture at its contact points.
         InvalidInput: unknown fingers or wrong sizes in ``spec``, or a solution without forces.
     """
-    spec = MotionSpec() if spec is None else spec
+    instance_of("hand", hand, HandModel)
+    spec = MotionSpec() if spec is None else instance_of("spec", spec, MotionSpec)
     instance_of("solution", solution, ForceSolution, RobustForces)
     if isinstance(solution, RobustForces):
         solution = solution.under()
@@ -118,6 +122,8 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
     )
     profile = solution.profile
     t_I, t_F = profile.impact_time, profile.final_time
+    if t_F / spec.time_step > _MOST_TIMES:
+        raise InvalidInput(f"time step: expected at least {t_F / _MOST_TIMES:g} s, got {spec.time_step:g} s")
     before = np.linspace(0.0, t_I, max(2, math.ceil(t_I / spec.time_step - 1e-9)) + 1)
     after = np.linspace(t_I, t_F, max(4, math.ceil((t_F - t_I) / spec.time_step - 1e-9)) + 1)
     start = hand.configuration(spec.start or {})

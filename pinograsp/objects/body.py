@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pinograsp.checks import array_of, brief, number, placement_of, read_only
+from pinograsp.checks import array_of, brief, number, placement_of, read_only, shown
 from pinograsp.errors import InvalidInput
 
 # Nearer than this to a centre, an axis or a mid-plane [m], no direction to the surface is preferred over another;
 # nearer than this to an edge, no curvature is. Far above rounding for things of a metre, far below any tolerance.
 NO_DIRECTION = 1e-9
+_FAR = 1e100  # [m] squares of more overflow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,7 +109,10 @@ class Body:
         return curvatures, first @ self.pose[:3, :3].T
 
     def _local(self, points_o) -> np.ndarray:
-        return (array_of("points", points_o, (None, 3)) - self.com_o) @ self.pose[:3, :3]
+        points = array_of("points", points_o, (None, 3))
+        if np.abs(points).max(initial=0.0) > _FAR:
+            raise InvalidInput(f"points: expected them within {_FAR:g} m of the origin, got {shown(points.tolist())}")
+        return (points - self.com_o) @ self.pose[:3, :3]
 
     def _refuse(self, where: np.ndarray, points_b: np.ndarray, complaint: str) -> None:
         """Raise the complaint about the first of the points (k, 3) for which ``where`` (k,) holds."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from pinograsp.checks import one_of
+from pinograsp.checks import one_of, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.ellipsoid import Ellipsoid
@@ -47,7 +47,7 @@ def object_from(spec: str) -> Body:
         InvalidInput: unknown shape or field, a field missing or given twice, or a value that cannot be used.
     """
     if not isinstance(spec, str):
-        raise InvalidInput(f"object: expected a text such as 'sphere:radius=0.03,mass=0.2', got {spec!r}")
+        raise InvalidInput(f"object: expected a text such as 'sphere:radius=0.03,mass=0.2', got {shown(spec)}")
     shape, _, rest = spec.strip().partition(":")
     make, needed, optional = _SHAPES[one_of("shape of the object", shape.strip(), _SHAPES)]
     fields = {**needed, **optional, **_WEIGHT}
@@ -56,17 +56,17 @@ def object_from(spec: str) -> Body:
     for part in re.split(r",(?=\s*\w+\s*=)", rest) if rest.strip() else []:
         name, equals, text = (piece.strip() for piece in part.partition("="))
         if not equals:
-            raise InvalidInput(f"object '{spec}': expected field=value, got '{part}'; fields: {', '.join(fields)}")
+            raise InvalidInput(f"object {shown(spec)}: expected field=value, got {shown(part)}; fields: {', '.join(fields)}")
         read, wanted = fields[one_of(f"field of {shape.strip()}", name, fields)]
         if name in values:
-            raise InvalidInput(f"object '{spec}': expected each field once, got {name} twice")
+            raise InvalidInput(f"object {shown(spec)}: expected each field once, got {name} twice")
         try:
             values[name] = read(text)
         except (KeyError, ValueError):
-            raise InvalidInput(f"object '{spec}': {name}: expected {wanted}, got '{text}'") from None
+            raise InvalidInput(f"object {shown(spec)}: {name}: expected {wanted}, got {shown(text)}") from None
     missing = [name for name in needed if name not in values]
     if missing:
         raise InvalidInput(
-            f"object '{spec}': expected {', '.join(needed)} and mass or density, got no {', '.join(missing)}"
+            f"object {shown(spec)}: expected {', '.join(needed)} and mass or density, got no {', '.join(missing)}"
         )
     return make(**values)

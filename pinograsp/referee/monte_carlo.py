@@ -6,13 +6,14 @@ import contextlib
 import math
 import time
 from dataclasses import asdict, dataclass, fields
+from numbers import Real
 from pathlib import Path
 
 import joblib
 import numpy as np
 from tqdm import tqdm
 
-from pinograsp.checks import array_of, brief, number
+from pinograsp.checks import array_of, brief, floats_of, instance_of, integer, number, path_of, processes
 from pinograsp.errors import InvalidInput
 from pinograsp.interrupts import interrupts_kept
 from pinograsp.referee.settings import Disturbance, Push, Servo
@@ -23,6 +24,7 @@ FILE, SCHEMA = "monte_carlo.jsonl", "pinograsp.monte_carlo/1"
 TOGETHER = "together"
 _Z = 1.959963984540054  # 97.5 % quantile of the normal distribution
 _ARM = 0.03  # [m] what a radian of a turning joint is to a sliding one, as for the servos
+_MOST = 1_000_000  # trials
 _LIGHTEST = 0.01  # of the planned mass
 _STANDARD_GRAVITY = 9.81  # [m/s^2]
 
@@ -53,8 +55,8 @@ class Errors:
     def __post_init__(self):
         for field in fields(self):
             name, value = field.name, getattr(self, field.name)
-            several = np.ndim(value) > 0 and name in ("position", "rotation", "friction")
-            if several:
+            several = name in ("position", "rotation", "friction") and not isinstance(value, Real)
+            if several and floats_of(f"error of {name}", value).ndim:
                 kept = tuple(array_of(f"error of {name}", value, (2 if name == "friction" else 3,)).tolist())
                 if min(kept) < 0 or (name == "friction" and kept[0] > kept[1]):
                     wanted = "0 <= lowest mu <= highest" if name == "friction" else "values >= 0"
@@ -220,10 +222,11 @@ def monte_carlo(
         ResultsNotWritten: the folder cannot be written, or another process writes trials there.
     """
     started = time.perf_counter()
-    count, seed = int(number("count", count, at_least=1)), int(number("seed", seed, at_least=0))
-    errors = Errors() if errors is None else errors
-    if not isinstance(errors, Errors):
-        raise InvalidInput(f"errors: expected pinograsp.referee.Errors, got {errors!r}")
+    count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
+    errors = Errors() if errors is None else instance_of("errors", errors, Errors)
+    jobs = processes(jobs)
+    instance_of("progress", progress, bool, type(None))
+    folder = None if folder is None else path_of("folder", folder)
     task, settings = common_settings(plan, settings)
     push = Push(wrench_o=np.zeros(6))
     over = push.start + push.duration
@@ -232,7 +235,7 @@ def monte_carlo(
 
     told = {name: _plain(value) for name, value in settings.items()}
     header = {"schema": SCHEMA, "seed": seed, "errors": errors.summary(), "settings": told, "plan": _identity(task)}
-    log = TrialLog(None if folder is None else Path(folder) / FILE, header)
+    log = TrialLog(None if folder is None else folder / FILE, header)
     names = (*errors.kinds, TOGETHER)
     wanted = [(name, trial) for name in names for trial in range(count)]
     todo = [key for key in wanted if key not in log.rows]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, brief, number
+from pinograsp.checks import array_of, brief, each_of, floats_of, instance_of, items_of, number, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 
@@ -34,11 +34,11 @@ class Servo:
     __repr__ = brief()
 
     def __post_init__(self):
-        n = np.size(self.stiffness)
+        n = floats_of("servo stiffness", self.stiffness).size
         for name in ("stiffness", "damping", "rotor"):
             values = array_of(f"servo {name}", getattr(self, name), (n,))
             if np.any(values < 0) or (name == "stiffness" and np.any(values == 0)):
-                raise InvalidInput(f"servo {name}: expected values > 0, got {values.tolist()}")
+                raise InvalidInput(f"servo {name}: expected values > 0, got {shown(values.tolist())}")
             object.__setattr__(self, name, values)
 
     @classmethod
@@ -49,7 +49,7 @@ class Servo:
         coupled, motors have a rotor (1e-4 kg m^2, 0.11 kg) and are critically damped: MuJoCo couples joints well only if damping
         need not be implicit.
         """
-        model = hand.model
+        model = instance_of("hand", hand, HandModel).model
         slides = np.array([hand.is_prismatic(model.getJointId(name)) for name in hand.joint_names])
         chosen = np.where(slides, _SLIDING, _TURNING) if stiffness is None else _each("servo stiffness", stiffness, hand.n)
         rotor = np.array(model.armature)
@@ -66,9 +66,9 @@ class Servo:
 
 
 def _each(name: str, value, n: int) -> np.ndarray:
-    values = array_of(name, np.full(n, value) if np.ndim(value) == 0 else value, (n,))
+    values = each_of(name, value, n)
     if np.any(values <= 0):
-        raise InvalidInput(f"{name}: expected values > 0, got {values.tolist()}")
+        raise InvalidInput(f"{name}: expected values > 0, got {shown(values.tolist())}")
     return values
 
 
@@ -121,9 +121,7 @@ class Disturbance:
         def put(name, value):
             object.__setattr__(self, name, value)
 
-        put("pushes", (self.pushes,) if isinstance(self.pushes, Push) else tuple(self.pushes))
-        if not all(isinstance(push, Push) for push in self.pushes):
-            raise InvalidInput(f"pushes: expected pinograsp.referee.Push, got {self.pushes!r}")
+        put("pushes", (self.pushes,) if isinstance(self.pushes, Push) else items_of("pushes", self.pushes, Push))
         for name, unit in (("shake", "m/s^2"), ("object_offset", "m"), ("object_turn", "rad")):
             put(name, array_of(f"{name} [{unit}]", getattr(self, name), (3,)))
         put("shake_frequency", number("shake frequency", self.shake_frequency, above=0, unit="Hz"))
@@ -137,6 +135,7 @@ class Disturbance:
 
     def wrench(self, since_release: float) -> np.ndarray:
         """On the object (6,) [N, N m], so long after its support is gone [s]."""
+        since_release = number("time since the release", since_release, unit="s")
         total = np.zeros(6)
         for push in self.pushes:
             if push.start <= since_release < push.start + push.duration:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicHermiteSpline
 
-from pinograsp.checks import array_of, number, one_of, read_only
+from pinograsp.checks import array_of, flag, instance_of, number, one_of, read_only
 from pinograsp.errors import ExtraMissing, InvalidInput, SimulationDiverged
 from pinograsp.objects.body import Body
 from pinograsp.referee.law import ContactLaw
@@ -72,7 +72,9 @@ def simulate(
     hold = number("hold", hold, at_least=0, unit="s")
     dt = number("time step", time_step, above=0, unit="s")
     letting_go = number("letting go", letting_go, at_least=0, unit="s")
-    if number("sample", sample, above=0, unit="s") > _COARSEST:
+    sample = number("sample", sample, above=0, unit="s")
+    flag("release", release)
+    if sample > _COARSEST:
         raise InvalidInput(f"sample: expected at most {_COARSEST:g} s, got {sample:g} s: the verdict is read from the samples")
     longest = min(_COARSEST, task.final_time / _FEWEST_STEPS)
     if dt > longest:
@@ -88,9 +90,8 @@ def simulate(
     every = max(1, round(min(sample / dt, _MOST_STEPS)))
     servo = Servo.of(task.hand) if servo is None else servo
     wrong = Disturbance() if disturbance is None else disturbance
-    for name, given, kind in (("servo", servo, Servo), ("disturbance", wrong, Disturbance)):
-        if not isinstance(given, kind):
-            raise InvalidInput(f"{name}: expected a {kind.__name__}, got {given!r}")
+    instance_of("servo", servo, Servo)
+    instance_of("disturbance", wrong, Disturbance)
     hand, prescribed = task.hand, mode == "prescribed"
     if prescribed and wrong.start_error is not None:
         raise InvalidInput("start error: expected with servos, joints that move as commanded have none (mode='prescribed')")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinograsp.checks import brief
+from pinograsp.checks import brief, instance_of, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -60,6 +60,7 @@ class Task:
         Raises:
             InvalidInput: neither, an older run, or no object.
         """
+        instance_of("object", object, Body, type(None))
         if isinstance(plan, str | Path):
             plan = load_run(plan)
         if isinstance(plan, Run):
@@ -67,7 +68,7 @@ class Task:
         elif hasattr(plan, "arrays") and hasattr(plan, "hand"):
             hand, thing, arrays = plan.hand, object or plan.problem.object, plan.arrays()
         else:
-            raise InvalidInput(f"simulate: expected a grasp plan, or the folder of a run, got {plan!r}")
+            raise InvalidInput(f"simulate: expected a grasp plan, or the folder of a run, got {shown(plan)}")
         if thing is None:
             raise InvalidInput("simulate: this plan does not know its object's shape: give object=..., a pinograsp.objects shape")
         if "contact_law" not in arrays:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import joblib
 import numpy as np
 
-from pinograsp.checks import number
+from pinograsp.checks import instance_of, number, processes
 from pinograsp.errors import InvalidInput
 from pinograsp.referee.settings import Disturbance
 from pinograsp.referee.trials import common_settings, handed_over, run_trial
@@ -149,8 +149,8 @@ def _search(kind, task, settings, tolerance, planned, jobs, disturbance, name: s
     tolerance = number("tolerance", tolerance, above=0)
     planned = None if planned is None else number("planned", planned, at_least=0)
     base = Disturbance() if disturbance is None else disturbance
-    if not isinstance(base, Disturbance):
-        raise InvalidInput(f"disturbance: expected pinograsp.referee.Disturbance, got {disturbance!r}")
+    instance_of("disturbance", base, Disturbance)
+    jobs = processes(jobs)
     with handed_over(task, settings, jobs) as case:
         run = joblib.Parallel(n_jobs=jobs)
 

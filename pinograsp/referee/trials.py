@@ -14,7 +14,7 @@ from pathlib import Path
 import cloudpickle
 import joblib
 
-from pinograsp.checks import number, one_of
+from pinograsp.checks import instance_of, number, one_of
 from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.referee.settings import Disturbance, Servo
 from pinograsp.referee.simulate import simulate
@@ -56,7 +56,8 @@ def common_settings(plan, settings: dict) -> tuple[Task, dict]:
     for name, default in _DEFAULTS.items():
         if isinstance(default, float):
             settings[name] = number(name.replace("_", " "), settings[name])
-    settings["servo"] = settings["servo"] or Servo.of(task.hand)
+    servo = settings["servo"]
+    settings["servo"] = Servo.of(task.hand) if servo is None else instance_of("servo", servo, Servo)
     return task, settings
 
 

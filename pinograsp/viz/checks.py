@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from pinograsp.errors import InvalidInput
 from pinograsp.viz.figures import COLOURS, shown
 
 
@@ -22,6 +23,7 @@ def _hold(axes, simulation) -> None:
 
 def forces_beside_plan(simulation) -> Figure:
     """Simulated normal forces over time, with what was planned for the end, and how much of the friction they use."""
+    _is_simulation(simulation)
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
     times, drawn = simulation.times, simulation.times >= _first_touch(simulation)
@@ -40,6 +42,7 @@ def forces_beside_plan(simulation) -> Figure:
 
 def object_motion(simulation) -> Figure:
     """Where the object goes after it was let go: drift and turn."""
+    _is_simulation(simulation)
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     drift, slip = figure.subplots(1, 2)
     times, poses = simulation.times, simulation.object_poses
@@ -61,6 +64,7 @@ def object_motion(simulation) -> Figure:
 
 def energy_audit(simulation) -> Figure:
     """Energy put in by motors and load, and where it went."""
+    _is_simulation(simulation)
     figure = Figure(figsize=(6.4, 3.8), layout="constrained")
     axes, energies = figure.subplots(), simulation.energies
     put_in = energies["joint_work"] + energies["load_work"]
@@ -74,6 +78,11 @@ def energy_audit(simulation) -> Figure:
     _hold(axes, simulation)
     axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
+
+
+def _is_simulation(simulation) -> None:
+    if not (hasattr(simulation, "verdict") and hasattr(simulation, "object_poses")):
+        raise InvalidInput(f"simulation: expected a pinograsp.referee.Simulation, got {type(simulation).__name__}")
 
 
 def _first_touch(simulation) -> float:

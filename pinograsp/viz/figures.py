@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.integrate import cumulative_trapezoid
 
-from pinograsp.checks import one_of
+from pinograsp.checks import array_of, floats_of, instance_of, items_of, mapping_of, one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.storage import Run
 from pinograsp.words import printable
@@ -71,17 +71,20 @@ def _per_finger(run: Run, values: np.ndarray, ylabel: str) -> Figure:
 
 def joint_angles(run: Run) -> Figure:
     """Joint angles over time, a panel per moving finger (Fig. 14 d-f)."""
+    instance_of("run", run, Run)
     return _per_finger(run, np.degrees(run.arrays["q"]), "joint angle [deg]")
 
 
 def joint_rates(run: Run) -> Figure:
     """Joint rates over time, a panel per moving finger."""
+    instance_of("run", run, Run)
     return _per_finger(run, np.degrees(run.arrays["dq"]), "joint rate [deg/s]")
 
 
 def joint_torques(run: Run, finger: str) -> Figure:
     """Joint torques of one finger over time: the whole motion, and the approach alone (Figs. 15-17 b)."""
-    dofs = run.layout["fingers"][finger]
+    instance_of("run", run, Run)
+    dofs = run.layout["fingers"][one_of("finger", finger, run.layout["fingers"])]
     labels = [run.layout["joints"][i] for i in dofs]
     times, torques, impact = run.arrays["times"], run.arrays["torques"][:, dofs], int(run.arrays["impact"])
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
@@ -98,6 +101,7 @@ def joint_torques(run: Run, finger: str) -> Figure:
 
 def contact_forces(run: Run) -> Figure:
     """Normal forces with the net force on the object, and penetration depth, in the grasp phase (Fig. 18)."""
+    instance_of("run", run, Run)
     impact, summary = int(run.arrays["impact"]), run.summary
     # A fifth of the grasp phase before the impact shows where the contact begins.
     lead = (summary["final_time_s"] - summary["impact_time_s"]) / 5
@@ -126,6 +130,7 @@ def contact_forces(run: Run) -> Figure:
 
 def grasp_energy(run: Run) -> Figure:
     """Grasp energy as it builds up in the grasp phase: work (Eq. 9) and impulse (Eq. 11), which have a factor rho + 1."""
+    instance_of("run", run, Run)
     impact, arrays = int(run.arrays["impact"]), run.arrays
     times, rates = arrays["times"][impact:], arrays["rate"][impact:]
     forces = (1 + arrays["contact_law"][2]) * arrays["normal_forces"][impact:]
@@ -143,6 +148,7 @@ def grasp_energy(run: Run) -> Figure:
 
 def friction_use(run: Run) -> Figure:
     """How much of Coulomb's cone, mu F_n, each contact uses over the grasp phase; above 100 % it would slip."""
+    instance_of("run", run, Run)
     arrays, friction = run.arrays, run.summary["friction"]
     forces = np.einsum("kji,mkj->mki", arrays["rotations_oc"], arrays["forces_o"])
     limit = arrays["mu"] * forces[:, :, 2]
@@ -167,6 +173,7 @@ def friction_use(run: Run) -> Figure:
 
 def wrench_margin(run: Run) -> Figure:
     """The largest force in each direction that may come on top of the load while the squeeze stays, in three planes."""
+    instance_of("run", run, Run)
     arrays = run.arrays
     if "margin_forces" not in arrays:
         raise InvalidInput("figure: this run did not keep its margins in all directions: plan it again")
@@ -187,6 +194,7 @@ def wrench_margin(run: Run) -> Figure:
 
 def search_over_time(run: Run) -> Figure:
     """Grasp energy against the impact time: what is proven for each interval of t_I, the best found, and the gap as it closes."""
+    instance_of("run", run, Run)
     branches = run.arrays["branches"]
     if not len(branches):
         raise InvalidInput("figure: expected a run of search='convex'; the grids prove no bounds")
@@ -223,10 +231,12 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
         columns: of the sweep's table, name to values (r,). value: the column to show. x, y: columns of inputs on a grid;
             without ``y`` a line.
     """
+    columns = mapping_of("columns", columns, "{name: values}")
     for name in (value, x, *(() if y is None else (y,))):
         one_of("column", name, columns)
-    values = np.array([np.nan if v is None else v for v in columns[value]], dtype=float)
-    across = np.array(columns[x], dtype=float)
+    given = [np.nan if v is None else v for v in items_of(f"column '{value}'", columns[value], object)]
+    values = floats_of(f"column '{value}'", given)
+    across = array_of(f"column '{x}'", columns[x], values.shape)
     figure = Figure(figsize=(6.8, 4.6), layout="constrained")
     axes = figure.subplots()
     if y is None:
@@ -235,7 +245,7 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
         axes.set(xlabel=shown(x), ylabel=shown(value))
         axes.grid(alpha=0.3, linewidth=0.5)
         return figure
-    up = np.array(columns[y], dtype=float)
+    up = array_of(f"column '{y}'", columns[y], values.shape)
     xs, ys = np.unique(across), np.unique(up)
     cells = np.full((len(ys), len(xs)), np.nan)
     cells[np.searchsorted(ys, up), np.searchsorted(xs, across)] = values
