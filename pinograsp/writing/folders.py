@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from pinograsp.checks import flag, path_of
 from pinograsp.errors import ResultsNotWritten
 from pinograsp.writing.files import (
     LISTING,
@@ -44,7 +45,7 @@ class NewFolder:
     """
 
     def __init__(self, folder: str | Path, *, force: bool = False):
-        self.path, self.force, self.made = Path(folder), force, []
+        self.path, self.force, self.made = path_of("folder", folder), flag("force", force), []
         with failure_told(self.path):
             self.place = place_of(self.path)
             self._check(self.place)
