@@ -356,16 +356,13 @@ def plan_grasp(
     """
     started = time.perf_counter()
     instance_of("hand", hand, HandModel)
-    instance_of("motion", motion, MotionSpec, type(None))
-    instance_of("progress", progress, bool, type(None))
-    for name, value in (("search", search), ("solver", solver)):
-        instance_of(name, value, str, type(None))
+    for name, value, kind in (("motion", motion, MotionSpec), ("search", search, str), ("solver", solver, str)):
+        instance_of(name, value, kind, type(None))
     if not isinstance(problem, ForceProblem):
         return _closed_plan(hand, problem, grid, search, solver, objective, torque_limit, motion, progress, settings)
     if settings:
         raise InvalidInput(f"{', '.join(settings)}: settings of a problem, expected with an object; this problem has its own")
-    search = search or "hybrid"
-    if search == "convex":
+    if (search := search or "hybrid") == "convex":
         return _convex_plan(hand, problem, solver or "auto", objective, torque_limit, motion, progress, started)
     if objective is not None or torque_limit is not None:
         raise InvalidInput("objective and torque_limit: expected search='convex', the grids know neither")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
 
+from pinograsp.checks import items_of, mapping_of
 from pinograsp.errors import CaseRejected
 
 _DEEPEST, _MOST_PARTS = 50, 3_000_000  # lists and mappings within each other, and values with aliases written out
@@ -75,10 +77,10 @@ def _parse_yaml(text: str, what: str):
 
 
 def changes_of(changes) -> dict[str, Any]:
-    if changes is None or isinstance(changes, dict):
-        return changes or {}
+    if changes is None or isinstance(changes, Mapping):
+        return {} if changes is None else mapping_of("changes", changes, "{key: value} with texts as keys")
     parsed = {}
-    for change in changes:
+    for change in items_of("changes", changes, str):
         key, equals, value = change.partition("=")
         if not equals or not key.strip():
             raise CaseRejected(f"--set {change}: expected KEY=VALUE, for example object.mass=1.1")
