@@ -289,7 +289,8 @@ def mapping_of(name: str, value, wanted: str = "a mapping with names as keys") -
 def items_of(name: str, value, *kinds: type) -> tuple:
     """``value`` as a tuple of things of those kinds, or :class:`InvalidInput`."""
     wanted = " or ".join(kind.__name__ for kind in kinds)
-    if isinstance(value, str | bytes | Mapping | Set) or not isinstance(value, Iterable):
+    one = isinstance(value, np.ndarray) and value.ndim == 0
+    if one or isinstance(value, str | bytes | Mapping | Set) or not isinstance(value, Iterable):
         raise InvalidInput(f"{name}: expected a sequence of {wanted}, got {shown(value)}")
     items = tuple(value)
     for item in items:

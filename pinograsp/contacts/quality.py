@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from pinograsp.checks import array_of, brief, number, one_of, read_only
+from pinograsp.checks import array_of, brief, number, one_of, read_only, shown
 from pinograsp.contacts.compliance import Compliance
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.contacts.friction import LARGEST_MU, Friction
@@ -281,7 +281,7 @@ def _rows(balance: str) -> int:
 
 def _moment_length(contacts: ContactSet, moment_length: float | None) -> float:
     if not isinstance(contacts, ContactSet) or len(contacts) == 0:
-        raise InvalidInput(f"contacts: expected a ContactSet with at least one contact, got {contacts!r}")
+        raise InvalidInput(f"contacts: expected a ContactSet with at least one contact, got {shown(contacts)}")
     return contacts.checked_moment_length(moment_length)
 
 

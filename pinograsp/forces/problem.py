@@ -257,14 +257,14 @@ class ForceProblem:
 
     def normal_force_range(self, impact_time: float) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest F_n at t_F (k,), (k,) [N] that Eqs. (13) and the caps allow for an impact at t_I [s]."""
-        low, high, _ = self._range_at(impact_time)
+        low, high, _ = self._range_at(self.checked_impact_time(impact_time))
         cap = self.max_normal_force
         return np.full(self.k, low), np.full(self.k, high) if cap is None else np.minimum(cap, high)
 
     def binding_bound(self, impact_time: float, contact: int) -> str:
         """Which limit sets the largest F_n of a contact at t_I [s]: a name of Eqs. (13), or the contact's cap."""
         contact = integer("contact", contact, at_least=0, at_most=self.k - 1)
-        _, high, reason = self._range_at(impact_time)
+        _, high, reason = self._range_at(self.checked_impact_time(impact_time))
         capped = self.max_normal_force is not None and self.max_normal_force[contact] < high
         return BY_CAP if capped else reason
 

@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from pinograsp.checks import instance_of, path_of
 from pinograsp.errors import ResultsNotWritten
 from pinograsp.writing.locks import ASIDE, alive, locked, staged, sweep
 
@@ -24,7 +25,8 @@ def write_file(path: str | Path, content: bytes) -> Path:
     Raises:
         ResultsNotWritten: it cannot be written.
     """
-    path = Path(path)
+    path = path_of("path", path)
+    instance_of("content", content, bytes)
     with failure_told(path):
         place = place_of(path)
         if place.exists() and not place.is_file():
