@@ -261,7 +261,7 @@ def text_of(name: str, value) -> str:
 
 def path_of(name: str, value) -> Path:
     """``value`` as a path, or :class:`InvalidInput`."""
-    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not str(value) or "\0" in str(value):
+    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not str(value):
         raise InvalidInput(f"{name}: expected a path, got {shown(value)}")
     return Path(value)
 

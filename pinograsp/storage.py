@@ -132,7 +132,7 @@ def save_run(
     """
     if not isinstance(run, Run):
         if not all(hasattr(run, name) for name in ("hand", "forces", "motion")):
-            raise InvalidInput(f"run: expected a GraspPlan, or a Run as pinograsp.run_of makes it, got {run!r:.80}")
+            raise InvalidInput(f"run: expected a GraspPlan, or a Run as pinograsp.run_of makes it, got {shown(run)}")
         run = run_of(run)
     document = {"schema": SCHEMA, **run.summary, "layout": run.layout, "settings": run.settings, "versions": run.versions}
     try:
@@ -158,11 +158,12 @@ def save_run(
 
 def newest_check(folder: str | Path) -> Path | None:
     """The folder of the last simulation of a run, where there is one below the run's own."""
+    folder = path_of("folder", folder)
     try:
-        found = path_of("folder", folder).glob("[!.]*/check.json")  # hidden: not written to the end
+        found = folder.glob("[!.]*/check.json")  # hidden: not written to the end
         checks = [path.parent for path in found if path.is_file()]
-    except OSError as error:
-        raise InvalidInput(f"folder: expected that of a run, got {shown(str(folder))}: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # ValueError: a name that no file system takes
+        raise InvalidInput(f"folder: expected that of a run, got {shown(str(folder))}: {type(error).__name__}") from error
     return max(checks, key=lambda path: (path / "check.json").stat().st_mtime_ns, default=None)
 
 

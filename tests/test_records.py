@@ -221,7 +221,7 @@ def gripper(tmp_path):
         (("joints", 1, "placement"), np.zeros((4, 4)).tolist(), "orthonormal"),
         (("joints", 1, "inertia"), [[1, 1, 0], [0, 1, 0], [0, 0, 1]], "symmetric"),
         (("joints", 1, "mass"), -1.0, ">= 0"),
-        (("joints", 1, "mass"), 10**400, "expected (a finite number|finite numbers|numbers)"),
+        (("joints", 1, "mass"), 10**400, "expected a finite number"),
         (("limits", "effortLimit"), [1.0, 1.0], r"shape \(1,\)"),
         (("limits", "effortLimit"), [-1.0], "none below zero"),
         (("limits", "lowerPositionLimit"), [7.0], "below the upper"),

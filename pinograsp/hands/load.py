@@ -93,7 +93,7 @@ def load_hand(
     else:
         prepared = prepare(name, robot, folder, root)
     hand = _hand_model(name, prepared, palm, fingers)
-    if limits:
+    if limits is not None:
         hand = hand.with_limits(limits)
     if hulls:
         hand = replace(hand, geometry=geometry.hulls(hand.geometry))

@@ -574,8 +574,8 @@ def _among(value, pool) -> bool:
 
 # The kind.
 
-# Where a truth value or infinity stands for something, by the call's documentation.
-MEANT = {("TorqueLimits", "limit"), ("torque_limits", "limit")}
+# Where infinity stands for something; and the settings of a closure that has too few contacts for anything to be asked of them.
+MEANT = {("TorqueLimits", "limit"), ("torque_limits", "limit"), ("hold", "mu"), ("hold", "torque_limit"), ("hold", "impact_time")}
 
 
 # Calls that take a second: fewer of them.
