@@ -413,12 +413,12 @@ NOT_ARRAYS = [
     np.ones(3, dtype=complex), np.ones((3, 3)) * 1j, np.array(["1", "2", "3"]), np.array([b"1", b"2"]), np.array([True, False, True]),
     np.array([None, 1.0, 2.0]), np.array(["2020", "2021", "2022"], dtype="M8[Y]"), np.zeros(3, dtype="m8[s]"), np.zeros(3, dtype="i4,f8"),
     np.full(3, np.nan), np.array([1.0, np.inf, 2.0]), np.ma.masked_array([1.0, 2.0, 3.0], mask=[0, 1, 0]), [1.0, "a", 2.0], ["1", "2", "3"], [[1, 2], [3]],
-    [None, None, None], [[]], [{}], [1j, 2, 3], [object()] * 3, _nested(70), _nested(5000), _itself(), ["x" * 1000] * 1000, [10**400, 1, 2],
+    [None, None, None], [{}], [1j, 2, 3], [object()] * 3, _nested(70), _nested(5000), _itself(), ["x" * 1000] * 1000, [10**400, 1, 2],
     [True, False, True], [1.0, [2.0, 3.0]], [datetime.date(2020, 1, 1)] * 3, Column(["a", "b", "c"]), Column([1j, 2, 3]), [Shy()] * 3,
     [decimal.Decimal("NaN")] * 3, Column([np.nan] * 3), [np.nan] * 6, np.full((3, 3), np.inf),
 ]  # fmt: skip
 ARRAYS = [
-    [], (), np.zeros(0), np.zeros((0, 3)), np.zeros((3, 0)), np.zeros((2, 0, 3)), np.ones(1), np.ones(3), np.ones(6), np.zeros(3), np.zeros(6), np.ones((3, 3)),
+    [], (), [[]], np.zeros(0), np.zeros((0, 3)), np.zeros((3, 0)), np.zeros((2, 0, 3)), np.ones(1), np.ones(3), np.ones(6), np.zeros(3), np.zeros(6), np.ones((3, 3)),
     np.ones((2, 3)), np.ones((3, 2)), np.ones((4, 4)), np.eye(4), -np.eye(4), np.eye(3)[::-1], np.full(3, 1e308), np.full(6, 1e308), np.full(3, 1e-320),
     np.full(6, -1e200), np.full((3, 3), 1e308), np.ones((1, 1, 1, 1, 1)), np.arange(20.0), np.zeros(20), [1, 2], [1, 2, 3], (1.0, 2.0), (2.0, 1.0), (0.0, 0.0),
     (-1.0, 1.0), [2**63, 1, 1], [10**30, 1, 1], range(3), range(0), array.array("d", [1, 2, 3]), Pair(1.0, 2.0), Column([1.0, 2.0, 3.0]), Column([]),
@@ -556,7 +556,7 @@ def _never_meant(valid, value) -> bool:
             return True
         if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
             return True
-        return _among(value, NOT_NUMBERS[:30]) or isinstance(value, (str, bytes, bool, np.bool_, complex, np.datetime64, np.timedelta64, set, list, np.str_))
+        return _among(value, NOT_NUMBERS[:30]) or isinstance(value, (str, bytes, bool, np.bool_, complex, np.datetime64, np.timedelta64, set, np.str_))
     if isinstance(valid, np.ndarray) or _is_numbers(valid):
         if isinstance(value, np.ndarray) and value.size:
             if value.dtype.kind in "cSUbMmV" or np.ma.is_masked(value):
@@ -575,7 +575,7 @@ def _among(value, pool) -> bool:
 # The kind.
 
 # Where infinity stands for something; and the settings of a closure that has too few contacts for anything to be asked of them.
-MEANT = {("TorqueLimits", "limit"), ("torque_limits", "limit"), ("hold", "mu"), ("hold", "torque_limit"), ("hold", "impact_time")}
+MEANT = {("TorqueLimits", "limit"), ("torque_limits", "limit"), ("hold", "mu"), ("hold", "torque_limit"), ("hold", "impact_time"), ("OnlineForces.engage", "contact")}
 
 
 # Calls that take a second: fewer of them.
@@ -613,6 +613,8 @@ def _argument(rng, call: str, name: str, valid):
         return 1  # more than one job starts processes
     if name in ("path", "folder", "source", "spec") and isinstance(value, (str, Path)) and ("/" in str(value)):
         return "name"
+    if name in ("path", "folder", "source") and isinstance(value, str):
+        return value[:300]  # messages tell paths as they are
     return value
 
 
