@@ -90,7 +90,7 @@ def mutated(rng: np.random.Generator, data: dict, values: list) -> dict:
         elif how < 0.97:
             holder[key] = copy.deepcopy(at(data, pick(rng, list(places(data)))))  # another part in its place
         else:
-            for _ in range(int(rng.choice([1, 60, 300]))):
+            for _ in range(int(rng.choice([1, 20, 60]))):  # six times over, still what the writer of YAML can bear
                 old = [old] if rng.random() < 0.5 else {"a": old}
             holder[key] = old
     return data
