@@ -152,7 +152,7 @@ def test_failures_are_rows_with_status_and_message(tmp_path):
     rows = done.table().to_pylist()
     assert done.done == 12 and sum(done.counts.values()) == 12
     plain = {"hand.position_mm": list(here), "hand.limits_deg": json.dumps({"thumb_abduction": [-15, 130]}), "object.mass": 1.0}
-    words = {"ok": None, "infeasible": "closest to balance", "not_reached": "too far", "joint_limit": "index_dip", "invalid_input": "mass"}
+    words = {"ok": None, "infeasible": "closest to balance", "not_reached": "mm are left", "joint_limit": "index_dip", "invalid_input": "mass"}
     for status, changed in cases.items():
         wanted = {**plain, **{key: json.dumps(value) if isinstance(value, dict) else value for key, value in changed.items()}}
         (row,) = (row for row in rows if all(row[key] == value for key, value in wanted.items()))
