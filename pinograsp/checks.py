@@ -118,6 +118,7 @@ def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
 
 
 _FLOAT, _EYE = np.dtype(float), np.eye(3)
+_MOST_JOBS = 1000
 
 
 def floats_of(name: str, value, wanted: str = "numbers") -> np.ndarray:
@@ -239,10 +240,9 @@ def integer(name: str, value, *, at_least: int | None = None, at_most: int | Non
 
 def processes(jobs) -> int:
     """``jobs`` as joblib takes it, -1 for all cores, or :class:`InvalidInput`."""
-    jobs = integer("jobs", jobs, at_least=-1, at_most=1000)
-    if jobs == 0:
-        raise InvalidInput("jobs: expected a number of processes, or -1 for all cores, got 0")
-    return jobs
+    if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or not (jobs == -1 or 1 <= jobs <= _MOST_JOBS):
+        raise InvalidInput(f"jobs: expected a number of processes from 1 to {_MOST_JOBS}, or -1 for all cores, got {shown(jobs)}")
+    return int(jobs)
 
 
 def flag(name: str, value) -> bool:

@@ -249,7 +249,7 @@ def test_rates_and_ramps():
     online.reset()
     with pytest.raises(InvalidInput, match="expected one of"):
         online.engage("nobody")
-    with pytest.raises(InvalidInput, match="below 5"):
+    with pytest.raises(InvalidInput, match="<= 4"):
         online.engage(7)
 
 

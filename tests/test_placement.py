@@ -10,6 +10,7 @@ import time
 import weakref
 from dataclasses import replace
 
+import cloudpickle
 import numpy as np
 import own_hands
 import pytest
@@ -164,6 +165,9 @@ class Deadly(Sphere):
     @property
     def bounding_radius(self):
         os._exit(1)
+
+
+cloudpickle.register_pickle_by_value(sys.modules[__name__])  # other processes need not find this file
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -676,7 +676,7 @@ def test_bad_sweeps_say_what_was_expected(tmp_path, name):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"jobs": 0}, "jobs: expected a number of processes, or -1"),
+        ({"jobs": 0}, "jobs: expected a number of processes from 1 to 1000, or -1"),
         ({"jobs": 1.5}, "jobs: expected"),
         ({"backend": "dusk"}, "did you mean 'dask'"),
         ({"backend": "dask"}, "scheduler: expected the address"),

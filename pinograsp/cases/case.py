@@ -381,7 +381,7 @@ def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = N
         CaseRejected: unknown case, broken YAML, unknown keys or unusable values: all of them named at once.
     """
     name = source if isinstance(source, str) else str(path_of("case", source))
-    path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else path_of("case", source)
+    path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(name)
     wanted = f"a YAML file or one of: {', '.join(builtin_cases())}"
     data = read_mapping(path, "case", name, wanted, _BIGGEST, "hand, object, contacts...")
     for key, value in changes_of(changes).items():

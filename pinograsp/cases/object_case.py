@@ -83,7 +83,7 @@ class ObjectCase(Section):
             fields["path"] = path
         return object_from(f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items()))
 
-    def placements(self, *, jobs: int | None = None, progress: bool | None = None) -> PlacementSearch:
+    def placements(self, *, jobs: int = -1, progress: bool | None = None) -> PlacementSearch:
         """Where the hand may come to the object: see :func:`~pinograsp.placement.find_placements`."""
         return find_placements(
             self.load_hand(), self.make_object(), count=self.samples, seed=self.seed, wrap=self.wrap, jobs=jobs, progress=progress,

@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
-from pinograsp.checks import one_of
+from pinograsp.checks import one_of, processes
 from pinograsp.errors import ExtraMissing, InvalidInput, PinograspError
 from pinograsp.interrupts import interrupts_kept
 from pinograsp.sweep.rows import FIGURES, kind_of, run_chunk
@@ -27,7 +27,6 @@ BACKENDS = ("joblib", "dask")
 _SAVED_EVERY = 2.0  # [s] of rows that a kill may lose
 _CHUNK = 0.3  # [s] of work handed over at once: long beside the handing over, short beside what is waited for
 _MOST_AT_ONCE = 2000  # rows of a chunk
-_MOST_JOBS = 1000  # processes
 _ANSWERED_WITHIN, _CONNECTED_WITHIN = 3, 10  # [s] at the address of a scheduler, and by the scheduler itself
 
 
@@ -91,8 +90,7 @@ def sweep(
         PinograspError: workers were lost; what was done is kept.
     """
     started = time.perf_counter()
-    if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or not (jobs == -1 or 1 <= jobs <= _MOST_JOBS):
-        raise InvalidInput(f"jobs: expected a number of processes from 1 to {_MOST_JOBS}, or -1 for all cores, got {jobs!r}")
+    jobs = processes(jobs)
     one_of("backend", backend, BACKENDS)
     if (backend == "dask") != (scheduler is not None):
         raise InvalidInput("scheduler: expected the address of a Dask scheduler with backend='dask', and only there")
@@ -163,10 +161,10 @@ class _Chunks:
 
 
 def _by_joblib(jobs: int, payload: str, chunks: _Chunks) -> Iterator[tuple[list[dict], float, list[int]]]:
-    processes = joblib.effective_n_jobs(jobs)
+    several = joblib.effective_n_jobs(jobs) > 1
     try:
         while len(chunks):  # rows may have come back when all chunks had been handed over
-            work = (joblib.delayed(run_chunk)(payload, rows, processes > 1) for rows in chunks)
+            work = (joblib.delayed(run_chunk)(payload, rows, several) for rows in chunks)
             parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
             with contextlib.closing(parallel(work)) as results:
                 yield from results
