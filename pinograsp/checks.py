@@ -124,7 +124,7 @@ _MOST_JOBS = 1000
 def floats_of(name: str, value, wanted: str = "numbers") -> np.ndarray:
     """``value`` as a float array of any shape: no texts, truth values, complex numbers, dates or masks. Infinity and NaN are left."""
     try:
-        if np.ma.is_masked(value):
+        if np.ma.is_masked(value) or isinstance(value, bytearray):
             raise TypeError
         array = np.asarray(value)
         if array.dtype.kind == "O":

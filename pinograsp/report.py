@@ -22,6 +22,7 @@ from pinograsp.words import (
     shares,
     work,
 )
+from pinograsp.writing import failure_told
 
 _LONGEST = 2000  # characters of a line that someone else wrote
 
@@ -322,8 +323,9 @@ def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = 
         levels = [does_it_hold(run.summary, check).level, "", "", "", "no" if check is not None and not check["held"] else ""]
     else:
         text = failure(run)
-    (folder / "report.md").write_text(text, encoding="utf-8")
-    (folder / "report.html").write_text(page(text, [folder / name for name in names], levels), encoding="utf-8")
+    with failure_told(folder):
+        (folder / "report.md").write_text(text, encoding="utf-8")
+        (folder / "report.html").write_text(page(text, [folder / name for name in names], levels), encoding="utf-8")
 
 
 def _grid_section(s: dict) -> list[str]:

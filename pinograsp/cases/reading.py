@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
 
-from pinograsp.checks import items_of, mapping_of
+from pinograsp.checks import items_of, mapping_of, shown
 from pinograsp.errors import CaseRejected
 
 _DEEPEST, _MOST_PARTS = 50, 3_000_000  # lists and mappings within each other, and values with aliases written out
@@ -113,7 +113,7 @@ def line_of(error, known: list[str] = ()) -> str:
         near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
         text = "unknown key" + (f"; did you mean '{near[0]}'?" if near else "")
     elif isinstance(got, str | int | float | None):
-        text += f" (got {got!r})"
+        text += f" (got {shown(got)})"
     return f"{where}: {text}" if where else text
 
 

@@ -18,7 +18,7 @@ from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, Vali
 from pinograsp.cases.case import Case, NotNegative, Number, Positive, Section, load_case
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.cases.reading import check_extent, line_of, place_of, put_value, read_mapping
-from pinograsp.checks import mapping_of, path_of
+from pinograsp.checks import mapping_of, path_of, shown
 from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import HandModel
@@ -322,9 +322,9 @@ def load_sweep(source: str | Path | dict) -> SweepSpec:
     name, folder, data = "sweep", Path("."), source
     if not isinstance(source, dict):
         path = path_of("sweep", source)
-        name, folder = str(path), path.resolve().parent
-        keys = "case, over, samples"
+        name, keys = str(path), "case, over, samples"
         data = read_mapping(path, "sweep", name, f"a YAML file with {keys}", _BIGGEST, keys)
+        folder = path.resolve().parent
     mapping_of("sweep", data)
     check_extent(data, f"sweep '{name}'")
     for key in ("name", "folder"):
@@ -355,9 +355,9 @@ def _lines(error: ValidationError, known: list[str]) -> list[str]:
 def _line(error, known: list[str]) -> str:
     where = place_of(error)
     if error["type"] == "tuple_type" and where.startswith("over."):
-        return f"{where}: expected a list of values, or {{from, to, steps}} (got {error['input']!r})"
+        return f"{where}: expected a list of values, or {{from, to, steps}} (got {shown(error['input'])})"
     if where.startswith("samples.") and error["type"] in ("model_type", "model_attributes_type"):
-        return f"{where}: expected a distribution, for example {{uniform: [0.4, 1.0]}} (got {error['input']!r})"
+        return f"{where}: expected a distribution, for example {{uniform: [0.4, 1.0]}} (got {shown(error['input'])})"
     return line_of(error, known)
 
 

@@ -20,6 +20,8 @@ from scipy.interpolate import PPoly
 from pinograsp.checks import array_of, brief, floats_of, number, shown, text_of
 from pinograsp.errors import InvalidInput
 
+_MOST_POWERS = 50  # of a polynomial: its roots are found one by one, and rounding eats more
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DecelerationShape:
@@ -155,6 +157,8 @@ def _normalised(alpha) -> PPoly:
             f"deceleration shape: expected breakpoints rising from 0 to 1, got {x[0]:g} to {x[-1]:g}: "
             "use u = (t - t_I) / tau as the variable"
         )
+    if len(alpha.c) > _MOST_POWERS:
+        raise InvalidInput(f"deceleration shape: expected at most {_MOST_POWERS} powers of u, got {len(alpha.c)}: sample it")
     scale = np.abs(alpha.c).max()
     if not np.isfinite(scale):
         raise InvalidInput("deceleration shape: expected finite coefficients, got NaN or infinity: give finite numbers")

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import array_of, brief, number, read_only
-from pinograsp.errors import InvalidInput
+from pinograsp.checks import array_of, brief, integer, number, read_only
 
 # Of the set's size: what counts as no distance at all. Above the rounding of planes through badly placed points.
 _FLAT = 1e-11
@@ -80,10 +79,10 @@ def inscribed_ball(
     Raises:
         InvalidInput: wrong settings, or a support point that is not d finite numbers.
     """
-    d = _integer("dimension", dimension, 1)
+    d = integer("dimension", dimension, at_least=1)
     tolerance = number("tolerance", tolerance, at_least=0)
     floor = number("floor", floor, at_least=0)
-    limit = _integer("limit of facets", limit, d + 1)
+    limit = integer("limit of facets", limit, at_least=d + 1)
 
     lower, upper, direction = 0.0, np.inf, np.eye(d)[0]
 
@@ -123,12 +122,6 @@ def inscribed_ball(
         converged=bool(upper - lower <= max(tolerance * upper, floor, 2 * _FLAT * size)),
         points=len(polytope.points),
     )
-
-
-def _integer(name: str, value, at_least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < at_least:
-        raise InvalidInput(f"{name}: expected an integer >= {at_least}, got {value!r}")
-    return int(value)
 
 
 def _start(ask, d: int) -> tuple[np.ndarray, float, np.ndarray | None]:

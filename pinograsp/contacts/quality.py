@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from pinograsp.checks import array_of, brief, number, one_of, read_only, shown
+from pinograsp.checks import array_of, brief, each_of, instance_of, number, one_of, read_only, shown
 from pinograsp.contacts.compliance import Compliance
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.contacts.friction import LARGEST_MU, Friction
@@ -222,8 +222,7 @@ def grasp_stiffness(
             infinite there).
     """
     length = _moment_length(contacts, moment_length)
-    if not isinstance(compliance, Compliance):
-        raise InvalidInput(f"compliance: expected a Compliance, got {compliance!r}")
+    instance_of("compliance", compliance, Compliance)
     force = _per_contact("normal forces", normal_forces, len(contacts), "N")
     ratio = number("tangential stiffness ratio", tangential_ratio, at_least=0)
     rho = compliance.exponent
@@ -287,7 +286,7 @@ def _moment_length(contacts: ContactSet, moment_length: float | None) -> float:
 
 def _per_contact(name: str, value, k: int, unit: str = "-", at_most: float = np.inf) -> np.ndarray:
     """Numbers >= 0 (k,), from one for all or one each."""
-    result = array_of(name, np.full(k, value) if np.ndim(value) == 0 else value, (k,))
+    result = each_of(name, value, k)
     if np.any((result < 0) | (result > at_most)):
         up_to = f", up to {at_most:g}" if at_most < np.inf else ""
         raise InvalidInput(f"{name}: expected numbers >= 0{up_to} [{unit}], got {result.tolist()}")
@@ -306,8 +305,7 @@ def _cones(
     length = _moment_length(contacts, moment_length)
     rows, k = _rows(balance), len(contacts)
     friction = Friction() if friction is None else friction
-    if not isinstance(friction, Friction):
-        raise InvalidInput(f"friction: expected a Friction, got {friction!r}")
+    instance_of("friction", friction, Friction)
     columns = _scaled_map(contacts, length).reshape(6, k, 3).transpose(1, 2, 0)
     normals, tangents = columns[:, 2], columns[:, :2]
     if friction.d == 4:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinograsp.checks import array_of, brief, frozen, number, one_of, read_only
+from pinograsp.checks import array_of, brief, flag, frozen, number, one_of, read_only, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.mesh_checks import closed_surface, convex_surface
@@ -71,7 +71,7 @@ class Mesh(Body):
         from pinograsp.hands.mesh_file import FORMATS, read_triangles
 
         if not isinstance(path, str | Path):
-            raise InvalidInput(f"mesh file: expected a path, got {path!r}")
+            raise InvalidInput(f"mesh file: expected a path, got {shown(path)}")
         path = Path(path)
         scale = number("mesh scale", scale, above=0)
         if not is_file(path):
@@ -96,8 +96,7 @@ class Mesh(Body):
     def _check_shape(self):
         from trimesh.triangles import mass_properties
 
-        if not isinstance(self.convex, bool | np.bool_):
-            raise InvalidInput(f"mesh convex: expected True or False, got {self.convex!r}")
+        flag("mesh convex", self.convex)
         notes = ()
         if self.convex:
             vertices, faces = convex_surface(self.vertices, self.faces)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinograsp.checks import array_of
+from pinograsp.checks import array_of, floats_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.triangles import TriangleSurface
 from pinograsp.spatial import FARTHEST
@@ -58,7 +58,8 @@ def _merged(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
     """Checked arrays, with vertices at the same place made one and without faces that then have no three corners."""
     import trimesh
 
-    if np.size(vertices) == 0 or np.size(faces) == 0:
+    vertices, faces = floats_of("mesh vertices", vertices), floats_of("mesh faces", faces)
+    if vertices.size == 0 or faces.size == 0:
         raise InvalidInput(
             "mesh: expected vertices (n, 3) and faces (m, 3), got an empty mesh: check that the file holds triangles"
         )

@@ -8,7 +8,7 @@ import time
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import number
+from pinograsp.checks import number, shown
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.spatial import tangent_frame
 from pinograsp.storage import Run
@@ -42,7 +42,7 @@ def view(run: Run, *, simulation=None, port: int = 8080, host: str = "localhost"
         ExtraMissing: viser (extra ``viz``) is not installed.
     """
     if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 65536:
-        raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {port!r}")
+        raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {shown(port)}")
     scene = scene_of(run, simulation)
     viewer = Viewer(scene, port, host)
     if open_browser:

@@ -424,7 +424,7 @@ ARRAYS = [
     (-1.0, 1.0), [2**63, 1, 1], [10**30, 1, 1], range(3), range(0), array.array("d", [1, 2, 3]), Pair(1.0, 2.0), Column([1.0, 2.0, 3.0]), Column([]),
     np.ones(3).view(Numbers), np.asmatrix(np.ones((1, 3))), np.ma.masked_array([1.0, 2.0, 3.0]), np.ones(3, dtype=np.float16), np.ones(3, dtype=">f8"),
     np.broadcast_to(1.0, (3,)), np.ones((6, 2))[:, 0], np.ones(10_000), [decimal.Decimal("0.5")] * 3, [fractions.Fraction(1, 2)] * 3, np.arange(3, dtype=np.int8),
-    np.broadcast_to(1.0, (10**7, 3)), np.ones((100, 100)),
+    np.broadcast_to(1.0, (1000, 3)), np.ones((100, 100)),
 ]  # fmt: skip
 STREAMS = [lambda: (float(i) for i in range(3)), lambda: iter([1.0, 2.0]), lambda: map(float, [1, 2, 3]), lambda: {"a": 1}.keys(), lambda: zip([1], [2])]
 WORDS = ["abc", "", "wrench", "work", "daqp", "thumb", "THUMB", "thumb ", "index", "cone", "x" * 5000, "\0", "\x1b[31m", "ñandú", "a\nb", "None", "0", "paper", "auto"]
@@ -613,6 +613,8 @@ def _argument(rng, call: str, name: str, valid):
         return 1  # more than one job starts processes
     if name in ("path", "folder", "source", "spec") and isinstance(value, (str, Path)) and ("/" in str(value)):
         return "name"
+    if name == "extras" and callable(value):
+        return None  # what the caller's own function does is the caller's
     if name in ("path", "folder", "source") and isinstance(value, str):
         return value[:300]  # messages tell paths as they are
     return value
