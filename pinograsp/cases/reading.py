@@ -33,6 +33,7 @@ def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, ke
     Raises:
         CaseRejected: no such file (``wanted`` is expected), one that cannot be read, or no mapping with ``keys``.
     """
+    name = name if len(name) <= 300 else f"{name[:300]}..."
     what = f"{kind} '{name}'"
     try:
         if not os.path.isfile(path):

@@ -23,6 +23,7 @@ from pinograsp.errors import InvalidInput
 # A gap that opens this much more slowly in one direction than the bodies curve is a line contact: what is left of a
 # difference of two equal curvatures is rounding, and the patch would be ten thousand times longer than wide.
 _LINE = 1e-9
+_LONGEST = 1e9  # [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,7 +148,7 @@ class PenetrationProfile:
             )
         object.__setattr__(self, "acceleration", acceleration)
         object.__setattr__(self, "impact_time", number("impact time", self.impact_time, at_least=0, unit="s"))
-        object.__setattr__(self, "final_time", number("final time", self.final_time, above=self.impact_time, unit="s"))
+        object.__setattr__(self, "final_time", number("final time", self.final_time, above=self.impact_time, at_most=_LONGEST, unit="s"))
 
     @property
     def duration(self) -> float:

@@ -52,9 +52,13 @@ class Body:
             mass=number(f"{name} mass", density * volume, above=0, unit="kg") if mass is None else mass,
             density=mass / volume if density is None else density,
         )
-        with np.errstate(over="ignore", invalid="ignore"):
-            if not np.isfinite(self.inertia_b).all():
-                raise InvalidInput(f"{name}: expected a size whose inertia is a finite number, this one is too large")
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                finite = np.isfinite(self.inertia_b).all()
+        except OverflowError:
+            finite = False
+        if not finite:
+            raise InvalidInput(f"{name}: expected a size whose inertia is a finite number, this one is too large")
 
     def _set(self, **values) -> None:
         for name, value in values.items():
