@@ -64,15 +64,16 @@ def compared(name: str, shape: str, mass: float, plan_with, within: float = WITH
     naive = naive_grasp(Task.of(plan), drift=within, **TRIAL)
     if naive.overclosing is None:
         naive = naive_grasp(Task.of(plan), **TRIAL)
-    ours, theirs = (1e3 * found[1].grasp_energy if found else None), naive.grasp_energy and 1e3 * naive.grasp_energy
+    ours = 1e3 * found[1].grasp_energy if found else None
+    theirs = None if naive.overclosing is None else 1e3 * naive.grasp_energy
     return row | {
         "safety": safety or "",
         "planned_mJ": f"{1e3 * plan.forces.work:.3f}" if found else "",
         "optimised_mJ": f"{ours:.3f}" if found else "",
         "optimised_drift_mm": f"{1e3 * found[1].verdict.drift:.3f}" if found else "",
-        "unoptimised_mJ": f"{theirs:.3f}" if theirs else "",
-        "unoptimised_drift_mm": f"{1e3 * naive.simulation.verdict.drift:.3f}" if theirs else "",
-        "overclosing": f"{naive.overclosing:.4f}" if theirs else "none holds",
+        "unoptimised_mJ": "" if theirs is None else f"{theirs:.3f}",
+        "unoptimised_drift_mm": "" if theirs is None else f"{1e3 * naive.simulation.verdict.drift:.3f}",
+        "overclosing": "none holds" if theirs is None else f"{naive.overclosing:.4f}",
         "ratio": f"{theirs / ours:.2f}" if found and theirs else "",
         "seconds": f"{time.perf_counter() - started:.0f}",
     }
