@@ -9,7 +9,7 @@ safety 1.05, 1.1, 1.2, 1.3, 1.5 and 2 (exact cones, least work, wrench balance) 
 energies by Eq. (9), as simulated, in mJ. Objects and placements: as hands.py (seeded), hulls of meshes; the object weighs an
 eighth of what could be held there. Hands that close with one actuator have nothing to optimise and are left out.
 For the paper's hand the ratio is taken for several drift limits and friction models, since it depends on both.
-Writes unoptimized.csv and prints the tables of the README.
+Writes unoptimized_paper.csv and unoptimized.csv and prints the tables of the README.
 """
 
 from __future__ import annotations
@@ -141,17 +141,21 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE / "unoptimized.csv")
     options = parser.parse_args()
     print(table(case_study()), flush=True)
+    first_line = header(("numpy", "pin", "mujoco", "daqp"))
     rows = paper()
+    write_rows(options.out.with_stem(f"{options.out.stem}_paper"), first_line, rows)
     ratios = [float(row["ratio"]) for row in rows if row["ratio"]]
     print(f"ratio on the paper's hand: {min(ratios):.2f} to {max(ratios):.2f}", flush=True)
-    first_line = header(("numpy", "pin", "mujoco", "daqp"))
+    print(table(rows), flush=True)
+    columns, rows = rows[0], []
     for name, shape in tqdm(CASES[: options.cases], unit="case"):
         try:
             rows.append(catalogue(name, shape))
         except PinograspError as error:
-            rows.append({**dict.fromkeys(rows[0], ""), "hand": name, "object": shape, "overclosing": type(error).__name__})
+            rows.append({**dict.fromkeys(columns, ""), "hand": name, "object": shape, "overclosing": type(error).__name__})
         write_rows(options.out, first_line, rows)
-    print(table(rows))
+    if rows:
+        print(table(rows))
 
 
 if __name__ == "__main__":

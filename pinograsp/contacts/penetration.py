@@ -24,6 +24,7 @@ _ALIKE = 1e-7  # [rad] normals this close are the same
 _ROUNDS = 20
 _REACHED = 1e-9  # [m]
 _STEPS, _PROBE, _LARGEST = 60, 1e-6, 0.3  # Newton steps; finite difference and largest step [rad or m]
+_RANK = 1e-4  # of the Jacobian; below it directions are noise of the finite differences, and steps along them anything
 
 
 class Penetration:
@@ -139,7 +140,7 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
             free = np.ones(dofs.size, dtype=bool)
             while True:  # a joint at its limit stays there, the others do the rest
                 step = np.zeros(dofs.size)
-                step[free] = np.linalg.lstsq(J[:, free], -left, rcond=1e-8)[0]
+                step[free] = np.linalg.lstsq(J[:, free], -left, rcond=_RANK)[0]
                 step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-12))
                 beyond = free & (((angles + step > high) & (angles >= high)) | ((angles + step < low) & (angles <= low)))
                 if not beyond.any():
