@@ -24,7 +24,7 @@ _ALIKE = 1e-7  # [rad] normals this close are the same
 _ROUNDS = 20
 _REACHED = 1e-9  # [m]
 _STEPS, _PROBE, _LARGEST = 60, 1e-6, 0.3  # Newton steps; finite difference and largest step [rad or m]
-_RANK = 1e-4  # of the Jacobian; below it directions are noise of the finite differences, and steps along them anything
+_RANK = 1e-2  # of the Jacobian: directions below are all but impossible, and steps along them noise
 
 
 class Penetration:
