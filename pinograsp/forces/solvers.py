@@ -13,11 +13,12 @@ from pinograsp.errors import ExtraMissing
 
 # ProxQP's and OSQP's own defaults (1e-3 to 1e-5) leave residuals that our certificates refuse; below 1e-10 Clarabel
 # stops short on the nearly singular Hessian. OSQP's polishing is off: it prints to stdout whatever `verbose` says.
+# Its first step size suits Hessians near one: from its own, 0.1, some problems take more than 100,000 steps.
 # DAQP's tolerances bound the violation in multiplier units; quadprog is exact and takes none.
 TOLERANCES: dict[str, dict[str, float]] = {
     "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "max_iter": 10_000},
-    "osqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "max_iter": 100_000, "eps_prim_inf": 1e-9, "polishing": False},
+    "osqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "rho": 1.0, "max_iter": 100_000, "eps_prim_inf": 1e-9, "polishing": False},
     "quadprog": {},
     "piqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "eps_duality_gap_abs": 1e-11, "eps_duality_gap_rel": 0.0},
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
