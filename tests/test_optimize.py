@@ -188,8 +188,11 @@ def test_few_and_many_contacts_agree_with_the_oracle_often(k):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_at_the_edge_of_feasibility_every_verdict_is_proven(family):
-    """Loads off the largest one by 1e-8 to 1e-4: within 1e-6 either verdict will do, each with its certificate."""
-    close = 0
+    """Loads off the largest one by 1e-8 to 1e-4: within 1e-6 either verdict will do, each with its certificate.
+
+    Within 1e-7 there may be none (one load in hundreds): there rounding decides, which is another on every processor.
+    """
+    close = undecided = 0
     for seed in range(7000, 7025):
         grasp = random_grasp(seed, family=family, load="edge")
         p, t = grasp.problem, grasp.impact_time
@@ -202,12 +205,16 @@ def test_at_the_edge_of_feasibility_every_verdict_is_proven(family):
             size = size_of(p, t, grasp.objective, found.certificate.primal)
             forces = found.normal_forces.max() / force_scale(p, t)
             wrong = answer_errors(found, grasp.objective, size, tolerance=1e-8 * max(1.0, forces))
+        elif found.status is Status.INACCURATE:
+            assert abs(grasp.factor - 1) <= 1e-7, grasp
+            undecided += 1
+            continue
         else:
             assert found.status is Status.INFEASIBLE, f"{grasp}: {found.status}"
             assert grasp.factor >= 1 - 1e-6, grasp
             wrong = proof_errors(p, t, found.infeasibility)
         assert not wrong, f"{grasp}: {wrong}"
-    assert 3 <= close <= 20
+    assert 3 <= close <= 20 and undecided <= 1
 
 
 # -- solvers, sizes, the paper -----------------------------------------------------------------------------------------
