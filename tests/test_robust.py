@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 from dataclasses import replace
+from importlib import import_module
 
 import cvxpy as cp
 import numpy as np
