@@ -59,6 +59,13 @@ def shown(value) -> str:
         return f"{'an' if isinstance(value, int) else 'a'} {type(value).__name__}"
 
 
+def one_line(error: BaseException, most: int = 300) -> str:
+    """The text of an error of somebody else's on one line, shortened; with its kind, where the text may need that."""
+    kind = "" if type(error) is ValueError or isinstance(error, InvalidInput) else f"{type(error).__name__}: "
+    text = " ".join(f"{kind}{error}".split())
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
 def brief(*names: str):
     """A ``__repr__`` of a record that fits a terminal: its class and the attributes ``names``, by default its fields.
 
@@ -106,7 +113,7 @@ def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
     if type(value) is np.ndarray and value.dtype is _FLOAT:
         array = np.array(value, order="C")
     else:
-        array = _floats(name, value, shape)
+        array = floats_of(name, value, f"numbers of shape {_words(shape)}")
     if array.shape != shape and (
         array.ndim != len(shape) or any(s is not None and s != a for s, a in zip(shape, array.shape))
     ):
@@ -161,10 +168,6 @@ def alike(names: str, *arrays: np.ndarray) -> None:
     except ValueError:
         shapes = " and ".join(str(array.shape) for array in arrays)
         raise InvalidInput(f"{names}: expected shapes that go together, got {shapes}") from None
-
-
-def _floats(name: str, value, shape) -> np.ndarray:
-    return floats_of(name, value, f"numbers of shape {_words(shape)}")
 
 
 def each_of(name: str, value, k: int) -> np.ndarray:

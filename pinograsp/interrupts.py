@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 
 
 @contextlib.contextmanager
@@ -42,8 +43,25 @@ def interrupts_kept() -> Iterator[Callable[[], None]]:
 
 
 @contextlib.contextmanager
-def interrupts_not_inherited() -> Iterator[None]:
-    """Processes that are started in here do not hear Ctrl-C, which goes to all that a terminal runs: who started them ends them."""
+def parallel_results(function: Callable, arguments: Iterable[tuple], jobs: int, **settings) -> Iterator[Iterator]:
+    """What ``function`` makes of each of the ``arguments``, in ``jobs`` processes; ``settings`` are joblib's.
+
+    The processes do not hear Ctrl-C, which goes to all that a terminal runs: they end with the block.
+    """
+    import joblib  # slow to import
+    from joblib.externals.loky.backend import resource_tracker
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # joblib's, of work that is given up
+        resource_tracker.ensure_running()  # joblib's own process; starting it opens signals that are blocked
+        with _interrupts_not_inherited():
+            results = joblib.Parallel(n_jobs=jobs, **settings)(joblib.delayed(function)(*each) for each in arguments)
+        with contextlib.closing(results):
+            yield results
+
+
+@contextlib.contextmanager
+def _interrupts_not_inherited() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import itertools
 import pickle
 import tempfile
 import traceback
-import warnings
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -17,7 +15,6 @@ import cloudpickle
 import joblib
 import numpy as np
 import pinocchio as pin
-from joblib.externals.loky.backend import resource_tracker
 from tqdm import tqdm
 
 from pinograsp.checks import brief, flag, instance_of, integer, number, one_of, processes
@@ -25,7 +22,7 @@ from pinograsp.contacts import Closure, Contact, ContactSet, check_geometry, cle
 from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
-from pinograsp.interrupts import interrupts_kept, interrupts_not_inherited
+from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of, torque_limits
 from pinograsp.objects.body import Body
 from pinograsp.writing import failure_told
@@ -120,7 +117,6 @@ def find_placements(
     """
     _check_settings(hand, object, torque_limit, impact_time, settings)
     check_geometry(hand)
-    instance_of("object", object, Body)
     count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
     margin, impact_time = number("margin", margin, at_least=0), number("impact time t_I", impact_time, at_least=0, unit="s")
     flag("wrap", wrap)
@@ -135,14 +131,7 @@ def find_placements(
         try:
             if joblib.effective_n_jobs(jobs) > 1:
                 case = _handed_over(case, Path(folder) / "case.pickle")
-            with contextlib.ExitStack() as stack:
-                # joblib warns of samples that are given up.
-                stack.enter_context(warnings.catch_warnings())
-                warnings.simplefilter("ignore", UserWarning)
-                resource_tracker.ensure_running()  # joblib's own process; starting it opens signals that are blocked
-                with interrupts_not_inherited():
-                    results = joblib.Parallel(n_jobs=jobs, return_as="generator")(joblib.delayed(_try)(case, s) for s in seeds)
-                    stack.enter_context(contextlib.closing(results))
+            with parallel_results(_try, ((case, one) for one in seeds), jobs, return_as="generator") as results:
                 for outcome, placement in results:
                     if isinstance(outcome, Exception):
                         raise outcome

@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, StrictStr, ValidationError
 
+from pinograsp.checks import are_rotations, one_line
 from pinograsp.contacts.friction import FRICTION_MODELS
 from pinograsp.errors import InvalidInput, Status
 
@@ -225,7 +226,7 @@ def read_check(folder: Path) -> tuple[dict, dict[str, np.ndarray]]:
     _sized("check.npz", arrays, {name: "m" for name in arrays if name.startswith("energy_")}, sizes)
     _expect("check.npz", "times", "times that grow", bool(np.all(np.diff(arrays["times"]) > 0)))
     poses = arrays["object_poses"]
-    good = _rotations(poses[:, :3, :3]) and np.array_equal(poses[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1)))
+    good = are_rotations(poses[:, :3, :3]).all() and np.array_equal(poses[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1)))
     _expect("check.npz", "object_poses", "placements", good)
     return document, arrays
 
@@ -268,7 +269,7 @@ def _check_plan(document: dict, arrays: dict) -> None:
     stiffness, damping, exponent = arrays["contact_law"]
     _expect(file, "contact_law", "a stiffness above 0, a damping from 0 on, an exponent above 0 and up to 100",
             stiffness > 0 and damping >= 0 and 0 < exponent <= 100)  # fmt: skip
-    _expect(file, "rotations_oc", "rotations", _rotations(arrays["rotations_oc"]))
+    _expect(file, "rotations_oc", "rotations", are_rotations(arrays["rotations_oc"]).all())
     _expect(file, "branches", "no NaN", not np.isnan(arrays["branches"]).any())
     if "certificate" in document and document["certificate"] is None:
         _expect(file, "branches", "none without a certificate", len(arrays["branches"]) == 0)
@@ -303,11 +304,6 @@ def _sized(file: str, arrays: dict, shapes: dict[str, str], sizes: dict[str, int
     return sizes
 
 
-def _rotations(matrices: np.ndarray) -> bool:
-    error = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(initial=0.0)
-    return bool(error < 1e-6 and np.all(np.linalg.det(matrices) > 0))
-
-
 def _strings(array: np.ndarray) -> list[str]:
     try:
         return array.tolist()
@@ -337,7 +333,7 @@ def read_document(path: Path, schema: str | None) -> dict:
             _bounded(path).decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_constant, parse_int=_bounded_int
         )
     except (ValueError, RecursionError, OSError) as error:
-        raise InvalidInput(f"{path.name}: {_one_line(error)}") from error
+        raise InvalidInput(f"{path.name}: {one_line(error)}") from error
     found = document.pop("schema", None) if isinstance(document, dict) else None
     if schema is not None and found != schema:
         raise InvalidInput(f"expected schema {schema}, got {found!r:.60} ({path.name})")
@@ -351,11 +347,6 @@ def read_document(path: Path, schema: str | None) -> dict:
     if not _readable([json.dumps(document, ensure_ascii=False)]):
         raise InvalidInput(f"{path.name}: expected readable text, got characters that are none")
     return document
-
-
-def _one_line(error: Exception) -> str:
-    own = isinstance(error, ValueError) and type(error) is ValueError
-    return " ".join((str(error) if own else f"{type(error).__name__}: {error}").split())[:300]
 
 
 def _bounded(path: Path) -> bytes:
@@ -400,7 +391,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         if not all(isinstance(array, np.ndarray) for array in arrays.values()):
             raise ValueError("expected arrays alone")
     except Exception as error:  # zipfile, zlib and NumPy raise whatever comes of a broken file
-        raise InvalidInput(f"{path.name}: {_one_line(error)}") from error
+        raise InvalidInput(f"{path.name}: {one_line(error)}") from error
     return arrays
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinograsp.checks import instance_of, mapping_of, path_of, shown
+from pinograsp.checks import mapping_of, one_line, path_of, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.hands.record import hand_of, hand_record
@@ -131,8 +131,6 @@ def save_run(
             the place cannot be written.
     """
     if not isinstance(run, Run):
-        if not all(hasattr(run, name) for name in ("hand", "forces", "motion")):
-            raise InvalidInput(f"run: expected a GraspPlan, or a Run as pinograsp.run_of makes it, got {shown(run)}")
         run = run_of(run)
     document = {"schema": SCHEMA, **run.summary, "layout": run.layout, "settings": run.settings, "versions": run.versions}
     try:
@@ -142,7 +140,6 @@ def save_run(
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"run: expected plain, finite values in summary, layout, settings and scene ({error})") from error
 
-    instance_of("run", run, Run)
     if extras is not None and not callable(extras):
         raise InvalidInput(f"extras: expected a function of a path, got {shown(extras)}")
 
@@ -174,7 +171,7 @@ def load_check(folder: str | Path) -> tuple[dict, dict[str, np.ndarray]]:
         return _of_one(folder, read_check)
     except Exception as error:  # the readers raise whatever comes of a broken file
         raise InvalidInput(
-            f"simulation: expected a folder that 'pinograsp check' wrote, got {shown(str(folder))} ({_cause(error)})"
+            f"simulation: expected a folder that 'pinograsp check' wrote, got {shown(str(folder))} ({one_line(error)})"
         ) from error
 
 
@@ -190,12 +187,8 @@ def load_run(folder: str | Path) -> Run:
         document, arrays, scene = _of_one(folder, read)
         layout, settings, versions = (document.pop(name) for name in ("layout", "settings", "versions"))
     except Exception as error:  # the readers raise whatever comes of a broken file
-        raise InvalidInput(f"'{folder}' holds no readable run: {_cause(error)}") from error
+        raise InvalidInput(f"'{folder}' holds no readable run: {one_line(error)}") from error
     return Run(summary=document, arrays=arrays, layout=layout, settings=settings, versions=versions, scene=scene)
-
-
-def _cause(error: Exception) -> str:
-    return str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {error}"[:300]
 
 
 def _of_one(folder: Path, read: Callable[[Path], tuple]) -> tuple:

@@ -21,9 +21,14 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{value:.{max(digits - 1 - exponent, 0)}f}" if -4 <= exponent < 6 else f"{value:.{digits - 2}e}"
 
 
+def escaped(text: str, keep: str = "") -> str:
+    """Text without what would steer a terminal or turn the direction, but for the characters to ``keep``."""
+    return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode() for c in text)
+
+
 def printable(text: str, most: int = 200) -> str:
     """A name of someone else's as one line of text: no control characters, nothing that turns the direction, at most so long."""
-    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(text))
+    shown = escaped(str(text))
     return shown if len(shown) <= most else f"{shown[: most - 3]}..."
 
 

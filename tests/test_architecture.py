@@ -36,7 +36,7 @@ OWNERS = {
     "typer": {"cli"},
     "rich": {"cli"},
     "tqdm": {"forces", "placement", "referee", "sweep"},
-    "joblib": {"placement", "referee", "sweep"},
+    "joblib": {"interrupts", "placement", "referee", "sweep"},
     "cloudpickle": {"placement", "referee"},
     "pyarrow": {"sweep"},
     "distributed": {"sweep"},

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 import own_hands
 import pytest
+from killing import start_and_kill
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, ResultsNotWritten
@@ -452,14 +453,7 @@ while True:
 def test_writers_of_trials_that_are_killed_lose_and_double_none(tmp_path, rounds):
     path, rng = tmp_path / "log.jsonl", np.random.default_rng(rounds)
     for _ in range(rounds):
-        writers = [subprocess.Popen([sys.executable, "-c", LOGGED, str(path)], stdout=subprocess.PIPE) for _ in range(2)]
-        for writer in writers:
-            assert writer.stdout.readline() == b"ready\n"
-        time.sleep(rng.uniform(0, 0.1))
-        for writer in writers:
-            writer.kill()
-            writer.wait()
-            writer.stdout.close()
+        start_and_kill([[LOGGED, path]] * 2, rng.uniform(0, 0.1))
         with TrialLog(path, HEADER) as log:
             log.add(row(len(log.rows)))
         found = trials_in(path)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from killing import start_and_kill
 from ruamel.yaml import YAML
 
 import pinograsp as pg
@@ -186,9 +187,9 @@ def test_rows_that_take_long_are_given_back(tmp_path, monkeypatch, what):
     monkeypatch.setattr(rows_module, "_LONGEST", 0.0)
     sent, plain = [], run.run_chunk
 
-    def noted(payload, rows, alone):
+    def noted(payload, rows):
         sent.append(len(rows))
-        return plain(payload, rows, alone)
+        return plain(payload, rows)
 
     monkeypatch.setattr(run, "run_chunk", noted)
     spec = GRID if what == "plan" else {**GRID, "what": "forces", "set": {"impact_time": 0.9}}
@@ -537,14 +538,7 @@ while True:
 def test_writers_of_rows_that_are_killed_lose_and_double_none(tmp_path, rounds):
     rng, before = np.random.default_rng(rounds), 0
     for _ in range(rounds):
-        writers = [subprocess.Popen([sys.executable, "-c", STORED, str(tmp_path / "out")], stdout=subprocess.PIPE) for _ in range(2)]
-        for writer in writers:
-            assert writer.stdout.readline() == b"ready\n"
-        time.sleep(rng.uniform(0, 0.3))
-        for writer in writers:
-            writer.kill()
-            writer.wait()
-            writer.stdout.close()
+        start_and_kill([[STORED, tmp_path / "out"]] * 2, rng.uniform(0, 0.3))
         with Store(tmp_path / "out", {}, 100000, {"status": "text"}) as store:
             found = read_sweep(tmp_path / "out")["index"].to_pylist()
             assert found == list(range(len(found))) and store.done == len(found) >= before

@@ -6,13 +6,12 @@ import errno
 import fcntl
 import os
 import random
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from killing import start_and_kill
 
 from pinograsp.errors import ResultsNotWritten
 from pinograsp.writing import NewFolder, add_files, files, folders, list_in, locks, safe_name, write_file, write_folder
@@ -315,16 +314,7 @@ def killed_often(tmp_path: Path, kills: int, seed: int, writers: int) -> None:
     rng, run = random.Random(seed), tmp_path / "run"
     write_folder(run, filling("0", 20000))
     for _ in range(kills):
-        processes = [start(run, number, *["many"] * (writers == 1)) for number in range(writers)]
-        try:
-            for process in processes:
-                assert process.stdout.readline() == "ready\n"
-            time.sleep(rng.uniform(0, 0.05))
-        finally:
-            for process in processes:
-                process.send_signal(signal.SIGKILL)
-                process.wait()
-                process.stdout.close()
+        start_and_kill([[WRITER, run, number, *["many"] * (writers == 1)] for number in range(writers)], rng.uniform(0, 0.05))
         found = texts(run)
         assert set(found) == set(PARTS) and {len(text) for text in found.values()} == {20000}
         if writers > 1:

@@ -19,6 +19,7 @@ except KeyboardInterrupt:
     raise SystemExit(130) from None
 
 from pinograsp.errors import PinograspError, exit_code_of, status_of
+from pinograsp.words import escaped
 
 __all__ = ["app", "bench", "check", "hands", "main", "plan", "report", "run", "sweep", "view"]
 
@@ -83,6 +84,4 @@ def _interrupted(error: BaseException | None) -> bool:
 
 
 def _say(text: str) -> None:
-    """On standard error, without what would steer a terminal."""
-    shown = "".join(char if char.isprintable() or char == "\n" else repr(char)[1:-1] for char in text)
-    typer.echo(f"pinograsp: {shown}", err=True)
+    typer.echo("pinograsp: " + escaped(text, keep="\n"), err=True)

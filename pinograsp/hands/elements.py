@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.checks import shown
 from pinograsp.errors import HandNotLoaded
 
 _XACRO = "{http://www.ros.org/wiki/xacro}"
@@ -24,7 +25,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     Pipes and devices are not opened: they could make the reader wait, or never end.
     """
     size = os.stat(path).st_size
-    if not is_file(path):
+    if not os.path.isfile(path):
         raise OSError(f"{path} is not a regular file")
     if size > most:
         raise OSError(f"{path} has {size} bytes, more than the {most} that are read")
@@ -88,14 +89,6 @@ def parse(source: str, text: str) -> ElementTree.Element:
     return robot
 
 
-def is_file(path: Path) -> bool:
-    """Whether there is such a file; False as well for names that cannot be any."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # too long, in a folder that may not be read
-        return False
-
-
 def written(values) -> str:
     """Numbers as text, without losing a digit."""
     return " ".join(repr(float(value)) for value in values)
@@ -124,11 +117,6 @@ def floats(text: str) -> list[float]:
     if not all(map(math.isfinite, values)):
         raise ValueError("not finite")
     return values
-
-
-def shown(text: str | None) -> str:
-    """What was given, in quotes, cut short."""
-    return repr(text if text is None or len(text) <= 100 else text[:100] + "...")
 
 
 def numbers(element, key: str, count: int, default: str | None = None, most: float = math.inf) -> list[float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import difflib
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from pinograsp.checks import flag, instance_of, mapping_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, mjcf
 from pinograsp.hands.catalogue import CATALOGUE, file_of
-from pinograsp.hands.elements import is_file, parse, read_bytes
+from pinograsp.hands.elements import parse, read_bytes
 from pinograsp.hands.geometry import collision_geometry, fill_masses
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.tree import find_fingers, tip_of
@@ -108,7 +109,7 @@ def _file(name: str) -> Path:
         path = Path(name).expanduser()
     except RuntimeError:  # nobody's home
         path = Path(name)
-    if is_file(path):
+    if os.path.isfile(path):
         return path
     near = difflib.get_close_matches(name, CATALOGUE, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pinograsp.checks import one_line
 from pinograsp.hands.elements import parse_xml, read_bytes
 
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".off", ".dae")
@@ -42,7 +43,7 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
         read = trimesh.load(io.BytesIO(content), file_type=kind[1:], force="mesh", process=False)
         vertices, faces = np.asarray(read.vertices, dtype=float), np.asarray(read.faces)
     except Exception as error:  # the readers raise whatever comes of a broken file
-        raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {_short(error)}") from error
+        raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {one_line(error)}") from error
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
         raise ValueError("expected a mesh of triangles, got none")
     if len(faces) > MOST_TRIANGLES:
@@ -74,11 +75,6 @@ def collision_model(vertices: np.ndarray, faces: np.ndarray):
     model.addTriangles(faces.astype(np.int64))
     model.endModel()
     return model
-
-
-def _short(error: Exception) -> str:
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    return text if len(text) <= 200 else text[:200] + "..."
 
 
 # -- what small files can blow up to -----------------------------------------------------------------------------------

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.checks import shown
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.elements import MOST_ELEMENTS, floats, is_file, parse_xml, read_bytes, shown
+from pinograsp.hands.elements import MOST_ELEMENTS, floats, parse_xml, read_bytes
 
 # All actuators are one kind to MuJoCo, with one set of defaults; the shortcuts set the gain and bias that make them.
 _FORCES = {"biastype": "none", "gaintype": "fixed", "gainprm": "1"}
@@ -84,7 +86,7 @@ class Source:
 
     def _included(self, name: str, path: Path) -> tuple[Path, ElementTree.Element]:
         """The file that is meant, looked for beside the one that includes it and beside the first, and what it holds."""
-        found = next((one.resolve() for one in (path.parent / name, self.folder / name) if is_file(one)), None)
+        found = next((one.resolve() for one in (path.parent / name, self.folder / name) if os.path.isfile(one)), None)
         if found is None:
             raise ValueError("no such file")
         if not (self.trusted or found.is_relative_to(self.folder)):

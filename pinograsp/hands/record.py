@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
-from pinograsp.hands.elements import drop, is_file, named, parse
+from pinograsp.hands.elements import drop, named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.urdf import prepare
@@ -273,7 +273,7 @@ def _geometry(source: str, model: pin.Model, shapes: list) -> pin.GeometryModel:
 
 
 def _mesh(path: str, scale: list[float], problems: list[str]):
-    if not os.path.isabs(path) or not is_file(Path(path)):
+    if not os.path.isabs(path) or not os.path.isfile(path):
         problems.append(f"mesh '{path}' is not there: put the file back, or load the hand from its own description")
         return None
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinograsp.hands.elements import is_file, named, numbers, placement_of
+from pinograsp.hands.elements import named, numbers, placement_of
 from pinograsp.hands.geometry import Shape, read_mesh
 from pinograsp.spatial import FARTHEST
 
@@ -84,7 +84,7 @@ def mesh_path(name: str, folder: Path) -> Path | None:
     spellings = [name, plain] if (plain := urllib.parse.unquote(name)) != name else [name]
     for one in spellings:
         for place in _places(one, folder):
-            if is_file(place):
+            if os.path.isfile(place):
                 return place.resolve()
     return None
 

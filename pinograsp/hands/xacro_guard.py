@@ -12,6 +12,7 @@ import contextlib
 import functools
 import importlib.util
 import io
+import os
 import re
 import threading
 import time
@@ -20,7 +21,7 @@ from pathlib import Path
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import arithmetic
-from pinograsp.hands.elements import is_file, parse_xml, read_bytes
+from pinograsp.hands.elements import parse_xml, read_bytes
 
 _SUBSTITUTION = re.compile(r"\$\{([^}]*)\}|\$\(([^)]*)\)|(\$)")
 _ARGUMENT = re.compile(r"\s*arg\s+(\w+)\s*")
@@ -151,7 +152,7 @@ class _Files:
         if not target.is_relative_to(self.folder):
             self.problems.append(f"{path.name}: include of '{name}': outside the file's own folder")
             return []
-        return [target] if is_file(target) else []  # xacro says which are missing, where they are not optional
+        return [target] if os.path.isfile(target) else []  # xacro says which are missing, where they are not optional
 
 
 def _forbidden_text(text: str) -> list[str]:
@@ -253,7 +254,7 @@ class _Guard:
         return arguments[found[1]]
 
     def parse(self, text, name: str):
-        if not is_file(Path(name)):  # as xacro says it, which may have been told that the file is optional
+        if not os.path.isfile(name):  # as xacro says it, which may have been told that the file is optional
             self.module.filestack.pop()
             raise self.module.XacroException(f"No such file: {name}", exc=FileNotFoundError(name))
         document = self.files.document(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -67,14 +68,13 @@ class Mesh(Body):
         Raises:
             InvalidInput: no such file, not a mesh, or one that is refused (see the class).
         """
-        from pinograsp.hands.elements import is_file  # with Pinocchio, slow to import
-        from pinograsp.hands.mesh_file import FORMATS, read_triangles
+        from pinograsp.hands.mesh_file import FORMATS, read_triangles  # with Pinocchio, slow to import
 
         if not isinstance(path, str | Path):
             raise InvalidInput(f"mesh file: expected a path, got {shown(path)}")
         path = Path(path)
         scale = number("mesh scale", scale, above=0)
-        if not is_file(path):
+        if not os.path.isfile(path):
             raise InvalidInput(f"mesh file: expected an existing file, got '{path}': check the path")
         one_of(f"format of mesh file '{path}'", path.suffix.lower(), FORMATS)
         try:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from dataclasses import asdict, dataclass, fields
 from numbers import Real
 from pathlib import Path
 
-import joblib
 import numpy as np
 from tqdm import tqdm
 
 from pinograsp.checks import array_of, brief, floats_of, instance_of, integer, number, path_of, processes
 from pinograsp.errors import InvalidInput
-from pinograsp.interrupts import interrupts_kept
+from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.referee.settings import Disturbance, Push, Servo
 from pinograsp.referee.trial_log import TrialLog
 from pinograsp.referee.trials import Outcome, common_settings, handed_over, run_trial
@@ -245,12 +243,10 @@ def monte_carlo(
         disable=None if progress is None else not progress, leave=False,
     )  # fmt: skip
     with log, bar, handed_over(task, settings, jobs) as case, interrupts_kept() as interrupt:
-        work = (
-            joblib.delayed(_try)(case, *_drawn(task, errors, seed, name, trial), name, trial) for name, trial in todo
-        )
+        trials = ((case, *_drawn(task, errors, seed, name, trial), name, trial) for name, trial in todo)
         try:
             # As they come, so that an interruption loses none that is done.
-            with contextlib.closing(joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(work)) as results:
+            with parallel_results(_try, trials, jobs, return_as="generator_unordered") as results:
                 for name, trial, drawn, outcome in results:
                     log.add({
                         "error": name, "trial": trial, "drawn": drawn, "held": outcome.held, "drift_m": outcome.drift,

@@ -126,9 +126,7 @@ class Disturbance:
             put(name, array_of(f"{name} [{unit}]", getattr(self, name), (3,)))
         put("shake_frequency", number("shake frequency", self.shake_frequency, above=0, unit="Hz"))
         if self.mu is not None:
-            put("mu", number("mu", self.mu, at_least=0))
-            if self.mu > _MOST_MU:
-                raise InvalidInput(f"mu: expected at most {_MOST_MU:g}, got {self.mu:g}")
+            put("mu", number("mu", self.mu, at_least=0, at_most=_MOST_MU))
         put("mass_factor", number("mass factor", self.mass_factor, above=0))
         if self.start_error is not None:
             put("start_error", array_of("start error", self.start_error, (None,)))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import json
-import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -54,12 +52,9 @@ def kind_of(values: list) -> str:
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def run_chunk(payload: str, rows: list[tuple[int, dict]], alone: bool = False) -> tuple[list[dict], float, list[int]]:
+def run_chunk(payload: str, rows: list[tuple[int, dict]]) -> tuple[list[dict], float, list[int]]:
     """What workers do: the rows of a chunk, given as index and inputs, the seconds they took, and the indices of those left over
-    when it had lasted for long. ``alone``: in a process of its own."""
-    if alone:
-        with contextlib.suppress(ValueError):  # not the main thread
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the first process's to hear
+    when it had lasted for long."""
     with _ONE_AT_A_TIME:
         base = _base(payload)
         started = time.perf_counter()

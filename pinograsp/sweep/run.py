@@ -19,7 +19,7 @@ from tqdm import tqdm
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.checks import one_of, processes
 from pinograsp.errors import ExtraMissing, InvalidInput, PinograspError
-from pinograsp.interrupts import interrupts_kept
+from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.sweep.rows import FIGURES, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
 
@@ -161,12 +161,10 @@ class _Chunks:
 
 
 def _by_joblib(jobs: int, payload: str, chunks: _Chunks) -> Iterator[tuple[list[dict], float, list[int]]]:
-    several = joblib.effective_n_jobs(jobs) > 1
     try:
         while len(chunks):  # rows may have come back when all chunks had been handed over
-            work = (joblib.delayed(run_chunk)(payload, rows, several) for rows in chunks)
-            parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-            with contextlib.closing(parallel(work)) as results:
+            work = ((payload, rows) for rows in chunks)
+            with parallel_results(run_chunk, work, jobs, return_as="generator_unordered", batch_size=1) as results:
                 yield from results
     except BrokenProcessPool as error:
         why = str(error).splitlines()[0]

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pinograsp.errors import InvalidInput
-from pinograsp.viz.figures import COLOURS, shown
+from pinograsp.viz.figures import COLOURS, label_of
 
 
 def _hold(axes, simulation) -> None:
@@ -29,9 +29,9 @@ def forces_beside_plan(simulation) -> Figure:
     times, drawn = simulation.times, simulation.times >= _first_touch(simulation)
     for i, part in enumerate(simulation.parts):
         colour = COLOURS[i % len(COLOURS)]
-        force.plot(times[drawn], simulation.normal_forces[drawn, i], color=colour, linewidth=1.6, label=shown(part))
+        force.plot(times[drawn], simulation.normal_forces[drawn, i], color=colour, linewidth=1.6, label=label_of(part))
         force.axhline(simulation.planned_forces[i], color=colour, linestyle="--", linewidth=1.0)
-        depth.plot(times[drawn], 1e3 * simulation.depths[drawn, i], color=colour, linewidth=1.6, label=shown(part))
+        depth.plot(times[drawn], 1e3 * simulation.depths[drawn, i], color=colour, linewidth=1.6, label=label_of(part))
     force.set(ylabel="normal force [N], planned: dashed")
     depth.set(ylabel="penetration depth [mm]")
     for axes in (force, depth):
@@ -54,7 +54,7 @@ def object_motion(simulation) -> Figure:
     drift.set(ylabel="drift of the centre of mass [mm]")
     for i, part in enumerate(simulation.parts):
         slip.plot(times[start:], 1e3 * (simulation.slips[start:, i] - simulation.slips[start, i]),
-                  color=COLOURS[i % len(COLOURS)], linewidth=1.4, label=shown(part))  # fmt: skip
+                  color=COLOURS[i % len(COLOURS)], linewidth=1.4, label=label_of(part))  # fmt: skip
     slip.set(ylabel="slip since then [mm]")
     for axes in (drift, slip):
         _hold(axes, simulation)

@@ -20,7 +20,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _STYLES = ("-", "--", "-.", ":")
 
 
-def shown(name: str) -> str:
+def label_of(name: str) -> str:
     """A name of someone else's as Matplotlib shows it: no formulas, never left out of a legend, short."""
     name = printable(name, 40).replace("$", r"\$")
     return f" {name}" if name.startswith("_") or not name else name
@@ -28,7 +28,7 @@ def shown(name: str) -> str:
 
 def _lines(axes, times, values, labels) -> None:
     for i, label in enumerate(labels):
-        axes.plot(times, values[:, i], _STYLES[i % 4], color=COLOURS[i % 7], linewidth=1.6, label=shown(label))
+        axes.plot(times, values[:, i], _STYLES[i % 4], color=COLOURS[i % 7], linewidth=1.6, label=label_of(label))
 
 
 def _phases(axes, run: Run) -> None:
@@ -64,7 +64,7 @@ def _per_finger(run: Run, values: np.ndarray, ylabel: str) -> Figure:
         dofs = run.layout["fingers"][name]
         _lines(axes, run.arrays["times"], values[:, dofs], [run.layout["joints"][i] for i in dofs])
         _phases(axes, run)
-        axes.set(title=shown(name), ylabel=ylabel, xlim=(0, run.summary["final_time_s"]))
+        axes.set(title=label_of(name), ylabel=ylabel, xlim=(0, run.summary["final_time_s"]))
         axes.legend(fontsize=8, loc="center left")
     return figure
 
@@ -91,7 +91,7 @@ def joint_torques(run: Run, finger: str) -> Figure:
     whole, early = figure.subplots(1, 2)
     _lines(whole, times, torques, labels)
     _phases(whole, run)
-    whole.set(title=f"{shown(finger)}: joint torques", ylabel="torque [N m]", xlim=(0, run.summary["final_time_s"]))
+    whole.set(title=f"{label_of(finger)}: joint torques", ylabel="torque [N m]", xlim=(0, run.summary["final_time_s"]))
     whole.legend(fontsize=8, loc="center left")
     _lines(early, times[: impact + 1], 1e3 * torques[: impact + 1], labels)
     early.grid(alpha=0.3, linewidth=0.5)
@@ -210,13 +210,13 @@ def search_over_time(run: Run) -> Figure:
                     label="no forces in this interval")  # fmt: skip
     final = run.summary["certificate"]["primal"]
     map_.plot(run.summary["impact_time_s"], final, "o", color=COLOURS[1], label="found")
-    map_.set(xlabel="impact time t_I [s]", ylabel=f"{shown(run.summary['measure'])} [{unit}]")
+    map_.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(run.summary['measure'])} [{unit}]")
     steps = np.arange(1, len(branches) + 1)
     known = np.isfinite(best)
     gap.step(steps[known], best[known], where="post", color=COLOURS[1], linewidth=1.6, label="best found")
     dual = run.summary["certificate"]["dual"]
     gap.axhline(dual, color=COLOURS[0], linewidth=1.4, linestyle="--", label="proven in the end")
-    gap.set(xlabel="intervals looked at", ylabel=f"{shown(run.summary['measure'])} [{unit}]")
+    gap.set(xlabel="intervals looked at", ylabel=f"{label_of(run.summary['measure'])} [{unit}]")
     gap.set_title(f"gap in the end {run.summary['certificate']['relative_gap']:.1e}", fontsize=10)
     for axes in (map_, gap):
         axes.grid(alpha=0.3, linewidth=0.5)
@@ -242,7 +242,7 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
     if y is None:
         order = np.argsort(across)
         axes.plot(across[order], values[order], "o-", color=COLOURS[0], linewidth=1.4, markersize=4)
-        axes.set(xlabel=shown(x), ylabel=shown(value))
+        axes.set(xlabel=label_of(x), ylabel=label_of(value))
         axes.grid(alpha=0.3, linewidth=0.5)
         return figure
     up = array_of(f"column '{y}'", columns[y], values.shape)
@@ -251,8 +251,8 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
     cells[np.searchsorted(ys, up), np.searchsorted(xs, across)] = values
     drawn = axes.pcolormesh(xs, ys, np.ma.masked_invalid(cells), cmap="cividis", shading="nearest")
     axes.set_facecolor("0.85")
-    figure.colorbar(drawn, ax=axes, label=shown(value))
-    axes.set(xlabel=shown(x), ylabel=shown(y), title="grey: no grasp")
+    figure.colorbar(drawn, ax=axes, label=label_of(value))
+    axes.set(xlabel=label_of(x), ylabel=label_of(y), title="grey: no grasp")
     return figure
 
 
