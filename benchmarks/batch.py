@@ -2,11 +2,10 @@
 
     python benchmarks/batch.py [--count 100000] [--quick]
 
-Different problems (seeded grasps of forces.py under random mixtures of their loads), all of one number of contacts, whose contacts,
-friction and limits are ready as arrays. Times per problem, medians of three runs after compiling; the loops solve every 500th,
-with hand-stacked matrices that are ready before the clock starts. "general": problems that were left to the general methods.
-Writes batch.csv beside this file.
-"""
+Different problems (seeded grasps of forces.py under random mixtures of their loads), all of one number of contacts,
+whose contacts, friction and limits are ready as arrays. Times per problem, medians of three runs after compiling; the
+loops solve every 500th, with hand-stacked matrices that are ready before the clock starts. "general": problems that
+were left to the general methods. Writes batch.csv beside this file."""
 
 from __future__ import annotations
 
@@ -45,15 +44,24 @@ def batch_of(cases, which, loads, friction) -> pg.ForceBatch:
         return np.array([values(case) for case in cases])[which]
 
     return pg.ForceBatch(
-        points=each(lambda c: c.points), rotations=each(lambda c: c.rotations), loads=loads, mu=each(lambda c: c.base.mu),
-        low=each(lambda c: c.lo), high=each(lambda c: c.hi), moment_lengths=each(lambda c: c.base.moment_length), friction=friction,
+        points=each(lambda c: c.points),
+        rotations=each(lambda c: c.rotations),
+        loads=loads,
+        mu=each(lambda c: c.base.mu),
+        low=each(lambda c: c.lo),
+        high=each(lambda c: c.hi),
+        moment_lengths=each(lambda c: c.base.moment_length),
+        friction=friction,
         energies={"work": np.array(cases[0].base.energy_terms(single.IMPACT_TIME, "work"))},
-    )  # fmt: skip
+    )
 
 
 def looped(method, cases, which, loads, friction) -> float:
     """Median microseconds per problem of a method of forces.py."""
-    known = [method.fresh(replace(case, base=replace(case.base, friction=friction, torques=None)), case.loads[0]) for case in cases]
+    known = [
+        method.fresh(replace(case, base=replace(case.base, friction=friction, torques=None)), case.loads[0])
+        for case in cases
+    ]
     spent = []
     for i in range(0, len(loads), EVERY):
         started = time.perf_counter()
@@ -81,14 +89,20 @@ def main() -> None:
                     row[f"{column}_s"] = f"{np.median([one.elapsed for one in found]):.2f}"
                 row |= {"ok": int(found[-1].ok.sum()), "general": found[-1].general}
                 if objective == "least_squares":
-                    row["clarabel_loop_us"] = f"{looped(single.ClarabelNative(name), cases, which, loads, friction):.0f}"
+                    row["clarabel_loop_us"] = (
+                        f"{looped(single.ClarabelNative(name), cases, which, loads, friction):.0f}"
+                    )
                     if name == "pyramid":
                         row["daqp_loop_us"] = f"{looped(single.DaqpNative(), cases, which, loads, friction):.0f}"
                 rows.append(row)
                 print(row)
     if not options.quick:
         columns = list(dict.fromkeys(column for row in rows for column in row))
-        write_rows(HERE / "batch.csv", header(("numpy", "numba", "clarabel", "daqp")), [{c: r.get(c, "") for c in columns} for r in rows])
+        write_rows(
+            HERE / "batch.csv",
+            header(("numpy", "numba", "clarabel", "daqp")),
+            [{c: r.get(c, "") for c in columns} for r in rows],
+        )
 
 
 if __name__ == "__main__":

@@ -27,18 +27,17 @@ What stands for "without this package", all in newtons with moments over the mea
 - slsqp: SciPy's SLSQP at its usual settings from even normal forces, given functions only: it takes finite differences.
   This is what one gets without writing gradients.
 - slsqp_gradients: the same with all gradients by hand; slsqp_tight: with gradients and ftol 1e-12.
-- clarabel_native, daqp_native: for least squares on cones and pyramids, the solvers' own interfaces on hand-stacked matrices that
-  are ready before the clock starts; the load alone is set inside it. Clarabel's solver is made anew for each load, with its
-  default settings; DAQP is called as ``daqp.solve``.
+- clarabel_native, daqp_native: for least squares on cones and pyramids, the solvers' own interfaces on hand-stacked
+  matrices that are ready before the clock starts; the load alone is set inside it. Clarabel's solver is made anew for
+  each load, with its default settings; DAQP is called as ``daqp.solve``.
 - plain_qp: for least squares on pyramids, quadprog through qpsolvers on hand-stacked matrices.
 
-"auto" runs after ``pinograsp.warm_up()`` where numba (extra ``fast``) is installed; "online" is ``OnlineForces.step`` from
-scratch, where its objective is the same (least squares, no torsion, no torque limits). Without numba "auto" does what the
-row "daqp" says up to 20 contacts and "clarabel" above. The other solvers of this package are asked for by name;
-"answered_by" says which one gave the answers. "interior" and "newton" have rows only where they give most of them.
-"success" is the method's own word; an exception is a failure. "correct" is measured: objective within 1e-6 of the
-certified optimum, balance, friction, bounds and torque limits met to 1e-6 of the load (of the limit for torques).
-"""
+"auto" runs after ``pinograsp.warm_up()`` where numba (extra ``fast``) is installed; "online" is ``OnlineForces.step``
+from scratch, where its objective is the same (least squares, no torsion, no torque limits). Without numba "auto" does
+what the row "daqp" says up to 20 contacts and "clarabel" above. The other solvers of this package are asked for by
+name; "answered_by" says which one gave the answers. "interior" and "newton" have rows only where they give most of
+them. "success" is the method's own word; an exception is a failure. "correct" is measured: objective within 1e-6 of the
+certified optimum, balance, friction, bounds and torque limits met to 1e-6 of the load (of the limit for torques)."""
 
 from __future__ import annotations
 
@@ -476,13 +475,17 @@ class ClarabelNative(OnArrays):
         limits = limits.reshape(-1, n)
         rows = csc_matrix(np.concatenate([a.G, bounds.reshape(-1, n), limits]))
         cones = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(2 * k), *cones]
-        return a, load, (2.0 * identity(n, format="csc"), np.zeros(n), rows, np.concatenate([*h, np.zeros(len(limits))]), cones)
+        return (
+            a,
+            load,
+            (2.0 * identity(n, format="csc"), np.zeros(n), rows, np.concatenate([*h, np.zeros(len(limits))]), cones),
+        )
 
     def again(self, known, load):
         return *super().again(known, load), known[2]
 
     def solve(self, inputs):
-        a, load, (P, q, rows, h, cones) = inputs
+        _a, load, (P, q, rows, h, cones) = inputs
         h[:6] = -load
         found = clarabel.DefaultSolver(P, q, rows, h, cones, self.settings).solve()
         return str(found.status) == "Solved", np.array(found.x).reshape(-1, 3)
@@ -509,7 +512,7 @@ class DaqpNative(OnArrays):
         return *super().again(known, load), known[2]
 
     def solve(self, inputs):
-        a, load, (H, f, rows, upper, lower, sense) = inputs
+        _a, load, (H, f, rows, upper, lower, sense) = inputs
         n = len(f)
         upper[n : n + 6] = lower[n : n + 6] = -load
         x, _, code, _ = daqp.solve(H, f, rows, upper, lower, sense)
@@ -747,8 +750,15 @@ def draw(rows: list[dict], path: Path) -> None:
                 axes.loglog(x, y, style, color=colour, linewidth=width, zorder=3 if front else 2)
                 for a, b, r in zip(x, y, curve):
                     good = float(r["correct"]) >= 0.99
-                    axes.plot(a, b, "o", color=colour, markersize=7 if front else 4, zorder=4 if front else 2,
-                              markerfacecolor=colour if good else "white")  # fmt: skip
+                    axes.plot(
+                        a,
+                        b,
+                        "o",
+                        color=colour,
+                        markersize=7 if front else 4,
+                        zorder=4 if front else 2,
+                        markerfacecolor=colour if good else "white",
+                    )
                 if method == "auto":
                     cold = [float(r["interleaved_median_us"]) for r in curve]
                     axes.loglog(x, cold, "--", color=colour, linewidth=1.5, zorder=3)
@@ -806,7 +816,9 @@ def table(rows: list[dict]) -> str:
     shown = ("prepared_median_us", "prepared_p99_us", "interleaved_median_us", "new_median_us", "correct")
     shown += tuple(f"{other}_over_this_prepared" for other in (*OTHERS[:3], *OTHERS[4:]))
     heads = ("prepared", "p99", "interl.", "new", "correct", "cvxpy/", "slsqp/", "gradients/", "clarabel/", "daqp/")
-    lines = [f"{'contacts':>8} {'friction':<16} {'objective':<14} {'method':<7}" + "".join(f"{head:>11}" for head in heads)]
+    lines = [
+        f"{'contacts':>8} {'friction':<16} {'objective':<14} {'method':<7}" + "".join(f"{head:>11}" for head in heads)
+    ]
     for r in rows:
         if r["method"] in ("auto", "online"):
             line = f"{r['contacts']:>8} {r['friction']:<16} {r['objective']:<14} {r['method']:<7}"

@@ -24,8 +24,22 @@ from pinograsp.forces import GridSpec, grid_search
 
 HERE = Path(__file__).resolve().parent
 # (number of A-values, number of k-values); the net-force limit widens on coarse grids, or nothing passes there.
-SIZES = [(6, 3, 2.0), (8, 4, 1.5), (10, 5, 1.0), (12, 5, 1.0), (16, 7, 0.6), (30, 11, 0.3), (60, 21, 0.1), (199, 21, 0.1)]
-SEARCHES = [("brute", "paper", "brute"), ("paper", "paper", "pruned"), ("paper+qp", "paper+qp", "pruned"), ("hybrid", "hybrid", "pruned")]
+SIZES = [
+    (6, 3, 2.0),
+    (8, 4, 1.5),
+    (10, 5, 1.0),
+    (12, 5, 1.0),
+    (16, 7, 0.6),
+    (30, 11, 0.3),
+    (60, 21, 0.1),
+    (199, 21, 0.1),
+]
+SEARCHES = [
+    ("brute", "paper", "brute"),
+    ("paper", "paper", "pruned"),
+    ("paper+qp", "paper+qp", "pruned"),
+    ("hybrid", "hybrid", "pruned"),
+]
 POINTS_PER_SECOND = 2e7  # rough, only to skip brute-force runs that would exceed the budget
 
 

@@ -2,16 +2,15 @@
 
     python benchmarks/hands.py [--samples 32] [--hands NAME ...]
 
-Objects are scaled to the hand: w is the largest distance between two fingertips (of one finger: to the palm) when the hand
-is open; the cylinder has radius 0.18 w and height 0.9 w, the box edges 0.3 w, 0.3 w and 0.8 w, the sphere radius 0.2 w; 300
-kg/m^3, friction 0.7, exact cones with torsional friction of 5 mm. Fists that never open that wide, and hands for which no
-placement holds that object, get smaller ones of the same shape: SIZES, the first that is held. Placements are seeded; torques
-stay within the effort limits of the joints that have one. Writes hands.csv beside this file after every hand, and prints the
-table of the README.
+Objects are scaled to the hand: w is the largest distance between two fingertips (of one finger: to the palm) when the
+hand is open; the cylinder has radius 0.18 w and height 0.9 w, the box edges 0.3 w, 0.3 w and 0.8 w, the sphere radius
+0.2 w; 300 kg/m^3, friction 0.7, exact cones with torsional friction of 5 mm. Fists that never open that wide, and hands
+for which no placement holds that object, get smaller ones of the same shape: SIZES, the first that is held. Placements
+are seeded; torques stay within the effort limits of the joints that have one. Writes hands.csv beside this file after
+every hand, and prints the table of the README.
 
-Known limitations: coupled jaws press both sides equally far, which forces of unequal size ask not to: their motion is then
-``not_tracked``; the seed and the number of samples decide which placement is best.
-"""
+Known limitations: coupled jaws press both sides equally far, which forces of unequal size ask not to: their motion is
+then ``not_tracked``; the seed and the number of samples decide which placement is best."""
 
 from __future__ import annotations
 
@@ -59,15 +58,24 @@ def objects(w: float) -> dict:
 def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: int) -> dict:
     """What came of one hand and one object."""
     started, body = time.perf_counter(), objects(size * w)[shape]
-    found = {"hand": name, "object": shape, "width_mm": f"{1e3 * w:.1f}", "size": size, "mass_g": f"{1e3 * body.mass:.1f}"}
+    found = {
+        "hand": name,
+        "object": shape,
+        "width_mm": f"{1e3 * w:.1f}",
+        "size": size,
+        "mass_g": f"{1e3 * body.mass:.1f}",
+    }
     try:
         search = find_placements(hand, body, count=samples, seed=0, jobs=jobs, progress=False, **SETTINGS)
         found |= {"tried": search.tried, "hold": len(search.placements)}
         best = search.best
         plan = pg.plan_grasp(best.closure.hand, best.closure, **SETTINGS)
     except (NoGrasp, PinograspError) as error:
-        return found | {"status": type(error).__name__, "seconds": f"{time.perf_counter() - started:.1f}",
-                        "why": str(error).splitlines()[0][:160]}  # fmt: skip
+        return found | {
+            "status": type(error).__name__,
+            "seconds": f"{time.perf_counter() - started:.1f}",
+            "why": str(error).splitlines()[0][:160],
+        }
     bears = pg.grasp_margins(plan.forces).load_factor
     certificate, limits = plan.forces.certificate, hand.effort
     share = np.abs(plan.motion.torques[-1])[limits > 0] / limits[limits > 0]
@@ -89,8 +97,9 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
 
 
 def table(rows: list[dict]) -> str:
-    """Hands down, objects across: contacts, multiples of the load that the planned squeeze and that other forces there would bear,
-    and what the motion says."""
+    """Hands down, objects across: contacts, multiples of the load that the planned squeeze and that other forces there
+    would bear, and what the motion says.
+    """
     lines = ["| hand | cylinder | box | sphere |", "| --- | --- | --- | --- |"]
     for name in dict.fromkeys(one["hand"] for one in rows):
         cells = []
@@ -102,7 +111,9 @@ def table(rows: list[dict]) -> str:
                 motion = "" if one["status"] == "ok" else f", {one['status']}"
                 size = "" if one["size"] == 1 else f" at {one['size']:g} of the size"
                 bears = one["squeeze_bears"] and f"{float(one['squeeze_bears']):.2f}"
-                cells.append(f"{one['contacts']} contacts, {bears or 'any'}, {float(one['load_margin']):.0f}{size}{motion}")
+                cells.append(
+                    f"{one['contacts']} contacts, {bears or 'any'}, {float(one['load_margin']):.0f}{size}{motion}"
+                )
             else:
                 cells.append(f"none: {one['status']}")
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
@@ -116,8 +127,28 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=-1, help="processes; -1: all cores")
     parser.add_argument("--out", type=Path, default=HERE / "hands.csv")
     options = parser.parse_args()
-    columns = ("hand", "object", "width_mm", "size", "mass_g", "tried", "hold", "status", "forces", "contacts", "links", "energy_Ns",
-               "gap", "balance_N", "balance_Nm", "load_margin", "squeeze_bears", "effort_used", "seconds", "why")  # fmt: skip
+    columns = (
+        "hand",
+        "object",
+        "width_mm",
+        "size",
+        "mass_g",
+        "tried",
+        "hold",
+        "status",
+        "forces",
+        "contacts",
+        "links",
+        "energy_Ns",
+        "gap",
+        "balance_N",
+        "balance_Nm",
+        "load_margin",
+        "squeeze_bears",
+        "effort_used",
+        "seconds",
+        "why",
+    )
     rows = []
     for name in tqdm(options.hands, unit="hand"):
         hand = pg.load_hand(name)

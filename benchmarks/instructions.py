@@ -3,11 +3,10 @@
     python benchmarks/instructions.py [--contacts 15 50]
 
 Counted by valgrind's cachegrind (which must be installed; Linux): the same program with few solves and with many, the
-difference divided by the number of solves more, everything included that a call from Python costs. Problems as in forces.py:
-seeded grasps, least squares, a new load at every call, cold starts. "online" is ``OnlineForces.step`` from scratch; the others
-are the solvers' own interfaces on matrices that are ready. Valgrind knows no AVX-512: all run as on a processor with AVX2.
-Writes instructions.csv beside this file. Takes about 4 minutes a line.
-"""
+difference divided by the number of solves more, everything included that a call from Python costs. Problems as in
+forces.py: seeded grasps, least squares, a new load at every call, cold starts. "online" is ``OnlineForces.step`` from
+scratch; the others are the solvers' own interfaces on matrices that are ready. Valgrind knows no AVX-512: all run as on
+a processor with AVX2. Writes instructions.csv beside this file. Takes about 4 minutes a line."""
 
 from __future__ import annotations
 
@@ -26,9 +25,14 @@ METHODS = (("online", "cone"), ("clarabel", "cone"), ("online", "pyramid"), ("da
 GRASPS, FEW, MANY = 5, 20, 1020
 # The same code with and without valgrind, so that what numba has compiled is found in its cache.
 SETTINGS = {
-    "NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma", "PYTHONHASHSEED": "0", "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1", "RAYON_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
-}  # fmt: skip
+    "NUMBA_CPU_NAME": "haswell",
+    "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma",
+    "PYTHONHASHSEED": "0",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "RAYON_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
 
 
 def solves(method: str, model: str, case: dict) -> tuple:
@@ -107,9 +111,16 @@ def write_cases(folder: Path, contacts: int) -> None:
         saved |= {f"clarabel_{i}": value for i, value in enumerate((P.toarray(), q, rows.toarray(), h))}
         scaled = np.array([forces.scaled(load, arrays.arm) for load in case.loads])
         np.savez(
-            folder / f"{number}.npz", points=case.points, rotations=case.rotations, mu=case.base.mu, lo=case.lo, hi=case.hi,
-            loads=case.loads, scaled=scaled, **saved,
-        )  # fmt: skip
+            folder / f"{number}.npz",
+            points=case.points,
+            rotations=case.rotations,
+            mu=case.base.mu,
+            lo=case.lo,
+            hi=case.hi,
+            loads=case.loads,
+            scaled=scaled,
+            **saved,
+        )
 
 
 def counted(arguments: list[str]) -> int:
@@ -140,8 +151,14 @@ def main() -> None:
             write_cases(Path(folder), contacts)
             for method, model in tqdm(METHODS, desc=f"{contacts} contacts", unit="method"):
                 few, many = (counted(["--child", method, model, folder, str(count)]) for count in (FEW, MANY))
-                rows.append({"contacts": contacts, "friction": model, "method": method,
-                             "instructions": round((many - few) / (MANY - FEW))})  # fmt: skip
+                rows.append(
+                    {
+                        "contacts": contacts,
+                        "friction": model,
+                        "method": method,
+                        "instructions": round((many - few) / (MANY - FEW)),
+                    }
+                )
                 print(rows[-1])
     write_rows(HERE / "instructions.csv", header(("numpy", "numba", "daqp", "clarabel"), "cachegrind", "AVX2"), rows)
 

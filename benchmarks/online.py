@@ -2,17 +2,16 @@
 
     python benchmarks/online.py [--steps 1000000] [--seconds 60] [--quick]
 
-``OnlineForces.step`` with a new load and a new posture at every tick, Pinocchio (joint Jacobians, gravity) and joint torques
-included: the paper's hand with 3 contacts, and a hand of 20 joints with 16, four to a finger, on a cylinder, also with limits
-of 80 % of the torques that joints would bear at rest ("torque limits"). Loads wander:
-each component is a sum of sines of unrelated periods, half to all of what the weight is. Every step is timed by itself; the
-garbage collector is off, as in a real-time loop. "cold" starts from nothing at every tick. Then the loop: a tick every
-millisecond for 60 s; a tick is missed when its forces come after the next one is due, late when it begins half a tick after its
-time. The loop spins: on a system without real-time scheduling other processes still delay it, and pauses of a virtual machine always
-do. "1 kHz loop of nothing" is the same loop without a step: what it misses the machine misses. Then the multiplier QP of the paper's
-three contacts at fixed normal forces, in alternating blocks of 500 loads, and one by one in turn, beside DAQP's own
-interface on matrices that are ready. Writes online.csv beside this file.
-"""
+``OnlineForces.step`` with a new load and a new posture at every tick, Pinocchio (joint Jacobians, gravity) and joint
+torques included: the paper's hand with 3 contacts, and a hand of 20 joints with 16, four to a finger, on a cylinder,
+also with limits of 80 % of the torques that joints would bear at rest ("torque limits"). Loads wander: each component
+is a sum of sines of unrelated periods, half to all of what the weight is. Every step is timed by itself; the garbage
+collector is off, as in a real-time loop. "cold" starts from nothing at every tick. Then the loop: a tick every
+millisecond for 60 s; a tick is missed when its forces come after the next one is due, late when it begins half a tick
+after its time. The loop spins: on a system without real-time scheduling other processes still delay it, and pauses of a
+virtual machine always do. "1 kHz loop of nothing" is the same loop without a step: what it misses the machine misses.
+Then the multiplier QP of the paper's three contacts at fixed normal forces, in alternating blocks of 500 loads, and one
+by one in turn, beside DAQP's own interface on matrices that are ready. Writes online.csv beside this file."""
 
 from __future__ import annotations
 
@@ -34,8 +33,25 @@ from pinograsp.forces import MultiplierQP
 HERE = Path(__file__).resolve().parent
 PERIOD = 1e-3
 MOVES = 0.02  # [rad] of the joints about their posture
-COLUMNS = ("case", "contacts", "joints", "mode", "steps", "median_us", "p99_us", "p99_9_us", "worst_us", "ok", "newton_steps_mean",
-           "newton_steps_most", "seconds", "missed_ticks", "late_ticks", "daqp_median_us", "daqp_over_this")  # fmt: skip
+COLUMNS = (
+    "case",
+    "contacts",
+    "joints",
+    "mode",
+    "steps",
+    "median_us",
+    "p99_us",
+    "p99_9_us",
+    "worst_us",
+    "ok",
+    "newton_steps_mean",
+    "newton_steps_most",
+    "seconds",
+    "missed_ticks",
+    "late_ticks",
+    "daqp_median_us",
+    "daqp_over_this",
+)
 
 
 def papers_hand() -> tuple:
@@ -51,7 +67,9 @@ def many_contacts() -> tuple:
     origins = {f.name: hand.frame_placements(q, f.links[-4:])[:, :3, 3] for f in fingers}
     points = np.concatenate(list(origins.values()))
     centre = points.mean(axis=0)
-    body = pg.Cylinder(radius=float(np.linalg.norm((points - centre)[:, :2], axis=1).mean()), height=1.0, mass=0.5, pose=placed(centre))
+    body = pg.Cylinder(
+        radius=float(np.linalg.norm((points - centre)[:, :2], axis=1).mean()), height=1.0, mass=0.5, pose=placed(centre)
+    )
     links = {f.name: list(f.links[-4:]) for f in fingers}
     contacts = pg.contacts_at(hand, body, origins, links=links, tolerance=1.0)
     problem = pg.ForceProblem.holding(body, contacts, mu=0.8, friction=pg.Friction(model="cone"))
@@ -72,7 +90,9 @@ class Wander:
         self.base, self.q = np.array(problem.load), np.array(q)
         weight = float(np.linalg.norm(self.base[:3]))
         size = weight * np.array([1.0, 1.0, 1.0, *[problem.moment_length] * 3])
-        self.parts = [(size * rng.uniform(-0.12, 0.12, 6), rng.uniform(0.2, 3.0, 6), rng.uniform(0, 6.3, 6)) for _ in range(3)]
+        self.parts = [
+            (size * rng.uniform(-0.12, 0.12, 6), rng.uniform(0.2, 3.0, 6), rng.uniform(0, 6.3, 6)) for _ in range(3)
+        ]
         self.turns = rng.uniform(0.2, 2.0, len(q)), rng.uniform(0, 6.3, len(q))
 
     def block(self, start: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -104,10 +124,16 @@ def timed(online, wander: Wander, steps: int, mode: str, label: str) -> dict:
         gc.enable()
     spent /= 1e3
     return {
-        "mode": mode, "steps": steps, "median_us": f"{np.median(spent):.1f}", "p99_us": f"{np.percentile(spent, 99):.1f}",
-        "p99_9_us": f"{np.percentile(spent, 99.9):.1f}", "worst_us": f"{spent.max():.0f}", "ok": ok,
-        "newton_steps_mean": f"{newton.mean():.2f}", "newton_steps_most": newton.max(),
-    }  # fmt: skip
+        "mode": mode,
+        "steps": steps,
+        "median_us": f"{np.median(spent):.1f}",
+        "p99_us": f"{np.percentile(spent, 99):.1f}",
+        "p99_9_us": f"{np.percentile(spent, 99.9):.1f}",
+        "worst_us": f"{spent.max():.0f}",
+        "ok": ok,
+        "newton_steps_mean": f"{newton.mean():.2f}",
+        "newton_steps_most": newton.max(),
+    }
 
 
 def loop(step, wander: Wander, seconds: float, mode: str) -> dict:
@@ -131,10 +157,17 @@ def loop(step, wander: Wander, seconds: float, mode: str) -> dict:
         missed += done > due + PERIOD
     gc.enable()
     return {
-        "mode": mode, "steps": ticks, "median_us": f"{1e6 * np.median(spent):.1f}",
-        "p99_us": f"{1e6 * np.percentile(spent, 99):.1f}", "p99_9_us": f"{1e6 * np.percentile(spent, 99.9):.1f}",
-        "worst_us": f"{1e6 * spent.max():.0f}", "ok": ok, "seconds": f"{seconds:g}", "missed_ticks": missed, "late_ticks": late,
-    }  # fmt: skip
+        "mode": mode,
+        "steps": ticks,
+        "median_us": f"{1e6 * np.median(spent):.1f}",
+        "p99_us": f"{1e6 * np.percentile(spent, 99):.1f}",
+        "p99_9_us": f"{1e6 * np.percentile(spent, 99.9):.1f}",
+        "worst_us": f"{1e6 * spent.max():.0f}",
+        "ok": ok,
+        "seconds": f"{seconds:g}",
+        "missed_ticks": missed,
+        "late_ticks": late,
+    }
 
 
 def multipliers(blocks: int = 10) -> list[dict]:
@@ -149,7 +182,10 @@ def multipliers(blocks: int = 10) -> list[dict]:
     H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
     P, Ht, fixed = H.T @ H + 1e-9 * np.eye(6), np.ascontiguousarray(H.T), columns[:, :, 2] @ normal
     none, high, low, sense = np.zeros((0, 6)), np.ones(6), -np.ones(6), np.zeros(6, dtype=np.intc)
-    methods = {"this": own.solve, "daqp": lambda load: daqp.solve(P, Ht @ (fixed + load[:3]), none, high, low, sense)[0]}
+    methods = {
+        "this": own.solve,
+        "daqp": lambda load: daqp.solve(P, Ht @ (fixed + load[:3]), none, high, low, sense)[0],
+    }
     rows, clock = [], time.perf_counter
     for mode in ("blocks", "interleaved"):
         spent = {name: [] for name in methods}
@@ -162,11 +198,19 @@ def multipliers(blocks: int = 10) -> list[dict]:
             methods[name](load)
             spent[name].append(clock() - begun)
         this, other = (1e6 * np.median(spent[name]) for name in methods)
-        rows.append({
-            "case": "multiplier QP", "contacts": 3, "mode": mode, "steps": len(loads), "median_us": f"{this:.2f}",
-            "p99_us": f"{1e6 * np.percentile(spent['this'], 99):.2f}", "p99_9_us": f"{1e6 * np.percentile(spent['this'], 99.9):.2f}",
-            "daqp_median_us": f"{other:.2f}", "daqp_over_this": f"{other / this:.2f}",
-        })  # fmt: skip
+        rows.append(
+            {
+                "case": "multiplier QP",
+                "contacts": 3,
+                "mode": mode,
+                "steps": len(loads),
+                "median_us": f"{this:.2f}",
+                "p99_us": f"{1e6 * np.percentile(spent['this'], 99):.2f}",
+                "p99_9_us": f"{1e6 * np.percentile(spent['this'], 99.9):.2f}",
+                "daqp_median_us": f"{other:.2f}",
+                "daqp_over_this": f"{other / this:.2f}",
+            }
+        )
     return rows
 
 
@@ -183,7 +227,10 @@ def main() -> None:
         online = pg.OnlineForces(problem, hand=hand, q=q, normal_forces=limits)
         wander = Wander(problem, q)
         base = {"case": label, "contacts": problem.k, "joints": hand.n}
-        rows += [base | timed(online, wander, steps, "warm", label), base | timed(online, wander, max(steps // 20, 1000), "cold", label)]
+        rows += [
+            base | timed(online, wander, steps, "warm", label),
+            base | timed(online, wander, max(steps // 20, 1000), "cold", label),
+        ]
         rows.append(base | loop(online.step, wander, seconds, "1 kHz loop"))
         rows.append(base | loop(lambda load, q: (None, None, None), wander, seconds, "1 kHz loop of nothing"))
         torques = np.maximum(0.8 * np.abs(online.step(problem.load, q=q)[1]), 0.02)
@@ -196,7 +243,11 @@ def main() -> None:
     for row in rows[-2:]:
         print(row)
     if not options.quick:
-        write_rows(HERE / "online.csv", header(("numpy", "pin", "numba"), "seed 0"), [{c: row.get(c, "") for c in COLUMNS} for row in rows])
+        write_rows(
+            HERE / "online.csv",
+            header(("numpy", "pin", "numba"), "seed 0"),
+            [{c: row.get(c, "") for c in COLUMNS} for row in rows],
+        )
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     python benchmarks/power_grasp.py [--repeats 5]
 
-The hand is made here from Denavit-Hartenberg rows: four fingers and an opposed thumb, three joints each, whose phalanges
-meet a cylinder of 30 mm radius one after the other when the fingers wrap round it. Writes power_grasp.csv beside this file:
-seconds for loading, closing, forces and motion (median of the repeats), and what was found.
+The hand is made here from Denavit-Hartenberg rows: four fingers and an opposed thumb, three joints each, whose
+phalanges meet a cylinder of 30 mm radius one after the other when the fingers wrap round it. Writes power_grasp.csv
+beside this file: seconds for loading, closing, forces and motion (median of the repeats), and what was found.
 
 Known limitations: one grasp. Two joints are missing to move three contact points of a finger in all directions, so the
 points move along their normals and slip across them; how far is in the table.
@@ -62,8 +62,13 @@ def grasp() -> tuple[pg.GraspPlan, dict[str, float]]:
     closure = pg.close_hand(hand, pg.Cylinder(radius=RADIUS, height=0.14, mass=0.3, pose=pose), wrap=True)
     closed = time.perf_counter()
     plan = pg.plan_grasp(hand, closure, **SETTINGS)
-    stages = {"loading": loaded - started, "closing": closed - loaded, "forces": plan.elapsed["forces"],
-              "motion": plan.elapsed["motion"], "all": time.perf_counter() - started}  # fmt: skip
+    stages = {
+        "loading": loaded - started,
+        "closing": closed - loaded,
+        "forces": plan.elapsed["forces"],
+        "motion": plan.elapsed["motion"],
+        "all": time.perf_counter() - started,
+    }
     return plan, stages
 
 

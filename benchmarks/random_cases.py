@@ -1,25 +1,26 @@
-"""Random objects, loads and friction in every hand of the catalogue: does what the planner says come true in simulation?
+"""Random objects, loads and friction in every hand of the catalogue: does what the planner says come true in
+simulation?
 
     python benchmarks/random_cases.py [--count 100] [--seed 0] [--hands NAME ...]
 
-The hands take turns (convex hulls of their meshes, as the engine takes them). Drawn are a cylinder, a box or a sphere of the
-hand's size (see hands.py; 0.6 to 1.1 of it), friction from 0.4 to 0.9, and the direction of gravity; motors bear at most
-0.2 N m or 8 N. The hand is placed and closed; exact friction cones with torsional friction of 5 mm. Then the
+The hands take turns (convex hulls of their meshes, as the engine takes them). Drawn are a cylinder, a box or a sphere
+of the hand's size (see hands.py; 0.6 to 1.1 of it), friction from 0.4 to 0.9, and the direction of gravity; motors bear
+at most 0.2 N m or 8 N. The hand is placed and closed; exact friction cones with torsional friction of 5 mm. Then the
 object's mass is drawn so that the planner's own largest load stands in a random ratio to its weight:
 
 - feasible by 10 % or more: from 1.1 to 2.5. The plan has the larger friction safety of 1.5 and 1.3 that is feasible,
   because contacts roll by some tenths of a millimetre as they press, which the planner's forces do not know.
-- infeasible by 10 % or more: from 0.5 to 0.9. The hand does the best it can: it is planned for 0.98 of the largest load, and
-  simulated with the real one, motors at their limits. Where a link without a contact is nearer than 5 mm the object may come
-  to rest on it within what counts as held, which the planner does not speak of: these are counted by themselves.
+- infeasible by 10 % or more: from 0.5 to 0.9. The hand does the best it can: it is planned for 0.98 of the largest
+  load, and simulated with the real one, motors at their limits. Where a link without a contact is nearer than 5 mm the
+  object may come to rest on it within what counts as held, which the planner does not speak of: these are counted by
+  themselves.
 
-Plans with a remark (cautions, or a motion that cannot follow the forces) are counted by themselves: there the planner says that
-its promise does not cover them. Only draws without a placement, without feasible forces, or with a motion beyond a joint limit
-are drawn again, at most 40 times.
+Plans with a remark (cautions, or a motion that cannot follow the forces) are counted by themselves: there the planner
+says that its promise does not cover them. Only draws without a placement, without feasible forces, or with a motion
+beyond a joint limit are drawn again, at most 40 times.
 
-Each is simulated (1 s of hold) and held or lost. ``--count`` of both kinds. Writes random_cases.csv beside this file as the
-cases come; what is there already, for the same seed and hands, is not run again.
-"""
+Each is simulated (1 s of hold) and held or lost. ``--count`` of both kinds. Writes random_cases.csv beside this file as
+the cases come; what is there already, for the same seed and hands, is not run again."""
 
 from __future__ import annotations
 
@@ -47,9 +48,31 @@ from pinograsp.referee import Disturbance
 from pinograsp.spatial import rotation_rpy
 
 HERE = Path(__file__).resolve().parent
-COLUMNS = ("case", "kind", "hand", "object", "size", "mu", "contacts", "mass_g", "margin", "safety", "near_mm", "status", "remark",
-           "verdict", "expected", "drift_mm", "turn_deg", "force_error", "unplanned", "saturated", "reason", "tries",
-           "seconds")  # fmt: skip
+COLUMNS = (
+    "case",
+    "kind",
+    "hand",
+    "object",
+    "size",
+    "mu",
+    "contacts",
+    "mass_g",
+    "margin",
+    "safety",
+    "near_mm",
+    "status",
+    "remark",
+    "verdict",
+    "expected",
+    "drift_mm",
+    "turn_deg",
+    "force_error",
+    "unplanned",
+    "saturated",
+    "reason",
+    "tries",
+    "seconds",
+)
 LIMITS = {"turning": 0.2, "sliding": 8.0}
 IMPACT = 0.9
 SAFETIES = (1.5, 1.3)
@@ -70,13 +93,25 @@ def draw(rng, name: str) -> dict:
     """One draw: what the hand is to hold; without a mass."""
     shape, size, mu = str(rng.choice(["cylinder", "box", "sphere"])), rng.uniform(0.6, 1.1), rng.uniform(0.4, 0.9)
     turn = rotation_rpy(*rng.uniform(-np.pi, np.pi, 3))
-    return {"hand": name, "object": shape, "size": size, "mu": mu, "gravity": turn @ [0.0, 0.0, -9.81], "seed": int(rng.integers(2**31))}
+    return {
+        "hand": name,
+        "object": shape,
+        "size": size,
+        "mu": mu,
+        "gravity": turn @ [0.0, 0.0, -9.81],
+        "seed": int(rng.integers(2**31)),
+    }
 
 
 def settings(case: dict, safety: float) -> dict:
     friction = pg.Friction(model="soft", torsion=5e-3, safety=safety)
-    return {"mu": case["mu"], "friction": friction, "gravity_o": case["gravity"], "max_depth": 5e-3,
-            "impact_time_range": (IMPACT, IMPACT + 1e-4)}  # fmt: skip
+    return {
+        "mu": case["mu"],
+        "friction": friction,
+        "gravity_o": case["gravity"],
+        "max_depth": 5e-3,
+        "impact_time_range": (IMPACT, IMPACT + 1e-4),
+    }
 
 
 def attempt(kind: str, name: str, rng) -> dict | None:
@@ -86,7 +121,9 @@ def attempt(kind: str, name: str, rng) -> dict | None:
     hand, w, limit = loaded(case["hand"])
     body = objects(case["size"] * w)[case["object"]]
     body = replace(body, density=DENSITY, mass=None)
-    search = find_placements(hand, body, count=6, seed=case["seed"], jobs=1, progress=False, torque_limit=limit, **settings(case, 1.0))
+    search = find_placements(
+        hand, body, count=6, seed=case["seed"], jobs=1, progress=False, torque_limit=limit, **settings(case, 1.0)
+    )
     if not search.placements:
         return None
     for placement in search.placements[:PLACEMENTS]:
@@ -107,7 +144,11 @@ def attempt_at(case: dict, kind: str, target: float, placement, body, limit) -> 
     for safety in SAFETIES if kind == "feasible" else (1.0,):
         try:
             plan = pg.plan_grasp(
-                closure.hand, replace(closure, object=planned_for), torque_limit=limit, objective="work", **settings(case, safety)
+                closure.hand,
+                replace(closure, object=planned_for),
+                torque_limit=limit,
+                objective="work",
+                **settings(case, safety),
             )
         except PinograspError:
             continue
@@ -119,21 +160,38 @@ def attempt_at(case: dict, kind: str, target: float, placement, body, limit) -> 
     remarks = [caution for caution in plan.cautions if "up to its limit" not in caution]
     remarks = [str(plan.status)] * (plan.status is not Status.OK) + remarks
     # The planner's word, at the posture that the plan ends in: how many times the real load can be held at all.
-    problem = replace(plan.problem, friction=replace(plan.problem.friction, safety=1.0), max_depth=_ANY_DEPTH, object=None)
+    problem = replace(
+        plan.problem, friction=replace(plan.problem.friction, safety=1.0), max_depth=_ANY_DEPTH, object=None
+    )
     largest = 1.0 + load_margin(problem, problem.load, impact_time=IMPACT)
     margin = largest * planned_for.mass / real.mass
     if (kind == "feasible") != (margin >= 1.1) or (kind == "infeasible") != (margin <= 0.9):
         return None
-    verdict = pg.simulate(plan, disturbance=Disturbance(mass_factor=real.mass / planned_for.mass), time_step=5e-4).verdict
+    verdict = pg.simulate(
+        plan, disturbance=Disturbance(mass_factor=real.mass / planned_for.mass), time_step=5e-4
+    ).verdict
     return {
-        "kind": kind, "hand": case["hand"], "object": case["object"], "size": f"{case['size']:.2f}", "mu": f"{case['mu']:.3f}",
-        "mass_g": f"{1e3 * mass:.1f}", "contacts": plan.problem.k, "margin": f"{margin:.3f}", "safety": safety,
-        "near_mm": f"{1e3 * resting_place(plan):.1f}", "status": str(plan.status),
-        "remark": "; ".join(remarks), "verdict": "held" if verdict.held else "lost",
+        "kind": kind,
+        "hand": case["hand"],
+        "object": case["object"],
+        "size": f"{case['size']:.2f}",
+        "mu": f"{case['mu']:.3f}",
+        "mass_g": f"{1e3 * mass:.1f}",
+        "contacts": plan.problem.k,
+        "margin": f"{margin:.3f}",
+        "safety": safety,
+        "near_mm": f"{1e3 * resting_place(plan):.1f}",
+        "status": str(plan.status),
+        "remark": "; ".join(remarks),
+        "verdict": "held" if verdict.held else "lost",
         "expected": "yes" if verdict.held == (kind == "feasible") else "NO",
-        "drift_mm": f"{1e3 * verdict.drift:.3f}", "turn_deg": f"{verdict.turn:.2f}", "force_error": f"{verdict.force_error:.3f}",
-        "unplanned": " ".join(verdict.unplanned), "saturated": len(verdict.saturated), "reason": verdict.reason,
-    }  # fmt: skip
+        "drift_mm": f"{1e3 * verdict.drift:.3f}",
+        "turn_deg": f"{verdict.turn:.2f}",
+        "force_error": f"{verdict.force_error:.3f}",
+        "unplanned": " ".join(verdict.unplanned),
+        "saturated": len(verdict.saturated),
+        "reason": verdict.reason,
+    }
 
 
 def resting_place(plan) -> float:
@@ -152,12 +210,25 @@ def run(seed: int, number: int, kind: str, name: str) -> dict:
         try:
             found = attempt(kind, name, rng)
         except PinograspError as error:
-            found = {"kind": kind, "hand": name, "verdict": type(error).__name__, "expected": "NO",
-                     "reason": str(error).splitlines()[0][:200]}  # fmt: skip
+            found = {
+                "kind": kind,
+                "hand": name,
+                "verdict": type(error).__name__,
+                "expected": "NO",
+                "reason": str(error).splitlines()[0][:200],
+            }
         if found is not None:
             return {"case": number, **found, "tries": tries, "seconds": f"{time.perf_counter() - started:.1f}"}
     seconds = f"{time.perf_counter() - started:.1f}"
-    return {"case": number, "kind": kind, "hand": name, "verdict": "no case", "expected": "", "tries": MOST_TRIES, "seconds": seconds}
+    return {
+        "case": number,
+        "kind": kind,
+        "hand": name,
+        "verdict": "no case",
+        "expected": "",
+        "tries": MOST_TRIES,
+        "seconds": seconds,
+    }
 
 
 def summary(rows: list[dict]) -> str:
@@ -165,22 +236,35 @@ def summary(rows: list[dict]) -> str:
     lines = ["| the planner says | cases | as it says | with 2 mm and 5 deg |", "| --- | --- | --- | --- |"]
     tried = [row for row in rows if row["near_mm"]]
     for kind, word, where, remark in (
-        ("feasible", "held", "", False), ("feasible", "held", "", True),
-        ("infeasible", "lost", "no link near", False), ("infeasible", "lost", "a link near", False), ("infeasible", "lost", "", True),
-    ):  # fmt: skip
+        ("feasible", "held", "", False),
+        ("feasible", "held", "", True),
+        ("infeasible", "lost", "no link near", False),
+        ("infeasible", "lost", "a link near", False),
+        ("infeasible", "lost", "", True),
+    ):
         own = [row for row in tried if row["kind"] == kind and bool(row["remark"]) == remark]
         if where:
             own = [row for row in own if (float(row["near_mm"]) < 1e3 * NEAR) == (where == "a link near")]
-        right, strict = (sum(holds(row, *limits) == (kind == "feasible") for row in own) for limits in ((5.0, 10.0), (2.0, 5.0)))
+        right, strict = (
+            sum(holds(row, *limits) == (kind == "feasible") for row in own) for limits in ((5.0, 10.0), (2.0, 5.0))
+        )
         said = f"{kind} by 10 % or more" + (f", {where}" if where else "") + (", with a remark" if remark else "")
         lines.append(f"| {said} | {len(own)} | {right} {word} | {strict} {word} |")
-    lines += ["", "| hand | feasible: held | with a remark: held | infeasible: lost | no case, error |", "| --- | --- | --- | --- | --- |"]
+    lines += [
+        "",
+        "| hand | feasible: held | with a remark: held | infeasible: lost | no case, error |",
+        "| --- | --- | --- | --- | --- |",
+    ]
     for name in dict.fromkeys(row["hand"] for row in rows):
         own = [row for row in rows if row["hand"] == name]
         cells = []
         for kind, remarks in (("feasible", (False,)), ("feasible", (True,)), ("infeasible", (False, True))):
             some = [row for row in own if row["kind"] == kind and row["near_mm"] and bool(row["remark"]) in remarks]
-            cells.append(f"{sum((row['verdict'] == 'held') == (kind == 'feasible') for row in some)} of {len(some)}" if some else "-")
+            cells.append(
+                f"{sum((row['verdict'] == 'held') == (kind == 'feasible') for row in some)} of {len(some)}"
+                if some
+                else "-"
+            )
         cells.append(str(sum(not row["near_mm"] for row in own)))
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -215,7 +299,9 @@ def main() -> None:
     import random_cases  # by its name, so that other processes keep the hands they have loaded
 
     work = (joblib.delayed(random_cases.run)(options.seed, *one) for one in wanted)
-    for found in tqdm(joblib.Parallel(n_jobs=options.jobs, return_as="generator")(work), total=len(wanted), unit="case"):
+    for found in tqdm(
+        joblib.Parallel(n_jobs=options.jobs, return_as="generator")(work), total=len(wanted), unit="case"
+    ):
         rows.append({column: found.get(column, "") for column in COLUMNS})
         write_rows(options.out, first_line, sorted(rows, key=lambda one: int(one["case"])))
     print(summary(rows))

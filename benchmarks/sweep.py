@@ -2,19 +2,22 @@
 
     python benchmarks/sweep.py [--repeats 3] [--quick]
 
-The paper's case under seeded friction and mass: "grid" with the hybrid search, "convex" with the certified one, both with one
-posture and steps of 10 ms, so that plans are short and what a sweep adds to them weighs most; "paper" as it comes, with all postures
-and steps of 1 ms; "forces": contact forces alone. Per repeat the sweep runs on one and on two warm processes, one after the other; the
-ratio is taken within the repeat, and the medians are written. "loop" is load_case(...).plan().summary() of a hundred of the same
-plans in a bare loop, "ideal" how much faster two warm processes do half of them each. "cold" is the first sweep, the start of two
-processes included. NumPy's own threads are off. Writes sweep.csv beside this file.
-"""
+The paper's case under seeded friction and mass: "grid" with the hybrid search, "convex" with the certified one, both
+with one posture and steps of 10 ms, so that plans are short and what a sweep adds to them weighs most; "paper" as it
+comes, with all postures and steps of 1 ms; "forces": contact forces alone. Per repeat the sweep runs on one and on two
+warm processes, one after the other; the ratio is taken within the repeat, and the medians are written. "loop" is
+load_case(...).plan().summary() of a hundred of the same plans in a bare loop, "ideal" how much faster two warm
+processes do half of them each. "cold" is the first sweep, the start of two processes included. NumPy's own threads are
+off. Writes sweep.csv beside this file."""
 
 from __future__ import annotations
 
 import os
 
-os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # before NumPy: processes, not threads, are compared
+os.environ |= {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+}  # before NumPy: processes, not threads, are compared
 
 import argparse
 import contextlib
@@ -93,16 +96,24 @@ def main() -> None:
                 loops.append((bare(fixed, inputs), twice(fixed, inputs)))
         one, two = np.array(found).T
         row = {
-            "sweep": name, "rows": count, "one_process_s": f"{np.median(one):.1f}", "two_processes_s": f"{np.median(two):.1f}",
-            "speed_up": f"{np.median(one / two):.2f}", "least": f"{(one / two).min():.2f}", "most": f"{(one / two).max():.2f}",
-            "one_process_ms_per_row": f"{1e3 * np.median(one) / count:.2f}", "cold_20_rows_s": f"{cold:.1f}",
-            "loop_ms_per_row": "", "ideal_speed_up": "",
-        }  # fmt: skip
+            "sweep": name,
+            "rows": count,
+            "one_process_s": f"{np.median(one):.1f}",
+            "two_processes_s": f"{np.median(two):.1f}",
+            "speed_up": f"{np.median(one / two):.2f}",
+            "least": f"{(one / two).min():.2f}",
+            "most": f"{(one / two).max():.2f}",
+            "one_process_ms_per_row": f"{1e3 * np.median(one) / count:.2f}",
+            "cold_20_rows_s": f"{cold:.1f}",
+            "loop_ms_per_row": "",
+            "ideal_speed_up": "",
+        }
         if loops:
             alone, both = np.array(loops).T
             row |= {
-                "loop_ms_per_row": f"{1e3 * np.median(alone) / len(inputs):.2f}", "ideal_speed_up": f"{np.median(alone / both):.2f}"
-            }  # fmt: skip
+                "loop_ms_per_row": f"{1e3 * np.median(alone) / len(inputs):.2f}",
+                "ideal_speed_up": f"{np.median(alone / both):.2f}",
+            }
         rows.append(row)
         print(row)
     if not options.quick:

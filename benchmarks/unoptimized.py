@@ -1,15 +1,16 @@
-"""Plans beside the grasp that nobody optimised, at the same payload, both tried in simulation; and the case study in all ways.
+"""Plans beside the grasp that nobody optimised, at the same payload, both tried in simulation; and the case study in
+all ways.
 
     python benchmarks/unoptimized.py [--cases 10]
 
-The un-optimised grasp closes all joints straight on, in the same share of their ways, past the first touch, with the joints moved
-as commanded (the paper's MSC.Adams set-up). Its energy is that of the least overclosing with which the simulated object stays
-within 0.5 mm after it was let go; where none does, within 5 mm. The optimised one is the cheapest of the plans with friction
-safety 1.05, 1.1, 1.2, 1.3, 1.5 and 2 (exact cones, least work, wrench balance) that does the same, played by servos. Grasp
-energies by Eq. (9), as simulated, in mJ. Objects and placements: as hands.py (seeded), hulls of meshes; the object weighs an
-eighth of what could be held there. Hands that close with one actuator have nothing to optimise and are left out.
-For the paper's hand the ratio is taken for several drift limits and friction models, since it depends on both.
-Writes unoptimized_paper.csv and unoptimized.csv and prints the tables of the README.
+The un-optimised grasp closes all joints straight on, in the same share of their ways, past the first touch, with the
+joints moved as commanded (the paper's MSC.Adams set-up). Its energy is that of the least overclosing with which the
+simulated object stays within 0.5 mm after it was let go; where none does, within 5 mm. The optimised one is the
+cheapest of the plans with friction safety 1.05, 1.1, 1.2, 1.3, 1.5 and 2 (exact cones, least work, wrench balance) that
+does the same, played by servos. Grasp energies by Eq. (9), as simulated, in mJ. Objects and placements: as hands.py
+(seeded), hulls of meshes; the object weighs an eighth of what could be held there. Hands that close with one actuator
+have nothing to optimise and are left out. For the paper's hand the ratio is taken for several drift limits and friction
+models, since it depends on both. Writes unoptimized_paper.csv and unoptimized.csv and prints the tables of the README.
 """
 
 from __future__ import annotations
@@ -35,12 +36,24 @@ TRIAL = {"time_step": 5e-4, "hold": 0.5}
 LOADED = 1 / 8  # of what the placement could hold at most
 SAFETIES = (1.05, 1.1, 1.2, 1.3, 1.5, 2.0)
 CASES = [
-    ("humanoid", "sphere"), ("allegro_right", "sphere"), ("allegro_right", "cylinder"), ("allegro_left", "sphere"),
-    ("allegro_left", "cylinder"), ("hey5", "sphere"), ("hey5", "cylinder"), ("g1_left", "cylinder"), ("g1_right", "sphere"),
+    ("humanoid", "sphere"),
+    ("allegro_right", "sphere"),
+    ("allegro_right", "cylinder"),
+    ("allegro_left", "sphere"),
+    ("allegro_left", "cylinder"),
+    ("hey5", "sphere"),
+    ("hey5", "cylinder"),
+    ("g1_left", "cylinder"),
+    ("g1_right", "sphere"),
     ("psyonic_left", "sphere"),
-]  # fmt: skip
-PAPER = {"forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work", "motion.touch": "surface",
-         "friction.model": "cone"}  # fmt: skip
+]
+PAPER = {
+    "forces.search": "convex",
+    "forces.balance": "wrench",
+    "forces.measure": "work",
+    "motion.touch": "surface",
+    "friction.model": "cone",
+}
 
 
 def optimised(plan_with, within: float) -> tuple[float | None, object]:
@@ -82,7 +95,11 @@ def compared(name: str, shape: str, mass: float, plan_with, within: float = WITH
 def paper() -> list[dict]:
     """The paper's hand, for several drift limits and friction models: what is asked for decides the ratio."""
     rows = []
-    for friction in ({"friction.model": "cone"}, {"friction.model": "pyramid"}, {"friction.model": "soft", "friction.torsion_mm": 5.0}):
+    for friction in (
+        {"friction.model": "cone"},
+        {"friction.model": "pyramid"},
+        {"friction.model": "soft", "friction.torsion_mm": 5.0},
+    ):
         for within in (2e-4, WITHIN, 1e-3, 5e-3):
 
             def planned(safety, friction=friction):
@@ -102,7 +119,9 @@ def catalogue(name: str, shape: str) -> dict:
     closure = replace(best.closure, object=body)
 
     def plan_with(safety: float):
-        return pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=safety), objective="work")
+        return pg.plan_grasp(
+            closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=safety), objective="work"
+        )
 
     return compared(name, shape, body.mass, plan_with)
 
@@ -110,8 +129,12 @@ def catalogue(name: str, shape: str) -> dict:
 def case_study() -> list[dict]:
     """The paper's case in wrench and in force balance, and by other steps, engines and ways of letting go."""
     rows = []
-    plans = {balance: pg.load_case("paper", PAPER | {"forces.balance": balance, "friction.model": "pyramid", "friction.safety": 1.1}).plan()
-             for balance in ("wrench", "force")}  # fmt: skip
+    plans = {
+        balance: pg.load_case(
+            "paper", PAPER | {"forces.balance": balance, "friction.model": "pyramid", "friction.safety": 1.1}
+        ).plan()
+        for balance in ("wrench", "force")
+    }
     for balance, what, settings in (
         ("wrench", "10 s", {"hold": 10.0}),
         ("wrench", "half the step", {"time_step": 1.25e-4}),
@@ -122,11 +145,19 @@ def case_study() -> list[dict]:
     ):
         simulation = pg.simulate(plans[balance], **settings)
         v = simulation.verdict
-        rows.append({
-            "balance": balance, "how": what, "verdict": "held" if v.held else "lost", "drift_mm": f"{1e3 * v.drift:.3f}",
-            "tilt_deg": f"{v.tilt:.3f}", "turn_deg": f"{v.turn:.3f}", "force_error_percent": f"{100 * v.force_error:.2f}",
-            "energy_audit": f"{v.energy_error:.1e}", "seconds_per_second": f"{simulation.elapsed / simulation.times[-1]:.2f}",
-        })  # fmt: skip
+        rows.append(
+            {
+                "balance": balance,
+                "how": what,
+                "verdict": "held" if v.held else "lost",
+                "drift_mm": f"{1e3 * v.drift:.3f}",
+                "tilt_deg": f"{v.tilt:.3f}",
+                "turn_deg": f"{v.turn:.3f}",
+                "force_error_percent": f"{100 * v.force_error:.2f}",
+                "energy_audit": f"{v.energy_error:.1e}",
+                "seconds_per_second": f"{simulation.elapsed / simulation.times[-1]:.2f}",
+            }
+        )
     return rows
 
 
@@ -152,7 +183,9 @@ def main() -> None:
         try:
             rows.append(catalogue(name, shape))
         except PinograspError as error:
-            rows.append({**dict.fromkeys(columns, ""), "hand": name, "object": shape, "overclosing": type(error).__name__})
+            rows.append(
+                {**dict.fromkeys(columns, ""), "hand": name, "object": shape, "overclosing": type(error).__name__}
+            )
         write_rows(options.out, first_line, rows)
     if rows:
         print(table(rows))

@@ -1,4 +1,6 @@
-"""The paper's grasp: three fingers of a humanoid hand hold a cylinder of 1.02 kg with the least energy that balances forces and moments."""
+"""The paper's grasp: three fingers of a humanoid hand hold a cylinder of 1.02 kg with the least energy that balances
+forces and moments.
+"""
 
 import pinograsp as pg
 

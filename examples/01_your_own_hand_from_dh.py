@@ -13,18 +13,34 @@ from pinograsp.spatial import pose_of, rotation_rpy
 def finger(name, at, yaw):
     """Two phalanges of 45 and 35 mm that flex towards the middle; A_i = Rz(q_i) Tz(d_i) Tx(a_i) Rx(alpha_i)."""
     rows = (
-        Link(joint=f"{name}_mcp", link=f"{name}_proximal", a=0.045, lower=radians(-60), upper=radians(90),
-             phalanx=Ellipsoid(a=0.0225, b=0.008, c=0.008)),
-        Link(joint=f"{name}_pip", link=f"{name}_distal", a=0.035, lower=0.0, upper=radians(100),
-             phalanx=Ellipsoid(a=0.0175, b=0.007, c=0.007)),
-    )  # fmt: skip
+        Link(
+            joint=f"{name}_mcp",
+            link=f"{name}_proximal",
+            a=0.045,
+            lower=radians(-60),
+            upper=radians(90),
+            phalanx=Ellipsoid(a=0.0225, b=0.008, c=0.008),
+        ),
+        Link(
+            joint=f"{name}_pip",
+            link=f"{name}_distal",
+            a=0.035,
+            lower=0.0,
+            upper=radians(100),
+            phalanx=Ellipsoid(a=0.0175, b=0.007, c=0.007),
+        ),
+    )
     # The frame's x points along the stretched finger (up), its z along the flexion axis.
     base = pose_of(at, rotation_rpy(0.0, 0.0, yaw) @ rotation_rpy(pi / 2, 0.0, 0.0) @ rotation_rpy(0.0, 0.0, pi / 2))
     return FingerDescription(name=name, base=base, links=rows)
 
 
 description = HandDescription(
-    name="pincer", fingers=(finger("left", [0.03, 0, 0], 0.0), finger("right", [-0.03, 0, 0], pi)), density=1000.0, effort=1.5, velocity=5.0
+    name="pincer",
+    fingers=(finger("left", [0.03, 0, 0], 0.0), finger("right", [-0.03, 0, 0], pi)),
+    density=1000.0,
+    effort=1.5,
+    velocity=5.0,
 )
 with tempfile.TemporaryDirectory() as folder:
     xacro, urdf = description.write(Path(folder))

@@ -16,4 +16,7 @@ for search in ("paper", "paper+qp", "hybrid"):
 begun = time.perf_counter()
 best = pg.optimize_grasp(problem)
 spent = time.perf_counter() - begun
-print(f"{'convex':>10} {1e3 * best.work:10.3f} {best.net_force:14.2e} {1e3 * spent:10.1f}   gap {best.certificate.relative_gap:.0e}")
+print(
+    f"{'convex':>10} {1e3 * best.work:10.3f} {best.net_force:14.2e} {1e3 * spent:10.1f}   gap "
+    f"{best.certificate.relative_gap:.0e}"
+)

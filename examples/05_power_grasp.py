@@ -10,6 +10,9 @@ closure = max((placement.closure for placement in found.placements), key=lambda 
 print(closure.describe())
 
 plan = pg.plan_grasp(closure.hand, closure, mu=0.7, friction=friction)
-print(plan.status, f"{plan.problem.k} contacts, {1e3 * plan.forces.work:.3f} mJ, peak torque {plan.motion.peak_torque:.3f} N m")
+print(
+    plan.status,
+    f"{plan.problem.k} contacts, {1e3 * plan.forces.work:.3f} mJ, peak torque {plan.motion.peak_torque:.3f} N m",
+)
 for name, force in zip(plan.problem.contacts.names, plan.forces.normal_forces):
     print(f"{name:>12}: {force:.3f} N")

@@ -1,4 +1,6 @@
-"""Weak motors: the same grasp with torque limits, with the least motor heat, and why it fails where the limits are too low."""
+"""Weak motors: the same grasp with torque limits, with the least motor heat, and why it fails where the limits are too
+low.
+"""
 
 from dataclasses import replace
 
@@ -25,7 +27,10 @@ def told(name, problem, objective):
         print(f"{name:>18}: {found.status}")
         return
     torque = limited(10.0).torques.torques(np.einsum("kij,kj->ki", contacts.rotations_oc, found.forces_c))
-    print(f"{name:>18}: work {1e3 * found.work:.3f} mJ, largest torque {np.abs(torque).max():.4f} N m, heat {torque @ torque:.5f} (N m)^2")
+    print(
+        f"{name:>18}: work {1e3 * found.work:.3f} mJ, largest torque {np.abs(torque).max():.4f} N m, heat "
+        f"{torque @ torque:.5f} (N m)^2"
+    )
 
 
 told("least work", problem, "work")

@@ -1,4 +1,6 @@
-"""A control loop: forces and torques for a load that changes every millisecond, a finger that is lost, a load too large."""
+"""A control loop: forces and torques for a load that changes every millisecond, a finger that is lost, a load too
+large.
+"""
 
 import time
 
@@ -17,13 +19,16 @@ for tick in range(1000):
     forces, torques, status = online.step(shaken, q=q)
     spent.append(time.perf_counter() - begun)
     if tick % 250 in (0, 62, 187) and tick < 250:
-        print(f"{tick:4d} ms: {status}, normal forces {forces[:, 2].round(2)} N, largest torque {np.abs(torques).max():.3f} N m")
+        print(
+            f"{tick:4d} ms: {status}, normal forces {forces[:, 2].round(2)} N, largest torque "
+            f"{np.abs(torques).max():.3f} N m"
+        )
 print(f"a step takes {1e6 * np.median(spent):.0f} us, at worst {1e6 * max(spent):.0f} us")
 
-for tick in range(100):
+for _ in range(100):
     forces, torques, status = online.step(3 * load, q=q)
 print(f"three times the load: {status}, left over {np.linalg.norm(online.unbalanced[:3]):.2f} N")
 online.engage("middle", False)
-for tick in range(100):
+for _ in range(100):
     forces, torques, status = online.step(0.3 * load, q=q)
 print(f"without the middle finger, a third of the load: {status}, {forces[:, 2].round(2)} N")

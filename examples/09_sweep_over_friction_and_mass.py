@@ -1,4 +1,4 @@
-"""A hundred plans over friction and mass on all cores, then the same on a Dask cluster; both can be stopped and go on."""
+"""A hundred plans over friction and mass on all cores, then on a Dask cluster; both can be stopped and go on."""
 
 import sys
 

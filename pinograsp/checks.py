@@ -129,7 +129,9 @@ _MOST_JOBS = 1000
 
 
 def floats_of(name: str, value, wanted: str = "numbers") -> np.ndarray:
-    """``value`` as a float array of any shape: no texts, truth values, complex numbers, dates or masks. Infinity and NaN are left."""
+    """``value`` as a float array of any shape: no texts, truth values, complex numbers, dates or masks. Infinity and
+    NaN are left.
+    """
     try:
         if np.ma.is_masked(value) or isinstance(value, bytearray):
             raise TypeError
@@ -196,7 +198,13 @@ def are_rotations(matrices: np.ndarray) -> np.ndarray:
 
 
 def number(
-    name: str, value, *, above: float | None = None, at_least: float | None = None, at_most: float | None = None, unit: str = ""
+    name: str,
+    value,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    unit: str = "",
 ) -> float:
     """``value`` as a finite float within the bounds, or :class:`InvalidInput`."""
     try:
@@ -223,7 +231,9 @@ def _real(value) -> float:
 
 
 def _wanted(above, at_least, at_most, unit) -> str:
-    bounds = [f"{sign} {bound:g}" for sign, bound in ((">", above), (">=", at_least), ("<=", at_most)) if bound is not None]
+    bounds = [
+        f"{sign} {bound:g}" for sign, bound in ((">", above), (">=", at_least), ("<=", at_most)) if bound is not None
+    ]
     return f"a finite number{' ' if bounds else ''}{' and '.join(bounds)}" + (f" [{unit}]" if unit else "")
 
 
@@ -237,14 +247,18 @@ def integer(name: str, value, *, at_least: int | None = None, at_most: int | Non
         result = None
     if result is None or (at_least is not None and result < at_least) or (at_most is not None and result > at_most):
         bounds = [f"{sign} {bound}" for sign, bound in ((">=", at_least), ("<=", at_most)) if bound is not None]
-        raise InvalidInput(f"{name}: expected an integer{' ' if bounds else ''}{' and '.join(bounds)}, got {shown(value)}")
+        raise InvalidInput(
+            f"{name}: expected an integer{' ' if bounds else ''}{' and '.join(bounds)}, got {shown(value)}"
+        )
     return result
 
 
 def processes(jobs) -> int:
     """``jobs`` as joblib takes it, -1 for all cores, or :class:`InvalidInput`."""
     if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or not (jobs == -1 or 1 <= jobs <= _MOST_JOBS):
-        raise InvalidInput(f"jobs: expected a number of processes from 1 to {_MOST_JOBS}, or -1 for all cores, got {shown(jobs)}")
+        raise InvalidInput(
+            f"jobs: expected a number of processes from 1 to {_MOST_JOBS}, or -1 for all cores, got {shown(jobs)}"
+        )
     return int(jobs)
 
 

@@ -33,11 +33,15 @@ class Status(str, Enum):
 _REMEDIES = {
     Status.OK: "",
     Status.UNBALANCED: "These normal forces cannot balance the load: change them, raise mu or move the contacts.",
-    Status.INFEASIBLE: "Raise mu, lighten the object, allow deeper penetration or an earlier impact, or refine the grid.",
-    Status.INACCURATE: "The answer failed its certificate and nothing is proven: change load, mu or limits a little, or the solver.",
+    Status.INFEASIBLE: "Raise mu, lighten the object, allow deeper penetration or an earlier impact, "
+    "or refine the grid.",
+    Status.INACCURATE: "The answer failed its certificate and nothing is proven: change load, mu or limits a little, "
+    "or the solver.",
     Status.INTERRUPTED: "The search was stopped: run it again to the end for the optimum.",
-    Status.JOINT_LIMIT: "A joint meets its limit: the motion's remedy names it. Widen it, or choose another contact posture or start.",
-    Status.NOT_TRACKED: "Contact points cannot follow their paths: the motion's remedy says what keeps which finger from it.",
+    Status.JOINT_LIMIT: "A joint meets its limit: the motion's remedy names it. Widen it, or choose another contact "
+    "posture or start.",
+    Status.NOT_TRACKED: "Contact points cannot follow their paths: the motion's remedy says what keeps which finger "
+    "from it.",
 }
 
 
@@ -63,7 +67,9 @@ class CaseRejected(InvalidInput):
 
 
 class ResultsNotWritten(InvalidInput):
-    """The output cannot be written: its folder exists, holds files that are not ours or belongs to another writer, or the disk is full."""
+    """The output cannot be written: its folder exists, holds files that are not ours or belongs to another writer, or
+    the disk is full.
+    """
 
 
 class ExtraMissing(PinograspError, ImportError):
@@ -84,7 +90,8 @@ class ContactNotReached(NoGrasp):
 
 
 class GraspInfeasible(NoGrasp):
-    """No forces were found that hold the object. ``solution`` is the record of the search, with its rejection histogram.
+    """No forces were found that hold the object. ``solution`` is the record of the search, with its rejection
+    histogram.
 
     Its ``status`` tells whether that there are none is known (``infeasible``: proven, or no point of the grid), or not
     (``inaccurate``, ``interrupted``).
@@ -104,14 +111,15 @@ class PlacementNotFound(NoGrasp):
 
 
 class GeometryFailed(PinograspError):
-    """The distance between a link and the object could not be computed. ``link`` names it: a mesh is likely degenerate."""
+    """The distance between ``link`` and the object could not be computed: a mesh is likely degenerate."""
 
     def __init__(self, link: str, kind: str):
         self.link = link
         remedy = (
             "repair its mesh (slivers, zero-area triangles) or give it a simpler collision geometry"
             if kind.startswith(("BVH", "Convex"))
-            else "check the object's mesh, if it is one, and the sizes and places of both: they may be deep inside each other"
+            else "check the object's mesh, if it is one, and the sizes and places of both: "
+            "they may be deep inside each other"
         )
         super().__init__(f"the distance of link '{link}' ({kind}) from the object could not be computed: {remedy}")
 
@@ -122,7 +130,8 @@ class SimulationDiverged(PinograspError):
     def __init__(self, time: float, time_step: float):
         self.time, self.time_step = time, time_step
         super().__init__(
-            f"the simulation came apart at {time:.4g} s (step {1e3 * time_step:g} ms): take a smaller time_step or softer servos"
+            f"the simulation came apart at {time:.4g} s (step {1e3 * time_step:g} ms): take a smaller time_step "
+            "or softer servos"
         )
 
 
@@ -139,7 +148,7 @@ _MEANINGS = (
 
 
 def status_of(error: BaseException) -> str:
-    """One word for how something ended that raised ``error``: for a grasp that was not found the status of its search."""
+    """One word for how what raised ``error`` ended: for a grasp that was not found the status of its search."""
     solution = getattr(error, "solution", None)
     return _meaning(error)[0] if solution is None else str(solution.status)
 

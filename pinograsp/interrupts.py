@@ -13,8 +13,9 @@ from collections.abc import Callable, Iterable, Iterator
 def interrupts_kept() -> Iterator[Callable[[], None]]:
     """Ctrl-C raises ``KeyboardInterrupt`` at once, or, where that would be lost, in the next call of what this gives.
 
-    Python prints exceptions raised in destructors, of finished progress bars for instance, and goes on: a Ctrl-C in that
-    moment would not stop anything. Outside the main thread, and under a handler of somebody else's, nothing changes.
+    Python prints exceptions raised in destructors, of finished progress bars for instance, and goes on: a Ctrl-C in
+    that moment would not stop anything. Outside the main thread, and under a handler of somebody else's, nothing
+    changes.
     """
     waiting = False
 

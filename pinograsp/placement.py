@@ -1,4 +1,4 @@
-"""Where to put the palm: placements sampled around an object, closed, and ranked by certified energy and load margin."""
+"""Where to put the palm: placements sampled around an object, closed, ranked by certified energy and load margin."""
 
 from __future__ import annotations
 
@@ -18,7 +18,17 @@ import pinocchio as pin
 from tqdm import tqdm
 
 from pinograsp.checks import brief, flag, instance_of, integer, number, one_of, processes
-from pinograsp.contacts import Closure, Contact, ContactSet, check_geometry, clearance, close_hand, fingertips, link_centre, open_and_closed
+from pinograsp.contacts import (
+    Closure,
+    Contact,
+    ContactSet,
+    check_geometry,
+    clearance,
+    close_hand,
+    fingertips,
+    link_centre,
+    open_and_closed,
+)
 from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
 from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
 from pinograsp.hands import HandModel
@@ -40,8 +50,10 @@ class Placement:
 
     Attributes:
         pose: oMh (4, 4), the hand's root frame in the world.
-        closure: the hand closed there. forces: certified least-cost forces, at the impact time of the search.
-        energy: their objective. load_margin: largest multiple of the load that can be held at that impact time.
+        closure: the hand closed there.
+        forces: certified least-cost forces, at the impact time of the search.
+        energy: their objective.
+        load_margin: largest multiple of the load that can be held at that impact time.
     """
 
     pose: np.ndarray
@@ -58,7 +70,9 @@ class PlacementSearch:
     """What a placement search found.
 
     Attributes:
-        placements: best first. tried: number of samples. outcomes: how many of them ended how.
+        placements: best first.
+        tried: number of samples.
+        outcomes: how many of them ended how.
         interrupted: whether it was stopped (Ctrl-C): the placements are those found until then.
     """
 
@@ -95,36 +109,42 @@ def find_placements(
     """Sample placements of ``hand`` around ``object``, close it in each, and rank what holds.
 
     A sample puts the object's centre of mass between the half-closed fingertips and the palm, in a random or aligned
-    orientation, and moves it away from the palm where the open hand would overlap it. The object stays; the hand is placed.
+    orientation, and moves it away from the palm where the open hand would overlap it. The object stays; the hand is
+    placed.
 
     Args:
-        count: samples. seed: of the random numbers; the result does not depend on ``jobs``.
+        count: samples.
+        seed: of the random numbers; the result does not depend on ``jobs``.
         margin: placements that hold a smaller multiple of the load come after all others.
-        torque_limit: largest |torque| (n,) or one number [N m], or ``"effort"`` for the hand's own effort limits (joints without one
-            are not limited). Default: these, where a joint has one; ``np.inf``: none.
+        torque_limit: largest |torque| (n,) or one number [N m], or ``"effort"`` for the hand's own effort limits
+            (joints without one are not limited). Default: these, where a joint has one; ``np.inf``: none.
         impact_time: t_I of the forces that rank the placements [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
-        **settings: of :class:`~pinograsp.forces.ForceProblem`: ``mu`` (needed), ``friction``, ...; numbers, since the contacts are
-            not known yet.
+        **settings: of :class:`~pinograsp.forces.ForceProblem`: ``mu`` (needed), ``friction``, ...; numbers, since the
+            contacts are not known yet.
 
     Returns:
         Placements by: enough load margin first, then least energy. Stopped by Ctrl-C: those found until then.
 
     Raises:
-        InvalidInput: settings that cannot be used. PinograspError: a process was lost, or the object's own code failed.
+        InvalidInput: settings that cannot be used.
+        PinograspError: a process was lost, or the object's own code failed.
     """
     _check_settings(hand, object, torque_limit, impact_time, settings)
     check_geometry(hand)
     count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
-    margin, impact_time = number("margin", margin, at_least=0), number("impact time t_I", impact_time, at_least=0, unit="s")
+    margin = number("margin", margin, at_least=0)
+    impact_time = number("impact time t_I", impact_time, at_least=0, unit="s")
     flag("wrap", wrap)
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
     seeds = np.random.SeedSequence(seed).spawn(count)
     found, outcomes, tried, interrupted = [], {}, 0, False
-    bar = tqdm(total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False)
+    bar = tqdm(
+        total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False
+    )
     # Meshes are heavy: they go to every process once, and never come back.
     with tempfile.TemporaryDirectory() as folder, interrupts_kept() as interrupt:
         case = (hand, object, torque_limit, impact_time, wrap, settings)
@@ -150,7 +170,9 @@ def find_placements(
             why = "a process of the search was lost, by lack of memory or a crash: try fewer (jobs=1)"
             raise PinograspError(why) from None
     bar.close()
-    found.sort(key=lambda one: (one.load_margin < margin, one.energy if one.load_margin >= margin else -one.load_margin))
+    found.sort(
+        key=lambda one: (one.load_margin < margin, one.energy if one.load_margin >= margin else -one.load_margin)
+    )
     return PlacementSearch(placements=tuple(found), tried=tried, outcomes=outcomes, interrupted=interrupted)
 
 
@@ -160,7 +182,11 @@ def _check_settings(hand: HandModel, object, torque_limit, impact_time, settings
     instance_of("object", object, Body)
     if "mu" not in settings:
         raise InvalidInput("find_placements: expected the friction coefficient, mu=...")
-    allowed = [field.name for field in fields(ForceProblem) if field.init and field.name not in ("contacts", "load", "object", "torques")]
+    allowed = [
+        field.name
+        for field in fields(ForceProblem)
+        if field.init and field.name not in ("contacts", "load", "object", "torques")
+    ]
     for name in settings:
         one_of("setting", name, allowed)
     number("mu", settings["mu"], at_least=0)
@@ -176,7 +202,9 @@ def _handed_over(case: tuple, path: Path) -> str:
     try:
         whole = cloudpickle.dumps(case)
     except (pickle.PicklingError, TypeError, AttributeError) as error:
-        raise InvalidInput(f"find_placements: hand, object or settings cannot go to other processes ({error}): use jobs=1") from None
+        raise InvalidInput(
+            f"find_placements: hand, object or settings cannot go to other processes ({error}): use jobs=1"
+        ) from None
     with failure_told(path):
         path.write_bytes(whole)
     return str(path)

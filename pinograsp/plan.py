@@ -1,4 +1,6 @@
-"""From a hand and an object, or a force problem, to a grasp plan: contacts, forces, motion. The only file that knows the order."""
+"""From a hand and an object, or a force problem, to a grasp plan: contacts, forces, motion. The only file that knows
+the order.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ class GraspPlan:
     """A grasp: contact forces, and the joint motion and torques that bring them about.
 
     Attributes:
-        hand: the hand. forces: the force search's record. motion: trajectory and torques.
+        hand: the hand.
+        forces: the force search's record.
+        motion: trajectory and torques.
         elapsed: seconds per stage, ``{"forces": ..., "motion": ...}``, and ``"closing"`` where the hand was closed.
         closure: how the contacts were found, or None where they were given.
     """
@@ -83,18 +87,27 @@ class GraspPlan:
         ]
         if problem.torques is not None and problem.torques.limited.any():
             loaded = np.abs(problem.torques.jacobian).max(axis=(0, 1)) > 0
-            free = [name for name, bears, has in zip(problem.torques.joints, loaded, problem.torques.limited) if bears and not has]
+            free = [
+                name
+                for name, bears, has in zip(problem.torques.joints, loaded, problem.torques.limited)
+                if bears and not has
+            ]
             if free:
                 told.append(f"no limit is known of the torques of {', '.join(free)}: they are not limited")
         for name, slip in zip(contacts.names, motion.slip):
             if slip > _SLIDES:
-                told.append(f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses: friction then points elsewhere")
+                told.append(
+                    f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses: friction then points "
+                    "elsewhere"
+                )
         if problem.object is not None:
             links = [contact.link for contact in contacts]
             for name, contact in zip(contacts.names, contacts):
                 # The corners of a flat area may lie on an edge; a single point there has no normal of its own.
                 if links.count(contact.link) == 1 and _on_edge(problem.object, contact.point_o):
-                    told.append(f"{name} touches an edge of the object, where the normal is a matter of a hair's breadth")
+                    told.append(
+                        f"{name} touches an edge of the object, where the normal is a matter of a hair's breadth"
+                    )
         return tuple(told)
 
     def torque_maxima(self) -> dict[str, dict[str, np.ndarray]]:
@@ -258,23 +271,34 @@ class GraspPlan:
             "contact_law": np.array([compliance.stiffness, compliance.damping, compliance.exponent]),
             "contact_names": np.array(contacts.names),
             "contact_links": np.array([contact.link for contact in contacts]),
-            "torque_limit": self.hand.effort_or_infinity if self.problem.torques is None else self.problem.torques.limit,
+            "torque_limit": self.hand.effort_or_infinity
+            if self.problem.torques is None
+            else self.problem.torques.limit,
             # Branch and bound: start and end of each interval of t_I [s], its proven bound, the best objective then.
-            "branches": np.array([(b.start, b.end, b.lower_bound, b.best) for b in self.forces.branches]).reshape(-1, 4),
+            "branches": np.array([(b.start, b.end, b.lower_bound, b.best) for b in self.forces.branches]).reshape(
+                -1, 4
+            ),
         }
 
     def to_csv(self, path, *, followers: bool = False, **settings):
         """Write the motion for a controller as a table; see :meth:`pinograsp.handover.JointTrajectory.to_csv`.
 
-        ``settings``: rate, start, lead, blend, as for :func:`pinograsp.handover.joint_trajectory`. Returns the trajectory, which
-        tells how far it is from the plan.
+        ``settings``: rate, start, lead, blend, as for :func:`pinograsp.handover.joint_trajectory`. Returns the
+        trajectory, which tells how far it is from the plan.
         """
         from pinograsp.handover import joint_trajectory
 
         return joint_trajectory(self, **settings).to_csv(path, followers=followers)
 
     def to_ros2(
-        self, path=None, *, followers: bool = False, effort: bool = True, goal: bool = False, frame: str = "", **settings
+        self,
+        path=None,
+        *,
+        followers: bool = False,
+        effort: bool = True,
+        goal: bool = False,
+        frame: str = "",
+        **settings,
     ) -> dict:
         """The motion as ROS 2's ``trajectory_msgs/JointTrajectory``, written where a path (.yaml, .json) is given.
 
@@ -282,7 +306,9 @@ class GraspPlan:
         """
         from pinograsp.handover import joint_trajectory
 
-        return joint_trajectory(self, **settings).to_ros2(path, followers=followers, effort=effort, goal=goal, frame=frame)
+        return joint_trajectory(self, **settings).to_ros2(
+            path, followers=followers, effort=effort, goal=goal, frame=frame
+        )
 
     def to_mujoco(self, path, *, model=None, qpos=None, feed_forward: bool = True, prefix: str = "", **settings):
         """Write the motion as MuJoCo keyframes (.xml) and controls over time (.npz beside it); returns the trajectory.
@@ -361,7 +387,9 @@ def plan_grasp(
     if not isinstance(problem, ForceProblem):
         return _closed_plan(hand, problem, grid, search, solver, objective, torque_limit, motion, progress, settings)
     if settings:
-        raise InvalidInput(f"{', '.join(settings)}: settings of a problem, expected with an object; this problem has its own")
+        raise InvalidInput(
+            f"{', '.join(settings)}: settings of a problem, expected with an object; this problem has its own"
+        )
     if (search := search or "hybrid") == "convex":
         return _convex_plan(hand, problem, solver or "auto", objective, torque_limit, motion, progress, started)
     if objective is not None or torque_limit is not None:
@@ -369,16 +397,16 @@ def plan_grasp(
     forces = grid_search(problem, grid, search=search, solver=solver or "daqp", progress=progress)
     if not forces.found or forces.status is Status.INACCURATE:
         known = "" if forces.status is Status.INFEASIBLE else ", though none is ruled out"
-        raise GraspInfeasible(f"no grasp found{known} ({forces.status}). {forces.status.remedy}\n{forces.explain()}", forces)
+        raise GraspInfeasible(
+            f"no grasp found{known} ({forces.status}). {forces.status.remedy}\n{forces.explain()}", forces
+        )
     found = time.perf_counter()
     moved = plan_motion(hand, forces, motion)
     elapsed = {"forces": found - started, "motion": time.perf_counter() - found}
     return GraspPlan(hand=hand, forces=forces, motion=moved, elapsed=elapsed)
 
 
-def _closed_plan(
-    hand, given, grid, search, solver, objective, torque_limit, motion, progress, settings
-) -> GraspPlan:
+def _closed_plan(hand, given, grid, search, solver, objective, torque_limit, motion, progress, settings) -> GraspPlan:
     """Close the hand on an object, then plan with the contacts found."""
     started = time.perf_counter()
     if isinstance(given, Closure):
@@ -386,7 +414,9 @@ def _closed_plan(
     elif isinstance(given, Body):
         closure = close_hand(hand, given)
     else:
-        raise InvalidInput(f"problem: expected a ForceProblem, a Closure or an object of pinograsp.objects, got {shown(given)}")
+        raise InvalidInput(
+            f"problem: expected a ForceProblem, a Closure or an object of pinograsp.objects, got {shown(given)}"
+        )
     if "mu" not in settings:
         raise InvalidInput("plan_grasp with an object: expected the friction coefficient, mu=...")
     problem = ForceProblem.holding(closure.object, closure.contacts(), **settings)
@@ -400,9 +430,16 @@ def _closed_plan(
         )
     closing = time.perf_counter() - started
     plan = plan_grasp(
-        hand, problem, grid=grid, search=search, solver=solver, objective=objective, torque_limit=torque_limit,
-        motion=motion, progress=progress,
-    )  # fmt: skip
+        hand,
+        problem,
+        grid=grid,
+        search=search,
+        solver=solver,
+        objective=objective,
+        torque_limit=torque_limit,
+        motion=motion,
+        progress=progress,
+    )
     return replace(plan, closure=closure, elapsed={"closing": closing, **plan.elapsed})
 
 

@@ -28,7 +28,8 @@ _LONGEST = 2000  # characters of a line that someone else wrote
 
 
 def headline(run: Run, check: dict | None = None) -> list[str]:
-    """The answer first, a line of Markdown each: does it hold, how hard, how much energy, with which margin, and what the referee saw.
+    """The answer first, a line of Markdown each: does it hold, how hard, how much energy, with which margin, and what
+    the referee saw.
 
     ``check``: ``check.json`` of a simulation of the run, if there was one.
     """
@@ -39,14 +40,20 @@ def headline(run: Run, check: dict | None = None) -> list[str]:
     listed = ", ".join(f"{name} {value:.2f} N" for name, value in forces.items())
     energy = f"{_work(run)}; {s['impulse_Ns']:.3f} N s as impulse (Eq. 11)"
     if s["certificate"] is not None:
-        energy += f"; within a share of {max(s['certificate']['relative_gap'], 0.0):.0e} of the least {_objective(s)}, proven"
+        energy += (
+            f"; within a share of {max(s['certificate']['relative_gap'], 0.0):.0e} of the least {_objective(s)}, proven"
+        )
     margin = f"the squeeze holds {load_factor(s['margins'])}"
     for what, values in friction_used(s):
         used = [value for value in values.values() if value is not None]
         margin += f"; {what}: up to {100 * max(used):.0f} %" if used else ""
     lines = [
         ("Does it hold?", does_it_hold(s, check).text),
-        ("How hard?", f"{sum(forces.values()):.2f} N of normal force in all: {listed}; at most {s['peak_torque_Nm']:.3g} N m at a joint."),
+        (
+            "How hard?",
+            f"{sum(forces.values()):.2f} N of normal force in all: {listed}; at most {s['peak_torque_Nm']:.3g} N "
+            "m at a joint.",
+        ),
         ("How much energy?", f"{energy}."),
         ("Which margin?", f"{margin[0].upper()}{margin[1:]}."),
     ]
@@ -60,7 +67,9 @@ def headline(run: Run, check: dict | None = None) -> list[str]:
 
 
 def _checked_check(check) -> None:
-    if check is not None and not (isinstance(check, Mapping) and {"held", "engine", "reason", "force_error"} <= set(check)):
+    if check is not None and not (
+        isinstance(check, Mapping) and {"held", "engine", "reason", "force_error"} <= set(check)
+    ):
         raise InvalidInput(f"check: expected the check.json of a simulation, got {shown(check)}")
 
 
@@ -118,9 +127,12 @@ def _safety(s: dict) -> list[tuple[str, str]]:
         *((what, shares(values)) for what, values in friction_used(s)),
         ("load held by these forces", load_factor(m)),
         ("disturbance held besides", disturbance_held(m, s["friction"]["safety"])),
-        ("grasp", f"{'force closure' if m['force_closure'] else 'no force closure'}, Ferrari-Canny epsilon "
-                  f"{number(m['ferrari_canny_L1'], 3)}, smallest singular value {number(m['min_singular_value'], 3)}"),
-    ]  # fmt: skip
+        (
+            "grasp",
+            f"{'force closure' if m['force_closure'] else 'no force closure'}, Ferrari-Canny epsilon "
+            f"{number(m['ferrari_canny_L1'], 3)}, smallest singular value {number(m['min_singular_value'], 3)}",
+        ),
+    ]
 
 
 def failure(run: Run) -> str:
@@ -181,7 +193,12 @@ def markdown(run: Run, figures: list[str] | None = None, check: dict | None = No
     lines += _table(
         ("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"),
         [
-            (name, *(f"{f:.4f}" for f in force), f"{s['accelerations_m_s2'][name]:.4f}", f"{s['tracking_error_m'][name]:.1e}")
+            (
+                name,
+                *(f"{f:.4f}" for f in force),
+                f"{s['accelerations_m_s2'][name]:.4f}",
+                f"{s['tracking_error_m'][name]:.1e}",
+            )
             for name, force in s["contact_forces_N"].items()
         ],
     )
@@ -201,16 +218,31 @@ def markdown(run: Run, figures: list[str] | None = None, check: dict | None = No
         ],
     )
     if s["grid"]["points"] == 0:
-        lines += ["## Search", "", f"Branch and bound over t_I: {s['certificate']['branches']} intervals. Net wrench left: "
-                  f"{s['certificate']['balance_N']:.1e} N; largest violation of a limit: "
-                  f"{s['certificate']['limit_violation_N']:.1e} N.", ""]  # fmt: skip
+        lines += [
+            "## Search",
+            "",
+            f"Branch and bound over t_I: {s['certificate']['branches']} intervals. Net wrench left: "
+            f"{s['certificate']['balance_N']:.1e} N; largest violation of a limit: "
+            f"{s['certificate']['limit_violation_N']:.1e} N.",
+            "",
+        ]
     else:
         lines += _grid_section(s)
     if s.get("comparison"):
-        lines += ["## Beside the paper", "", "Planned as the paper does: forces alone in balance, friction used up to its limit.", ""]
+        lines += [
+            "## Beside the paper",
+            "",
+            "Planned as the paper does: forces alone in balance, friction used up to its limit.",
+            "",
+        ]
         lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(s["comparison"]))
     if run.settings.get("assumed"):
-        lines += ["## Assumed inputs", "", *(f"- {_code(key)}: {_escaped(why)}" for key, why in run.settings["assumed"].items()), ""]
+        lines += [
+            "## Assumed inputs",
+            "",
+            *(f"- {_code(key)}: {_escaped(why)}" for key, why in run.settings["assumed"].items()),
+            "",
+        ]
     rest = [name for name in figures or () if Path(name).stem not in _FIRST]
     if rest:
         lines += ["## Figures", "", *_figures(rest, None)]
@@ -237,7 +269,9 @@ def _figures(names, only) -> list[str]:
         stem = Path(name).stem
         if only is None or stem in only:
             finger = stem.removeprefix("torques_")
-            caption = _CAPTIONS.get(stem, f"Joint torques of the {finger}" if finger != stem else stem.replace("_", " "))
+            caption = _CAPTIONS.get(
+                stem, f"Joint torques of the {finger}" if finger != stem else stem.replace("_", " ")
+            )
             lines += [f"![{caption}]({name})", ""]
     return lines
 
@@ -258,13 +292,17 @@ def _flat(settings, prefix: str = ""):
 
 _STYLE = """
 :root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto; max-width: 60rem; padding: 1rem; }
-h1 { font-size: 1.6rem; margin: 0.5rem 0 1rem; } h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 2px solid #0072B2; }
-h1 + ul { list-style: none; padding: 0; display: grid; gap: 0.5rem; grid-template-columns: repeat(auto-fit, minmax(13rem, 1fr)); }
+body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto;
+  max-width: 60rem; padding: 1rem; }
+h1 { font-size: 1.6rem; margin: 0.5rem 0 1rem; }
+h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 2px solid #0072B2; }
+h1 + ul { list-style: none; padding: 0; display: grid; gap: 0.5rem;
+  grid-template-columns: repeat(auto-fit, minmax(13rem, 1fr)); }
 h1 + ul li { border-left: 4px solid #0072B2; background: #f2f6fa; padding: 0.6rem 0.8rem; overflow-wrap: anywhere; }
 h1 + ul strong { display: block; }
 h1 + ul li:first-child { grid-column: 1 / -1; font-size: 1.15rem; }
-h1 + ul li.yes { border-color: #009E73; background: #e3f4ee; } h1 + ul li.caution { border-color: #E69F00; background: #fdf3dd; }
+h1 + ul li.yes { border-color: #009E73; background: #e3f4ee; }
+h1 + ul li.caution { border-color: #E69F00; background: #fdf3dd; }
 h1 + ul li.no { border-color: #D55E00; background: #fdeae1; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.9rem; }
 th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.7rem 0.25rem 0; border-bottom: 1px solid #ddd; }
@@ -272,7 +310,8 @@ td + td { overflow-wrap: anywhere; }
 figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption { font-size: 0.9rem; color: #444; }
 code { font-size: 0.9em; } pre { overflow-x: auto; background: #f5f5f5; padding: 0.6rem; }
 @media screen and (max-width: 40rem) { figure { overflow-x: auto; } figure img { max-width: none; width: 40rem; } }
-@media print { body { max-width: none; font-size: 11pt; } figure, tr, h1 + ul li { break-inside: avoid; } h2 { break-after: avoid; } }
+@media print { body { max-width: none; font-size: 11pt; } figure, tr, h1 + ul li { break-inside: avoid; }
+  h2 { break-after: avoid; } }
 """
 
 
@@ -280,8 +319,8 @@ def page(text: str, figures=(), levels=()) -> str:
     """Markdown as one HTML file: nothing comes from a network, and no file comes in but ``figures``.
 
     Args:
-        figures: paths of PNG files that the text may show by their names. levels: "yes", "caution" or "no" of the first list's
-            entries, which take its colour; "" is neutral.
+        figures: paths of PNG files that the text may show by their names.
+        levels: "yes", "caution" or "no" of the first list's entries, which take its colour; "" is neutral.
     """
     from markdown_it import MarkdownIt
 
@@ -304,7 +343,8 @@ def page(text: str, figures=(), levels=()) -> str:
     body = re.sub(r'<p>(<img [^>]*alt="([^"]*)"[^>]*>)</p>', r"<figure>\1<figcaption>\2</figcaption></figure>", head)
     title = html.escape("".join(child.content for child in tokens[1].children)) if len(tokens) > 1 else ""
     return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, '
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        'content="width=device-width, '
         f'initial-scale=1"><title>{title}</title><style>{_STYLE}</style></head>\n<body>\n{body}</body></html>\n'
     )
 
@@ -312,7 +352,8 @@ def page(text: str, figures=(), levels=()) -> str:
 def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = None) -> None:
     """``report.md`` and ``report.html`` into a folder that has the figures already.
 
-    ``figures``: their names there, as :func:`~pinograsp.viz.figures.save_figures` gave them; no other file comes into the page.
+    ``figures``: their names there, as :func:`~pinograsp.viz.figures.save_figures` gave them; no other file comes into
+    the page.
     """
     instance_of("run", run, Run)
     _checked_check(check)
@@ -320,7 +361,13 @@ def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = 
     levels = []
     if run.arrays:
         text = markdown(run, names, check)
-        levels = [does_it_hold(run.summary, check).level, "", "", "", "no" if check is not None and not check["held"] else ""]
+        levels = [
+            does_it_hold(run.summary, check).level,
+            "",
+            "",
+            "",
+            "no" if check is not None and not check["held"] else "",
+        ]
     else:
         text = failure(run)
     with failure_told(folder):
@@ -330,8 +377,13 @@ def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = 
 
 
 def _grid_section(s: dict) -> list[str]:
-    lines = ["## Search", "", f"{s['grid']['points']:.4g} grid points, {s['grid']['cells']} cells in (t_I, A), "
-             f"{s['grid']['qp_solves']} QPs solved.", ""]  # fmt: skip
+    lines = [
+        "## Search",
+        "",
+        f"{s['grid']['points']:.4g} grid points, {s['grid']['cells']} cells in (t_I, A), "
+        f"{s['grid']['qp_solves']} QPs solved.",
+        "",
+    ]
     return lines + _table(
         ("cells rejected by", "count"), [(reason, str(count)) for reason, count in s["grid"]["rejections"].items()]
     )
@@ -340,7 +392,14 @@ def _grid_section(s: dict) -> list[str]:
 def comparison_rows(comparison) -> list[tuple[str, ...]]:
     """``summary["comparison"]`` as text: quantity, unit, paper, ours, difference, note."""
     return [
-        (row["quantity"], row["unit"], number(row["published"]), number(row["ours"]), number(row["difference"], 3), row["note"])
+        (
+            row["quantity"],
+            row["unit"],
+            number(row["published"]),
+            number(row["ours"]),
+            number(row["difference"], 3),
+            row["note"],
+        )
         for row in comparison
     ]
 
@@ -371,7 +430,12 @@ def checked(summary: dict, figures: list[str] | None = None, studies: list[str] 
     ]
     lines += _table(("", ""), rows)
     if s["disturbance"]:
-        lines += ["## Not as planned", "", *(f"- {_escaped(f'{name}: {value}')}" for name, value in s["disturbance"].items()), ""]
+        lines += [
+            "## Not as planned",
+            "",
+            *(f"- {_escaped(f'{name}: {value}')}" for name, value in s["disturbance"].items()),
+            "",
+        ]
     lines += ["## Forces at the end", ""]
     lines += _table(
         ("part of the hand", "planned F_n [N]", "simulated F_n [N]"),
@@ -384,4 +448,3 @@ def checked(summary: dict, figures: list[str] | None = None, studies: list[str] 
     if figures:
         lines += ["## Figures", "", *(f"![{name}]({name})" for name in figures), ""]
     return "\n".join(lines)
-

@@ -1,7 +1,8 @@
-"""What the files of a run and of a simulation may hold: read without running anything, within bounds, and checked whole.
+"""What the files of a run and of a simulation may hold: read without running anything, within bounds, and checked
+whole.
 
-Folders come from strangers, too. What passes here needs no further look: names are there, numbers are numbers, and arrays
-fit each other.
+Folders come from strangers, too. What passes here needs no further look: names are there, numbers are numbers, and
+arrays fit each other.
 """
 
 from __future__ import annotations
@@ -36,10 +37,12 @@ class Part(BaseModel):
     model_config = ConfigDict(strict=True, extra="ignore", hide_input_in_errors=True)
 
 
-# -- plan.json -----------------------------------------------------------------------------------------------------------
+# -- plan.json ---------------------------------------------------------------------------------------------------------
 
 
 class FrictionPart(Part):
+    """``friction`` of a plan."""
+
     mu: Annotated[list[NotNegative], Field(min_length=1)]
     model: Literal[FRICTION_MODELS]
     edges: Annotated[StrictInt, Field(ge=4, le=1000, multiple_of=2)] | None
@@ -48,6 +51,8 @@ class FrictionPart(Part):
 
 
 class CertificatePart(Part):
+    """``certificate`` of a plan."""
+
     objective: Annotated[Numbers, Field(min_length=1)]
     primal: Number
     dual: Number
@@ -60,6 +65,8 @@ class CertificatePart(Part):
 
 
 class MarginsPart(Part):
+    """``margins`` of a plan."""
+
     friction_used: dict[StrictStr, Number | None]
     least_mu: Numbers
     slip_distance_N: Numbers
@@ -73,6 +80,8 @@ class MarginsPart(Part):
 
 
 class GridPart(Part):
+    """``grid`` of a plan: the log of the paper's search."""
+
     points: Annotated[float, Field(ge=0, le=_HUGE)]
     cells: Count
     rejections: dict[StrictStr, Count]
@@ -80,6 +89,8 @@ class GridPart(Part):
 
 
 class ComparisonRow(Part):
+    """One row of ``comparison``: a published figure beside ours."""
+
     quantity: StrictStr
     unit: StrictStr
     published: Number | None
@@ -89,16 +100,22 @@ class ComparisonRow(Part):
 
 
 class SettingsPart(Part):
+    """``settings``: the case file, of which only these keys are looked at."""
+
     name: StrictStr | None = None
     assumed: dict[StrictStr, StrictStr] | None = None
 
 
 class FailureLayout(Part):
+    """``layout`` of a search that found no grasp."""
+
     hand: StrictStr
     contacts: Texts
 
 
 class PlanLayout(FailureLayout):
+    """``layout`` of a plan: names of its joints, fingers and contacts."""
+
     joints: Annotated[Texts, Field(min_length=1)]
     fingers: dict[StrictStr, list[StrictInt]]
     contacts: Annotated[Texts, Field(min_length=1)]
@@ -116,6 +133,8 @@ class FailureDocument(Part):
 
 
 class PlanDocument(Part):
+    """``plan.json`` of a plan."""
+
     status: Literal[tuple(status.value for status in Status)]
     remedy: StrictStr
     search: StrictStr
@@ -151,10 +170,12 @@ class PlanDocument(Part):
     versions: dict[StrictStr, StrictStr]
 
 
-# -- check.json ----------------------------------------------------------------------------------------------------------
+# -- check.json --------------------------------------------------------------------------------------------------------
 
 
 class CheckDocument(Part):
+    """``check.json`` of a simulation."""
+
     held: bool
     reason: StrictStr
     drift_mm: Number
@@ -182,20 +203,47 @@ class CheckDocument(Part):
     elapsed_s: NotNegative
 
 
-# -- arrays --------------------------------------------------------------------------------------------------------------
+# -- arrays ------------------------------------------------------------------------------------------------------------
 
 # Shapes by what counts: m samples, n joints, k contacts, p parts of the hand, any number b, d.
 _PLAN = {
-    "times": "m", "q": "mn", "dq": "mn", "ddq": "mn", "torques": "mn", "holding_torques": "n", "torque_limit": "n",
-    "forces_o": "mk3", "depth": "mk", "rate": "mk", "normal_forces": "mk", "net_force_o": "m3", "points_o": "k3",
-    "rotations_oc": "k33", "com_o": "3", "load": "6", "gravity": "3", "object_mass": "", "mu": "k", "torsion_length": "",
-    "contact_law": "3", "branches": "b4",
-}  # fmt: skip
+    "times": "m",
+    "q": "mn",
+    "dq": "mn",
+    "ddq": "mn",
+    "torques": "mn",
+    "holding_torques": "n",
+    "torque_limit": "n",
+    "forces_o": "mk3",
+    "depth": "mk",
+    "rate": "mk",
+    "normal_forces": "mk",
+    "net_force_o": "m3",
+    "points_o": "k3",
+    "rotations_oc": "k33",
+    "com_o": "3",
+    "load": "6",
+    "gravity": "3",
+    "object_mass": "",
+    "mu": "k",
+    "torsion_length": "",
+    "contact_law": "3",
+    "branches": "b4",
+}
 _MARGINS = {"margin_directions": "3d3", "margin_forces": "3d"}
 _CHECK = {
-    "times": "m", "q": "mn", "dq": "mn", "torques": "mn", "object_poses": "m44", "forces_o": "mp3", "normal_forces": "mp",
-    "tangential_forces": "mp", "depths": "mp", "slips": "mp", "planned_forces": "p",
-}  # fmt: skip
+    "times": "m",
+    "q": "mn",
+    "dq": "mn",
+    "torques": "mn",
+    "object_poses": "m44",
+    "forces_o": "mp3",
+    "normal_forces": "mp",
+    "tangential_forces": "mp",
+    "depths": "mp",
+    "slips": "mp",
+    "planned_forces": "p",
+}
 _MAY_BE_INFINITE = ("torque_limit", "branches")
 
 
@@ -221,12 +269,16 @@ def read_check(folder: Path) -> tuple[dict, dict[str, np.ndarray]]:
     document, arrays = read_document(folder / "check.json", None), _read_arrays(folder / "check.npz")
     _checked(CheckDocument, document, "check.json")
     parts = document["planned_forces_N"]
-    _expect("check.json", "final_forces_N", "the parts of planned_forces_N", list(document["final_forces_N"]) == list(parts))
+    _expect(
+        "check.json", "final_forces_N", "the parts of planned_forces_N", list(document["final_forces_N"]) == list(parts)
+    )
     sizes = _sized("check.npz", arrays, _CHECK, {"p": len(parts)})
     _sized("check.npz", arrays, {name: "m" for name in arrays if name.startswith("energy_")}, sizes)
     _expect("check.npz", "times", "times that grow", bool(np.all(np.diff(arrays["times"]) > 0)))
     poses = arrays["object_poses"]
-    good = are_rotations(poses[:, :3, :3]).all() and np.array_equal(poses[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1)))
+    good = are_rotations(poses[:, :3, :3]).all() and np.array_equal(
+        poses[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1))
+    )
     _expect("check.npz", "object_poses", "placements", good)
     return document, arrays
 
@@ -238,43 +290,91 @@ def _check_plan(document: dict, arrays: dict) -> None:
     for name, names in (("joints", joints), ("contacts", contacts)):
         _expect(file, f"layout.{name}", "names, each once", len(set(names)) == len(names))
     for finger, dofs in layout["fingers"].items():
-        _expect(file, f"layout.fingers.{finger}", f"numbers from 0 to {n - 1}, each once",
-                all(0 <= dof < n for dof in dofs) and len(set(dofs)) == len(dofs))  # fmt: skip
-    for name in ("normal_forces_N", "multipliers", "contact_forces_N", "torsion_Nm", "accelerations_m_s2", "tracking_error_m"):
+        _expect(
+            file,
+            f"layout.fingers.{finger}",
+            f"numbers from 0 to {n - 1}, each once",
+            all(0 <= dof < n for dof in dofs) and len(set(dofs)) == len(dofs),
+        )
+    for name in (
+        "normal_forces_N",
+        "multipliers",
+        "contact_forces_N",
+        "torsion_Nm",
+        "accelerations_m_s2",
+        "tracking_error_m",
+    ):
         partial = name in ("multipliers", "torsion_Nm") and not document[name]
         _expect(file, name, f"the contacts {', '.join(contacts)}", partial or list(document[name]) == contacts)
     for name in ("friction_used", "least_mu", "slip_distance_N"):
-        _expect(file, f"margins.{name}", f"the contacts {', '.join(contacts)}", list(document["margins"][name]) == contacts)
+        _expect(
+            file, f"margins.{name}", f"the contacts {', '.join(contacts)}", list(document["margins"][name]) == contacts
+        )
     friction, grid = document["friction"], document["grid"]
     _expect(file, "friction.mu", f"{k} numbers", len(friction["mu"]) == k)
-    _expect(file, "friction.edges", "a number for a pyramid alone", (friction["edges"] is None) == (friction["model"] != "pyramid"))
-    _expect(file, "friction.torsion_m", "above 0 for soft fingers", friction["model"] != "soft" or friction["torsion_m"] > 0)
-    _expect(file, "torsion_Nm", "the contacts' where torsion_m is above 0", bool(document["torsion_Nm"]) or friction["torsion_m"] == 0)
-    _expect(file, "certificate", "one for a search without a grid", document["certificate"] is not None or grid["points"] > 0)
+    _expect(
+        file,
+        "friction.edges",
+        "a number for a pyramid alone",
+        (friction["edges"] is None) == (friction["model"] != "pyramid"),
+    )
+    _expect(
+        file, "friction.torsion_m", "above 0 for soft fingers", friction["model"] != "soft" or friction["torsion_m"] > 0
+    )
+    _expect(
+        file,
+        "torsion_Nm",
+        "the contacts' where torsion_m is above 0",
+        bool(document["torsion_Nm"]) or friction["torsion_m"] == 0,
+    )
+    _expect(
+        file,
+        "certificate",
+        "one for a search without a grid",
+        document["certificate"] is not None or grid["points"] > 0,
+    )
 
     file = "plan.npz"
     sizes = _sized(file, arrays, _PLAN, {"n": n, "k": k})
     if _MARGINS.keys() & arrays.keys():  # earlier runs did not keep them
         _sized(file, arrays, _MARGINS, {})
     times, impact = arrays["times"], arrays.get("impact")
-    _expect(file, "times", "at least three, from 0 s on, each later than the one before",
-            sizes["m"] >= 3 and times[0] >= 0 and bool(np.all(np.diff(times) > 0)))  # fmt: skip
-    _expect(file, "impact", "the number of a sample between the first and the last",
-            impact is not None and impact.shape == () and impact.dtype.kind in "iu" and 0 < int(impact) < sizes["m"] - 1)  # fmt: skip
+    _expect(
+        file,
+        "times",
+        "at least three, from 0 s on, each later than the one before",
+        sizes["m"] >= 3 and times[0] >= 0 and bool(np.all(np.diff(times) > 0)),
+    )
+    _expect(
+        file,
+        "impact",
+        "the number of a sample between the first and the last",
+        impact is not None and impact.shape == () and impact.dtype.kind in "iu" and 0 < int(impact) < sizes["m"] - 1,
+    )
     told = (document["impact_time_s"], document["final_time_s"])
-    _expect("plan.json", "impact_time_s, final_time_s", "the times of the arrays' impact and end",
-            np.allclose(told, (times[int(impact)], times[-1]), rtol=1e-6, atol=0))  # fmt: skip
+    _expect(
+        "plan.json",
+        "impact_time_s, final_time_s",
+        "the times of the arrays' impact and end",
+        np.allclose(told, (times[int(impact)], times[-1]), rtol=1e-6, atol=0),
+    )
     for name in ("mu", "torque_limit", "object_mass", "torsion_length"):
         _expect(file, name, "numbers from 0 on", bool(np.all(arrays[name] >= 0)))
     stiffness, damping, exponent = arrays["contact_law"]
-    _expect(file, "contact_law", "a stiffness above 0, a damping from 0 on, an exponent above 0 and up to 100",
-            stiffness > 0 and damping >= 0 and 0 < exponent <= 100)  # fmt: skip
+    _expect(
+        file,
+        "contact_law",
+        "a stiffness above 0, a damping from 0 on, an exponent above 0 and up to 100",
+        stiffness > 0 and damping >= 0 and 0 < exponent <= 100,
+    )
     _expect(file, "rotations_oc", "rotations", are_rotations(arrays["rotations_oc"]).all())
     _expect(file, "branches", "no NaN", not np.isnan(arrays["branches"]).any())
     if "certificate" in document and document["certificate"] is None:
         _expect(file, "branches", "none without a certificate", len(arrays["branches"]) == 0)
     for name in ("contact_names", "contact_links"):
-        _expect(file, name, f"{k} names", name in arrays and arrays[name].dtype.kind == "U" and arrays[name].shape == (k,))
+        _expect(
+            file, name, f"{k} names", name in arrays and arrays[name].dtype.kind == "U" and arrays[name].shape == (k,)
+        )
         _expect(file, name, "readable text", _readable(_strings(arrays[name])))
     _expect(file, "contact_names", f"the contacts {', '.join(contacts)}", _strings(arrays["contact_names"]) == contacts)
 
@@ -289,7 +389,9 @@ def _sized(file: str, arrays: dict, shapes: dict[str, str], sizes: dict[str, int
     sizes = dict(sizes)
     for name, letters in shapes.items():
         if name not in arrays:
-            raise InvalidInput(f"{file}: expected an array '{name}', got none: written by another version? Plan it again")
+            raise InvalidInput(
+                f"{file}: expected an array '{name}', got none: written by another version? Plan it again"
+            )
         array = arrays[name]
         if array.ndim == len(letters):
             for letter, size in zip(letters, array.shape):
@@ -319,14 +421,15 @@ def _readable(texts) -> bool:
     return True
 
 
-# -- reading -------------------------------------------------------------------------------------------------------------
+# -- reading -----------------------------------------------------------------------------------------------------------
 
 
 def read_document(path: Path, schema: str | None) -> dict:
     """The mapping in a JSON file, without its ``schema``.
 
     Raises:
-        InvalidInput: another schema, a key that comes twice, or a document that is not plain, finite, and of bounded depth.
+        InvalidInput: another schema, a key that comes twice, or a document that is not plain, finite, and of bounded
+            depth.
     """
     try:
         document = json.loads(
@@ -341,7 +444,12 @@ def read_document(path: Path, schema: str | None) -> dict:
         raise InvalidInput(f"{path.name}: expected a mapping, got {type(document).__name__}")
     level = [document]
     for _ in range(_DEEPEST):
-        level = [one for part in level for one in (part.values() if isinstance(part, dict) else part) if isinstance(one, dict | list)]
+        level = [
+            one
+            for part in level
+            for one in (part.values() if isinstance(part, dict) else part)
+            if isinstance(one, dict | list)
+        ]
     if level:
         raise InvalidInput(f"{path.name}: expected at most {_DEEPEST} levels")
     if not _readable([json.dumps(document, ensure_ascii=False)]):
@@ -402,4 +510,6 @@ def _checked(kind: type[Part], document: dict, file: str) -> None:
         first, *others = error.errors(include_url=False)
         where = ".".join(map(str, first["loc"]))[:200]
         more = f" (and {len(others)} more like this)" if others else ""
-        raise InvalidInput(f"{file}: {where}: {first['msg']}{more}: written by another version? Plan it again") from None
+        raise InvalidInput(
+            f"{file}: {where}: {first['msg']}{more}: written by another version? Plan it again"
+        ) from None

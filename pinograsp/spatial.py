@@ -15,7 +15,7 @@ FARTHEST = 1e3
 def skew(v: np.ndarray) -> np.ndarray:
     """Cross-product matrices, shape (..., 3, 3), of vectors (..., 3): ``skew(a) @ b == cross(a, b)``."""
     v = np.asarray(v, dtype=float)
-    out = np.zeros(v.shape[:-1] + (3, 3))
+    out = np.zeros((*v.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
     out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]

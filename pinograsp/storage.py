@@ -30,9 +30,11 @@ class Run:
     """A plan as data, fresh or read back: everything that reports and figures need.
 
     Attributes:
-        summary: ``GraspPlan.summary()``. arrays: ``GraspPlan.arrays()`` and ``GraspPlan.margins_around()``.
+        summary: ``GraspPlan.summary()``.
+        arrays: ``GraspPlan.arrays()`` and ``GraspPlan.margins_around()``.
         layout: names: ``{"hand", "joints": [...], "fingers": {name: [dof, ...]}, "contacts": [...]}``.
-        settings: the case that made it (empty for a plan made from Python). versions: packages and their versions.
+        settings: the case that made it (empty for a plan made from Python).
+        versions: packages and their versions.
         scene: ``{"hand": hand_record(...), "object": object_record(...)}``, None for what cannot be written down; empty
             for runs without a plan and for those of versions that did not keep it.
     """
@@ -45,21 +47,30 @@ class Run:
     scene: dict = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        told = {"name": self.settings.get("name"), "status": self.summary.get("status"), "hand": self.layout.get("hand")}
+        told = {
+            "name": self.settings.get("name"),
+            "status": self.summary.get("status"),
+            "hand": self.layout.get("hand"),
+        }
         words = ", ".join(f"{key}={value!r:.60}" for key, value in told.items())
-        return f"Run({words}, contacts={', '.join(map(str, self.layout.get('contacts', ())))!r:.60}, arrays={len(self.arrays)})"
+        return (
+            f"Run({words}, contacts={', '.join(map(str, self.layout.get('contacts', ())))!r:.60}, "
+            f"arrays={len(self.arrays)})"
+        )
 
     def hand(self) -> HandModel:
         """The hand of the plan, as it was placed; its meshes are read from their files.
 
         Raises:
-            InvalidInput: the run has none, a broken one, or one of other joints and links than the plan's; HandNotLoaded names
-                mesh files that are missing.
+            InvalidInput: the run has none, a broken one, or one of other joints and links than the plan's;
+                HandNotLoaded names mesh files that are missing.
         """
         hand = hand_of(self._kept("hand", "load it from its description, pinograsp.load_hand"))
         fingers = {finger.name: finger.dofs.tolist() for finger in hand.fingers}
         if list(hand.joint_names) != self.layout.get("joints") or fingers != self.layout.get("fingers"):
-            raise InvalidInput("expected the hand of the plan, got one with other joints or fingers (scene.json): plan it again")
+            raise InvalidInput(
+                "expected the hand of the plan, got one with other joints or fingers (scene.json): plan it again"
+            )
         for link in self.arrays.get("contact_links", ()):
             if str(link) and not hand.model.existFrame(str(link)):
                 raise InvalidInput(f"expected contacts of the hand, it has no link '{link}': plan it again")
@@ -127,18 +138,26 @@ def save_run(
 
     Raises:
         InvalidInput: neither a run nor a plan, or one with values that cannot be written down.
-        ResultsNotWritten: the folder exists and ``force`` is off, it holds files that no run wrote, another process is writing it, or
-            the place cannot be written.
+        ResultsNotWritten: the folder exists and ``force`` is off, it holds files that no run wrote, another process is
+            writing it, or the place cannot be written.
     """
     if not isinstance(run, Run):
         run = run_of(run)
-    document = {"schema": SCHEMA, **run.summary, "layout": run.layout, "settings": run.settings, "versions": run.versions}
+    document = {
+        "schema": SCHEMA,
+        **run.summary,
+        "layout": run.layout,
+        "settings": run.settings,
+        "versions": run.versions,
+    }
     try:
         documents = {"plan.json": json.dumps(document, indent=2, allow_nan=False)}
         if run.scene:
             documents["scene.json"] = json.dumps({"schema": SCENE, **run.scene}, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise InvalidInput(f"run: expected plain, finite values in summary, layout, settings and scene ({error})") from error
+        raise InvalidInput(
+            f"run: expected plain, finite values in summary, layout, settings and scene ({error})"
+        ) from error
 
     if extras is not None and not callable(extras):
         raise InvalidInput(f"extras: expected a function of a path, got {shown(extras)}")
@@ -160,7 +179,9 @@ def newest_check(folder: str | Path) -> Path | None:
         found = folder.glob("[!.]*/check.json")  # hidden: not written to the end
         checks = [path.parent for path in found if path.is_file()]
     except (OSError, ValueError) as error:  # ValueError: a name that no file system takes
-        raise InvalidInput(f"folder: expected that of a run, got {shown(str(folder))}: {type(error).__name__}") from error
+        raise InvalidInput(
+            f"folder: expected that of a run, got {shown(str(folder))}: {type(error).__name__}"
+        ) from error
     return max(checks, key=lambda path: (path / "check.json").stat().st_mtime_ns, default=None)
 
 
@@ -176,7 +197,7 @@ def load_check(folder: str | Path) -> tuple[dict, dict[str, np.ndarray]]:
 
 
 def load_run(folder: str | Path) -> Run:
-    """Read a run back; :class:`InvalidInput` where the folder holds none, or one that is damaged or of another schema."""
+    """Read a run back; :class:`InvalidInput` where the folder holds none, a damaged one or one of another schema."""
     folder = path_of("folder", folder)
 
     def read(folder: Path) -> tuple[dict, dict, dict]:

@@ -27,7 +27,9 @@ def escaped(text: str, keep: str = "") -> str:
 
 
 def printable(text: str, most: int = 200) -> str:
-    """A name of someone else's as one line of text: no control characters, nothing that turns the direction, at most so long."""
+    """A name of someone else's as one line of text: no control characters, nothing that turns the direction, at most so
+    long.
+    """
     shown = escaped(str(text))
     return shown if len(shown) <= most else f"{shown[: most - 3]}..."
 
@@ -43,18 +45,22 @@ class Answer:
 def does_it_hold(summary: dict, check: dict | None = None) -> Answer:
     """The answer of a plan's summary and of a simulation's (``check``), where there was one.
 
-    What was seen in a simulation counts more than what was planned; a simulation that was not as planned (disturbed) speaks for
-    itself alone.
+    What was seen in a simulation counts more than what was planned; a simulation that was not as planned (disturbed)
+    speaks for itself alone.
     """
     status = summary["status"]
     if check is not None and not check["held"]:
         reason = printable(check["reason"], 400)
         if check.get("disturbance"):
-            return Answer("caution", f"Not with what it was tried with: lost in simulation under disturbances; {reason}.")
+            return Answer(
+                "caution", f"Not with what it was tried with: lost in simulation under disturbances; {reason}."
+            )
         return Answer("no", f"No. Lost in simulation: {reason}.")
     tried = "" if check is None else " Held in simulation."
     if status == Status.NOT_TRACKED.value:
-        return Answer("caution", f"Not certain: {_LOAD}, but the hand cannot follow their paths. {summary['remedy']}{tried}")
+        return Answer(
+            "caution", f"Not certain: {_LOAD}, but the hand cannot follow their paths. {summary['remedy']}{tried}"
+        )
     if status not in (Status.OK.value, Status.UNBALANCED.value):
         told = f"The plan is not complete ({status}): {summary['remedy']}"
         return Answer("no", told) if check is None else Answer("caution", f"{told}{tried}")
@@ -62,7 +68,9 @@ def does_it_hold(summary: dict, check: dict | None = None) -> Answer:
         left = f"{number(summary['net_force_N'], 3)} N and {number(summary['net_moment_Nm'], 3)} N m"
         return Answer("caution", f"Almost: {_LOAD} but for {left}.{tried}")
     if summary["balance"] == "force":
-        return Answer("caution", f"Not certain: moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}")
+        return Answer(
+            "caution", f"Not certain: moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}"
+        )
     if summary.get("cautions"):
         return Answer("caution", f"Yes, with cautions: {_LOAD}, forces and moments in balance.{tried}")
     return Answer("yes", f"Yes. {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
@@ -72,13 +80,18 @@ def friction_model(friction: dict) -> str:
     """Of a summary's ``friction``: the model and its coefficient."""
     low, high = min(friction["mu"]), max(friction["mu"])
     mu = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-    model = f"pyramid of {friction['edges']} edges" if friction["edges"] else {"soft": "soft finger"}.get(friction["model"], "cone")
+    model = (
+        f"pyramid of {friction['edges']} edges"
+        if friction["edges"]
+        else {"soft": "soft finger"}.get(friction["model"], "cone")
+    )
     torsion = f", torsion up to {1e3 * friction['torsion_m']:g} mm x F_n" if friction["torsion_m"] else ""
     return f"mu {mu}, {model}, safety factor {friction['safety']:g}{torsion}"
 
 
 def friction_used(summary: dict) -> list[tuple[str, dict[str, float | None]]]:
-    """What the contacts use of friction: their share of Coulomb's cone, mu F_n; and of the model's limit where that is another.
+    """What the contacts use of friction: their share of Coulomb's cone, mu F_n; and of the model's limit where that is
+    another.
 
     Neither counts the safety factor. None: tangential force where there is no friction.
     """
@@ -97,7 +110,9 @@ def friction_used(summary: dict) -> list[tuple[str, dict[str, float | None]]]:
 
 def shares(values: dict[str, float | None]) -> str:
     """Shares by name, in percent."""
-    return ", ".join(f"{printable(name, 60)} {'slips' if v is None else f'{100 * v:.0f} %'}" for name, v in values.items())
+    return ", ".join(
+        f"{printable(name, 60)} {'slips' if v is None else f'{100 * v:.0f} %'}" for name, v in values.items()
+    )
 
 
 def work(joules: float, exponent: float | None) -> str:
@@ -109,8 +124,12 @@ def work(joules: float, exponent: float | None) -> str:
 
 
 def disturbance_held(margins: dict, safety: float) -> str:
-    """What the grasp bears besides its load, with its normal forces; and why where that is nothing in some direction."""
-    moment = "" if margins["disturbance_moment_Nm"] is None else f", {number(margins['disturbance_moment_Nm'], 3)} N m about any axis"
+    """What the grasp bears besides its load, with its normal forces; and why that is nothing in some direction."""
+    moment = (
+        ""
+        if margins["disturbance_moment_Nm"] is None
+        else f", {number(margins['disturbance_moment_Nm'], 3)} N m about any axis"
+    )
     told = f"{number(margins['disturbance_force_N'], 3)} N in any direction{moment}"
     if margins["disturbance_any_N"] > 0:
         return told
@@ -121,4 +140,6 @@ def disturbance_held(margins: dict, safety: float) -> str:
 
 def load_factor(margins: dict) -> str:
     """The load that the normal forces hold."""
-    return "any multiple of the load" if margins["load_factor"] is None else f"{margins['load_factor']:.3g} times the load"
+    return (
+        "any multiple of the load" if margins["load_factor"] is None else f"{margins['load_factor']:.3g} times the load"
+    )

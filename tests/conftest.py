@@ -28,12 +28,19 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 def pytest_addoption(parser):
-    parser.addoption("--fuzz-seed", type=int, default=secrets.randbelow(10**9), help="seed of the hostile inputs (default: a fresh one)")
+    parser.addoption(
+        "--fuzz-seed",
+        type=int,
+        default=secrets.randbelow(10**9),
+        help="seed of the hostile inputs (default: a fresh one)",
+    )
     parser.addoption("--fuzz-count", type=int, default=3000, help="hostile inputs of each kind")
 
 
 def pytest_report_header(config):
-    return f"hostile inputs: --fuzz-seed {config.getoption('--fuzz-seed')} --fuzz-count {config.getoption('--fuzz-count')}"
+    return (
+        f"hostile inputs: --fuzz-seed {config.getoption('--fuzz-seed')} --fuzz-count {config.getoption('--fuzz-count')}"
+    )
 
 
 # The paper's printed contact points, written out again: tests do not share the package's tables.
@@ -126,7 +133,9 @@ def small_disk(tmp_path):
     def make(size: int):
         disk = tmp_path / f"disk{len(made)}"
         disk.mkdir()
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}k", "none", str(disk)], capture_output=True, text=True)
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={size}k", "none", str(disk)], capture_output=True, text=True
+        )
         if done.returncode:
             pytest.skip(f"file systems cannot be mounted here: {done.stderr.strip()}")
         made.append(disk)

@@ -6,7 +6,9 @@ import time
 
 
 def start_and_kill(programs: list[list], after: float) -> None:
-    """Run Python ``programs``, each a text and its arguments, and kill them ``after`` seconds from when all have said "ready"."""
+    """Run Python ``programs``, each a text and its arguments, and kill them ``after`` seconds from when all have said
+    "ready".
+    """
     started = []
     try:
         for program in programs:

@@ -47,9 +47,17 @@ def link(name: str, mass: float = 0.0, shape: str = "", at: str = "0 0 0", more=
 
 
 def joint(
-    name: str, parent: str, child: str, at: str, axis: str = "", limit: str = "", *, rpy: str = "0 0 0",
-    kind: str = "revolute", mimic: str = "",
-) -> str:  # fmt: skip
+    name: str,
+    parent: str,
+    child: str,
+    at: str,
+    axis: str = "",
+    limit: str = "",
+    *,
+    rpy: str = "0 0 0",
+    kind: str = "revolute",
+    mimic: str = "",
+) -> str:
     """A joint, fixed without ``axis``. ``limit``: lower upper effort velocity. ``mimic``: joint factor offset."""
     inner = ""
     if axis:
@@ -79,12 +87,19 @@ PLANAR_GRIPPER = robot(
         for part in (
             link(f"{side}_jaw", 0.04, "box 0.012 0.02 0.08", "0 0 0.04"),
             link(f"{side}_tip"),
-            joint(f"{side}_hinge", "palm", f"{side}_jaw", f"{x} 0 0", "0 1 0", "-0.6 0.6 2.0 3.0" if mimic else
-                  "-0.3 0.6 2.0 3.0", mimic=mimic),
+            joint(
+                f"{side}_hinge",
+                "palm",
+                f"{side}_jaw",
+                f"{x} 0 0",
+                "0 1 0",
+                "-0.6 0.6 2.0 3.0" if mimic else "-0.3 0.6 2.0 3.0",
+                mimic=mimic,
+            ),
             joint(f"{side}_end", f"{side}_jaw", f"{side}_tip", "0 0 0.08"),
         )
     ),
-)  # fmt: skip
+)
 
 # Three fingers of 8.5 cm around the palm; every distal joint turns 0.7 times the proximal one plus 0.1 rad.
 THREE_FINGERS = robot(
@@ -98,15 +113,28 @@ THREE_FINGERS = robot(
             link(f"finger{i}_distal", 0.018, "cylinder 0.007 0.028", "0 0 0.014", (("sphere 0.007", "0 0 0.028"),)),
             link(f"finger{i}_tip"),
             # Flexion about -y of a frame whose x points away from the middle: + closes towards the middle.
-            joint(f"finger{i}_flexion", "palm", f"finger{i}_proximal",
-                  f"{0.045 * math.cos(angle)!r} {0.045 * math.sin(angle)!r} 0", "0 -1 0", "-0.4 1.2 1.5 4.0",
-                  rpy=f"0 0 {angle!r}"),
-            joint(f"finger{i}_coupled", f"finger{i}_proximal", f"finger{i}_distal", "0 0 0.05", "0 -1 0",
-                  "-0.2 1.0 1.0 4.0", mimic=f"finger{i}_flexion 0.7 0.1"),
+            joint(
+                f"finger{i}_flexion",
+                "palm",
+                f"finger{i}_proximal",
+                f"{0.045 * math.cos(angle)!r} {0.045 * math.sin(angle)!r} 0",
+                "0 -1 0",
+                "-0.4 1.2 1.5 4.0",
+                rpy=f"0 0 {angle!r}",
+            ),
+            joint(
+                f"finger{i}_coupled",
+                f"finger{i}_proximal",
+                f"finger{i}_distal",
+                "0 0 0.05",
+                "0 -1 0",
+                "-0.2 1.0 1.0 4.0",
+                mimic=f"finger{i}_flexion 0.7 0.1",
+            ),
             joint(f"finger{i}_end", f"finger{i}_distal", f"finger{i}_tip", "0 0 0.035"),
         )
     ),
-)  # fmt: skip
+)
 
 # Two jaws of 7 cm slide along x, 0 closed, 4 cm each open; the right one goes the other way along its own axis.
 PARALLEL_GRIPPER = robot(
@@ -118,12 +146,13 @@ PARALLEL_GRIPPER = robot(
         for part in (
             link(f"{side}_jaw", 0.06, "box 0.014 0.02 0.07", f"{'' if side == 'left' else '-'}0.007 0 0.035"),
             link(f"{side}_tip"),
-            joint(f"{side}_slide", "palm", f"{side}_jaw", "0 0 0", axis, "0 0.04 60 0.1", kind="prismatic",
-                  mimic=mimic),
+            joint(
+                f"{side}_slide", "palm", f"{side}_jaw", "0 0 0", axis, "0 0.04 60 0.1", kind="prismatic", mimic=mimic
+            ),
             joint(f"{side}_end", f"{side}_jaw", f"{side}_tip", "0 0 0.07"),
         )
     ),
-)  # fmt: skip
+)
 
 HANDS = {
     "planar_gripper": PLANAR_GRIPPER,

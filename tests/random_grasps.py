@@ -23,8 +23,14 @@ from pinograsp.spatial import rotation_rpy, tangent_frame
 
 FAMILIES = ("pyramid", "fine pyramid", "cone", "soft")
 DEGENERATE = (
-    "no friction", "some without friction", "duplicates", "collinear", "parallel normals", "zero load", "pinch",
-)  # fmt: skip
+    "no friction",
+    "some without friction",
+    "duplicates",
+    "collinear",
+    "parallel normals",
+    "zero load",
+    "pinch",
+)
 OBJECTIVES = ("impulse", "work", "least_squares", "peak", "motor_heat")
 
 

@@ -1,4 +1,6 @@
-"""What callers hand in: numbers that are none, shapes and records that do not fit, each refused in words of the package's own."""
+"""What callers hand in: numbers that are none, shapes and records that do not fit, each refused in words of the
+package's own.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +17,39 @@ from pinograsp import checks
 from pinograsp.errors import InvalidInput
 
 HUGE = 10**400
-NO_NUMBERS = [HUGE, "0.5", b"1", True, 1j, None, np.datetime64("2020-01-01"), np.ma.masked, [0.5], {0.5}, datetime.timedelta(1), float, object()]
+NO_NUMBERS = [
+    HUGE,
+    "0.5",
+    b"1",
+    True,
+    1j,
+    None,
+    np.datetime64("2020-01-01"),
+    np.ma.masked,
+    [0.5],
+    {0.5},
+    datetime.timedelta(1),
+    float,
+    object(),
+]
 NO_VECTORS = [
-    "abc", [1, 2, [3]], ["1", "2", "3"], [1j, 2, 3], [True, False, True], np.ones(3, dtype=complex), np.zeros(3, dtype="m8[s]"), [HUGE, 0, 0], {1, 2, 3},
-    (float(i) for i in range(3)), np.ma.masked_array([1.0, 2.0, 3.0], mask=[0, 1, 0]), None, {0: 1.0}, np.zeros(2), [1.0, np.nan, 2.0], [None] * 3,
-]  # fmt: skip
+    "abc",
+    [1, 2, [3]],
+    ["1", "2", "3"],
+    [1j, 2, 3],
+    [True, False, True],
+    np.ones(3, dtype=complex),
+    np.zeros(3, dtype="m8[s]"),
+    [HUGE, 0, 0],
+    {1, 2, 3},
+    (float(i) for i in range(3)),
+    np.ma.masked_array([1.0, 2.0, 3.0], mask=[0, 1, 0]),
+    None,
+    {0: 1.0},
+    np.zeros(2),
+    [1.0, np.nan, 2.0],
+    [None] * 3,
+]
 
 
 @pytest.mark.parametrize("value", NO_NUMBERS, ids=lambda value: f"{value!r:.20}")
@@ -28,7 +58,11 @@ def test_what_is_no_number_is_refused(value):
         checks.number("length", value, above=0, unit="m")
 
 
-@pytest.mark.parametrize("value", [2, 2.0, np.float32(2), np.int8(2), np.array(2), fractions.Fraction(2)], ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize(
+    "value",
+    [2, 2.0, np.float32(2), np.int8(2), np.array(2), fractions.Fraction(2)],
+    ids=lambda value: type(value).__name__,
+)
 def test_every_real_number_is_taken(value):
     assert checks.number("length", value) == 2.0
 
@@ -39,7 +73,16 @@ def test_what_is_no_vector_is_refused(value):
         checks.array_of("load", value, (3,))
 
 
-@pytest.mark.parametrize("value", [[1, 2, 3], range(1, 4), np.array([1, 2, 3], dtype=">i2"), np.ma.masked_array([1, 2, 3]), [fractions.Fraction(1), 2, 3]])
+@pytest.mark.parametrize(
+    "value",
+    [
+        [1, 2, 3],
+        range(1, 4),
+        np.array([1, 2, 3], dtype=">i2"),
+        np.ma.masked_array([1, 2, 3]),
+        [fractions.Fraction(1), 2, 3],
+    ],
+)
 def test_every_vector_of_numbers_is_taken(value):
     assert checks.array_of("load", value, (3,)).tolist() == [1.0, 2.0, 3.0]
 
@@ -50,7 +93,11 @@ def test_integers_flags_texts_and_paths():
         with pytest.raises(InvalidInput, match="^count: expected an integer >= 1 and <= 9, got "):
             checks.integer("count", value, at_least=1, at_most=9)
     assert checks.flag("wrap", np.True_) is True
-    for check, values in ((checks.flag, (0, 1, "no", None)), (checks.text_of, (b"a", 1, None)), (checks.path_of, (1, "", b"a", None))):
+    for check, values in (
+        (checks.flag, (0, 1, "no", None)),
+        (checks.text_of, (b"a", 1, None)),
+        (checks.path_of, (1, "", b"a", None)),
+    ):
         for value in values:
             with pytest.raises(InvalidInput, match="^it: expected "):
                 check("it", value)
@@ -60,7 +107,11 @@ def test_integers_flags_texts_and_paths():
             checks.mapping_of("points", value)
 
 
-@pytest.mark.parametrize("value", ["x" * 10**6, list(range(10**6)), 10**5000, [["y" * 1000] * 1000], np.zeros((300, 300))], ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize(
+    "value",
+    ["x" * 10**6, list(range(10**6)), 10**5000, [["y" * 1000] * 1000], np.zeros((300, 300))],
+    ids=lambda value: type(value).__name__,
+)
 def test_values_are_shortened_in_messages(value):
     with pytest.raises(InvalidInput) as refused:
         checks.instance_of("hand", value, pg.HandModel)
@@ -77,7 +128,9 @@ def test_points_far_from_the_surface_are_refused_whatever_the_tolerance(cylinder
 def test_contact_frames_are_rotations(contacts, frame):
     first = contacts[0]
     with pytest.raises(InvalidInput, match="contact frame of 'thumb': expected an orthonormal right-handed rotation"):
-        pg.Contact(finger=first.finger, link=first.link, point_o=first.point_o, rotation_oc=frame, length=None, distance=0.0)
+        pg.Contact(
+            finger=first.finger, link=first.link, point_o=first.point_o, rotation_oc=frame, length=None, distance=0.0
+        )
 
 
 @pytest.mark.parametrize(
@@ -102,11 +155,28 @@ def test_problems(contacts, settings, message):
 
 @pytest.mark.parametrize(
     "settings",
-    [{"mu": np.ones((3, 2))}, {"low": "0"}, {"high": np.ones((2, 3)) * 1j}, {"counts": [1.5]}, {"counts": "3"}, {"energies": [("work", 1)]},
-     {"energies": {"work": "a"}}, {"moment_lengths": [1, 2, 3]}, {"friction": "cone"}, {"rotations": np.ones((1, 3, 3, 3))}],
-)  # fmt: skip
+    [
+        {"mu": np.ones((3, 2))},
+        {"low": "0"},
+        {"high": np.ones((2, 3)) * 1j},
+        {"counts": [1.5]},
+        {"counts": "3"},
+        {"energies": [("work", 1)]},
+        {"energies": {"work": "a"}},
+        {"moment_lengths": [1, 2, 3]},
+        {"friction": "cone"},
+        {"rotations": np.ones((1, 3, 3, 3))},
+    ],
+)
 def test_batches(contacts, settings):
-    plain = {"points": contacts.points_o[None], "rotations": contacts.rotations_oc[None], "loads": np.zeros((1, 6)), "mu": 0.7, "low": 0.0, "high": 9.0}
+    plain = {
+        "points": contacts.points_o[None],
+        "rotations": contacts.rotations_oc[None],
+        "loads": np.zeros((1, 6)),
+        "mu": 0.7,
+        "low": 0.0,
+        "high": 9.0,
+    }
     pg.ForceBatch(**plain)
     with pytest.raises(InvalidInput, match=f"{next(iter(settings)).split('_')[0]}|terms of the work"):
         pg.ForceBatch(**plain | settings)

@@ -30,7 +30,11 @@ def problems_of(friction, count, seed, balance="wrench"):
         points = around_cylinder(rng, k, radius)
         contacts = pg.contacts_at(None, pg.Cylinder(radius=radius, height=4 * radius, mass=0.2), points)
         load = np.append(rng.normal(size=3), radius * rng.normal(size=3)) * 10 ** rng.uniform(-2, 1)
-        made.append(pg.ForceProblem(contacts=contacts, load=load, mu=rng.uniform(0.2, 1.2, k), friction=friction, balance=balance))
+        made.append(
+            pg.ForceProblem(
+                contacts=contacts, load=load, mu=rng.uniform(0.2, 1.2, k), friction=friction, balance=balance
+            )
+        )
     return made
 
 
@@ -50,13 +54,24 @@ def test_as_one_by_one(name, objective):
             continue
         forces, torsion = found.forces_c[i, : problem.k], found.torsion[i, : problem.k]
         assert found.objective[i] == pytest.approx(one.certificate.primal, rel=3e-6)
-        assert found.bound[i] <= found.objective[i] * (1 + 1e-12) and found.objective[i] - found.bound[i] <= 1e-6 * found.objective[i]
+        assert (
+            found.bound[i] <= found.objective[i] * (1 + 1e-12)
+            and found.objective[i] - found.bound[i] <= 1e-6 * found.objective[i]
+        )
         left = problem.scaled_norm(problem.residual(forces, torsion if problem.friction.d == 4 else None))
-        assert left <= 1e-9 * problem.scaled_norm(problem.load) and left == pytest.approx(found.residual[i], abs=1e-9 * problem.scaled_norm(problem.load))
-        gauge = problem.friction.gauge(np.column_stack([forces[:, :2], torsion])[:, : problem.friction.d - 1] / problem.friction.scale(problem.mu))
+        assert left <= 1e-9 * problem.scaled_norm(problem.load) and left == pytest.approx(
+            found.residual[i], abs=1e-9 * problem.scaled_norm(problem.load)
+        )
+        gauge = problem.friction.gauge(
+            np.column_stack([forces[:, :2], torsion])[:, : problem.friction.d - 1] / problem.friction.scale(problem.mu)
+        )
         low, high = problem.normal_force_range(IMPACT)
         size = forces[:, 2].max()
-        assert np.all(gauge <= forces[:, 2] + 1e-8 * size) and np.all(forces[:, 2] >= low - 1e-8 * size) and np.all(forces[:, 2] <= high + 1e-8 * size)
+        assert (
+            np.all(gauge <= forces[:, 2] + 1e-8 * size)
+            and np.all(forces[:, 2] >= low - 1e-8 * size)
+            and np.all(forces[:, 2] <= high + 1e-8 * size)
+        )
     assert min(counts.values()) >= 5
     if not (name == "8 edges" or (name == "soft" and objective not in ("work", "impulse"))):
         assert found.general <= 3
@@ -77,9 +92,14 @@ def test_arrays_need_no_problems():
     n, rng = 500, np.random.default_rng(0)
     base = problem.contacts
     batch = pg.ForceBatch(
-        points=np.tile(base.points_o - base.com_o, (n, 1, 1)), rotations=np.tile(base.rotations_oc, (n, 1, 1, 1)),
-        loads=np.array(problem.load) * rng.uniform(0.01, 2.0, (n, 1)), mu=0.8, low=0.01, high=30.0, friction=MODELS["cone"],
-    )  # fmt: skip
+        points=np.tile(base.points_o - base.com_o, (n, 1, 1)),
+        rotations=np.tile(base.rotations_oc, (n, 1, 1, 1)),
+        loads=np.array(problem.load) * rng.uniform(0.01, 2.0, (n, 1)),
+        mu=0.8,
+        low=0.01,
+        high=30.0,
+        friction=MODELS["cone"],
+    )
     found = pg.solve_batch(batch)
     assert len(batch) == n and found.ok.sum() >= 100
     squares = (found.forces_c**2).sum(axis=(1, 2))
@@ -94,12 +114,19 @@ def test_unusable_batches_are_refused():
     bad_frame = np.array(batch.rotations)
     bad_frame[1, 0] *= 2
     for change, message in (
-        ({"points": np.zeros((3, 4))}, "points"), ({"rotations": bad_frame}, "problem 1, contact 0"), ({"mu": -0.1}, "mu"),
-        ({"low": 2.0, "high": 1.0}, "low <= high"), ({"counts": [1, 2, 99]}, "counts"), ({"counts": [0, 2, 2]}, "counts"),
-        ({"loads": np.full((3, 6), np.nan)}, "loads"), ({"balance": "none"}, "balance"), ({"moment_lengths": 0.0}, "moment lengths"),
-        ({"energies": {"heat": np.ones((1, 2))}}, "energy"), ({"energies": {"work": -np.ones((1, 2))}}, "coefficients"),
+        ({"points": np.zeros((3, 4))}, "points"),
+        ({"rotations": bad_frame}, "problem 1, contact 0"),
+        ({"mu": -0.1}, "mu"),
+        ({"low": 2.0, "high": 1.0}, "low <= high"),
+        ({"counts": [1, 2, 99]}, "counts"),
+        ({"counts": [0, 2, 2]}, "counts"),
+        ({"loads": np.full((3, 6), np.nan)}, "loads"),
+        ({"balance": "none"}, "balance"),
+        ({"moment_lengths": 0.0}, "moment lengths"),
+        ({"energies": {"heat": np.ones((1, 2))}}, "energy"),
+        ({"energies": {"work": -np.ones((1, 2))}}, "coefficients"),
         ({"friction": 0.5}, "Friction"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(InvalidInput, match=message):
             replace(batch, **change)
     with pytest.raises(InvalidInput, match="differ"):
@@ -125,12 +152,17 @@ def test_multiplier_qp_is_the_refinement(balance):
         qp = MultiplierQP(problem, normal)
         for size in (0.0, 0.3, 3.0):
             multipliers = rng.uniform(-0.9, 0.9, (problem.k, 2))
-            load = -problem.with_load(np.zeros(6)).residual(problem.forces(normal, multipliers)) + size * rng.normal(size=6) * [1, 1, 1, 0.01, 0.01, 0.01]
+            load = -problem.with_load(np.zeros(6)).residual(problem.forces(normal, multipliers)) + size * rng.normal(
+                size=6
+            ) * [1, 1, 1, 0.01, 0.01, 0.01]
             known = problem.with_load(load)
             found, exact = qp.solve(load), refine_multipliers(known, normal)
             left = known.scaled_norm(known.residual(known.forces(normal, found)))
             assert np.abs(found).max() <= 1.0
-            assert left == pytest.approx(exact.residual, abs=1e-7 * normal.sum()) and left >= exact.lower_bound - 1e-7 * normal.sum()
+            assert (
+                left == pytest.approx(exact.residual, abs=1e-7 * normal.sum())
+                and left >= exact.lower_bound - 1e-7 * normal.sum()
+            )
             balanced += left < 1e-6
     assert balanced >= 20
     whole = np.array(qp.solve(np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])))
@@ -150,7 +182,10 @@ def test_multiplier_qp_is_the_refinement(balance):
 
 @pytest.mark.parametrize("measure", ["work", "impulse"])
 def test_damping_may_be_missing_in_some_of_the_problems(make_problem, measure):
-    problems = [make_problem(balance="wrench", compliance=pg.Compliance(damping=damping)) for damping in (0.0, 100.0, 0.0, 400.0)]
+    problems = [
+        make_problem(balance="wrench", compliance=pg.Compliance(damping=damping))
+        for damping in (0.0, 100.0, 0.0, 400.0)
+    ]
     found = pg.solve_batch(pg.ForceBatch.of(problems, 0.85), objective=measure)
     for i, problem in enumerate(problems):
         alone = pg.optimize_forces(problem, 0.85, objective=measure)

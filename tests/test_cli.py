@@ -27,9 +27,19 @@ from pinograsp.storage import load_run
 from pinograsp.writing import NewFolder
 
 REQUIRED = {
-    "status", "impact_time_s", "normal_forces_N", "multipliers", "work_J", "impulse_Ns", "net_force_N", "net_moment_Nm",
-    "max_penetration_m", "joint_torque_max_Nm", "solver", "elapsed_s",
-}  # fmt: skip
+    "status",
+    "impact_time_s",
+    "normal_forces_N",
+    "multipliers",
+    "work_J",
+    "impulse_Ns",
+    "net_force_N",
+    "net_moment_Nm",
+    "max_penetration_m",
+    "joint_torque_max_Nm",
+    "solver",
+    "elapsed_s",
+}
 
 
 def write_case(path, **changes):
@@ -166,10 +176,19 @@ BAD = {
     "height of a sphere": (["paper", "--set", "object.shape=sphere"], "height_mm is needed for a cylinder"),
     "name with a slash": (["paper", "--set", "name=../up"], "name"),
     "gravity of two": (["paper", "--set", "gravity=[0, 1]"], "gravity"),
-    "tiny grid step": (["paper", "--set", "grid.accelerations.step=1e-300"], "expected 0 or a size from 1e-12 to 1e+12"),
+    "tiny grid step": (
+        ["paper", "--set", "grid.accelerations.step=1e-300"],
+        "expected 0 or a size from 1e-12 to 1e+12",
+    ),
     "too many grid values": (["paper", "--set", "grid.accelerations.step=1e-5"], "expected at most 10000 values"),
-    "too many grid cells": (["paper", "--set", "grid.accelerations.step=1e-4", "--set", "grid.impact_times.step=1e-4"], "at most 1000000 pairs"),
-    "huge grid start": (["paper", "--set", "grid.impact_times.start=1e308"], "expected 0 or a size from 1e-12 to 1e+12"),
+    "too many grid cells": (
+        ["paper", "--set", "grid.accelerations.step=1e-4", "--set", "grid.impact_times.step=1e-4"],
+        "at most 1000000 pairs",
+    ),
+    "huge grid start": (
+        ["paper", "--set", "grid.impact_times.start=1e308"],
+        "expected 0 or a size from 1e-12 to 1e+12",
+    ),
     "endless motion": (["paper", "--set", "limits.final_time=1e6"], "expected at most 200000 steps"),
     "tiny stiffness": (["paper", "--set", "compliance.stiffness=1e-300"], "expected 0 or a size from 1e-12 to 1e+12"),
     "huge exponent": (["paper", "--set", "compliance.exponent=300"], "less than or equal to 10"),
@@ -180,13 +199,20 @@ BAD = {
     "no case at all": ([""], "no case"),
     "no decimal index": (["paper", "--set", "contacts.²=1"], "expected an index below 3"),
     "deep key": (["paper", "--set", "a" + ".a" * 3000 + "=1"], "at most 50 lists and mappings within each other"),
-    "deep value": (["paper", "--set", "hand.xacro_args=" + "[" * 60 + "]" * 60], "at most 50 lists and mappings within each other"),
+    "deep value": (
+        ["paper", "--set", "hand.xacro_args=" + "[" * 60 + "]" * 60],
+        "at most 50 lists and mappings within each other",
+    ),
     "half the links": (
-        ["paper", "--set", "contacts=[{finger: index, point_mm: [4.7, 8.8, 71], link: index_distal}, "
-         "{finger: index, point_mm: [4.7, 8.8, 71]}]"],
+        [
+            "paper",
+            "--set",
+            "contacts=[{finger: index, point_mm: [4.7, 8.8, 71], link: index_distal}, "
+            "{finger: index, point_mm: [4.7, 8.8, 71]}]",
+        ],
         "name the link of all",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -202,7 +228,10 @@ NO_GRASP = {
     "infeasible load": (["--set", "object.mass=30"], "closest to balance"),
     "no friction": (["--set", "friction.mu=0"], "no grasp found"),
     "unreachable point": (["--set", "hand.position_mm=[300, 37, 50]"], "mm are left"),
-    "beyond a joint limit": (["--set", "hand.limits_deg={}"], "with joints at their limits (thumb_abduction at 90.0 deg"),
+    "beyond a joint limit": (
+        ["--set", "hand.limits_deg={}"],
+        "with joints at their limits (thumb_abduction at 90.0 deg",
+    ),
 }
 
 
@@ -226,7 +255,9 @@ def test_errors_reach_machines_too(command):
 def test_a_motion_at_its_limit_is_written_and_said(command, tmp_path):
     """The plan is kept for a look; the exit code says that it cannot be carried out."""
     limits = "hand.limits_deg={thumb_abduction: [-15, 130], index_dip: [0, 30.5]}"
-    code, out, _ = command("plan", "paper", "--set", limits, "--set", "motion.spread_deg=0", "--set", "motion.samples=1")
+    code, out, _ = command(
+        "plan", "paper", "--set", limits, "--set", "motion.spread_deg=0", "--set", "motion.samples=1"
+    )
     assert code == 3 and "joint_limit" in out and "index_dip" in out
     assert (tmp_path / "runs" / "paper" / "plan.json").is_file()
 
@@ -245,7 +276,13 @@ def test_a_motion_at_its_limit_is_written_and_said(command, tmp_path):
         ("[" * 3000, "at most 50 lists and mappings within each other"),
         ("hand: " + "[" * 100 + "]" * 100, "at most 50 lists and mappings within each other"),
         ("a: &a [*a]", "at most 50 lists and mappings within each other"),
-        ("a: &a [" + "x, " * 9 + "x]\n" + "".join(f"{b}: &{b} [{f'*{a}, ' * 10}]\n" for a, b in zip("abcdefgh", "bcdefghi")), "at most 3000000 values"),
+        (
+            "a: &a ["
+            + "x, " * 9
+            + "x]\n"
+            + "".join(f"{b}: &{b} [{f'*{a}, ' * 10}]\n" for a, b in zip("abcdefgh", "bcdefghi")),
+            "at most 3000000 values",
+        ),
         ("? [a]\n: 1", "Keys should be strings"),
     ],
 )
@@ -313,13 +350,19 @@ def test_help_and_version():
 
 def test_module_runs_as_a_script(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "pinograsp.cli", "plan", "nothing"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "pinograsp.cli", "plan", "nothing"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.returncode == 2 and "no case 'nothing'" in done.stderr
 
 
 def test_package_imports_quickly_without_heavy_libraries(tmp_path):
-    script = "import sys, pinograsp; print(sorted(m for m in ('pinocchio', 'qpsolvers', 'matplotlib') if m in sys.modules))"
+    script = (
+        "import sys, pinograsp; print(sorted(m for m in ('pinocchio', 'qpsolvers', 'matplotlib') if m in sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.stdout.strip() == "[]"
 
@@ -344,10 +387,14 @@ def test_the_catalogue_for_machines(command):
     document = json.loads(out)
     assert code == 0 and err == "" and document["problems"] == [] and len(document["hands"]) == 22
     assert document["hands"][0] == {
-        "name": "humanoid", "title": "the paper's humanoid hand", "actuated_joints": 20, "moving_joints": 20,
-        "mass_kg": pytest.approx(0.437, abs=1e-3), "fingers": ["thumb", "index", "middle", "ring", "little"],
+        "name": "humanoid",
+        "title": "the paper's humanoid hand",
+        "actuated_joints": 20,
+        "moving_joints": 20,
+        "mass_kg": pytest.approx(0.437, abs=1e-3),
+        "fingers": ["thumb", "index", "middle", "ring", "little"],
         "effort": {"N m": [2.0, 2.0]},
-    }  # fmt: skip
+    }
 
 
 def test_one_hand_of_the_catalogue_or_a_file(command, tmp_path):
@@ -362,9 +409,17 @@ def test_one_hand_of_the_catalogue_or_a_file(command, tmp_path):
     document = json.loads(out)
     assert code == 0 and err == ""
     assert document["joints"] == [
-        {"name": "left_slide", "type": "prismatic", "unit": "m", "lower": 0.0, "upper": 0.04, "effort_unit": "N",
-         "effort": 60.0, "velocity": 0.1}
-    ]  # fmt: skip
+        {
+            "name": "left_slide",
+            "type": "prismatic",
+            "unit": "m",
+            "lower": 0.0,
+            "upper": 0.04,
+            "effort_unit": "N",
+            "effort": 60.0,
+            "velocity": 0.1,
+        }
+    ]
     assert document["coupled"] == [{"name": "right_slide", "follows": "left_slide", "multiplier": 1.0, "offset": 0.0}]
     assert [finger["tip"] for finger in document["fingers"]] == ["left_tip", "right_tip"]
     assert document["mass_kg"] == pytest.approx(0.62) and document["palm"] == "palm"
@@ -445,7 +500,9 @@ def test_quiet_and_verbose_after_the_command(command):
     assert "Traceback" not in command("plan", "nothing_like_it")[2]  # not kept from call to call
 
 
-@pytest.mark.parametrize("arguments", [[], ["plan"], ["close"], ["check"], ["hands"], ["sweep"], ["view"], ["report"], ["bench"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["plan"], ["close"], ["check"], ["hands"], ["sweep"], ["view"], ["report"], ["bench"]]
+)
 def test_short_help(command, arguments):
     code, out, _ = command(*arguments, "-h")
     assert code == 0 and "Usage: pinograsp" in out
@@ -473,7 +530,9 @@ def test_usage_errors_are_json_where_that_is_asked_for(command, arguments, messa
 
 
 def test_a_search_that_finds_no_placement_is_no_grasp(command):
-    code, out, err = command("plan", "--hand", "panda", "--object", "sphere:radius=0.5,mass=1", "--samples", "1", "--json")
+    code, out, err = command(
+        "plan", "--hand", "panda", "--object", "sphere:radius=0.5,mass=1", "--samples", "1", "--json"
+    )
     assert code == 3 and json.loads(out)["status"] == "not_found" and "no placement of 1" in err
 
 
@@ -484,7 +543,11 @@ def test_messages_do_not_steer_the_terminal(command):
 
 @pytest.mark.parametrize(
     ("arguments", "last"),
-    [pytest.param(["plan", "paper"], "status", marks=pytest.mark.slow), (["hands"], "so101"), (["bench", "--contacts", "3"], "contacts")],
+    [
+        pytest.param(["plan", "paper"], "status", marks=pytest.mark.slow),
+        (["hands"], "so101"),
+        (["bench", "--contacts", "3"], "contacts"),
+    ],
 )
 def test_a_terminal_of_80_columns_and_24_rows_shows_the_answer(tmp_path, arguments, last):
     shown = on_a_terminal(tmp_path, *arguments)
@@ -500,7 +563,12 @@ def on_a_terminal(folder, *arguments) -> list[str]:
     fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
     with subprocess.Popen(
-        [sys.executable, "-m", "pinograsp.cli", *arguments], cwd=folder, stdin=other, stdout=other, stderr=subprocess.DEVNULL, env=environment
+        [sys.executable, "-m", "pinograsp.cli", *arguments],
+        cwd=folder,
+        stdin=other,
+        stdout=other,
+        stderr=subprocess.DEVNULL,
+        env=environment,
     ) as process:
         os.close(other)
         told = b""
@@ -515,7 +583,9 @@ def on_a_terminal(folder, *arguments) -> list[str]:
 def test_commands_of_the_readme_judge_the_run_that_they_name():
     """In every block: what is checked is what the block has planned, whatever was planned before."""
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-    blocks = [block for block in re.findall(r"^```\w*\n(.*?)^```$", text, re.M | re.S) if "pinograsp check runs/" in block]
+    blocks = [
+        block for block in re.findall(r"^```\w*\n(.*?)^```$", text, re.M | re.S) if "pinograsp check runs/" in block
+    ]
     assert blocks
     for block in blocks:
         planned = re.findall(r"pinograsp plan .*--out (\S+)", block)
@@ -526,16 +596,22 @@ def test_shells_can_complete(command):
     assert "--install-completion" in command("--help")[1]
 
 
-# -- folders -------------------------------------------------------------------------------------------------------------
+# -- folders -----------------------------------------------------------------------------------------------------------
 
 LIGHT = ("--set", "motion.samples=1", "--set", "motion.time_step=0.01")
 
 
 def start(folder, *args, largest: int | None = None) -> subprocess.Popen:
     """The command in a process of its own; ``largest``: no file may grow beyond this size [bytes]."""
-    limit = "" if largest is None else f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({largest}, {largest})); "
+    limit = (
+        ""
+        if largest is None
+        else f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({largest}, {largest})); "
+    )
     code = f"import sys; {limit}sys.argv[0] = 'pinograsp'; from pinograsp.cli import main; main()"
-    return subprocess.Popen([sys.executable, "-c", code, *args], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *args], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
 
 
 @pytest.mark.parametrize("out", ["n" * 300, ".", "taken/run", "/dev/null/run", "/"])
@@ -563,12 +639,18 @@ def test_two_plans_at_once_keep_both_answers_or_one_is_refused(tmp_path):
 def test_on_a_full_disk_every_command_tells_it_and_leaves_nothing_half_written(tmp_path):
     assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "x").wait() == 0
     before = sorted((path.relative_to(tmp_path), path.stat().st_mtime_ns) for path in (tmp_path / "x").rglob("*"))
-    (tmp_path / "s.yaml").write_text("case: paper\nset: {motion.samples: 1, motion.time_step: 0.01}\nover: {object.mass: [0.5, 1.0]}\n")
+    (tmp_path / "s.yaml").write_text(
+        "case: paper\nset: {motion.samples: 1, motion.time_step: 0.01}\nover: {object.mass: [0.5, 1.0]}\n"
+    )
     for args, largest in (
-        (("plan", "paper", *LIGHT, "--out", "x", "--force"), 10_000), (("plan", "paper", *LIGHT, "--out", "y"), 10_000),
-        (("report", "x"), 10_000), (("view", "x", "--html", "page.html"), 10_000), (("sweep", "s.yaml", "--out", "z", "--jobs", "1"), 2_000),
-        (("check", "x", "--hold", "0.1"), 10_000), (("check", "x", "--hold", "0.6", "--time-step", "1e-3", "--monte-carlo", "1"), 1_000),
-    ):  # fmt: skip
+        (("plan", "paper", *LIGHT, "--out", "x", "--force"), 10_000),
+        (("plan", "paper", *LIGHT, "--out", "y"), 10_000),
+        (("report", "x"), 10_000),
+        (("view", "x", "--html", "page.html"), 10_000),
+        (("sweep", "s.yaml", "--out", "z", "--jobs", "1"), 2_000),
+        (("check", "x", "--hold", "0.1"), 10_000),
+        (("check", "x", "--hold", "0.6", "--time-step", "1e-3", "--monte-carlo", "1"), 1_000),
+    ):
         process = start(tmp_path, *args, "--quiet", largest=largest)
         _, err = process.communicate(timeout=300)
         assert process.returncode == 2 and "cannot write" in err and "Traceback" not in err, (args, err)
@@ -576,7 +658,11 @@ def test_on_a_full_disk_every_command_tells_it_and_leaves_nothing_half_written(t
     inside = [(path, when) for path, when in before if path.name not in ("files.txt", "x")]
     now = {path.relative_to(tmp_path): path.stat().st_mtime_ns for path in (tmp_path / "x").rglob("*")}
     assert all(now[path] == when for path, when in inside)
-    assert not (tmp_path / "y").exists() and not (tmp_path / "x" / "check").exists() and not (tmp_path / "page.html").exists()
+    assert (
+        not (tmp_path / "y").exists()
+        and not (tmp_path / "x" / "check").exists()
+        and not (tmp_path / "page.html").exists()
+    )
     assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "x", "--force").wait() == 0
     assert start(tmp_path, "sweep", "s.yaml", "--out", "z", "--jobs", "1").wait() == 0
 

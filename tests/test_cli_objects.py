@@ -23,8 +23,17 @@ def test_close_says_what_touches_where(command):
 def test_wrapping_touches_with_more_links(command):
     found = []
     for more in ((), ("--wrap",)):
-        _, out, _ = command("close", "--hand", "allegro_right", "--object", "cylinder:radius=0.025,height=0.15,mass=0.2",
-                            "--at", "0.055,0,0.03,90,0,0", "--json", *more)  # fmt: skip
+        _, out, _ = command(
+            "close",
+            "--hand",
+            "allegro_right",
+            "--object",
+            "cylinder:radius=0.025,height=0.15,mass=0.2",
+            "--at",
+            "0.055,0,0.03,90,0,0",
+            "--json",
+            *more,
+        )
         found.append({touch["link"] for touch in json.loads(out)["touches"]})
     assert len(found[1]) > len(found[0]) >= 2
 
@@ -47,9 +56,17 @@ def test_close_without_contacts_and_with_bad_input(command):
 
 def test_plan_from_hand_and_object(command, tmp_path):
     code, out, err = command(
-        "plan", "--hand", "allegro_right", "--object", "cylinder:radius=0.02,height=0.12,mass=0.2", "--samples", "24",
-        "--out", "run", "--json",
-    )  # fmt: skip
+        "plan",
+        "--hand",
+        "allegro_right",
+        "--object",
+        "cylinder:radius=0.02,height=0.12,mass=0.2",
+        "--samples",
+        "24",
+        "--out",
+        "run",
+        "--json",
+    )
     planned = json.loads(out)
     assert code in (0, 3), err
     assert planned["search"] == "convex" and planned["certificate"]["relative_gap"] <= 1e-6
@@ -62,7 +79,14 @@ def test_meshes_are_objects_too_and_help_says_so(command, tmp_path):
 
     trimesh.creation.icosphere(radius=30.0, subdivisions=2).export(tmp_path / "ball.stl")
     code, out, err = command(
-        "close", "--hand", "allegro_right", "--object", "mesh:path=ball.stl,scale=0.001,mass=0.2", "--at", "0.08,0,0.07", "--json"
+        "close",
+        "--hand",
+        "allegro_right",
+        "--object",
+        "mesh:path=ball.stl,scale=0.001,mass=0.2",
+        "--at",
+        "0.08,0,0.07",
+        "--json",
     )
     assert code == 0 and json.loads(out)["touches"], err
     for name in ("plan", "close"):
@@ -80,6 +104,6 @@ def test_plan_takes_a_case_or_a_hand_with_an_object(command):
 def test_a_plan_with_a_remark_is_a_plan(command):
     """Jaws on one actuator cannot press unequally deep: the closest motion is written, said, and no failure."""
     box = ("--object", "box:size=0.03x0.03x0.08,mass=0.1")
-    code, out, err = command("plan", "--hand", "panda", *box, "--friction", "soft", "--samples", "6", "--json")
+    code, out, _err = command("plan", "--hand", "panda", *box, "--friction", "soft", "--samples", "6", "--json")
     summary = json.loads(out)
     assert code == 0 and summary["status"] == "not_tracked" and "panda_finger_joint1" in summary["remedy"]

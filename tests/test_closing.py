@@ -1,6 +1,10 @@
-"""Closing a hand: first touches against closed forms and dense sampling, stops, coupled jaws, flat contacts, the paper's grasp."""
+"""Closing a hand: first touches against closed forms and dense sampling, stops, coupled jaws, flat contacts, the
+paper's grasp.
+"""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +20,9 @@ from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
 from pinograsp.objects import Box, Cylinder, Sphere
 from pinograsp.plan import plan_grasp
 
-INERTIAL = '<inertial><mass value="0.05"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>'
+INERTIAL = (
+    '<inertial><mass value="0.05"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
 
 
 def link(name, geometry="", at="0 0 0"):
@@ -83,8 +89,20 @@ def test_ball_on_ball(two_links, seed):
     normal = (np.array([centre[0], 0, centre[1]]) - own) / (radius + 0.005)
     assert np.linalg.norm(touch.point_o - (own + 0.005 * normal)) < 1e-6
     assert touch.normal_o == pytest.approx(normal, abs=1e-4)
-    assert np.linalg.norm(touch.point_l - (np.array([0.04, 0, 0]) + 0.005 * np.array(
-        [[np.cos(expected), 0, np.sin(expected)], [0, 1, 0], [-np.sin(expected), 0, np.cos(expected)]]) @ normal)) < 1e-6  # fmt: skip
+    assert (
+        np.linalg.norm(
+            touch.point_l
+            - (
+                np.array([0.04, 0, 0])
+                + 0.005
+                * np.array(
+                    [[np.cos(expected), 0, np.sin(expected)], [0, 1, 0], [-np.sin(expected), 0, np.cos(expected)]]
+                )
+                @ normal
+            )
+        )
+        < 1e-6
+    )
 
 
 def test_inner_touch_stops_the_joints_below_and_the_outer_goes_on(two_links):
@@ -169,8 +187,8 @@ def test_no_touch_is_missed(allegro, seed, wrap):
     first = min(touch.at for touch in closure.touches)
     for share in np.linspace(0, 0.0 if wrap else first, 60)[:-1]:
         assert clearance(allegro, ball, start + share * (target - start)) > -2e-7
-    shares, postures = closure.events
-    for a, b in zip(postures[:-1], postures[1:]):
+    _shares, postures = closure.events
+    for a, b in itertools.pairwise(postures):
         for share in np.linspace(0, 1, 8):
             assert clearance(allegro, ball, a + share * (b - a)) > -1e-6
     for touch in closure.touches:
@@ -184,7 +202,8 @@ def test_moving_hand_and_object_together_changes_nothing(allegro):
     still = close_hand(allegro, ball)
     move = pin.SE3(pin.exp3(np.array([0.3, -1.2, 0.7])), np.array([0.4, -0.2, 1.1]))
     moved = close_hand(
-        allegro.placed(move.homogeneous @ allegro.pose), Sphere(radius=0.03, mass=0.2, pose=move.homogeneous @ ball.pose)
+        allegro.placed(move.homogeneous @ allegro.pose),
+        Sphere(radius=0.03, mass=0.2, pose=move.homogeneous @ ball.pose),
     )
     assert moved.q == pytest.approx(still.q, abs=1e-9)
     assert [touch.link for touch in moved.touches] == [touch.link for touch in still.touches]
@@ -194,7 +213,9 @@ def test_moving_hand_and_object_together_changes_nothing(allegro):
 
 
 def ellipsoid_beside_cylinder(semi_axes, placement, radius):
-    """Distance of an ellipsoid from a z cylinder's side through the origin, by its support function along the best direction."""
+    """Distance of an ellipsoid from a z cylinder's side through the origin, by its support function along the best
+    direction.
+    """
     from scipy.optimize import minimize_scalar
 
     def gap(angle):
@@ -208,7 +229,9 @@ def ellipsoid_beside_cylinder(semi_axes, placement, radius):
 
 
 def test_table_iv_alone_gives_the_papers_grasp():
-    """Phalanges as exact ellipsoids on the cylinder: touches against the closed form, contacts beside the published ones."""
+    """Phalanges as exact ellipsoids on the cylinder: touches against the closed form, contacts beside the published
+    ones.
+    """
     case = load_case("paper", {"forces.balance": "wrench"})
     hand, cylinder = case.load_hand(), case.make_object()
     target = {finger: np.radians(FINAL_ANGLES_DEG[finger]) for finger in ("thumb", "index", "middle")}
@@ -224,8 +247,12 @@ def test_table_iv_alone_gives_the_papers_grasp():
         assert 0 <= gap < 1e-6
         assert np.linalg.norm(touch.point_o[:2] - axis[:2] - point[:2]) < 1e-6
     published = case.make_contacts(hand)
-    off = {name: np.linalg.norm(touch.point_o - p) for name, p in zip(published.names, published.points_o)
-           for touch in closure.touches if touch.finger == name}  # fmt: skip
+    off = {
+        name: np.linalg.norm(touch.point_o - p)
+        for name, p in zip(published.names, published.points_o)
+        for touch in closure.touches
+        if touch.finger == name
+    }
     # The thumb's flank meets the cylinder 2.8 mm from the published point, which its tip reaches only 1.3 mm inside.
     assert off == pytest.approx({"thumb": 2.797e-3, "index": 0.364e-3, "middle": 0.836e-3}, abs=2e-5)
     plan = plan_grasp(hand, closure, mu=0.7, measure="work")
@@ -304,8 +331,10 @@ def test_plans_on_closed_grippers(tmp_path):
 
 
 def test_rounder_pads_touch_at_a_point(tmp_path):
-    closure = close_hand(jaws(tmp_path, pads='<sphere radius="0.002"/>'), Cylinder(
-        radius=0.02, height=0.05, mass=0.1, pose=at(0, 0, 0.03)))  # fmt: skip
+    closure = close_hand(
+        jaws(tmp_path, pads='<sphere radius="0.002"/>'),
+        Cylinder(radius=0.02, height=0.05, mass=0.1, pose=at(0, 0, 0.03)),
+    )
     assert len(closure.contacts()) == 2 and all(len(touch.patch_o) == 1 for touch in closure.touches)
 
 
@@ -342,9 +371,13 @@ def test_flat_meshes_can_touch(tmp_path, tilt):
     faces = [face for c in corners for face in ((c, c + 5, c + 6), (c, c + 6, c + 1))]
     trimesh.Trimesh(grid, faces, process=False).export(tmp_path / "plate.stl")
     hand = load_hand(
-        write(tmp_path, link("palm", '<box size="0.04 0.06 0.02"/>', "-0.03 0 0"), link("plate", '<mesh filename="plate.stl"/>'),
-              joint("j1", "palm", "plate"))
-    )  # fmt: skip
+        write(
+            tmp_path,
+            link("palm", '<box size="0.04 0.06 0.02"/>', "-0.03 0 0"),
+            link("plate", '<mesh filename="plate.stl"/>'),
+            joint("j1", "palm", "plate"),
+        )
+    )
     ball = Sphere(radius=0.01, mass=0.1, pose=at(0.03, 0.02, 0.05))
     closure = close_hand(hand, ball, start=[0.0], target=[1.9], fixed=True)
     assert [touch.link for touch in closure.touches] == ["plate"]
@@ -369,10 +402,15 @@ def test_depths_of_parts_deep_in_an_object(tmp_path):
     """Coal's depth of a box deep inside is next to nothing; the way out is found all the same."""
     parts = [link("palm", '<box size="0.1 0.1 0.03"/>', "0 0 -0.015")]
     for i, angle in enumerate((0.0, 2.1, 4.2)):
-        base = joint(f"a{i}", "palm", f"inner{i}", f"{0.05 * np.cos(angle)} {0.05 * np.sin(angle)} 0", limits="-0.5 1.5")
-        parts += [link(f"inner{i}", '<box size="0.01 0.01 0.04"/>', "0 0 0.025"), link(f"outer{i}", '<box size="0.02 0.02 0.01"/>', "0 0 0.03"),
-                  base.replace("<axis", f'<origin rpy="0 0 {angle}"/><axis').replace('"/><origin rpy', '" rpy'),
-                  joint(f"b{i}", f"inner{i}", f"outer{i}", "0 0 0.05", limits="-0.2 1.5")]  # fmt: skip
+        base = joint(
+            f"a{i}", "palm", f"inner{i}", f"{0.05 * np.cos(angle)} {0.05 * np.sin(angle)} 0", limits="-0.5 1.5"
+        )
+        parts += [
+            link(f"inner{i}", '<box size="0.01 0.01 0.04"/>', "0 0 0.025"),
+            link(f"outer{i}", '<box size="0.02 0.02 0.01"/>', "0 0 0.03"),
+            base.replace("<axis", f'<origin rpy="0 0 {angle}"/><axis').replace('"/><origin rpy', '" rpy'),
+            joint(f"b{i}", f"inner{i}", f"outer{i}", "0 0 0.05", limits="-0.2 1.5"),
+        ]
     hand = load_hand(write(tmp_path, *parts))
     for radius, height in ((0.01, 0.05), (0.03, 0.02)):
         cylinder = Cylinder(radius=radius, height=height, mass=0.1, pose=at(0.005, 0.002, 0.07))
@@ -385,11 +423,16 @@ def test_depths_of_parts_deep_in_an_object(tmp_path):
 
 def test_what_cannot_be_computed_is_told_apart():
     assert "repair its mesh" in str(GeometryFailed("tip", "BVHModelOBBRSS"))
-    assert "repair its mesh" not in str(GeometryFailed("tip", "Box")) and "sizes and places" in str(GeometryFailed("tip", "Box"))
+    assert "repair its mesh" not in str(GeometryFailed("tip", "Box")) and "sizes and places" in str(
+        GeometryFailed("tip", "Box")
+    )
 
 
 def test_objects_of_another_scale_are_refused(two_links):
-    for ball in (Sphere(radius=0.01, mass=0.1, pose=at(0, 0, 1e6)), Sphere(radius=6e12, mass=0.1, pose=at(0, 0, 6.1e12))):
+    for ball in (
+        Sphere(radius=0.01, mass=0.1, pose=at(0, 0, 1e6)),
+        Sphere(radius=6e12, mass=0.1, pose=at(0, 0, 6.1e12)),
+    ):
         for use in (close_hand, lambda hand, one: clearance(hand, one, np.zeros(2))):
             with pytest.raises(InvalidInput, match="within 1000 m of the hand's root"):
                 use(two_links, ball)
@@ -400,10 +443,12 @@ def test_closing_comes_to_an_end(tmp_path, monkeypatch):
     monkeypatch.setattr("pinograsp.contacts.closing._MOST_STEPS", 500)
     hand = load_hand(
         write(
-            tmp_path, link("palm"), link("jaw", '<box size="0.02 0.02 0.02"/>'),
+            tmp_path,
+            link("palm"),
+            link("jaw", '<box size="0.02 0.02 0.02"/>'),
             joint("j", "palm", "jaw", "0 0 0", "1 0 0", "prismatic", "-0.1 0.2"),
         )
-    )  # fmt: skip
+    )
     box = Box(size=[0.2, 0.2, 0.2], mass=0.1, pose=at(0, 0, 0.110001))
     with pytest.raises(InvalidInput, match="more than 500 steps, for 'jaw' is close to the object for long"):
         close_hand(hand, box, start=[-0.05], target=[0.1])
@@ -411,6 +456,8 @@ def test_closing_comes_to_an_end(tmp_path, monkeypatch):
 
 def test_a_hand_of_very_many_shapes_is_not_closed(tmp_path):
     many = "<collision><geometry><sphere radius='0.01'/></geometry></collision>" * 501
-    hand = load_hand(write(tmp_path, link("palm"), link("a").replace("</link>", f"{many}</link>"), joint("j", "palm", "a")))
+    hand = load_hand(
+        write(tmp_path, link("palm"), link("a").replace("</link>", f"{many}</link>"), joint("j", "palm", "a"))
+    )
     with pytest.raises(InvalidInput, match="501 collision shapes, expected at most 500"):
         close_hand(hand, Sphere(radius=0.01, mass=0.1, pose=at(0, 0, 0.1)))

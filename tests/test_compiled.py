@@ -100,9 +100,14 @@ def test_both_paths_write_the_same_record(contact_set, monkeypatch, model, balan
 
     for contacts, load in grasps(contact_set, 4, 3, 5):
         problem = ForceProblem(
-            contacts=contacts, load=load, mu=[0.7, 0.6, 0.8, 0.7], friction=MODELS[model], balance=balance,
-            max_normal_force=[5.0, 6.0, 7.0, 50.0], torques=joint_limits(4),
-        )  # fmt: skip
+            contacts=contacts,
+            load=load,
+            mu=[0.7, 0.6, 0.8, 0.7],
+            friction=MODELS[model],
+            balance=balance,
+            max_normal_force=[5.0, 6.0, 7.0, 50.0],
+            torques=joint_limits(4),
+        )
         objective = {"work": 1.0, "least_squares": 1e-3}
         optimize_forces(problem, 0.85, objective=objective, solver="interior")
         whole = optimize_forces(problem, 0.85, objective=objective, solver="interior")
@@ -157,7 +162,7 @@ def test_another_load(contact_set):
 def test_bounds_that_leave_no_room_go_to_the_general_method(contact_set):
     contacts, load = next(grasps(contact_set, 4, 1, 3))
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"))
-    lo, hi = problem.normal_force_range(0.85)
+    lo, _hi = problem.normal_force_range(0.85)
     for cap, status in ((lo * 0.5, Status.INFEASIBLE), (lo, Status.INFEASIBLE)):
         found = optimize_forces(replace(problem, max_normal_force=cap), 0.85, solver="interior")
         assert found.status is status
@@ -166,7 +171,9 @@ def test_bounds_that_leave_no_room_go_to_the_general_method(contact_set):
 def test_force_balance_and_many_contacts(contact_set):
     for contacts, load in grasps(contact_set, 60, 2, 0):
         for balance in ("force", "wrench"):
-            problem = ForceProblem(contacts=contacts, load=load, mu=0.5, balance=balance, friction=Friction(model="cone"))
+            problem = ForceProblem(
+                contacts=contacts, load=load, mu=0.5, balance=balance, friction=Friction(model="cone")
+            )
             found = optimize_forces(problem, 0.9, objective="least_squares", solver="newton")
             assert found.status is Status.OK and found.solver == "newton"
 
@@ -211,10 +218,25 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
             fixed = template_of(program)
             x, y = np.empty((4, program.d)), np.empty(6)
             code, _ = interior_point(
-                *fixed.components, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P, fixed.q,
-                *powers_of(np.array(program.powers), 1.0, 1.0), program.lo, program.hi, fixed.n_round,
-                fixed.vertices, np.zeros(0), np.zeros(0), 0.0, x, y,
-            )  # fmt: skip
+                *fixed.components,
+                fixed.rows,
+                fixed.touched,
+                fixed.counts,
+                fixed.schur,
+                program.b,
+                fixed.P,
+                fixed.q,
+                *powers_of(np.array(program.powers), 1.0, 1.0),
+                program.lo,
+                program.hi,
+                fixed.n_round,
+                fixed.vertices,
+                np.zeros(0),
+                np.zeros(0),
+                0.0,
+                x,
+                y,
+            )
             assert code != CONVERGED
             if code == INFEASIBLE:
                 proven += 1
@@ -240,9 +262,19 @@ def test_dual_newton_recognises_infeasible_loads(contact_set):
                     continue
                 x, y, q = np.full((d, 4), 0.1), np.zeros(6), np.zeros((d, 4))
                 code, _ = dual_newton(
-                    fixed.components[0], program.b, q, q, *powers_of(np.array(program.powers), 1.0, 1.0), program.lo, program.hi,
-                    fixed.radii, fixed.n_round, x, y, np.empty(newton_scratch(d, 4)),
-                )  # fmt: skip
+                    fixed.components[0],
+                    program.b,
+                    q,
+                    q,
+                    *powers_of(np.array(program.powers), 1.0, 1.0),
+                    program.lo,
+                    program.hi,
+                    fixed.radii,
+                    fixed.n_round,
+                    x,
+                    y,
+                    np.empty(newton_scratch(d, 4)),
+                )
                 expected = codes[optimize_forces(problem, 0.85, objective="work", solver="daqp").status]
                 assert code == expected, name
                 assert (program.excluded(y, np.zeros(0)) > 0) == (expected == INFEASIBLE)
@@ -263,8 +295,15 @@ def test_every_kernel_is_compiled():
 
     from pinograsp.forces import kernels
 
-    plain = [name for name, one in vars(kernels).items() if callable(one) and getattr(one, "__module__", "") == kernels.__name__]
-    assert [name for name in plain if not isinstance(getattr(kernels, name), CPUDispatcher)] == ["online_memory", "box_memory"]
+    plain = [
+        name
+        for name, one in vars(kernels).items()
+        if callable(one) and getattr(one, "__module__", "") == kernels.__name__
+    ]
+    assert [name for name in plain if not isinstance(getattr(kernels, name), CPUDispatcher)] == [
+        "online_memory",
+        "box_memory",
+    ]
 
 
 def test_missing_numba_names_the_extra(monkeypatch):
@@ -369,8 +408,14 @@ def test_interpreted_kernels_give_the_same(tmp_path):
     """Compiled code checks no index: the same functions, interpreted, do, and must agree."""
     answers = {}
     for interpreted in ("0", "1"):
-        done = subprocess.run([sys.executable, "-c", INTERPRETED], cwd=tmp_path, capture_output=True, text=True,
-                              timeout=500, env={**os.environ, "NUMBA_DISABLE_JIT": interpreted})  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, "-c", INTERPRETED],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=500,
+            env={**os.environ, "NUMBA_DISABLE_JIT": interpreted},
+        )
         assert done.returncode == 0, done.stderr
         answers[interpreted] = json.loads(done.stdout)
     assert len(answers["0"]) == len(answers["1"]) == 78
@@ -407,8 +452,14 @@ for _ in range(2):
 
 
 def run_python(script, folder, **environment):
-    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, timeout=500,
-                          env={**os.environ, **environment})  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=500,
+        env={**os.environ, **environment},
+    )
     assert done.returncode == 0, done.stderr
     return done
 
@@ -431,7 +482,12 @@ def test_damaged_caches_are_made_again(tmp_path):
         return sum(twice.stats.cache_hits.values())
 
     assert [from_cache(), from_cache()] == [0, 1]
-    for damage in (lambda data: data[:-9], lambda data: data[: len(data) // 2], lambda data: b"", lambda data: b"nothing"):
+    for damage in (
+        lambda data: data[:-9],
+        lambda data: data[: len(data) // 2],
+        lambda data: b"",
+        lambda data: b"nothing",
+    ):
         for kind in ("nbi", "nbc"):
             (file,) = (tmp_path / "__pycache__").glob(f"*.{kind}")
             file.write_bytes(damage(file.read_bytes()))
@@ -447,7 +503,9 @@ def test_nowhere_to_keep_compiled_code(tmp_path, monkeypatch):
     places = {name: str(tmp_path / "home") for name in ("HOME", "XDG_CACHE_HOME", "IPYTHONDIR")}
     for name in [name for name in os.environ if name.startswith("COVERAGE_")]:
         monkeypatch.delenv(name)  # the copy is not what is measured
-    done = run_python(COMPILING, tmp_path, PYTHONPATH=str(tmp_path), PYTHONDONTWRITEBYTECODE="1", NUMBA_CACHE_DIR="", **places)
+    done = run_python(
+        COMPILING, tmp_path, PYTHONPATH=str(tmp_path), PYTHONDONTWRITEBYTECODE="1", NUMBA_CACHE_DIR="", **places
+    )
     assert done.stderr.count("compiling solvers") == 1 == done.stderr.count("set NUMBA_CACHE_DIR")
 
 
@@ -494,7 +552,7 @@ def test_nothing_is_left_to_compile_after_warming_up(contact_set):
 
     warm_up()
     with event.install_recorder("numba:compile") as compiled:
-        for name, model in MODELS.items():
+        for _name, model in MODELS.items():
             for contacts, load in grasps(contact_set, 3, 1, 2):
                 problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=model)
                 batch = pg.ForceBatch.of([problem, problem], 0.9)
@@ -514,14 +572,21 @@ def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
     compared, step = 0, 1e-4
     for seed in range(62, 110, 5):
         grasp = random_grasp(seed, family="cone", k=3 + seed % 4, torques=False, degenerate="", load="plain")
-        problem = replace(grasp.problem, friction=Friction(model="soft", torsion=0.004), moment_length=grasp.problem.moment_length)
+        problem = replace(
+            grasp.problem, friction=Friction(model="soft", torsion=0.004), moment_length=grasp.problem.moment_length
+        )
         solution = optimize_forces(problem, grasp.impact_time, objective="least_squares", solver="interior")
         if not solution.found:
             continue
         own, rng = force_sensitivity(solution), np.random.default_rng(seed)
         way = rng.normal(size=6) * np.repeat([1, problem.moment_length], 3) * np.linalg.norm(problem.load[:3])
         ends = [
-            optimize_forces(problem.with_load(problem.load + h * way), grasp.impact_time, objective="least_squares", solver="clarabel")
+            optimize_forces(
+                problem.with_load(problem.load + h * way),
+                grasp.impact_time,
+                objective="least_squares",
+                solver="clarabel",
+            )
             for h in (step, -step)
         ]
         if not (own.unique and all(end.found for end in ends)):
@@ -532,7 +597,9 @@ def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
         compared += 1
         slope = (ends[0].forces_c - ends[1].forces_c) / (2 * step)
         assert own.forces_wrench @ way == pytest.approx(slope, abs=2e-3 * np.abs(slope).max()), grasp
-        assert own.cost_wrench @ way == pytest.approx((one.primal - other.primal) / (2 * step), rel=2e-3, abs=2e-3 * one.primal)
+        assert own.cost_wrench @ way == pytest.approx(
+            (one.primal - other.primal) / (2 * step), rel=2e-3, abs=2e-3 * one.primal
+        )
     assert compared >= 4
 
 

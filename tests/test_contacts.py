@@ -175,7 +175,9 @@ def test_work_is_equation_9_over_depth(v):
 def test_work_integrand_is_the_derivative_of_force_times_depth():
     """Eqs. (8)-(10) at frozen rate: d(F delta)/d(delta) = (rho + 1)(lambda ddelta + K) delta^rho."""
     law, rate, delta, h = Compliance(), 0.05, 2e-3, 1e-8
-    numerical = ((delta + h) * law.normal_force(delta + h, rate) - (delta - h) * law.normal_force(delta - h, rate)) / (2 * h)
+    numerical = ((delta + h) * law.normal_force(delta + h, rate) - (delta - h) * law.normal_force(delta - h, rate)) / (
+        2 * h
+    )
     assert numerical == pytest.approx(2.5 * (100 * rate + 5e4) * delta**1.5, rel=1e-7)
 
 

@@ -1,4 +1,6 @@
-"""Plans by the certified optimum: from Python, from a case file, from the command line, and the proof when there is none."""
+"""Plans by the certified optimum: from Python, from a case file, from the command line, and the proof when there is
+none.
+"""
 
 from __future__ import annotations
 
@@ -105,13 +107,19 @@ def test_infeasible_plan_says_why(hand, make_problem):
     with pytest.raises(GraspInfeasible) as caught:
         pg.plan_grasp(hand, make_problem(balance="wrench", mu=0.2), search="convex")
     text = str(caught.value)
-    for words in ("proven", "friction limit: thumb, index, middle", "smallest friction coefficient that would do is 0.40"):
+    for words in (
+        "proven",
+        "friction limit: thumb, index, middle",
+        "smallest friction coefficient that would do is 0.40",
+    ):
         assert words in text
     assert caught.value.solution.infeasibility.margin > 0
 
 
 def test_command_finds_the_certified_optimum(command, tmp_path):
-    code, out, err = command("plan", "paper", "--search", "convex", "--set", "friction.safety=1", "--measure", "work", "--json")
+    code, out, err = command(
+        "plan", "paper", "--search", "convex", "--set", "friction.safety=1", "--measure", "work", "--json"
+    )
     document = json.loads(out)
     assert code == 0 and err == "" and document["status"] == "ok"
     assert document["work_J"] == pytest.approx(57.09e-3, rel=1e-4)
@@ -157,9 +165,9 @@ def test_unusable_cases(changes, words):
 
 def test_decelerations_and_caps_of_a_case():
     for shape in ({"linear": [1, 0.5]}, {"polynomial": [1, 0, -0.5]}, {"sampled": [0.5, 1, 0.5]}):
-        problem = load_case("paper", {**CONVEX, "limits.deceleration": shape, "limits.max_normal_force": 12}).make_problem(
-            load_case("paper").load_hand()
-        )
+        problem = load_case(
+            "paper", {**CONVEX, "limits.deceleration": shape, "limits.max_normal_force": 12}
+        ).make_problem(load_case("paper").load_hand())
         assert problem.max_normal_force.tolist() == [12.0] * 3 and problem.shape.depth_factor != 0.5
     with pytest.raises(InvalidInput, match="negative|>= 0"):
         load_case("paper", {"limits.deceleration": {"sampled": [1, -1]}}).make_problem(load_case("paper").load_hand())

@@ -49,7 +49,8 @@ def test_examples_are_numbered_short_and_said_to_be_what_they_are():
 
 
 @pytest.mark.parametrize(
-    "path", [pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.name[:2] in SLOW else []) for path in EXAMPLES]
+    "path",
+    [pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.name[:2] in SLOW else []) for path in EXAMPLES],
 )
 def test_example_runs(path, tmp_path):
     told = run(path, tmp_path)

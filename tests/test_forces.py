@@ -248,9 +248,7 @@ def convex_optimum(problem, impact_time, measure):
     return task.value * (1 if measure == "work" else 1e-3), F.value
 
 
-@pytest.mark.parametrize(
-    ("balance", "work_mJ", "within"), [("force", 55.78, 0.01), ("wrench", 57.09, 0.03)]
-)
+@pytest.mark.parametrize(("balance", "work_mJ", "within"), [("force", 55.78, 0.01), ("wrench", 57.09, 0.03)])
 def test_hybrid_reaches_the_convex_work(make_problem, balance, work_mJ, within):
     problem = make_problem(balance=balance, measure="work")
     optimum, _ = convex_optimum(problem, 0.90, "work")
@@ -430,9 +428,7 @@ def test_lattice_search_finds_the_first_point():
             listed.append((problem.scaled_norm(net), index))
         limit = float(np.quantile([left for left, _ in listed], 0.02))
         expected = next((i for left, i in listed if left <= limit), None)
-        found = first_on_lattice(
-            options(problem, grid), normal, problem.scaled_load, values, tangential, limit
-        )
+        found = first_on_lattice(options(problem, grid), normal, problem.scaled_load, values, tangential, limit)
         assert found is not None and tuple(found.ravel()) == expected
 
 

@@ -40,7 +40,7 @@ DOES = {
     "exit of the process": ("os._exit(0)", "crash"),
     "sleeps": ("time.sleep(60)", "hang"),
     "spins": ("while True: pass", "hang"),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")

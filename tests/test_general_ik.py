@@ -25,9 +25,17 @@ def random_contacts(hand, rng):
         for i in links:
             local = rng.uniform(-0.02, 0.03, 3)
             point = data.oMi[finger.joint_ids[i]].act(local)
-            contacts.append(Contact(finger=finger.name, link=finger.links[i], point_o=point,
-                                    rotation_oc=tangent_frame(rng.normal(size=3)), length=float(np.linalg.norm(local)),
-                                    distance=0.0, point_l=local))  # fmt: skip
+            contacts.append(
+                Contact(
+                    finger=finger.name,
+                    link=finger.links[i],
+                    point_o=point,
+                    rotation_oc=tangent_frame(rng.normal(size=3)),
+                    length=float(np.linalg.norm(local)),
+                    distance=0.0,
+                    point_l=local,
+                )
+            )
     return q, ContactSet(contacts=tuple(contacts), com_o=np.zeros(3))
 
 
@@ -37,10 +45,13 @@ def check(name, count, seed):
     for _ in range(count):
         q, contacts = random_contacts(hand, rng)
         near = {
-            finger.name: np.clip(q[finger.dofs] + rng.uniform(-0.03, 0.03, finger.n) * (hand.upper - hand.lower)[finger.dofs],
-                                 hand.lower[finger.dofs], hand.upper[finger.dofs])
+            finger.name: np.clip(
+                q[finger.dofs] + rng.uniform(-0.03, 0.03, finger.n) * (hand.upper - hand.lower)[finger.dofs],
+                hand.lower[finger.dofs],
+                hand.upper[finger.dofs],
+            )
             for finger in hand.fingers
-        }  # fmt: skip
+        }
         for group, found in contact_postures(hand, contacts, reference=near).items():
             members = [hand.finger(one) for one in group.split(" + ")]
             own = [contact for contact in contacts if contact.finger in group.split(" + ")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import cvxpy as cp
@@ -21,7 +22,11 @@ def least_peak(problem) -> float:
     f, top = cp.Variable((k, 3)), cp.Variable()
     half = problem.mu / np.sqrt(2)
     G = problem.contacts.G
-    limits = [cp.abs(f[:, 0]) <= cp.multiply(half, f[:, 2]), cp.abs(f[:, 1]) <= cp.multiply(half, f[:, 2]), f[:, 2] <= top]
+    limits = [
+        cp.abs(f[:, 0]) <= cp.multiply(half, f[:, 2]),
+        cp.abs(f[:, 1]) <= cp.multiply(half, f[:, 2]),
+        f[:, 2] <= top,
+    ]
     net = G @ cp.reshape(f, (3 * k,), order="C") + problem.load
     scale = np.array([1.0] * 3 + [50.0] * 3)[:rows]
     cp.Problem(cp.Minimize(top), [*limits, cp.multiply(scale, net[:rows]) == 0]).solve(solver="HIGHS")
@@ -70,10 +75,14 @@ def test_grid_costs_more_than_the_certified_optimum(make_problem):
 @pytest.mark.parametrize("measure", ["work", "impulse"])
 @pytest.mark.parametrize(
     "shape",
-    [DecelerationShape.constant(), DecelerationShape.linear(1, 0.2), DecelerationShape.polynomial([1, -2, 2]),
-     DecelerationShape.sampled([0.2, 1.0, 0.4])],
+    [
+        DecelerationShape.constant(),
+        DecelerationShape.linear(1, 0.2),
+        DecelerationShape.polynomial([1, -2, 2]),
+        DecelerationShape.sampled([0.2, 1.0, 0.4]),
+    ],
     ids=["constant", "linear", "polynomial", "sampled"],
-)  # fmt: skip
+)
 def test_no_impact_time_beats_the_bound(make_problem, measure, shape):
     problem = make_problem(balance="wrench", measure=measure, shape=shape, friction=Friction(model="cone"))
     best = optimize_grasp(problem)
@@ -92,7 +101,7 @@ def test_log_covers_the_whole_range(make_problem):
     best = optimize_grasp(problem)
     leaves = sorted((b for b in best.branches if b.fate != "split"), key=lambda b: b.start)
     assert leaves[0].start == problem.impact_time_range[0] and leaves[-1].end == problem.impact_time_range[1]
-    assert all(a.end == b.start for a, b in zip(leaves, leaves[1:]))
+    assert all(a.end == b.start for a, b in itertools.pairwise(leaves))
     assert min(b.lower_bound for b in leaves) >= best.certificate.dual * (1 - 1e-12)
     assert {b.fate for b in leaves} == {"infeasible", "bounded"}
 
@@ -178,7 +187,9 @@ def test_contacts_at_the_very_limit_of_friction_end_the_search(miss, objective):
     """Two contacts whose pyramids just meet, or just do not, under next to no load: no solver can tell."""
     tilt = np.arctan(0.5 / np.sqrt(2)) + miss
     normals = [[-np.cos(tilt), np.sin(tilt), 0], [np.cos(tilt), np.sin(tilt), 0]]
-    problem = ForceProblem(contacts=contact_set_of([[0.03, 0, 0], [-0.03, 0, 0]], normals), load=[0, 0, -1e-6, 0, 0, 0], mu=0.5)
+    problem = ForceProblem(
+        contacts=contact_set_of([[0.03, 0, 0], [-0.03, 0, 0]], normals), load=[0, 0, -1e-6, 0, 0, 0], mu=0.5
+    )
     found = optimize_grasp(problem, objective=objective)
     assert found.status in (Status.OK, Status.INFEASIBLE, Status.INACCURATE) and len(found.branches) <= 500
     assert found.status is not Status.INFEASIBLE or found.infeasibility.margin > 0

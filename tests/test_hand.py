@@ -27,16 +27,19 @@ from pinograsp.hands.xacro_guard import expand_xacro
 
 # Tables II and III once more, typed from the paper, in mm.
 LENGTHS = {
-    "thumb": [55.28, 43.16, 34.80], "index": [54.00, 31.48, 21.36], "middle": [58.58, 37.44, 23.80],
-    "ring": [53.74, 36.34, 23.56], "little": [44.92, 25.80, 20.48],
-}  # fmt: skip
+    "thumb": [55.28, 43.16, 34.80],
+    "index": [54.00, 31.48, 21.36],
+    "middle": [58.58, 37.44, 23.80],
+    "ring": [53.74, 36.34, 23.56],
+    "little": [44.92, 25.80, 20.48],
+}
 AXES = {
     "thumb": [(27.64, 12.88, 13.14), (21.58, 9.37, 9.46), (17.40, 7.97, 9.90)],
     "index": [(26.98, 9.28, 9.11), (15.75, 8.06, 9.02), (10.68, 6.83, 8.15)],
     "middle": [(29.29, 10.00, 8.85), (18.72, 8.32, 8.76), (11.89, 7.18, 8.23)],
     "ring": [(26.87, 9.72, 8.50), (18.17, 7.80, 8.15), (11.78, 6.92, 7.97)],
     "little": [(22.46, 8.67, 8.06), (12.88, 7.53, 7.62), (10.24, 6.30, 7.36)],
-}  # fmt: skip
+}
 
 
 def rot(axis, angle):
@@ -377,9 +380,13 @@ def test_arguments_of_the_wrong_kind(tmp_path, arguments):
 def test_joints_and_links_may_share_names(tmp_path):
     """Frames are looked up among links first: in many hands a joint is called like another joint's link."""
     text = robot(
-        "shared", link("base", 0.1, "box 1 1 1"), link("a", 0.1, "box 1 1 1"), link("b", 0.1, "box 1 1 1"),
-        joint("b", "base", "a", "0 0 1", "0 0 1", "-1 1 1 1"), joint("a", "a", "b", "0 0 1", "0 1 0", "-1 1 1 1"),
-    )  # fmt: skip
+        "shared",
+        link("base", 0.1, "box 1 1 1"),
+        link("a", 0.1, "box 1 1 1"),
+        link("b", 0.1, "box 1 1 1"),
+        joint("b", "base", "a", "0 0 1", "0 0 1", "-1 1 1 1"),
+        joint("a", "a", "b", "0 0 1", "0 1 0", "-1 1 1 1"),
+    )
     hand = load_hand(write(tmp_path, text))
     assert hand.fingers[0].joints == ("b", "a") and hand.fingers[0].links == ("a", "b")
     assert hand.frame_placements([0, 0], ["a", "b"])[:, 2, 3].tolist() == [1, 2]
@@ -405,11 +412,12 @@ def test_the_roots_inertia_counts_and_moves_with_the_hand(tmp_path):
 
 def test_palm_joints_are_described_too(tmp_path):
     text = robot(
-        "wristed", *(link(name, 0.1, "box 0.1 0.1 0.1") for name in ("arm", "palm", "a", "b")),
+        "wristed",
+        *(link(name, 0.1, "box 0.1 0.1 0.1") for name in ("arm", "palm", "a", "b")),
         joint("wrist", "arm", "palm", "0 0 1", "0 0 1", "-1 1 0 1"),
         joint("ja", "palm", "a", "0 0 1", "0 0 1", "0 1 2 1"),
         joint("jb", "palm", "b", "0 0 1", "1 0 0", "0 0.1 0 1", kind="prismatic"),
-    )  # fmt: skip
+    )
     text = load_hand(write(tmp_path, text)).describe()
     assert "3 joints, 2 fingers on 'palm'" in text and "joints on no finger:" in text
     assert "wrist: -1.000 .. +1.000 rad, effort not given" in text
@@ -470,7 +478,7 @@ def on_an_arm(**parts):
         "one": link("one", 0.1, "box 0.01 0.01 0.1") + joint("j1", "palm", "one", "0.1 0 0", "0 1 0", "-1 1 1 1"),
         "two": link("two", 0.1, "box 0.01 0.01 0.1") + joint("j2", "palm", "two", "-0.1 0 0", "0 1 0", "-1 1 1 1"),
         **parts,
-    }  # fmt: skip
+    }
     return robot("arm_and_hand", link("base"), *text.values())
 
 
@@ -500,15 +508,21 @@ def test_a_hand_on_an_arm_is_cut_out(tmp_path):
 
 def test_what_is_wrong_elsewhere_does_not_matter_with_a_root(tmp_path):
     broken = on_an_arm(
-        base2='<link name="second_root"/>', arm_link='<link name="arm"><inertial/></link>',
+        base2='<link name="second_root"/>',
+        arm_link='<link name="arm"><inertial/></link>',
         more='<link name="x"/><joint name="x" type="revolute"><parent link="base"/><child link="x"/></joint>',
-    )  # fmt: skip
+    )
     path = write(tmp_path, broken)
     assert load_hand(path, root="palm").n == 2
     with pytest.raises(HandNotLoaded) as caught:
         load_hand(path)
-    for words in ("one root link, found 2: base, second_root", "'arm': <inertial> needs both", "'x' has no position",
-                  "'free' floats", "'slip' is planar"):  # fmt: skip
+    for words in (
+        "one root link, found 2: base, second_root",
+        "'arm': <inertial> needs both",
+        "'x' has no position",
+        "'free' floats",
+        "'slip' is planar",
+    ):
         assert words in str(caught.value)
 
 
@@ -516,10 +530,14 @@ def fork(**changes):
     """A palm with three fingers of one joint each, whose tips are told apart in three ways."""
     parts = [link("palm", 0.5, "box 0.1 0.1 0.1")]
     for i, name in enumerate(("f1", "f2", "f3")):
-        parts += [link(f"{name}_base", 0.1, "box 0.01 0.01 0.1"), link(f"{name}_pad"), link(f"{name}_end"),
-                  joint(name, "palm", f"{name}_base", f"{i} 0 0", "0 1 0", "-1 1 1 1"),
-                  joint(f"{name}_e", f"{name}_base", f"{name}_end", "0 0 0.1"),
-                  joint(f"{name}_p", f"{name}_base", f"{name}_pad", "0 0.01 0.05")]  # fmt: skip
+        parts += [
+            link(f"{name}_base", 0.1, "box 0.01 0.01 0.1"),
+            link(f"{name}_pad"),
+            link(f"{name}_end"),
+            joint(name, "palm", f"{name}_base", f"{i} 0 0", "0 1 0", "-1 1 1 1"),
+            joint(f"{name}_e", f"{name}_base", f"{name}_end", "0 0 0.1"),
+            joint(f"{name}_p", f"{name}_base", f"{name}_pad", "0 0.01 0.05"),
+        ]
     return robot("fork", *parts).replace("f1_end", changes.get("end", "f1_end"))
 
 
@@ -537,8 +555,10 @@ def test_fingertips(tmp_path):
 
 def test_a_link_of_several_fingers_does_not_tell_them_apart(tmp_path):
     parts = [link(name, 0.1, "box 0.1 0.1 0.1") for name in ("palm", "shared", "a", "b", "c")]
-    joints = [joint(f"j_{child}", parent, child, "0 0 1", "0 1 0", "-1 1 1 1")
-              for parent, child in (("palm", "shared"), ("shared", "a"), ("shared", "b"), ("palm", "c"))]  # fmt: skip
+    joints = [
+        joint(f"j_{child}", parent, child, "0 0 1", "0 1 0", "-1 1 1 1")
+        for parent, child in (("palm", "shared"), ("shared", "a"), ("shared", "b"), ("palm", "c"))
+    ]
     path = write(tmp_path, robot("forked", *parts, *joints))
     assert [finger.name for finger in load_hand(path).fingers] == ["a", "b", "c"]
     assert load_hand(path, fingers={"x": "a"}).fingers[0].joints == ("j_shared", "j_a")
@@ -549,8 +569,10 @@ def test_a_link_of_several_fingers_does_not_tell_them_apart(tmp_path):
 def test_a_long_chain_needs_no_recursion(tmp_path):
     n = 1200
     parts = [link("l0"), *(link(f"l{i}", 0.1, "box 1 1 1") for i in range(1, n + 1))]
-    joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 0.01", "0 1 0" if i == n else "", "-1 1 1 1" if i == n else "")
-              for i in range(1, n + 1)]  # fmt: skip
+    joints = [
+        joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 0.01", "0 1 0" if i == n else "", "-1 1 1 1" if i == n else "")
+        for i in range(1, n + 1)
+    ]
     assert load_hand(write(tmp_path, robot("chain", *parts, *joints))).fingers[0].tip == f"l{n}"
 
 
@@ -562,11 +584,16 @@ def test_more_than_any_robot_has_is_refused_at_once(tmp_path):
     for text, message in (
         (robot("chain", *parts, *joints), "at most 2000 links, got 3001"),
         (robot("chain", *parts[:1000], *joints[:999]), "at most 100 moving joints .*, got 999"),
-        (robot("many", *(one.replace("</link>", "<collision/>" * 3000 + "</link>") for one in parts[:2]), joints[0]),
-         "at most 2000 collision shapes"),
+        (
+            robot("many", *(one.replace("</link>", "<collision/>" * 3000 + "</link>") for one in parts[:2]), joints[0]),
+            "at most 2000 collision shapes",
+        ),
         ("<!DOCTYPE robot [<!ENTITY e 'x'>]>" + urdf()[21:], "entity declarations are not allowed"),
-        (urdf().replace("<robot", '<?xml version="1.0" encoding="punycode"?><robot')[21:], "encoding 'punycode' is not supported"),
-    ):  # fmt: skip
+        (
+            urdf().replace("<robot", '<?xml version="1.0" encoding="punycode"?><robot')[21:],
+            "encoding 'punycode' is not supported",
+        ),
+    ):
         with pytest.raises(HandNotLoaded, match=message):
             load_hand(write(tmp_path, text))
 
@@ -593,7 +620,7 @@ def test_a_chain_as_long_as_is_allowed_loads(tmp_path):
         (('lower="-1" upper="1"', 'lower="0" upper="1e-320"'), "not below"),
         (('effort="1"', 'effort="1e-320"'), "effort limit 9.99989e-321 is next to nothing"),
         (('effort="1"', 'velocity="1e-320"'), "velocity limit 9.99989e-321 is next to nothing"),
-        (('<axis', '<dynamics armature="1e308"/><axis'), "<dynamics armature=>: expected a number of at most"),
+        (("<axis", '<dynamics armature="1e308"/><axis'), "<dynamics armature=>: expected a number of at most"),
     ],
 )
 def test_numbers_beyond_all_use_are_refused(tmp_path, change, message):
@@ -618,7 +645,7 @@ def test_effort_without_end_is_none(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (('name="j" type', 'type'), "1 <joint> without a name"),
+        (('name="j" type', "type"), "1 <joint> without a name"),
         (('<link name="a_tip"/>', '<link name="a_tip"/><link/>'), "1 <link> without a name"),
         (('name="j" type', 'name="universe" type'), "joint 'universe': Pinocchio keeps that name"),
         (('type="revolute"', ""), "joint 'j' is without a type"),
@@ -630,7 +657,7 @@ def test_effort_without_end_is_none(tmp_path):
         (('upper="1"', 'upper="one"'), "joint 'j': limits must be numbers"),
         (('upper="1"', 'upper="inf"'), "lower limit -1 is not below upper inf"),
         (('upper="1"', 'upper="-1"'), "lower limit -1 is not below upper -1"),
-        (('<mass value="0.1"/>', '<mass/>'), "link 'a': <inertial> lacks value"),
+        (('<mass value="0.1"/>', "<mass/>"), "link 'a': <inertial> lacks value"),
         (('ixx="1e-5" ', ""), "link 'a': <inertial> lacks ixx"),
         (('ixy="0"', 'ixy="1"'), "not positive semi-definite"),
         (('ixy="0"', 'ixy="x"'), "link 'a': <inertia ixy=>: expected 1 finite number, got 'x'"),
@@ -638,7 +665,7 @@ def test_effort_without_end_is_none(tmp_path):
         (('<child link="a_tip"/>', '<child link="a"/>'), "link 'a' has several parent joints"),
         (('<parent link="base"/>', '<parent link="a_tip"/>'), "hang on each other in a loop: a, a_tip"),
     ],
-)  # fmt: skip
+)
 def test_broken_parts_are_named(tmp_path, change, message):
     assert change[0] in urdf()
     with pytest.raises(HandNotLoaded) as caught:
@@ -647,26 +674,37 @@ def test_broken_parts_are_named(tmp_path, change, message):
 
 
 def test_loops_beside_the_tree(tmp_path):
-    loop = "".join(f'<link name="{a}"/><joint name="{a}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
-                   for a, b in (("x", "y"), ("y", "x")))  # fmt: skip
+    loop = "".join(
+        f'<link name="{a}"/><joint name="{a}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
+        for a, b in (("x", "y"), ("y", "x"))
+    )
     with pytest.raises(HandNotLoaded, match="hang on each other in a loop: x, y"):
         load_hand(write(tmp_path, urdf(joints=loop)))
 
 
 def test_problems_of_every_kind_come_in_one_error(tmp_path):
     text = urdf(
-        links='<link name="a"/><link name="loose"/>', limit="",
+        links='<link name="a"/><link name="loose"/>',
+        limit="",
         first=INERTIAL.replace('ixx="1e-5"', 'ixx="-1"'),
         joints='<joint name="m" type="revolute"><parent link="a"/><child link="ghost"/><axis xyz="0 0 0"/>'
-               '<limit lower="2" upper="1"/></joint>'
-               '<joint name="n" type="revolute"><parent link="a"/><child link="ghost"/>'
-               '<mimic joint="nobody"/></joint>',
-    )  # fmt: skip
+        '<limit lower="2" upper="1"/></joint>'
+        '<joint name="n" type="revolute"><parent link="a"/><child link="ghost"/>'
+        '<mimic joint="nobody"/></joint>',
+    )
     with pytest.raises(HandNotLoaded) as caught:
         load_hand(write(tmp_path, text))
     problems = "; ".join(caught.value.problems)
-    for words in ("link 'a' is defined 2 times", "one root link", "unknown link 'ghost'", "'j' has no position limits",
-                  "<axis xyz=> is zero", "not below", "unknown joint 'nobody'", "semi-definite"):  # fmt: skip
+    for words in (
+        "link 'a' is defined 2 times",
+        "one root link",
+        "unknown link 'ghost'",
+        "'j' has no position limits",
+        "<axis xyz=> is zero",
+        "not below",
+        "unknown joint 'nobody'",
+        "semi-definite",
+    ):
         assert words in problems
 
 
@@ -675,15 +713,24 @@ def test_problems_of_every_kind_come_in_one_error(tmp_path):
 
 def shaped(*geometries, first=INERTIAL):
     """The smallest hand with these <geometry> contents on its link."""
-    collisions = "".join(f'<collision><origin xyz="0 0 {i}"/><geometry>{one}</geometry></collision>'
-                         for i, one in enumerate(geometries))  # fmt: skip
+    collisions = "".join(
+        f'<collision><origin xyz="0 0 {i}"/><geometry>{one}</geometry></collision>' for i, one in enumerate(geometries)
+    )
     return urdf(first=first + collisions)
 
 
 def test_shapes_are_exact_and_several_per_link(tmp_path):
-    hand = load_hand(write(tmp_path, shaped(
-        '<box size="0.1 0.2 0.3"/>', '<sphere radius="0.1"/>', '<cylinder radius="0.1" length="0.4"/>',
-        '<capsule radius="0.1" length="0.4"/>')))  # fmt: skip
+    hand = load_hand(
+        write(
+            tmp_path,
+            shaped(
+                '<box size="0.1 0.2 0.3"/>',
+                '<sphere radius="0.1"/>',
+                '<cylinder radius="0.1" length="0.4"/>',
+                '<capsule radius="0.1" length="0.4"/>',
+            ),
+        )
+    )
     box, sphere, cylinder, capsule = (one.geometry for one in hand.geometry.geometryObjects)
     assert isinstance(box, coal.Box) and box.halfSide.ravel().tolist() == [0.05, 0.1, 0.15]
     assert isinstance(sphere, coal.Sphere) and sphere.radius == 0.1
@@ -694,8 +741,19 @@ def test_shapes_are_exact_and_several_per_link(tmp_path):
 
 
 def test_shapes_without_size_are_left_out_and_noted(tmp_path):
-    hand = load_hand(write(tmp_path, shaped('<box size="0 0 0"/>', '<sphere radius="-1"/>', '<cone radius="1"/>', "",
-                                            '<cylinder radius="1"/>', '<sphere radius="0.1"/>')))  # fmt: skip
+    hand = load_hand(
+        write(
+            tmp_path,
+            shaped(
+                '<box size="0 0 0"/>',
+                '<sphere radius="-1"/>',
+                '<cone radius="1"/>',
+                "",
+                '<cylinder radius="1"/>',
+                '<sphere radius="0.1"/>',
+            ),
+        )
+    )
     assert len(hand.geometry.geometryObjects) == 1
     note = next(note for note in hand.notes if note.startswith("shapes left out"))
     assert note.count("a (") == 5 and "no shape that is known" in note
@@ -748,12 +806,18 @@ def test_missing_meshes_are_left_out_and_noted(tmp_path, name):
 
 
 BROKEN_MESHES = {
-    "empty.stl": b"", "noise.stl": bytes(range(256)), "cut.stl": b"solid x\nfacet normal 0 0 1\n outer loop\n",
-    "short.stl": b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 100, "bad.obj": b"v 0 0\nf 1 2 3",
+    "empty.stl": b"",
+    "noise.stl": bytes(range(256)),
+    "cut.stl": b"solid x\nfacet normal 0 0 1\n outer loop\n",
+    "short.stl": b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 100,
+    "bad.obj": b"v 0 0\nf 1 2 3",
     "far.obj": b"v 0 0 0\nf 1 2 9\n",
-    "empty.dae": b"<COLLADA/>", "unknown.xyz": b"1 2 3", "nan.obj": b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
-    "points.obj": b"v 0 0 0\nv 1 0 0\n", "none.obj": b"",
-}  # fmt: skip
+    "empty.dae": b"<COLLADA/>",
+    "unknown.xyz": b"1 2 3",
+    "nan.obj": b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "points.obj": b"v 0 0 0\nv 1 0 0\n",
+    "none.obj": b"",
+}
 
 
 @pytest.mark.parametrize("name", BROKEN_MESHES)
@@ -855,12 +919,15 @@ def test_links_that_nothing_gives_a_mass(tmp_path):
         b'<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m"><xacro:m/></xacro:macro>'
         b"<xacro:m/></robot>",
         b'<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="hand.xacro"/></robot>',
-        b'<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property value="1"/></robot>', b"",
+        b'<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property value="1"/></robot>',
+        b"",
     ],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("trusted", [False, True])
 def test_xacro_files_that_break_xacro(tmp_path, content, trusted):
     (tmp_path / "hand.xacro").write_bytes(content)
     encoded = content.startswith((b"<?xml", b"\xff\xfe"))  # xacro itself reads UTF-8 only
-    with pytest.raises(HandNotLoaded, match="no <link> found" if encoded and not trusted else "xacro could not expand it"):
+    with pytest.raises(
+        HandNotLoaded, match="no <link> found" if encoded and not trusted else "xacro could not expand it"
+    ):
         load_hand(tmp_path / "hand.xacro", trusted=trusted)

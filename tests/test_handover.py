@@ -1,8 +1,11 @@
-"""The hand-over: smoothness by finite differences, round trips, ROS 2's message definition, MuJoCo's own kinematics and forces."""
+"""The hand-over: smoothness by finite differences, round trips, ROS 2's message definition, MuJoCo's own kinematics and
+forces.
+"""
 
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import os
 import xml.etree.ElementTree as ElementTree
@@ -91,7 +94,7 @@ def test_acceleration_is_continuous_everywhere(plan, start):
         one = joint_trajectory(plan, rate=rate, **settings)
         padded = np.vstack([np.zeros(plan.hand.n), one.ddq, np.zeros(plan.hand.n)])
         steps.append(np.abs(np.diff(padded, axis=0)).max())
-    assert all(finer < 0.55 * coarser for coarser, finer in zip(steps, steps[1:]))
+    assert all(finer < 0.55 * coarser for coarser, finer in itertools.pairwise(steps))
     assert steps[-1] < 0.04 * np.abs(one.ddq).max()
 
 
@@ -374,7 +377,9 @@ def test_files_are_whole_or_not_there(panda, tmp_path, monkeypatch):
 
 
 def mjcf_of(hand, *, actuators="", tendons="", include="", mirrored=False, extra=""):
-    """A hand's tree in MuJoCo's XML, from Pinocchio's placements to full precision; ``mirrored``: its branches in another order."""
+    """A hand's tree in MuJoCo's XML, from Pinocchio's placements to full precision; ``mirrored``: its branches in
+    another order.
+    """
     model, data = hand.model, hand.model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
 
@@ -387,11 +392,13 @@ def mjcf_of(hand, *, actuators="", tendons="", include="", mirrored=False, extra
         axis = (motion[:3] if slides else motion[3:]) / hand.ratio(j)
         children = [c for c in range(1, model.njoints) if model.parents[c] == j]
         return (
-            f'<body name="link {j}" pos="{text(at.translation)}" quat="{text(pin.Quaternion(at.rotation).coeffs()[[3, 0, 1, 2]])}">'
+            f'<body name="link {j}" pos="{text(at.translation)}" '
+            f'quat="{text(pin.Quaternion(at.rotation).coeffs()[[3, 0, 1, 2]])}">'
             f'<joint name="{model.names[j]}" type="{"slide" if slides else "hinge"}" axis="{text(axis)}"/>'
             f'<inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>'
-            + "".join(body(c) for c in (children[::-1] if mirrored else children)) + "</body>"
-        )  # fmt: skip
+            + "".join(body(c) for c in (children[::-1] if mirrored else children))
+            + "</body>"
+        )
 
     roots = [j for j in range(1, model.njoints) if model.parents[j] == 0]
     bodies = "".join(body(j) for j in (roots[::-1] if mirrored else roots))
@@ -429,7 +436,9 @@ def test_keyframes_of_a_hand_alone(plan, tmp_path):
         at_links(hand, data, one.q[i])
         assert data.time == pytest.approx(one.times[i], abs=1e-12)
         assert data.ctrl == pytest.approx(one.q[i], abs=1e-12)
-        assert [data.qvel[model.joint(name).dofadr[0]] for name in hand.joint_names] == pytest.approx(one.dq[i], abs=1e-12)
+        assert [data.qvel[model.joint(name).dofadr[0]] for name in hand.joint_names] == pytest.approx(
+            one.dq[i], abs=1e-12
+        )
     assert model.key("final").qpos.size == hand.model.njoints - 1
     stored = np.load(tmp_path / "grasp.npz", allow_pickle=False)
     assert tuple(stored["actuators"]) == hand.joint_names and np.array_equal(stored["ctrl"], one.q)
@@ -453,7 +462,9 @@ def test_keyframes_for_somebodys_model(psyonic, tmp_path):
     at_links(hand, data, one.q[-1])
     assert data.body("thing").xpos == pytest.approx([1, 2, 3])
 
-    prefixed = mujoco.MjModel.from_xml_string(plain.replace('joint="', 'joint="left/').replace('joint name="', 'joint name="left/'))
+    prefixed = mujoco.MjModel.from_xml_string(
+        plain.replace('joint="', 'joint="left/').replace('joint name="', 'joint name="left/')
+    )
     psyonic.to_mujoco(tmp_path / "left.xml", model=prefixed, prefix="left/", qpos=np.arange(prefixed.nq))
     stored = np.load(tmp_path / "left.npz")
     assert np.array_equal(stored["qpos"][:, :7], np.tile(np.arange(7.0), (one.times.size, 1)))
@@ -471,9 +482,11 @@ def test_actuators_of_all_kinds_make_the_efforts(psyonic, tmp_path):
         f'<motor name="motor" joint="{a}" gear="3"/>'
         f'<position name="servo" joint="{b}" kp="20" kv="0.5" gear="2"/>'
         f'<velocity name="speed" joint="{c}" kv="0.7"/>'
-        f'<general name="odd" joint="{d}" gaintype="affine" gainprm="4 0.5 0.1" biastype="affine" biasprm="0.3 -5 -0.2"/>'
+        f'<general name="odd" joint="{d}" gaintype="affine" gainprm="4 0.5 0.1" biastype="affine" '
+        'biasprm="0.3 -5 -0.2"/>'
         f'<position name="tendon" tendon="both" kp="30"/>'
-        f'<motor name="one" joint="{e}" gear="2"/><motor name="two" joint="{e}" ctrllimited="true" ctrlrange="-1e-6 1e-6"/>'
+        f'<motor name="one" joint="{e}" gear="2"/><motor name="two" joint="{e}" ctrllimited="true" '
+        'ctrlrange="-1e-6 1e-6"/>'
         '<adhesion name="glue" body="link 1" ctrlrange="0 1"/>'
     )
     model = mujoco.MjModel.from_xml_string(mjcf_of(hand, actuators=actuators, tendons=tendons, mirrored=True))
@@ -490,12 +503,16 @@ def test_actuators_of_all_kinds_make_the_efforts(psyonic, tmp_path):
             made = data.qfrc_actuator[model.joint(name).dofadr[0]]
             made += sum(
                 tie.factor * data.qfrc_actuator[model.joint(other).dofadr[0]]
-                for other, tie in hand.couplings.items() if tie.followed == name
-            )  # fmt: skip
+                for other, tie in hand.couplings.items()
+                if tie.followed == name
+            )
             assert made == pytest.approx(one.effort[i, column], abs=1e-9)
     without = mujoco.MjModel.from_xml_string(mjcf_of(hand, actuators=f'<motor name="only" joint="{a}"/>'))
     others = [name for name in hand.joint_names if name != a]
-    assert f"no actuator of the model moves {', '.join(others)}" in psyonic.to_mujoco(tmp_path / "a.xml", model=without).notes
+    assert (
+        f"no actuator of the model moves {', '.join(others)}"
+        in psyonic.to_mujoco(tmp_path / "a.xml", model=without).notes
+    )
 
 
 @pytest.mark.parametrize("name", ["paper", "psyonic", "panda"])
@@ -583,7 +600,9 @@ def test_files_and_models_that_are_none_are_refused(panda, tmp_path):
         panda.to_mujoco(tmp_path / "plan.xml", model="hand.xml")
     with pytest.raises(InvalidInput, match="qpos: expected with a model"):
         panda.to_mujoco(tmp_path / "plan.xml", qpos=[0.0])
-    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><joint name='x'/><geom size='1'/></body></worldbody></mujoco>")
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint name='x'/><geom size='1'/></body></worldbody></mujoco>"
+    )
     with pytest.raises(InvalidInput, match="expected the joints panda_finger_joint1, panda_finger_joint2, it has x"):
         panda.to_mujoco(tmp_path / "plan.xml", model=model)
     assert not list(tmp_path.iterdir())
@@ -596,7 +615,11 @@ def test_files_and_models_that_are_none_are_refused(panda, tmp_path):
         ("f.json", "[]", read_ros2),
         ("g.yaml", "joint_names: [a]\n", read_ros2),
         ("h.yaml", "{", read_ros2),
-        ("i.yaml", "joint_names: [a]\npoints: [{positions: [1, 2], time_from_start: {sec: 0, nanosec: 0}}]\n", read_ros2),
+        (
+            "i.yaml",
+            "joint_names: [a]\npoints: [{positions: [1, 2], time_from_start: {sec: 0, nanosec: 0}}]\n",
+            read_ros2,
+        ),
     ):
         (tmp_path / name).write_text(content)
         with pytest.raises(InvalidInput):
@@ -608,20 +631,49 @@ def test_files_and_models_that_are_none_are_refused(panda, tmp_path):
         JointTrajectory(names=("a",), times=[0.0, 0.0], **dict.fromkeys(COLUMNS, np.zeros((2, 1))))
     with pytest.raises(InvalidInput, match="dq: expected shape"):
         JointTrajectory(
-            names=("a",), times=[0.0, 1.0], q=np.zeros((2, 1)), dq=np.zeros((1, 1)), ddq=np.zeros((2, 1)), effort=np.zeros((2, 1))
+            names=("a",),
+            times=[0.0, 1.0],
+            q=np.zeros((2, 1)),
+            dq=np.zeros((1, 1)),
+            ddq=np.zeros((2, 1)),
+            effort=np.zeros((2, 1)),
         )
 
 
-# -- names from files of others --------------------------------------------------------------------------------------------
+# -- names from files of others ----------------------------------------------------------------------------------------
 
-NAMES = ("=1+1", "+x", "-x", "@x", "\tx", "\rx", "'x", "a,b", 'a"b', "a\nb", "-->", "<b>&", "\U0001f600", "\u2028", "\ufeffa", "\x1b[31m", "--", "{}: #",
-         "\\U", "null", "1e5", "~")  # fmt: skip
+NAMES = (
+    "=1+1",
+    "+x",
+    "-x",
+    "@x",
+    "\tx",
+    "\rx",
+    "'x",
+    "a,b",
+    'a"b',
+    "a\nb",
+    "-->",
+    "<b>&",
+    "\U0001f600",
+    "\u2028",
+    "\ufeffa",
+    "\x1b[31m",
+    "--",
+    "{}: #",
+    "\\U",
+    "null",
+    "1e5",
+    "~",
+)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_names_of_others_come_back_and_are_no_commands(tmp_path, name):
     values = -0.5 * np.ones((2, 2))
-    made = JointTrajectory(names=(name, "joint"), times=[0.0, 1.0], q=values, dq=values, ddq=values, effort=values, joints=(name, "joint"))
+    made = JointTrajectory(
+        names=(name, "joint"), times=[0.0, 1.0], q=values, dq=values, ddq=values, effort=values, joints=(name, "joint")
+    )
     made.to_csv(tmp_path / "a.csv")
     with open(tmp_path / "a.csv", newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)

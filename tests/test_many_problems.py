@@ -29,26 +29,39 @@ def random_batch(count: int, seed: int, model: str) -> pg.ForceBatch:
     points = size[:, None, None] * out * rng.uniform(0.7, 1.3, (count, k, 1))
     line = which["collinear"]
     points[line] = size[line, None, None] * rng.uniform(-1, 1, (line.sum(), k, 1)) * out[line][:, :1]
-    points[which["parallel normals"]] += 0.5 * size[which["parallel normals"], None, None] * rng.normal(size=(which["parallel normals"].sum(), k, 3))
+    points[which["parallel normals"]] += (
+        0.5 * size[which["parallel normals"], None, None] * rng.normal(size=(which["parallel normals"].sum(), k, 3))
+    )
     twice = which["duplicates"]
     points[twice, 1::2], out[twice, 1::2] = points[twice, ::2], out[twice, ::2]
     rotations = np.array([[tangent_frame(-n) for n in row] for row in out])
     mu = rng.uniform(0, 2, (count, k))
     mu[which["no friction"]] = 0.0
     force = 10 ** rng.uniform(-3, 3, count)
-    loads = np.concatenate([force[:, None] * rng.normal(size=(count, 3)), (force * size)[:, None] * rng.normal(size=(count, 3))], axis=1)
+    loads = np.concatenate(
+        [force[:, None] * rng.normal(size=(count, 3)), (force * size)[:, None] * rng.normal(size=(count, 3))], axis=1
+    )
     loads[which["no load"]] = 0.0
     high = force[:, None] * 10 ** rng.uniform(-0.5, 1.5, (count, k))
     low = high * 10 ** rng.uniform(-4, -0.3, (count, k))
     low[which["one force"]] = high[which["one force"]]
     return pg.ForceBatch(
-        points=points, rotations=rotations, loads=loads, mu=mu, low=low, high=high, counts=rng.integers(2, k + 1, count),
-        friction=MODELS[model], energies={"work": np.array([[2e-3, 5 / 3]])},
-    )  # fmt: skip
+        points=points,
+        rotations=rotations,
+        loads=loads,
+        mu=mu,
+        low=low,
+        high=high,
+        counts=rng.integers(2, k + 1, count),
+        friction=MODELS[model],
+        energies={"work": np.array([[2e-3, 5 / 3]])},
+    )
 
 
 def left_over(batch: pg.ForceBatch, found) -> tuple[np.ndarray, np.ndarray]:
-    """What forces leave of the loads, over the larger of load and forces (N,), and the largest violation of limits, by plain NumPy."""
+    """What forces leave of the loads, over the larger of load and forces (N,), and the largest violation of limits, by
+    plain NumPy.
+    """
     used = np.arange(batch.mu.shape[1]) < batch.counts[:, None]
     f = np.einsum("nkij,nkj->nki", batch.rotations, found.forces_c) * used[:, :, None]
     moment = np.cross(batch.points, f) + batch.rotations[:, :, :, 2] * (found.torsion * used)[:, :, None]
@@ -75,7 +88,9 @@ def checked(batch: pg.ForceBatch, objective: str, sample) -> dict:
         assert np.isfinite(values).all()
     net, over = left_over(batch, found)
     assert net[found.ok].max() <= 1e-9 and over[found.ok].max() <= 1e-8
-    counts = {status: int((found.status == status).sum()) for status in (Status.OK, Status.INFEASIBLE, Status.INACCURATE)}
+    counts = {
+        status: int((found.status == status).sum()) for status in (Status.OK, Status.INFEASIBLE, Status.INACCURATE)
+    }
     # A sample against another solver: its optimum, and feasibility a hair's breadth within the limits.
     worst, refused = 0.0, 0
     for i in sample:

@@ -13,7 +13,16 @@ from scipy.optimize import linprog
 
 from pinograsp.contacts import Friction, contacts_at
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import ForceProblem, conic, diagnose, force_closure, grasp_margins, load_margin, min_weight, optimize_forces
+from pinograsp.forces import (
+    ForceProblem,
+    conic,
+    diagnose,
+    force_closure,
+    grasp_margins,
+    load_margin,
+    min_weight,
+    optimize_forces,
+)
 from pinograsp.objects import Cylinder
 
 
@@ -56,7 +65,9 @@ def test_no_friction_and_tangential_force_slips(make_problem, solved):
 
 
 def test_disturbance_ball_of_three_contacts_is_the_parallelepiped_s(solved):
-    """Six tangential directions in six dimensions: the set of held wrenches is a parallelepiped, its ball a closed form."""
+    """Six tangential directions in six dimensions: the set of held wrenches is a parallelepiped, its ball a closed
+    form.
+    """
     solution = solved()
     problem = solution.problem
     margins = grasp_margins(solution, tolerance=1e-9)
@@ -86,7 +97,9 @@ def test_no_sampled_direction_is_weaker_than_the_ball(solved, friction):
         direction = rng.normal(size=6)
         direction /= np.linalg.norm(direction)
         wrench = np.concatenate([direction[:3], direction[3:] * problem.moment_length])
-        assert load_margin(problem, wrench, normal_forces=solution.normal_forces) >= margins.disturbance.lower * (1 - 1e-6)
+        assert load_margin(problem, wrench, normal_forces=solution.normal_forces) >= margins.disturbance.lower * (
+            1 - 1e-6
+        )
         pure = np.concatenate([direction[:3] / np.linalg.norm(direction[:3]), np.zeros(3)])
         forces.append(load_margin(problem, pure, normal_forces=solution.normal_forces))
     assert min(forces) >= margins.disturbance_force * (1 - 1e-6)
@@ -117,7 +130,9 @@ def test_load_margins_equal_another_solver_s_linear_program(contact_set):
     assert compared >= 6
 
 
-@pytest.mark.parametrize("friction", [Friction(), Friction(model="cone"), Friction(model="soft", torsion=0.003)], ids=lambda f: f.model)
+@pytest.mark.parametrize(
+    "friction", [Friction(), Friction(model="cone"), Friction(model="soft", torsion=0.003)], ids=lambda f: f.model
+)
 def test_a_load_that_is_too_much_has_no_margin_even_where_more_would_relieve_it(friction):
     body = Cylinder(radius=0.03, height=0.1, mass=4.0)
     angle = np.array([0.0, 2.1, 4.2])
@@ -182,7 +197,9 @@ def test_margins_do_not_take_a_solver_at_its_word(solved, contact_set, monkeypat
         free = [load_margin(problem, d, impact_time=0.85) for d in directions]
         fixed = [load_margin(problem, d, normal_forces=solution.normal_forces) for d in directions]
         closure = [force_closure(contacts, 0.39).margin, min_weight(contacts, 0.39)]
-        return np.array([*free, *fixed, *closure, margins.load_factor, margins.disturbance_force, margins.disturbance_moment])
+        return np.array(
+            [*free, *fixed, *closure, margins.load_factor, margins.disturbance_force, margins.disturbance_moment]
+        )
 
     exact = figures()
     assert exact[:24].min() > 0 and exact[24] > 0.01
@@ -299,7 +316,9 @@ def test_closure_of_many_contacts(contact_set):
 def test_squeeze_that_does_not_balance_holds_no_load_at_all(make_problem):
     held = optimize_forces(make_problem(balance="wrench"), 0.85)
     nothing = held.problem.with_load(np.zeros(6))
-    uneven = grasp_margins(replace(held, problem=nothing, forces_c=held.forces_c * [[0.0, 0.0, 1.0], [0, 0, 50.0], [0, 0, 1.0]]))
+    uneven = grasp_margins(
+        replace(held, problem=nothing, forces_c=held.forces_c * [[0.0, 0.0, 1.0], [0, 0, 50.0], [0, 0, 1.0]])
+    )
     assert uneven.load_factor == 0.0
     still = optimize_forces(nothing, 0.85)
     assert still.found and grasp_margins(still).load_factor == np.inf

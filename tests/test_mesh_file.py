@@ -67,7 +67,7 @@ LYING = {
     "repeated.glb": glb(nodes=[{"mesh": 0}] * 300_000),
     "entities.dae": '<!DOCTYPE COLLADA [<!ENTITY a "b">]><COLLADA>&a;</COLLADA>',
     "empty.dae": "<COLLADA/>",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", LYING)
@@ -84,7 +84,9 @@ def hand_with(folder, mesh):
     """A hand of one joint whose palm has that mesh."""
     palm = f'<link name="palm"><collision><geometry><mesh filename="{mesh}"/></geometry></collision></link>'
     finger = link("finger", 0.1, "box 1 1 1").split("<collision>")[0] + "</link>"
-    (folder / "hand.urdf").write_text(robot("meshed", palm, finger, joint("j", "palm", "finger", "0 0 0", "0 1 0", "-1 1 1 1")))
+    (folder / "hand.urdf").write_text(
+        robot("meshed", palm, finger, joint("j", "palm", "finger", "0 0 0", "0 1 0", "-1 1 1 1"))
+    )
     return folder / "hand.urdf"
 
 

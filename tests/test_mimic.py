@@ -112,32 +112,63 @@ def hand_of(tmp_path, *limbs, base=("base",), **options):
 
 CASES = {
     "a mimic of a mimic": [
-        limb("a", "base"), limb("b", "a_link", mimic="a 0.5 0.1"), limb("c", "b_link", mimic="b 0.8 0.2")],
+        limb("a", "base"),
+        limb("b", "a_link", mimic="a 0.5 0.1"),
+        limb("c", "b_link", mimic="b 0.8 0.2"),
+    ],
     "a mimic of a mimic that comes later": [
-        limb("a", "base"), limb("b", "a_link", mimic="c 0.5 0.1"), limb("c", "b_link", mimic="a 0.8 0.2")],
+        limb("a", "base"),
+        limb("b", "a_link", mimic="c 0.5 0.1"),
+        limb("c", "b_link", mimic="a 0.8 0.2"),
+    ],
     "a negative multiplier": [limb("a", "base"), limb("b", "base", mimic="a -0.7 0.3", axis="1 2 -1")],
     "across branches, followed joint last by name": [
-        limb("a", "base", mimic="z 0.5 0"), limb("b", "a_link"), limb("z", "base", axis="1 0 0")],
+        limb("a", "base", mimic="z 0.5 0"),
+        limb("b", "a_link"),
+        limb("z", "base", axis="1 0 0"),
+    ],
     "across branches, deep": [
-        limb("a", "base"), limb("b", "a_link", mimic="y 0.5 0"), limb("x", "base"), limb("y", "x_link"),
-        limb("z", "y_link")],
+        limb("a", "base"),
+        limb("b", "a_link", mimic="y 0.5 0"),
+        limb("x", "base"),
+        limb("y", "x_link"),
+        limb("z", "y_link"),
+    ],
     "a turning joint that slides another": [
         limb("a", "base"),
-        limb("b", "a_link", mimic="a 0.02 0.01", kind="prismatic", limit="-0.1 0.1 5 1", axis="0 0.6 0.8")],
+        limb("b", "a_link", mimic="a 0.02 0.01", kind="prismatic", limit="-0.1 0.1 5 1", axis="0 0.6 0.8"),
+    ],
     "a sliding joint that turns another": [
-        limb("a", "base", kind="prismatic", limit="0 0.05 5 1"), limb("b", "a_link", mimic="a 20 -0.3")],
+        limb("a", "base", kind="prismatic", limit="0 0.05 5 1"),
+        limb("b", "a_link", mimic="a 20 -0.3"),
+    ],
     "a parent that follows its child": [
-        limb("a", "base", mimic="b 0.5 0.2"), limb("b", "a_link"), limb("c", "b_link", mimic="b -0.3 0")],
+        limb("a", "base", mimic="b 0.5 0.2"),
+        limb("b", "a_link"),
+        limb("c", "b_link", mimic="b -0.3 0"),
+    ],
     "two branches that follow each other": [
-        limb("a", "base"), limb("b", "a_link", mimic="y 0.5 0"), limb("x", "base"), limb("y", "x_link", mimic=""),
-        limb("z", "y_link", mimic="a 0.3 0.1")],
+        limb("a", "base"),
+        limb("b", "a_link", mimic="y 0.5 0"),
+        limb("x", "base"),
+        limb("y", "x_link", mimic=""),
+        limb("z", "y_link", mimic="a 0.3 0.1"),
+    ],
     "two branches that follow each other at the same depth": [
-        limb("a1", "base"), limb("a2", "a1_link", mimic="b1 0.5 0.1"), limb("b1", "base"),
-        limb("b2", "b1_link", mimic="a1 -0.4 0.2")],
+        limb("a1", "base"),
+        limb("a2", "a1_link", mimic="b1 0.5 0.1"),
+        limb("b1", "base"),
+        limb("b2", "b1_link", mimic="a1 -0.4 0.2"),
+    ],
     "a wheel of branches": [
-        limb("a1", "base", mimic="c2 -1.5 0.1"), limb("a2", "a1_link"), limb("b1", "base", mimic="a2 0.4 0"),
-        limb("b2", "b1_link"), limb("c1", "base", mimic="b2 0.6 0"), limb("c2", "c1_link")],
-}  # fmt: skip
+        limb("a1", "base", mimic="c2 -1.5 0.1"),
+        limb("a2", "a1_link"),
+        limb("b1", "base", mimic="a2 0.4 0"),
+        limb("b2", "b1_link"),
+        limb("c1", "base", mimic="b2 0.6 0"),
+        limb("c2", "c1_link"),
+    ],
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -185,17 +216,27 @@ def test_a_joint_that_stands_for_another_has_its_limits(tmp_path):
     [
         ([limb("a", "base"), limb("b", "a_link", mimic="ghost 1 0")], "mimics the unknown joint 'ghost'; joints: a, b"),
         ([limb("a", "base", mimic="a 1 0"), limb("b", "a_link")], "joint 'a' mimics itself through 'a'"),
-        ([limb("a", "base", mimic="b 1 0"), limb("b", "a_link", mimic="a 1 0"), limb("c", "b_link")],
-         "joint 'b' mimics itself through 'a' and 'b'"),
+        (
+            [limb("a", "base", mimic="b 1 0"), limb("b", "a_link", mimic="a 1 0"), limb("c", "b_link")],
+            "joint 'b' mimics itself through 'a' and 'b'",
+        ),
         ([limb("a", "base"), limb("b", "a_link", mimic="a 0 0.3")], "multiplier 0: make it fixed"),
         ([limb("a", "base"), limb("b", "a_link", mimic="a nan 0")], "<mimic multiplier=>: expected 1 finite number"),
         ([limb("a", "base"), limb("b", "a_link", mimic="a 1 x")], "<mimic offset=>: expected 1 finite number, got 'x'"),
-        ([limb("a", "base"), [link("f", 0.1, "box 1 1 1"), joint("f", "a_link", "f", "0 0 0")],
-          limb("b", "f", mimic="f 1 0")], "mimics 'f', which is fixed"),
-        ([limb("a", "base"), limb("b", "a_link", mimic="a 1e-200 0"), limb("c", "b_link", mimic="b 1e-200 0")],
-         "joint 'c' mimics 'a' with multiplier 0"),
+        (
+            [
+                limb("a", "base"),
+                [link("f", 0.1, "box 1 1 1"), joint("f", "a_link", "f", "0 0 0")],
+                limb("b", "f", mimic="f 1 0"),
+            ],
+            "mimics 'f', which is fixed",
+        ),
+        (
+            [limb("a", "base"), limb("b", "a_link", mimic="a 1e-200 0"), limb("c", "b_link", mimic="b 1e-200 0")],
+            "joint 'c' mimics 'a' with multiplier 0",
+        ),
     ],
-)  # fmt: skip
+)
 def test_couplings_that_cannot_be(tmp_path, limbs, message):
     with pytest.raises(HandNotLoaded) as caught:
         hand_of(tmp_path, *limbs)

@@ -32,7 +32,9 @@ def couple(hand, mujoco, model, joints):
             r1, r2 = (float(model.qpos0[model.joint(name).qposadr[0]]) for name in (one, other))
             if one in todo:
                 E[joints.index(one)], o[joints.index(one)] = (
-                    c1 * E[joints.index(other)], c1 * (o[joints.index(other)] - r2) + c0 + r1)  # fmt: skip
+                    c1 * E[joints.index(other)],
+                    c1 * (o[joints.index(other)] - r2) + c0 + r1,
+                )
             elif other in todo:
                 E[joints.index(other)] = E[joints.index(one)] / c1
                 o[joints.index(other)] = (o[joints.index(one)] - r1 - c0) / c1 + r2
@@ -200,9 +202,12 @@ def test_what_a_file_says_is_what_is_loaded(tmp_path):
     limits = {name: (hand.lower[i], hand.upper[i], hand.effort[i]) for i, name in enumerate(hand.joint_names)}
     degrees = np.pi / 180
     expected = {
-        "a1": (-10 * degrees, 80 * degrees, 1.5), "a2": (0, 60 * degrees, 2 * 0.7), "b1": (-0.01, 0.03, 10 * 0.3),
-        "b1turn": (-20 * degrees, 20 * degrees, 3.0), "b2": (-5 * degrees, 5 * degrees, 4.0),
-    }  # fmt: skip
+        "a1": (-10 * degrees, 80 * degrees, 1.5),
+        "a2": (0, 60 * degrees, 2 * 0.7),
+        "b1": (-0.01, 0.03, 10 * 0.3),
+        "b1turn": (-20 * degrees, 20 * degrees, 3.0),
+        "b2": (-5 * degrees, 5 * degrees, 4.0),
+    }
     assert limits.keys() == expected.keys()
     for name, values in expected.items():
         assert limits[name] == pytest.approx(values, abs=1e-12), name
@@ -217,14 +222,19 @@ def test_what_a_file_says_is_what_is_loaded(tmp_path):
 
 
 def test_radians_and_given_inertias(tmp_path):
-    hand, *_ = check(write(tmp_path, """<mujoco><compiler angle="radian" eulerseq="ZYX"/><worldbody>
+    hand, *_ = check(
+        write(
+            tmp_path,
+            """<mujoco><compiler angle="radian" eulerseq="ZYX"/><worldbody>
       <body name="base"><inertial mass="1.5" pos="0.1 0 0" diaginertia="0.02 0.03 0.04" euler="0.3 0.2 0.1"/>
         <body name="one" pos="0 0 0.1" euler="0.1 -0.5 2"><inertial mass="0.2" pos="0 0.1 0"
           fullinertia="0.02 0.03 0.04 0.001 -0.002 0.003"/><joint name="j" range="-0.7 0.8" axis="1 2 3"/>
           <geom size="0.01" mass="77"/></body>
         <body name="two"><inertial mass="0.3" pos="0 0 0" diaginertia="1e-3 1e-3 1e-3"/>
           <joint name="k" range="0 1"/></body>
-      </body></worldbody></mujoco>"""))  # fmt: skip
+      </body></worldbody></mujoco>""",
+        )
+    )
     assert hand.mass == pytest.approx(2.0) and [hand.lower[0], hand.upper[0]] == [-0.7, 0.8]
 
 
@@ -247,9 +257,12 @@ def test_included_files_and_settings(tmp_path):
     )
     finger = "<mujocoinclude><body name='f'><joint name='j'/><geom size='0.02' pos='0.1 0 0'/></body></mujocoinclude>"
     write(tmp_path, finger, "finger.xml")
-    path = write(tmp_path, """<mujoco><include file="parts/settings.xml"/><worldbody>
+    path = write(
+        tmp_path,
+        """<mujoco><include file="parts/settings.xml"/><worldbody>
       <body name="palm"><geom size="0.03"/>
-      <include file="finger.xml"/></body></worldbody></mujoco>""")  # fmt: skip
+      <include file="finger.xml"/></body></worldbody></mujoco>""",
+    )
     hand = load_hand(path)
     assert hand.upper[0] == 1.2 and hand.fingers[0].links == ("f",)
     write(tmp_path, "<mujoco><include file='finger.xml'/></mujoco>", "finger.xml")
@@ -271,11 +284,14 @@ def test_meshes_are_found_placed_and_weighed(tmp_path, scale, reference):
     body = trimesh.creation.box((0.02, 0.03, 0.05))
     body.apply_translation([0.01, -0.02, 0.03])
     body.export(tmp_path / "my meshes" / "block.stl")
-    path = write(tmp_path, f"""<mujoco><compiler meshdir="my meshes" angle="radian"/>
+    path = write(
+        tmp_path,
+        f"""<mujoco><compiler meshdir="my meshes" angle="radian"/>
       <asset><mesh file="block.stl" scale="{scale}" {reference}/></asset>
       <worldbody><body name="palm"><geom size="0.03"/><body name="f" pos="0.1 0 0" quat="0.8 0.1 0.2 0.3">
       <joint name="j" range="0 1" axis="0 1 0"/><geom type="mesh" mesh="block" pos="0 0.01 0" euler="0.1 0.2 0.3"/>
-      </body></body></worldbody></mujoco>""")  # fmt: skip
+      </body></body></worldbody></mujoco>""",
+    )
     if "refquat" in reference and len(set(scale.split())) > 1:
         with pytest.raises(HandNotLoaded, match="mesh 'block': refquat="):
             load_hand(path)
@@ -390,15 +406,24 @@ COUPLED = """<mujoco><compiler angle="radian"/><default><joint range="-1 1" axis
     ("equality", "driven", "free", "effort"),
     [
         ('<joint joint1="m" joint2="p" polycoef="0.1 0.7 0 0 0"/>', "p", {"p", "d", "t"}, 3.0),
-        ('<joint joint1="m" joint2="p" polycoef="0.1 0.7"/><joint joint1="d" joint2="m" polycoef="0.1 -0.5 0 0 0"/>',
-         "p", {"p", "t"}, 3.0),
+        (
+            '<joint joint1="m" joint2="p" polycoef="0.1 0.7"/><joint joint1="d" joint2="m" polycoef="0.1 -0.5 0 0 0"/>',
+            "p",
+            {"p", "t"},
+            3.0,
+        ),
         ('<joint joint1="p" joint2="d" polycoef="0.2 1.6 0 0 0"/>', "d", {"p", "m", "t"}, 3.0 / 1.6),
         ('<joint joint1="p" joint2="m"/><joint joint1="p" joint2="d" polycoef="0 2 0 0 0"/>', "p", {"p", "t"}, 3.0),
         ('<joint joint1="t" joint2="d" polycoef="0 -1 0 0 0"/>', "t", {"p", "m", "d"}, 3.0),
-        ('<joint joint1="m" joint2="p"/><joint joint1="d" joint2="t" polycoef="0.1 2"/><joint joint1="m" joint2="d" '
-         'polycoef="0 0.5"/><joint joint1="p" joint2="m"/>', "t", {"t"}, 3.0),
+        (
+            '<joint joint1="m" joint2="p"/><joint joint1="d" joint2="t" polycoef="0.1 2"/><joint joint1="m" joint2="d" '
+            'polycoef="0 0.5"/><joint joint1="p" joint2="m"/>',
+            "t",
+            {"t"},
+            3.0,
+        ),
     ],
-)  # fmt: skip
+)
 def test_linear_couplings(tmp_path, equality, driven, free, effort):
     hand, *_ = check(write(tmp_path, COUPLED.format(equality=equality, driven=driven)))
     assert set(hand.joint_names) == free
@@ -413,11 +438,13 @@ def test_linear_couplings(tmp_path, equality, driven, free, effort):
         ('<joint joint1="m" joint2="p" polycoef="0.2 0 0 0 0"/>', "'m' is held still"),
         ('<joint joint1="m" joint2="ghost"/>', "'m' follows 'ghost', which is no joint of the hand"),
         ('<joint joint1="m" joint2="p" polycoef="a b"/>', "polycoef= expects 1 to 5 finite numbers"),
-        ('<joint joint1="m" joint2="p"/><joint joint1="p" joint2="d"/><joint joint1="d" joint2="m" polycoef="0 2"/>',
-         "equality constraints contradict each other at joint 'd'"),
+        (
+            '<joint joint1="m" joint2="p"/><joint joint1="p" joint2="d"/><joint joint1="d" joint2="m" polycoef="0 2"/>',
+            "equality constraints contradict each other at joint 'd'",
+        ),
         ('<joint joint1="m" joint2="m"/><joint joint1="p" joint2="p" polycoef="0 2"/>', "contradict each other"),
     ],
-)  # fmt: skip
+)
 def test_couplings_that_cannot_be(tmp_path, equality, message):
     with pytest.raises(HandNotLoaded) as caught:
         load_hand(write(tmp_path, COUPLED.format(equality=equality, driven="p")))
@@ -433,19 +460,24 @@ def test_loops_and_inactive_constraints(tmp_path):
 def test_efforts_equal_mujocos(tmp_path):
     """Force ranges times gears from MuJoCo's compiled arrays, classes and shortcuts resolved by it."""
     mujoco = pytest.importorskip("mujoco")
-    path = write(tmp_path, """<mujoco><compiler angle="radian"/>
+    path = write(
+        tmp_path,
+        """<mujoco><compiler angle="radian"/>
       <default><position forcerange="-9 9"/><joint range="-1 1"/><geom size="0.01" pos="0.01 0 0"/>
         <default class="a"><general forcerange="-1 4" gear="3"/>
           <default class="b"><position forcerange="-2 2"/><default class="c"><motor gear="-5 1 1"/></default></default>
         </default><default class="free"><position forcelimited="false"/></default></default>
-      <worldbody><body name="palm"><geom/>""" + "".join(
-        f'<body name="f{i}" pos="0 {i} 0"><joint name="j{i}"{more}/><geom/></body>' for i, more in enumerate(
-            ["", "", "", "", "", "", ' actuatorfrcrange="-0.5 0.6"', ""]))
+      <worldbody><body name="palm"><geom/>"""
+        + "".join(
+            f'<body name="f{i}" pos="0 {i} 0"><joint name="j{i}"{more}/><geom/></body>'
+            for i, more in enumerate(["", "", "", "", "", "", ' actuatorfrcrange="-0.5 0.6"', ""])
+        )
         + """</body></worldbody><actuator>
         <position joint="j0"/><motor joint="j1" class="a"/><position joint="j2" class="b"/>
         <motor joint="j3" class="c" forcerange="-7 1"/><velocity joint="j4" class="c"/>
         <position joint="j5" class="b" gear="2"/><motor joint="j5" forcerange="-1 1"/><position joint="j6"/>
-        <position joint="j7" class="free"/></actuator></mujoco>""")  # fmt: skip
+        <position joint="j7" class="free"/></actuator></mujoco>""",
+    )
     model, hand = mujoco.MjModel.from_xml_path(str(path)), load_hand(path)
     expected = np.zeros(8)
     for a in range(model.nu):
@@ -461,13 +493,18 @@ def test_efforts_equal_mujocos(tmp_path):
 
 
 def test_underactuated_tendons_springs_and_totals_are_noted(tmp_path):
-    hand = load_hand(write(tmp_path, """<mujoco><compiler settotalmass="3"/><worldbody>
+    hand = load_hand(
+        write(
+            tmp_path,
+            """<mujoco><compiler settotalmass="3"/><worldbody>
       <body name="palm"><geom size="0.03"/>
       <body name="a" pos="0.05 0 0"><joint name="a" range="0 60" stiffness="0.3"/><geom size="0.01" pos="0.02 0 0"/>
       <body name="b" pos="0.04 0 0"><joint name="b" range="0 60"/><geom size="0.01" pos="0.02 0 0"/></body></body>
       </body></worldbody>
       <tendon><fixed name="pull"><joint joint="a" coef="1"/><joint joint="b" coef="1"/></fixed></tendon>
-      <actuator><motor name="pull" tendon="pull" ctrlrange="0 5"/></actuator></mujoco>"""))  # fmt: skip
+      <actuator><motor name="pull" tendon="pull" ctrlrange="0 5"/></actuator></mujoco>""",
+        )
+    )
     notes = "\n".join(hand.notes)
     assert "several joints at once limit none of them: pull (a, b)" in notes and hand.effort.tolist() == [0, 0]
     assert "springs are left out, torques are without them: a" in notes
@@ -533,10 +570,16 @@ def random_mjcf(seed):
         return " ".join(f"{value:.6f}" for value in scale * rng.uniform(-1, 1, n))
 
     def turn():
-        return rng.choice([
-            "", f'quat="{numbers(4)}"', f'euler="{numbers(3, 80)}"', f'axisangle="{numbers(4, 50)}"',
-            f'xyaxes="{numbers(6)}"', f'zaxis="{numbers(3)}"',
-        ])  # fmt: skip
+        return rng.choice(
+            [
+                "",
+                f'quat="{numbers(4)}"',
+                f'euler="{numbers(3, 80)}"',
+                f'axisangle="{numbers(4, 50)}"',
+                f'xyaxes="{numbers(6)}"',
+                f'zaxis="{numbers(3)}"',
+            ]
+        )
 
     def geom():
         kind = rng.choice(["sphere", "box", "capsule", "cylinder", "ellipsoid"])
@@ -605,7 +648,9 @@ def test_files_outside_the_own_folder_are_not_included(tmp_path):
     (tmp_path / "inside" / "parts").mkdir()
     write(tmp_path / "inside", f"<mujocoinclude>{FINGER}</mujocoinclude>", "finger.xml")
     write(tmp_path / "inside" / "parts", "<mujocoinclude><include file='../finger.xml'/></mujocoinclude>", "part.xml")
-    path = write(tmp_path / "inside", world("<body name='palm'><geom size='0.1'/><include file='parts/part.xml'/></body>"))
+    path = write(
+        tmp_path / "inside", world("<body name='palm'><geom size='0.1'/><include file='parts/part.xml'/></body>")
+    )
     assert load_hand(path).n == 1
 
 
@@ -625,18 +670,39 @@ def test_includes_that_fan_out_come_to_an_end(tmp_path):
     ("text", "message"),
     [
         ("<mujoco>" + "<default class='a'>" * 20_000 + "</default>" * 20_000 + "</mujoco>", "nested without end"),
-        ("<mujoco>" + "".join(f"<default class='{i}'>" for i in range(900)) + "</default>" * 900 + "<worldbody/></mujoco>",
-         "no revolute"),
-        ("<mujoco><default>" + "".join(f"<default class='{i}'/>" for i in range(3000)) + "</default><worldbody/></mujoco>",
-         "at most 2000 default classes"),
-        ("<mujoco><worldbody>" + "<body>" * 900 + "</body>" * 900 + "<body/>" * 1200 + "</worldbody></mujoco>", "at most 2000 elements <body>"),
+        (
+            "<mujoco>"
+            + "".join(f"<default class='{i}'>" for i in range(900))
+            + "</default>" * 900
+            + "<worldbody/></mujoco>",
+            "no revolute",
+        ),
+        (
+            "<mujoco><default>"
+            + "".join(f"<default class='{i}'/>" for i in range(3000))
+            + "</default><worldbody/></mujoco>",
+            "at most 2000 default classes",
+        ),
+        (
+            "<mujoco><worldbody>" + "<body>" * 900 + "</body>" * 900 + "<body/>" * 1200 + "</worldbody></mujoco>",
+            "at most 2000 elements <body>",
+        ),
         ("<mujoco><worldbody>" + "<body/>" * 60_000 + "</worldbody></mujoco>", "at most 50000 elements"),
-        ('<!DOCTYPE m [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><mujoco>&b;</mujoco>', "entity declarations are not allowed"),
-        ('<!DOCTYPE m [<!ENTITY a SYSTEM "file:///etc/hostname">]><mujoco>&a;</mujoco>', "entity declarations are not allowed"),
+        (
+            '<!DOCTYPE m [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><mujoco>&b;</mujoco>',
+            "entity declarations are not allowed",
+        ),
+        (
+            '<!DOCTYPE m [<!ENTITY a SYSTEM "file:///etc/hostname">]><mujoco>&a;</mujoco>',
+            "entity declarations are not allowed",
+        ),
         ("<mujoco " + " ".join(f"a{i}=''" for i in range(2000)) + "/>", "at most 1000 attributes"),
-        (f"<mujoco><worldbody><body pos='{'1 ' * 100_000}'/></worldbody></mujoco>", r"3 finite numbers, got '1 1 .*\.\.\.'"),
+        (
+            f"<mujoco><worldbody><body pos='{'1 ' * 100_000}'/></worldbody></mujoco>",
+            r"3 finite numbers, got '1 1 .*\.\.\.'",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bombs_do_not_go_off(tmp_path, text, message):
     with pytest.raises(HandNotLoaded, match=message) as caught:
         load_hand(write(tmp_path, text))

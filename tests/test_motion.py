@@ -57,7 +57,15 @@ def test_curled_fingertip_past_the_knuckle(hand, final_angles):
     assert local[0] * math.cos(q1) + local[1] * math.sin(q1) == pytest.approx(-0.0211, abs=2e-4)
 
 
-SPLITS = {"4": [3], "3+1": [2, 3], "2+2": [1, 3], "2+1+1": [1, 2, 3], "3, tip free": [2], "2, rest free": [1], "2+1": [1, 2]}
+SPLITS = {
+    "4": [3],
+    "3+1": [2, 3],
+    "2+2": [1, 3],
+    "2+1+1": [1, 2, 3],
+    "3, tip free": [2],
+    "2, rest free": [1],
+    "2+1": [1, 2],
+}
 
 
 @pytest.mark.parametrize("split", SPLITS)
@@ -210,7 +218,9 @@ def press_finger(hand, contact_set, finger, angles, links, depths=(2e-3,), **opt
     profile = PenetrationProfile(acceleration=[2 * d / 0.01 for d in depths], impact_time=0.9, final_time=1.0)
     times = np.linspace(0.9, 1.0, 101)
     contacts = contact_set(rows)
-    motion = press(hand, chain, list(contacts), angles, np.array(points_l), profile, list(range(len(links))), times, **options)
+    motion = press(
+        hand, chain, list(contacts), angles, np.array(points_l), profile, list(range(len(links))), times, **options
+    )
     return motion, contacts, profile, times, data
 
 
@@ -268,7 +278,9 @@ def test_near_a_singular_posture_rates_stay_bounded(hand, contact_set):
     chain = straight.finger("index")
     placement = straight.frame_placements(straight.configuration({"index": angles}), [chain.links[3]])[0]
     local = np.array([0.02, 0, 0])
-    contacts = contact_set([("index", chain.links[3], placement[:3, :3] @ local + placement[:3, 3], placement[:3, 0], 0.02)])
+    contacts = contact_set(
+        [("index", chain.links[3], placement[:3, :3] @ local + placement[:3, 3], placement[:3, 0], 0.02)]
+    )
     profile = PenetrationProfile(acceleration=[0.2], impact_time=0.9, final_time=1.0)
     motion = press(straight, chain, list(contacts), angles, local[None], profile, [0], np.linspace(0.9, 1.0, 101))
     assert np.all(np.isfinite(motion.q)) and np.abs(motion.dq).max() < 200
@@ -391,7 +403,9 @@ def test_selected_posture_has_the_least_peak_torque(hand, make_problem, final_an
         dofs = hand.finger(name).dofs
         peaks = []
         for angles in found.angles:
-            alone = plan_motion(hand, solution, MotionSpec(posture={**final_angles, name: angles}, samples=1, spread=0.0))
+            alone = plan_motion(
+                hand, solution, MotionSpec(posture={**final_angles, name: angles}, samples=1, spread=0.0)
+            )
             peaks.append(np.abs(alone.torques[:, dofs]).max())
         assert np.abs(motion.torques[:, dofs]).max() == pytest.approx(min(peaks), abs=1e-8)
 
@@ -488,7 +502,9 @@ def test_remedies_name_the_cause(hand, make_problem, final_angles):
     """A joint's limit, joints that are too few, steps that are too long: each by its name."""
     problem = make_problem()
     forces = grid_search(problem, search="hybrid", progress=False)
-    tight = plan_motion(hand.with_limits({"index_dip": (0.0, 0.53)}), forces, MotionSpec(posture=final_angles, samples=1, spread=0.0))
+    tight = plan_motion(
+        hand.with_limits({"index_dip": (0.0, 0.53)}), forces, MotionSpec(posture=final_angles, samples=1, spread=0.0)
+    )
     assert tight.status is Status.JOINT_LIMIT and "index_dip" in tight.remedy and "time step" not in tight.remedy
     rough = plan_motion(hand, forces, MotionSpec(posture=final_angles, time_step=0.5))
     assert rough.status is Status.NOT_TRACKED and "smaller time step" in rough.remedy
@@ -505,4 +521,8 @@ def test_jaws_on_one_actuator_are_named():
     best = find_placements(load_hand("panda"), box, mu=0.7, friction=friction, count=6, jobs=1, progress=False).best
     plan = plan_grasp(best.closure.hand, best.closure, mu=0.7, friction=friction)
     assert plan.status is Status.NOT_TRACKED and plan.remedy == plan.summary()["remedy"] == plan.motion.remedy
-    assert "panda_finger_joint1" in plan.remedy and "the others of its 2 follow" in plan.remedy and "time step" not in plan.remedy
+    assert (
+        "panda_finger_joint1" in plan.remedy
+        and "the others of its 2 follow" in plan.remedy
+        and "time step" not in plan.remedy
+    )

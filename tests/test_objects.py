@@ -155,9 +155,14 @@ def test_distances_are_those_of_the_collision_geometry(shape):
 
 def test_collision_geometries_are_of_the_right_kind():
     kinds = {
-        "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule, "box": coal.Box,
-        "ellipsoid": coal.Ellipsoid, "hull of a ball": coal.Convex, "bracket": coal.BVHModelOBBRSS,
-    }  # fmt: skip
+        "sphere": coal.Sphere,
+        "cylinder": coal.Cylinder,
+        "capsule": coal.Capsule,
+        "box": coal.Box,
+        "ellipsoid": coal.Ellipsoid,
+        "hull of a ball": coal.Convex,
+        "bracket": coal.BVHModelOBBRSS,
+    }
     for name, kind in kinds.items():
         assert isinstance(SHAPES[name].collision_geometry, kind)
 
@@ -266,10 +271,15 @@ def exact_ellipsoid(semi_axes, point):
 @pytest.mark.parametrize(
     "semi_axes",
     [
-        (0.02, 0.03, 0.04), (0.03, 0.03, 0.01), (0.01, 0.01, 0.05), (0.03, 0.03 * (1 + 1e-9), 0.03 * (1 - 1e-12)),
-        (0.03, 0.03, 0.03), (0.05, 0.04, 1e-5), (1e-5, 1.1e-5, 0.05),
+        (0.02, 0.03, 0.04),
+        (0.03, 0.03, 0.01),
+        (0.01, 0.01, 0.05),
+        (0.03, 0.03 * (1 + 1e-9), 0.03 * (1 - 1e-12)),
+        (0.03, 0.03, 0.03),
+        (0.05, 0.04, 1e-5),
+        (1e-5, 1.1e-5, 0.05),
     ],
-)  # fmt: skip
+)
 def test_ellipsoids_are_exact_near_and_far(semi_axes):
     shape, e = Ellipsoid(semi_axes=semi_axes, mass=1), np.array(semi_axes)
     rng = np.random.default_rng(6)
@@ -803,11 +813,17 @@ def test_contacts_can_be_made_on_every_shape(shape):
 
 @pytest.mark.parametrize("name", ["cylinder", "disc", "box", "mesh of the cylinder", "mesh of the box"])
 def test_on_an_edge_rounding_does_not_decide_the_normal(name):
-    """Points on rims, edges and corners, moved by rounding: one normal, the mean of the faces', for project and contacts alike."""
+    """Points on rims, edges and corners, moved by rounding: one normal, the mean of the faces', for project and
+    contacts alike.
+    """
     own = PRIMITIVES[name.split()[-1]]
     shape = own
     if name.startswith("mesh"):
-        made = trimesh.creation.box(own.size) if "box" in name else trimesh.creation.cylinder(own.radius, own.height, sections=16)
+        made = (
+            trimesh.creation.box(own.size)
+            if "box" in name
+            else trimesh.creation.cylinder(own.radius, own.height, sections=16)
+        )
         shape = mesh_of(made)
     if "box" in name:
         half = own.size / 2
@@ -817,7 +833,7 @@ def test_on_an_edge_rounding_does_not_decide_the_normal(name):
         angle = 2 * np.pi * np.arange(16) / 16 + np.pi / 16
         reach = own.radius * (np.cos(np.pi / 16) if name.startswith("mesh") else 1)
         around = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-        edge, outward = reach * around + [0, 0, own.height / 2], around + [0, 0, 1]
+        edge, outward = reach * around + [0, 0, own.height / 2], [*around, 0, 0, 1]
     outward = outward / np.linalg.norm(outward, axis=1)[:, None]
     rotation = POSE[:3, :3]
     points = edge @ rotation.T + POSE[:3, 3]

@@ -1,4 +1,6 @@
-"""Forces and torques tick by tick: the optimum of an independent solver, the closest forces, rates, ramps, torques, bad input."""
+"""Forces and torques tick by tick: the optimum of an independent solver, the closest forces, rates, ramps, torques, bad
+input.
+"""
 
 from __future__ import annotations
 
@@ -90,12 +92,18 @@ def test_forces_are_the_optimum_or_the_closest(name, balance):
                 left = problem.scaled_norm(online.unbalanced)
                 assert torques.size == 0 and np.isfinite(forces).all()
                 assert online.unbalanced == pytest.approx(
-                    problem.with_load(load).residual(forces, online.moments if problem.friction.d == 4 else None), abs=1e-9
+                    problem.with_load(load).residual(forces, online.moments if problem.friction.d == 4 else None),
+                    abs=1e-9,
                 )
                 gauge = problem.friction.gauge(
-                    np.column_stack([forces[:, :2], online.moments])[:, : problem.friction.d - 1] / problem.friction.scale(problem.mu)
+                    np.column_stack([forces[:, :2], online.moments])[:, : problem.friction.d - 1]
+                    / problem.friction.scale(problem.mu)
                 )
-                assert np.all(gauge <= forces[:, 2] + 1e-9) and forces[:, 2].min() >= LOW - 1e-9 and forces[:, 2].max() <= HIGH + 1e-9
+                assert (
+                    np.all(gauge <= forces[:, 2] + 1e-9)
+                    and forces[:, 2].min() >= LOW - 1e-9
+                    and forces[:, 2].max() <= HIGH + 1e-9
+                )
                 if best is None:
                     missed += 1
                     assert status is Status.INFEASIBLE and left == pytest.approx(missing, rel=1e-5)
@@ -117,7 +125,14 @@ def any_contacts(rng, k):
     if kind == 2:
         points[:, 1] *= 1e-3
     contacts = [
-        Contact(finger=f"c{i}", link="", point_o=point, rotation_oc=tangent_frame(normal / np.linalg.norm(normal)), length=None, distance=0.0)
+        Contact(
+            finger=f"c{i}",
+            link="",
+            point_o=point,
+            rotation_oc=tangent_frame(normal / np.linalg.norm(normal)),
+            length=None,
+            distance=0.0,
+        )
         for i, (point, normal) in enumerate(zip(0.03 * points, normals))
     ]
     return ContactSet(contacts=tuple(contacts), com_o=np.zeros(3))
@@ -131,9 +146,12 @@ def test_no_forces_leave_less(seed, count):
     for _ in range(count):
         friction, k = MODELS[rng.choice(list(MODELS))], int(rng.integers(2, 6))
         problem = pg.ForceProblem(
-            contacts=any_contacts(rng, k), load=np.ones(6), mu=10 ** rng.uniform(-2, -0.3, k), friction=friction,
+            contacts=any_contacts(rng, k),
+            load=np.ones(6),
+            mu=10 ** rng.uniform(-2, -0.3, k),
+            friction=friction,
             balance=rng.choice(["wrench", "force"]),
-        )  # fmt: skip
+        )
         low = float(rng.choice([0.0, 0.01, 0.1]))
         high = low + 10 ** rng.uniform(0, 4)
         online, oracle = pg.OnlineForces(problem, normal_forces=(low, high)), Oracle(problem, low, high)
@@ -152,7 +170,9 @@ def test_no_forces_leave_less(seed, count):
 @pytest.mark.parametrize("mu", [0.003, 0.01, 0.1])
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
 def test_slippery_jaws_do_all_they_can(mu, share):
-    """Two fingers that face each other, across the load: at their caps they bear 2 mu F_n of it, however little friction there is."""
+    """Two fingers that face each other, across the load: at their caps they bear 2 mu F_n of it, however little
+    friction there is.
+    """
     frames = [tangent_frame([0.0, side, 0.0]) for side in (1.0, -1.0)]
     jaws = [
         Contact(finger=f"jaw {i}", link="", point_o=-0.03 * frame[:, 2], rotation_oc=frame, length=None, distance=0.0)
@@ -201,7 +221,9 @@ def test_nothing_is_allocated_in_the_loop():
 
 
 def test_never_a_number_that_is_none():
-    """Zero, huge and tiny loads, no friction, contacts without limits or pinned to one force: finite forces, an honest status."""
+    """Zero, huge and tiny loads, no friction, contacts without limits or pinned to one force: finite forces, an honest
+    status.
+    """
     rng = np.random.default_rng(5)
     for name, friction in MODELS.items():
         problem, _ = problem_of(4, 6, friction)
@@ -273,7 +295,7 @@ def test_torques_of_the_papers_hand_follow_the_posture(plan):
         # RNEA with the forces that the object gives back, where the contacts are.
         pin.forwardKinematics(model, data, q)
         external = pin.StdVec_Force()
-        for j in range(model.njoints):
+        for _j in range(model.njoints):
             external.append(pin.Force.Zero())
         for contact, f in zip(contacts, forces):
             finger = hand.finger(contact.finger)
@@ -360,7 +382,7 @@ def test_torque_limits_that_gravity_alone_breaks():
 
 
 def test_moved_contacts_and_other_friction():
-    problem, rng = problem_of(4, 8, MODELS["cone"])
+    problem, _rng = problem_of(4, 8, MODELS["cone"])
     online = pg.OnlineForces(problem, normal_forces=(LOW, HIGH))
     load = np.array([0.3, -0.2, -1.0, 0.003, 0.0, 0.002])
     poses = np.tile(np.eye(4), (4, 1, 1))
@@ -379,9 +401,19 @@ def test_moved_contacts_and_other_friction():
 
 @pytest.mark.parametrize(
     "bad",
-    [{"wrench": [0, 0, np.nan, 0, 0, 0]}, {"wrench": np.full(6, np.inf)}, {"wrench": np.zeros(5)}, {"mu": -0.1}, {"mu": [0.5, np.nan, 0.5]},
-     {"mu": [0.5]}, {"poses": np.full((3, 4, 4), np.nan)}, {"poses": np.eye(4)}, {"q": np.zeros(3)}, {"q": np.full(9, np.nan)}],
-)  # fmt: skip
+    [
+        {"wrench": [0, 0, np.nan, 0, 0, 0]},
+        {"wrench": np.full(6, np.inf)},
+        {"wrench": np.zeros(5)},
+        {"mu": -0.1},
+        {"mu": [0.5, np.nan, 0.5]},
+        {"mu": [0.5]},
+        {"poses": np.full((3, 4, 4), np.nan)},
+        {"poses": np.eye(4)},
+        {"q": np.zeros(3)},
+        {"q": np.full(9, np.nan)},
+    ],
+)
 def test_bad_input_changes_nothing(plan, bad):
     online = pg.OnlineForces.of(plan)
     load = plan.problem.load
@@ -392,7 +424,9 @@ def test_bad_input_changes_nothing(plan, bad):
         online.step(bad.get("wrench", load), **{name: value for name, value in bad.items() if name != "wrench"})
     assert np.array_equal(online.forces, forces) and np.array_equal(online.torques, torques)
     again, after, status = online.step(load)
-    assert status is Status.OK and again == pytest.approx(forces, abs=1e-9) and after == pytest.approx(torques, abs=1e-9)
+    assert (
+        status is Status.OK and again == pytest.approx(forces, abs=1e-9) and after == pytest.approx(torques, abs=1e-9)
+    )
 
 
 def test_a_refused_tick_changes_nothing_at_all(plan):
@@ -405,8 +439,19 @@ def test_a_refused_tick_changes_nothing_at_all(plan):
         one.engage(0, False)
     before = online._memory.copy()
     fine = {"mu": 0.2, "poses": poses, "q": q + 0.1}
-    for bad in ({"wrench": np.full(6, 1e13)}, {"wrench": [1, 2, 3, 4, 5, np.nan]}, {"wrench": "load"}, {"mu": -1.0}, {"mu": 1e9}, {"mu": "ice"},
-                {"poses": poses[:2]}, {"poses": 1e9 * poses}, {"q": q[:3]}, {"q": np.full(len(q), 1e300)}, {"q": ["a"] * len(q)}):  # fmt: skip
+    for bad in (
+        {"wrench": np.full(6, 1e13)},
+        {"wrench": [1, 2, 3, 4, 5, np.nan]},
+        {"wrench": "load"},
+        {"mu": -1.0},
+        {"mu": 1e9},
+        {"mu": "ice"},
+        {"poses": poses[:2]},
+        {"poses": 1e9 * poses},
+        {"q": q[:3]},
+        {"q": np.full(len(q), 1e300)},
+        {"q": ["a"] * len(q)},
+    ):
         with pytest.raises(InvalidInput):
             online.step(bad.pop("wrench", load), **fine | bad)
         assert np.array_equal(online._memory, before), bad
@@ -417,12 +462,18 @@ def test_a_refused_tick_changes_nothing_at_all(plan):
 
 def test_loads_that_grow_over_the_plans_are_held():
     """The range of F_n is what the depth and the caps allow, not what the plan's impact time does; as in the README."""
-    paper = pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone"}).plan()
+    paper = pg.load_case(
+        "paper", {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone"}
+    ).plan()
     online = pg.OnlineForces.of(paper, max_rate=200.0, ramp=0.1)
     for share in np.linspace(1.0, 1.2, 50):
         forces, _, status = online.step(share * paper.problem.load, q=paper.motion.q[-1])
         assert status is Status.OK, share
-    assert paper.forces.normal_forces.max() < forces[:, 2].max() < paper.problem.compliance.normal_force(paper.problem.max_depth)
+    assert (
+        paper.forces.normal_forces.max()
+        < forces[:, 2].max()
+        < paper.problem.compliance.normal_force(paper.problem.max_depth)
+    )
     capped = pg.OnlineForces(replace(paper.problem, max_normal_force=6.0), hand=paper.hand, q=paper.motion.q[-1])
     forces, _, status = capped.step(paper.problem.load)
     assert status is Status.INFEASIBLE and forces[:, 2].max() <= 6.0 + 1e-9
@@ -445,4 +496,8 @@ def test_unusable_settings_are_refused(plan):
     with pytest.raises(InvalidInput, match="ForceProblem"):
         pg.OnlineForces(plan)
     with pytest.raises(InvalidInput, match="torque limits"):
-        pg.OnlineForces(replace(plan.problem, torques=pg.torque_limits(plan.hand, plan.problem.contacts, plan.motion.q[-1], limit=9.0)))
+        pg.OnlineForces(
+            replace(
+                plan.problem, torques=pg.torque_limits(plan.hand, plan.problem.contacts, plan.motion.q[-1], limit=9.0)
+            )
+        )

@@ -80,8 +80,11 @@ def judged(grasp, backend, expectation):
 def answer_errors(found, objective, size, tolerance=1e-8):
     """What is wrong with forces and their certificate; ``size`` is what objectives are compared to."""
     p, t, c = found.problem, found.impact_time, found.certificate
-    wrong = [f"{name} missed by {by:.2g}" for name, by in violations(p, t, found.forces_c, found.torsion).items()
-             if not by <= tolerance]  # fmt: skip
+    wrong = [
+        f"{name} missed by {by:.2g}"
+        for name, by in violations(p, t, found.forces_c, found.torsion).items()
+        if not by <= tolerance
+    ]
     own = objective_value(p, t, objective, found.forces_c, found.torsion)
     if not abs(own - c.primal) <= 1e-9 * size:
         wrong.append(f"primal {c.primal!r}, from the forces {own!r}")
@@ -690,8 +693,13 @@ def test_diagnosis_gives_the_load_factor_and_the_least_friction(family):
 def test_diagnosis_in_words(make_problem):
     found = diagnose(make_problem(balance="wrench"), 0.95)
     assert found.status is Status.INFEASIBLE and found.impact_time == 0.95
-    for words in ("at least 7.122 N", "friction limit: thumb, index, middle", "(Eq. 13c): thumb, index, middle",
-                  "0.2166 times", "coefficient that would do is 3.279 (given: 0.7)"):  # fmt: skip
+    for words in (
+        "at least 7.122 N",
+        "friction limit: thumb, index, middle",
+        "(Eq. 13c): thumb, index, middle",
+        "0.2166 times",
+        "coefficient that would do is 3.279 (given: 0.7)",
+    ):
         assert words in found.text
     held = diagnose(make_problem(balance="wrench"), 0.9)
     assert held.status is Status.OK and held.text.startswith("the load can be held")
@@ -864,12 +872,19 @@ def test_torque_limits_that_cannot_bind_change_nothing(make_problem, search):
 )
 def test_numbers_out_of_all_proportion_are_refused_or_answered_in_numbers(contacts, settings):
     for objective in ("impulse", "least_squares"):
-        for search in (lambda p: optimize_forces(p, 0.85, objective=objective), lambda p: optimize_grasp(p, objective=objective)):
+        for search in (
+            lambda p: optimize_forces(p, 0.85, objective=objective),
+            lambda p: optimize_grasp(p, objective=objective),
+        ):
             try:
-                found = search(ForceProblem(**{"contacts": contacts, "load": [0, 0, -5.0, 0, 0, 0], "mu": 0.7, **settings}))
+                found = search(
+                    ForceProblem(**{"contacts": contacts, "load": [0, 0, -5.0, 0, 0, 0], "mu": 0.7, **settings})
+                )
             except InvalidInput as error:
                 assert "expected" in str(error)
                 continue
             for numbers in (found.forces_c, found.acceleration, found.multipliers, found.net_wrench):
                 assert np.isfinite(numbers).all()
-            assert found.status is not Status.OK or np.linalg.norm(found.net_wrench[:3]) <= 1e-8 * max(1.0, np.abs(found.forces_c).max())
+            assert found.status is not Status.OK or np.linalg.norm(found.net_wrench[:3]) <= 1e-8 * max(
+                1.0, np.abs(found.forces_c).max()
+            )

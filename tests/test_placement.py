@@ -72,7 +72,9 @@ def test_the_result_depends_on_the_seed_alone(allegro, ball, found):
 
 
 def test_the_best_placement_can_be_planned(found):
-    plan = plan_grasp(found.best.closure.hand, found.best.closure, mu=0.7, friction=Friction(model="soft", torsion=0.005))
+    plan = plan_grasp(
+        found.best.closure.hand, found.best.closure, mu=0.7, friction=Friction(model="soft", torsion=0.005)
+    )
     assert plan.forces.status is Status.OK and plan.forces.certificate.relative_gap <= 1e-6
     assert plan.motion.tracking_error.max() < 1e-6
 
@@ -128,7 +130,9 @@ def test_objects_of_ones_own_class_are_placed(jobs):
 
 
 def test_what_passes_by_is_told_apart_from_what_overlaps():
-    search = find_placements(load_hand("panda"), Sphere(radius=0.005, mass=0.01), count=24, wrap=True, jobs=1, **SETTINGS)
+    search = find_placements(
+        load_hand("panda"), Sphere(radius=0.005, mass=0.01), count=24, wrap=True, jobs=1, **SETTINGS
+    )
     assert search.outcomes.get("the hand passes the object by", 0) >= 1
 
 
@@ -142,11 +146,19 @@ def test_no_placement_says_why(allegro):
         find_placements(allegro, heavy, count=0, **SETTINGS)
 
 
-@pytest.mark.parametrize("settings, message", [
-    ({}, "friction coefficient, mu="), ({"mu": [0.7, 0.7]}, "mu: expected a finite number"), ({"mu": 0.7, "frictoin": 1}, "did you mean 'friction'"),
-    ({"mu": 0.7, "friction": 3}, "friction"), ({"mu": 0.7, "torque_limit": "plenty"}, "torque limit"), ({"mu": 0.7, "torque_limit": [1, 2]}, "torque limit"),
-    ({"mu": 0.7, "impact_time": 2.0}, "impact time"), ({"mu": -0.1}, "mu"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "settings, message",
+    [
+        ({}, "friction coefficient, mu="),
+        ({"mu": [0.7, 0.7]}, "mu: expected a finite number"),
+        ({"mu": 0.7, "frictoin": 1}, "did you mean 'friction'"),
+        ({"mu": 0.7, "friction": 3}, "friction"),
+        ({"mu": 0.7, "torque_limit": "plenty"}, "torque limit"),
+        ({"mu": 0.7, "torque_limit": [1, 2]}, "torque limit"),
+        ({"mu": 0.7, "impact_time": 2.0}, "impact time"),
+        ({"mu": -0.1}, "mu"),
+    ],
+)
 def test_unusable_settings_are_told_before_anything_is_tried(allegro, ball, settings, message):
     with pytest.raises(InvalidInput, match=message) as told:
         find_placements(allegro, ball, count=10_000, progress=False, **settings)
@@ -252,7 +264,12 @@ def test_ctrl_c_stops_a_search_on_all_cores(tmp_path, everybody):
     """From a terminal, which tells all processes, and to the one alone."""
     for pause in (6.0, 7.0):
         running = subprocess.Popen(
-            [sys.executable, "-c", STOPPED], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+            [sys.executable, "-c", STOPPED],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
         assert running.stdout.readline() == "started\n"
         time.sleep(pause)
@@ -264,8 +281,21 @@ def test_ctrl_c_stops_a_search_on_all_cores(tmp_path, everybody):
 @pytest.mark.slow
 @pytest.mark.parametrize("everybody", [True, False])
 def test_ctrl_c_writes_nothing_and_exits_with_130(tmp_path, everybody):
-    command = [sys.executable, "-m", "pinograsp.cli", "plan", "--hand", "allegro_right", "--object", "sphere:radius=0.03,mass=0.15", "--samples", "5000"]
-    running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    command = [
+        sys.executable,
+        "-m",
+        "pinograsp.cli",
+        "plan",
+        "--hand",
+        "allegro_right",
+        "--object",
+        "sphere:radius=0.03,mass=0.15",
+        "--samples",
+        "5000",
+    ]
+    running = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     time.sleep(8.0)
     (os.killpg if everybody else os.kill)(running.pid, signal.SIGINT)
     out, err = running.communicate(timeout=240)

@@ -254,9 +254,17 @@ def test_report_reads_well(run, rows):
     compared = replace(run, summary=run.summary | {"comparison": [row.summary() for row in rows.values()]})
     text = markdown(compared, ["joint_angles.png"])
     for expected in (
-        "| status | ok |", "thumb 9.803", "## Notes", "limits of thumb_abduction set to -15..130", "moments are not",
-        "55.90", "## Assumed inputs", "`friction.mu`", "](joint_angles.png)", "Eq. 13a",
-    ):  # fmt: skip
+        "| status | ok |",
+        "thumb 9.803",
+        "## Notes",
+        "limits of thumb_abduction set to -15..130",
+        "moments are not",
+        "55.90",
+        "## Assumed inputs",
+        "`friction.mu`",
+        "](joint_angles.png)",
+        "Eq. 13a",
+    ):
         assert expected in text, expected
     assert "nan" not in text.lower().replace("finance", "")
     widths = {}
@@ -270,12 +278,21 @@ def test_report_reads_well(run, rows):
 
 def test_numbers_for_people():
     assert [number(v) for v in (None, 0, 0.9, 20.2156, 8.45e-14, 123456.7, 1e9, -0.0695)] == [
-        "-", "0", "0.9000", "20.22", "8.45e-14", "123457", "1.00e+09", "-0.06950",
-    ]  # fmt: skip
+        "-",
+        "0",
+        "0.9000",
+        "20.22",
+        "8.45e-14",
+        "123457",
+        "1.00e+09",
+        "-0.06950",
+    ]
 
 
 def test_comparison_rows_are_text(rows):
-    assert all(isinstance(cell, str) for row in comparison_rows([row.summary() for row in rows.values()]) for cell in row)
+    assert all(
+        isinstance(cell, str) for row in comparison_rows([row.summary() for row in rows.values()]) for cell in row
+    )
 
 
 def test_figures_show_what_was_planned(run, tmp_path):
@@ -292,9 +309,16 @@ def test_figures_show_what_was_planned(run, tmp_path):
     assert forces.axes[1].lines[0].get_ydata()[-1] == pytest.approx(1e3 * run.summary["max_penetration_m"])
     paths = save_figures(run, tmp_path)
     assert [path.name for path in paths] == [
-        "joint_angles.png", "joint_rates.png", "torques_thumb.png", "torques_index.png", "torques_middle.png", "contact_forces.png",
-        "grasp_energy.png", "friction_use.png", "wrench_margin.png",
-    ]  # fmt: skip
+        "joint_angles.png",
+        "joint_rates.png",
+        "torques_thumb.png",
+        "torques_index.png",
+        "torques_middle.png",
+        "contact_forces.png",
+        "grasp_energy.png",
+        "friction_use.png",
+        "wrench_margin.png",
+    ]
     for path in paths:
         assert np.std(imread(path)[:, :, :3]) > 0.02, path.name  # not blank
 

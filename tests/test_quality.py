@@ -727,4 +727,6 @@ def test_numbers_out_of_all_proportion_give_numbers_or_are_refused(contacts, siz
 
 
 def replace_points(contacts, size):
-    return ContactSet(contacts=tuple(replace(c, point_o=size * c.point_o) for c in contacts), com_o=size * contacts.com_o)
+    return ContactSet(
+        contacts=tuple(replace(c, point_o=size * c.point_o) for c in contacts), com_o=size * contacts.com_o
+    )

@@ -52,9 +52,13 @@ def distances(hand, q, thing, at):
     for one, M in zip(hand.geometry.geometryObjects, placed.oMg):
         result = coal.DistanceResult()
         coal.distance(
-            one.geometry, coal.Transform3s(M.rotation, M.translation), thing, coal.Transform3s(np.eye(3), at),
-            coal.DistanceRequest(), result,
-        )  # fmt: skip
+            one.geometry,
+            coal.Transform3s(M.rotation, M.translation),
+            thing,
+            coal.Transform3s(np.eye(3), at),
+            coal.DistanceRequest(),
+            result,
+        )
         found.append(result.min_distance)
     return np.array(found)
 
@@ -423,12 +427,19 @@ def test_a_strangers_folder_is_safe_to_read(plan, tmp_path):
     good = {name: (folder / name).read_bytes() for name in ("plan.json", "plan.npz", "scene.json")}
     np.savez(tmp_path / "pickled.npz", q=np.array([{"a": 1}], dtype=object))
     for name, content in (
-        ("scene.json", b"{"), ("scene.json", b"[" * 100000), ("scene.json", b"[]"), ("scene.json", b"\xff\xfe\x00"),
-        ("scene.json", b'{"schema": "pinograsp.scene/99"}'), ("scene.json", pickle.dumps({"hand": 1})),
-        ("plan.json", b"[]"), ("plan.json", b'{"schema": "pinograsp.plan/1"}'), ("plan.npz", b""),
-        ("plan.npz", good["plan.npz"][:200]), ("plan.npz", pickle.dumps([1])),
+        ("scene.json", b"{"),
+        ("scene.json", b"[" * 100000),
+        ("scene.json", b"[]"),
+        ("scene.json", b"\xff\xfe\x00"),
+        ("scene.json", b'{"schema": "pinograsp.scene/99"}'),
+        ("scene.json", pickle.dumps({"hand": 1})),
+        ("plan.json", b"[]"),
+        ("plan.json", b'{"schema": "pinograsp.plan/1"}'),
+        ("plan.npz", b""),
+        ("plan.npz", good["plan.npz"][:200]),
+        ("plan.npz", pickle.dumps([1])),
         ("plan.npz", (tmp_path / "pickled.npz").read_bytes()),
-    ):  # fmt: skip
+    ):
         (folder / name).write_bytes(content)
         with pytest.raises(InvalidInput, match=r"no readable run|expected schema"):
             load_run(folder)
@@ -465,20 +476,46 @@ def put(document: dict, path: str, value) -> None:
 @pytest.mark.parametrize(
     "file, path, value",
     [
-        ("plan.json", "status", None), ("plan.json", "status", "fine"), ("plan.json", "balance", 3), ("plan.json", "work_J", "1"),
-        ("plan.json", "work_J", True), ("plan.json", "work_J", 1e308), ("plan.json", "work_J", float("nan")), ("plan.json", "work_J", 10**399),
-        ("plan.json", "normal_forces_N", {"thumb": 1.0}), ("plan.json", "normal_forces_N.thumb", [1.0]), ("plan.json", "cautions", "none"),
-        ("plan.json", "contact_forces_N.thumb", [1.0, 2.0]), ("plan.json", "friction.edges", 5), ("plan.json", "friction.mu", []),
-        ("plan.json", "friction.model", "soft"), ("plan.json", "margins", None), ("plan.json", "margins.friction_used", {}),
-        ("plan.json", "grid.points", float("inf")), ("plan.json", "impact_time_s", 0.2), ("plan.json", "layout.contacts", ["a", "a", "b"]),
-        ("plan.json", "layout.fingers.thumb", [99]), ("plan.json", "layout.fingers.thumb", [-1]), ("plan.json", "layout.joints", ["one"]),
-        ("plan.json", "layout", []), ("plan.json", "settings", 7), ("plan.json", "versions", {"a": 1}), ("plan.json", "message", "none found"),
-        ("plan.json", "settings.name", ["a"]), ("plan.json", "remedy", "\ud800"), ("check/check.json", "held", None),
-        ("check/check.json", "held", "yes"), ("check/check.json", "drift_mm", float("inf")), ("check/check.json", "reason", 1), ("check/check.json", "planned_forces_N", {"a": 1.0}),
-        ("check/check.json", "final_forces_N", {}), ("check/check.json", "release_s", "never"), ("check/check.json", "disturbance", None),
+        ("plan.json", "status", None),
+        ("plan.json", "status", "fine"),
+        ("plan.json", "balance", 3),
+        ("plan.json", "work_J", "1"),
+        ("plan.json", "work_J", True),
+        ("plan.json", "work_J", 1e308),
+        ("plan.json", "work_J", float("nan")),
+        ("plan.json", "work_J", 10**399),
+        ("plan.json", "normal_forces_N", {"thumb": 1.0}),
+        ("plan.json", "normal_forces_N.thumb", [1.0]),
+        ("plan.json", "cautions", "none"),
+        ("plan.json", "contact_forces_N.thumb", [1.0, 2.0]),
+        ("plan.json", "friction.edges", 5),
+        ("plan.json", "friction.mu", []),
+        ("plan.json", "friction.model", "soft"),
+        ("plan.json", "margins", None),
+        ("plan.json", "margins.friction_used", {}),
+        ("plan.json", "grid.points", float("inf")),
+        ("plan.json", "impact_time_s", 0.2),
+        ("plan.json", "layout.contacts", ["a", "a", "b"]),
+        ("plan.json", "layout.fingers.thumb", [99]),
+        ("plan.json", "layout.fingers.thumb", [-1]),
+        ("plan.json", "layout.joints", ["one"]),
+        ("plan.json", "layout", []),
+        ("plan.json", "settings", 7),
+        ("plan.json", "versions", {"a": 1}),
+        ("plan.json", "message", "none found"),
+        ("plan.json", "settings.name", ["a"]),
+        ("plan.json", "remedy", "\ud800"),
+        ("check/check.json", "held", None),
+        ("check/check.json", "held", "yes"),
+        ("check/check.json", "drift_mm", float("inf")),
+        ("check/check.json", "reason", 1),
+        ("check/check.json", "planned_forces_N", {"a": 1.0}),
+        ("check/check.json", "final_forces_N", {}),
+        ("check/check.json", "release_s", "never"),
+        ("check/check.json", "disturbance", None),
     ],
     ids=lambda value: f"{value!r:.30}",
-)  # fmt: skip
+)
 def test_documents_are_checked_when_they_are_read(whole, tmp_path, file, path, value):
     folder = shutil.copytree(whole, tmp_path / "run")
     document = json.loads((folder / file).read_text())
@@ -498,9 +535,16 @@ def refused(folder, file: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["[" * 100_000, '{"schema": "pinograsp.plan/1", "a": ' + "[" * 60 + "]" * 60 + "}", '{"a": 1, "a": 2}', "1" * 10_000, "\ud800"],
+    "text",
+    [
+        "[" * 100_000,
+        '{"schema": "pinograsp.plan/1", "a": ' + "[" * 60 + "]" * 60 + "}",
+        '{"a": 1, "a": 2}',
+        "1" * 10_000,
+        "\ud800",
+    ],
     ids=["unending", "deep", "twice", "digits", "no text"],
-)  # fmt: skip
+)
 def test_documents_that_are_none_are_refused(whole, tmp_path, text):
     folder = shutil.copytree(whole, tmp_path / "run")
     for file in ("plan.json", "check/check.json"):
@@ -512,18 +556,37 @@ def test_documents_that_are_none_are_refused(whole, tmp_path, text):
 
 ARRAYS = {
     "plan.npz": {
-        "times": lambda a: a[::-1], "impact": lambda a: np.array(10**6), "q": lambda a: a[:, :3], "dq": lambda a: a.astype("f4"),
-        "torques": lambda a: a[:5], "forces_o": lambda a: a[..., 0], "rotations_oc": lambda a: 2 * a, "mu": lambda a: -a,
-        "load": lambda a: np.full(6, np.nan), "com_o": lambda a: np.full(3, np.inf), "normal_forces": lambda a: 1e200 + a,
-        "contact_names": lambda a: a[:1], "contact_links": lambda a: np.zeros(3), "points_o": lambda a: a.astype(complex),
-        "gravity": lambda a: np.array([b"x"] * 3), "contact_law": lambda a: 0 * a, "branches": lambda a: np.zeros(3),
-        "holding_torques": lambda a: np.array("x"), "torque_limit": None, "margin_forces": None,
+        "times": lambda a: a[::-1],
+        "impact": lambda a: np.array(10**6),
+        "q": lambda a: a[:, :3],
+        "dq": lambda a: a.astype("f4"),
+        "torques": lambda a: a[:5],
+        "forces_o": lambda a: a[..., 0],
+        "rotations_oc": lambda a: 2 * a,
+        "mu": lambda a: -a,
+        "load": lambda a: np.full(6, np.nan),
+        "com_o": lambda a: np.full(3, np.inf),
+        "normal_forces": lambda a: 1e200 + a,
+        "contact_names": lambda a: a[:1],
+        "contact_links": lambda a: np.zeros(3),
+        "points_o": lambda a: a.astype(complex),
+        "gravity": lambda a: np.array([b"x"] * 3),
+        "contact_law": lambda a: 0 * a,
+        "branches": lambda a: np.zeros(3),
+        "holding_torques": lambda a: np.array("x"),
+        "torque_limit": None,
+        "margin_forces": None,
     },
     "check/check.npz": {
-        "times": lambda a: 0 * a, "q": lambda a: a[0], "object_poses": lambda a: 0 * a, "forces_o": lambda a: a[:, :1], "slips": None,
-        "energy_damped": lambda a: a[:2], "planned_forces": lambda a: np.append(a, 1.0),
+        "times": lambda a: 0 * a,
+        "q": lambda a: a[0],
+        "object_poses": lambda a: 0 * a,
+        "forces_o": lambda a: a[:, :1],
+        "slips": None,
+        "energy_damped": lambda a: a[:2],
+        "planned_forces": lambda a: np.append(a, 1.0),
     },
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("file, name", [(file, name) for file, changes in ARRAYS.items() for name in changes])
@@ -543,7 +606,9 @@ def test_archives_that_unpack_without_end_are_refused(whole, tmp_path):
 
     for kind, content in (("lzma", b""), ("bomb", bytes(10**6)), ("twice", b"")):
         folder = shutil.copytree(whole, tmp_path / kind)
-        with zipfile.ZipFile(folder / "plan.npz", "w", zipfile.ZIP_LZMA if kind == "lzma" else zipfile.ZIP_DEFLATED) as archive:
+        with zipfile.ZipFile(
+            folder / "plan.npz", "w", zipfile.ZIP_LZMA if kind == "lzma" else zipfile.ZIP_DEFLATED
+        ) as archive:
             archive.writestr("times.npy", content)
         data = (folder / "plan.npz").read_bytes()
         if kind == "bomb":
@@ -565,10 +630,12 @@ def test_the_scene_must_be_of_the_plan(whole, tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda record: record["geometry"][0].update(size=[1e100] * 3), lambda record: record["joints"][3].update(lever=[1e100, 0, 0]),
-        lambda record: record["frames"][5]["placement"][0].__setitem__(3, 1e200), lambda record: record["joints"][2]["placement"][1].__setitem__(3, -1e5),
+        lambda record: record["geometry"][0].update(size=[1e100] * 3),
+        lambda record: record["joints"][3].update(lever=[1e100, 0, 0]),
+        lambda record: record["frames"][5]["placement"][0].__setitem__(3, 1e200),
+        lambda record: record["joints"][2]["placement"][1].__setitem__(3, -1e5),
     ],
-)  # fmt: skip
+)
 def test_lengths_out_of_all_proportion_are_refused(whole, change):
     record = json.loads((whole / "scene.json").read_text())["hand"]
     hand_of(record)

@@ -119,7 +119,11 @@ def test_meshes_press_as_deep_as_planned():
     """Hulls of a real hand, by another collision library."""
     hand = pg.load_hand("hey5", hulls=True)
     found = find_placements(
-        hand, pg.Cylinder(radius=0.02, height=0.12, mass=0.2), count=8, mu=0.7, friction=pg.Friction(model="cone", safety=1.3)
+        hand,
+        pg.Cylinder(radius=0.02, height=0.12, mass=0.2),
+        count=8,
+        mu=0.7,
+        friction=pg.Friction(model="cone", safety=1.3),
     )
     closure = found.best.closure
     plan = pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
@@ -173,7 +177,15 @@ def test_a_heavier_object_sinks_further(plan, held):
 
 
 def one_touch(depth, velocity, spin=0.0):
-    return Touches(np.array([0]), np.array([0]), np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.array([depth]), np.array([velocity]), np.array([spin]))
+    return Touches(
+        np.array([0]),
+        np.array([0]),
+        np.zeros((1, 3)),
+        np.array([[0.0, 0, 1]]),
+        np.array([depth]),
+        np.array([velocity]),
+        np.array([spin]),
+    )
 
 
 def test_normal_force_is_equation_4():
@@ -208,15 +220,33 @@ def test_soft_fingers_twist_up_to_their_limit():
 def test_points_of_an_area_share_what_the_plan_counts():
     law = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [3])
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0]])
-    four = Touches(np.zeros(4, dtype=int), np.zeros(4, dtype=int), points, np.tile([0.0, 0, 1], (4, 1)), np.full(4, 1e-3), np.zeros((4, 3)), np.zeros(4))
+    four = Touches(
+        np.zeros(4, dtype=int),
+        np.zeros(4, dtype=int),
+        points,
+        np.tile([0.0, 0, 1], (4, 1)),
+        np.full(4, 1e-3),
+        np.zeros((4, 3)),
+        np.zeros(4),
+    )
     assert law.press(four, 1e-4).normal.sum() == pytest.approx(3 * 5e4 * 1e-3**1.5, rel=1e-12)
 
 
 def test_of_a_link_with_one_contact_its_deepest_body_presses():
-    """A second body of the same link that comes to touch, less deep, changes nothing; where more is planned all points count."""
+    """A second body of the same link that comes to touch, less deep, changes nothing; where more is planned all points
+    count.
+    """
     n, up = 4, np.tile([0.0, 0, 1], (4, 1))
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0], [0.03, 0, 0]])
-    touches = Touches(np.array([0, 0, 1, 1]), np.array([7, 8, 9, 10]), points, up, np.array([1e-3, 4e-4, 2e-4, 1e-3]), np.zeros((n, 3)), np.zeros(n))
+    touches = Touches(
+        np.array([0, 0, 1, 1]),
+        np.array([7, 8, 9, 10]),
+        points,
+        up,
+        np.array([1e-3, 4e-4, 2e-4, 1e-3]),
+        np.zeros((n, 3)),
+        np.zeros(n),
+    )
     law = ContactLaw(5e4, 0.0, 1.5, [0.5, 0.5], 0.0, 2e4, [1, 2])
     counted = law.counted(touches)
     assert counted.geometry.tolist() == [7, 9, 10]
@@ -286,13 +316,17 @@ def test_steps_that_are_too_long_are_told(plan):
 @pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
 def test_nothing_is_held_without_friction_however_short_or_coarse(plan, engine):
     for settings in ({"hold": 0.1}, {"hold": 0.5, "sample": 0.05}, {"hold": 0.3, "letting_go": 0.0}):
-        assert not simulate(plan, disturbance=Disturbance(mu=0.0), time_step=1e-3, engine=engine, **settings).verdict.held
+        assert not simulate(
+            plan, disturbance=Disturbance(mu=0.0), time_step=1e-3, engine=engine, **settings
+        ).verdict.held
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
 @pytest.mark.parametrize("settings", [{}, {"mode": "prescribed"}, {"letting_go": 0.0}], ids=str)
 def test_an_object_that_flies_off_at_once_is_lost(plan, engine, settings, tmp_path, monkeypatch):
-    """A thing of a milligram among forces of newtons leaves within the first step: far away is not held, whatever was seen of it."""
+    """A thing of a milligram among forces of newtons leaves within the first step: far away is not held, whatever was
+    seen of it.
+    """
     monkeypatch.chdir(tmp_path)
     light = Disturbance(mass_factor=1e-6)
     simulation = simulate(plan, disturbance=light, time_step=1e-3, engine=engine, **settings)
@@ -350,7 +384,7 @@ def test_surfaces_touch_at_the_given_points(case, plan):
     contacts = plan.problem.contacts
     hand, body = plan.hand, case.make_object()
     assert abs(clearance(hand, body, contacts.posture)) < 1e-8
-    depth, normal, point = Penetration(hand, body, contacts).at(contacts.posture)
+    depth, _normal, point = Penetration(hand, body, contacts).at(contacts.posture)
     assert np.abs(depth).max() < 1e-8
     assert point == pytest.approx(contacts.points_o, abs=1e-6)
     assert np.linalg.norm(contacts.points_o[:, :2], axis=1) == pytest.approx(0.01, abs=1e-12)
@@ -380,8 +414,15 @@ def test_depth_of_a_ball_in_a_ball():
         outward = placed.rotation[:, 0]
         end, depth, radius = placed.translation + axes[0] * outward, rng.uniform(1e-4, 3e-3), 0.02
         ball = pg.Sphere(radius=radius, mass=0.1, pose=at(*(end + (radius - depth) * outward)))
-        contact = pg.Contact(finger="index", link=finger.links[-1], point_o=end, rotation_oc=pg.spatial.tangent_frame(outward),
-                             length=None, distance=0.0, point_l=data.oMi[joint].actInv(end))  # fmt: skip
+        contact = pg.Contact(
+            finger="index",
+            link=finger.links[-1],
+            point_o=end,
+            rotation_oc=pg.spatial.tangent_frame(outward),
+            length=None,
+            distance=0.0,
+            point_l=data.oMi[joint].actInv(end),
+        )
         found, normal, _ = Penetration(hand, ball, pg.ContactSet(contacts=(contact,), com_o=ball.com_o)).at(q)
         assert found[0] == pytest.approx(depth, abs=1e-9)
         assert normal[0] == pytest.approx(outward, abs=1e-5)
@@ -398,7 +439,9 @@ def test_cautions_say_what_the_plan_does_not_cover(plan):
 
 
 def test_noise_sends_no_finger_to_its_limits():
-    """The thumb starts at its limit and can hardly move across its plane: noise of the finite differences once sent it elsewhere."""
+    """The thumb starts at its limit and can hardly move across its plane: noise of the finite differences once sent it
+    elsewhere.
+    """
     case = pg.load_case("paper")
     hand, cylinder = case.load_hand(), case.make_object()
     given = pg.load_case("paper", AS_PUBLISHED).make_contacts(hand)
@@ -451,12 +494,28 @@ def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
     code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "5e-4")
     assert code == 0 and "HELD" in out
     assert {path.name for path in (folder / "check").iterdir()} == {
-        "check.json", "check.md", "check.npz", "energy.png", "files.txt", "forces.png", "object.png"
-    }  # fmt: skip
+        "check.json",
+        "check.md",
+        "check.npz",
+        "energy.png",
+        "files.txt",
+        "forces.png",
+        "object.png",
+    }
     kept = json.loads((folder / "check" / "check.json").read_text())
     assert kept["held"] and kept["drift_mm"] < 0.5
     code, out, _ = command(
-        "check", str(folder), "--hold", "0.3", "--time-step", "5e-4", "--mu", "0.2", "--push", "0,0,-1@0.1+0.1", "--json"
+        "check",
+        str(folder),
+        "--hold",
+        "0.3",
+        "--time-step",
+        "5e-4",
+        "--mu",
+        "0.2",
+        "--push",
+        "0,0,-1@0.1+0.1",
+        "--json",
     )
     assert code == 3
     told = json.loads(out)
@@ -480,11 +539,23 @@ def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
     folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
     code, _, told = command("check", str(folder), "--out", str(folder), "--force")
     assert code == 2 and "holds a run" in told and (folder / "plan.json").exists()
-    for option in (["--monte-carlo", "-3"], ["--monte-carlo", "3", "--mu", "0.5"], ["--push", "1,2"], ["--shake", "a,b,c"], ["--mass", "-1"], ["--engine", "adams"], ["--hold", "-1"]):
+    for option in (
+        ["--monte-carlo", "-3"],
+        ["--monte-carlo", "3", "--mu", "0.5"],
+        ["--push", "1,2"],
+        ["--shake", "a,b,c"],
+        ["--mass", "-1"],
+        ["--engine", "adams"],
+        ["--hold", "-1"],
+    ):
         code, _, told = command("check", str(folder), *option)
         assert code == 2, option
         assert "expected" in told
-    for out, words in (("n" * 300, "at most 255 bytes"), (".", "the one you are in"), (str(folder / "plan.json"), "is a file")):
+    for out, words in (
+        ("n" * 300, "at most 255 bytes"),
+        (".", "the one you are in"),
+        (str(folder / "plan.json"), "is a file"),
+    ):
         code, _, told = command("check", str(folder), "--out", out, "--force")
         assert code == 2 and words in told
 
@@ -543,10 +614,13 @@ def test_without_mujoco_the_extra_is_named_and_pinocchio_serves(plan, tmp_path):
     code = (
         "import sys; sys.modules['mujoco'] = None\n"
         "import pinograsp as pg\n"
-        "try:\n    pg.simulate(sys.argv[1])\nexcept pg.PinograspError as error:\n    print(type(error).__name__, error)\n"
+        "try:\n    pg.simulate(sys.argv[1])\nexcept pg.PinograspError as error:\n    "
+        "print(type(error).__name__, error)\n"
         "print(pg.simulate(sys.argv[1], engine='pinocchio', hold=0.02, time_step=5e-4).parts)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(folder)], capture_output=True, text=True, timeout=120, cwd=tmp_path
+    )
     assert "ExtraMissing" in done.stdout and "pinograsp[sim]" in done.stdout, done.stderr
     assert "('index', 'middle', 'thumb')" in done.stdout
 
@@ -567,6 +641,11 @@ def test_links_without_inertia_about_an_axis_are_simulated(tmp_path, moments):
     servo = Servo(stiffness=np.ones(hand.n), damping=np.ones(hand.n), rotor=np.full(hand.n, 1e-4))
     model, notes = build(hand, pg.Sphere(radius=0.01, mass=0.1), time_step=1e-3, gravity_o=[0, 0, -9.81], servo=servo)
     assert (model.body_inertia[1:] > 0).all() and any("has no inertia about some axis" in note for note in notes)
-    sound, none = build(pg.load_hand(own_hands.write(tmp_path, "parallel_gripper")), pg.Sphere(radius=0.01, mass=0.1),
-                        time_step=1e-3, gravity_o=[0, 0, -9.81], servo=servo)  # fmt: skip
+    sound, none = build(
+        pg.load_hand(own_hands.write(tmp_path, "parallel_gripper")),
+        pg.Sphere(radius=0.01, mass=0.1),
+        time_step=1e-3,
+        gravity_o=[0, 0, -9.81],
+        servo=servo,
+    )
     assert not none and (sound.body_inertia[2:] == model.body_inertia[2:]).all()

@@ -72,7 +72,9 @@ def one_joint(shape) -> HandModel:
 
 def engine(kind, shape, body, *, dt: float = DT, gravity=(0.0, 0.0, -9.81)):
     hand = one_joint(shape)
-    task = SimpleNamespace(links=(), hand=hand, object=body, gravity_o=np.array(gravity), torque_limit=np.full(1, np.inf))
+    task = SimpleNamespace(
+        links=(), hand=hand, object=body, gravity_o=np.array(gravity), torque_limit=np.full(1, np.inf)
+    )
     return kind(task, time_step=dt, servo=Servo.of(hand), mass_factor=1.0)
 
 
@@ -110,9 +112,16 @@ def put(made, q, dq, at, twist) -> None:
 
 @pytest.mark.parametrize(
     "shape, body",
-    [("ellipsoid", "cylinder"), ("sphere", "box"), ("capsule", "cylinder"), ("hull", "box"), ("hull", "sphere"),
-     ("ellipsoid", "box"), ("cylinder", "box")],
-)  # fmt: skip
+    [
+        ("ellipsoid", "cylinder"),
+        ("sphere", "box"),
+        ("capsule", "cylinder"),
+        ("hull", "box"),
+        ("hull", "sphere"),
+        ("ellipsoid", "box"),
+        ("cylinder", "box"),
+    ],
+)
 def test_overlaps_are_those_that_mujoco_finds(shape, body):
     rng = np.random.default_rng(1)
     ours, theirs = (engine(kind, SHAPES[shape], OBJECTS[body]) for kind in (PinocchioEngine, MujocoEngine))
@@ -172,9 +181,14 @@ def test_depths_are_the_least_width_of_the_overlap(shape, body):
 
 @pytest.mark.parametrize(
     "shape, body, lying, corners",
-    [("box", "box", False, 4), ("cylinder", "box", True, 2), ("capsule", "cylinder", True, 2),
-     ("cylinder", "box", False, 8), ("sphere", "box", False, 1)],
-)  # fmt: skip
+    [
+        ("box", "box", False, 4),
+        ("cylinder", "box", True, 2),
+        ("capsule", "cylinder", True, 2),
+        ("cylinder", "box", False, 8),
+        ("sphere", "box", False, 1),
+    ],
+)
 def test_flat_areas_touch_at_their_corners_as_deep_as_they_are(shape, body, lying, corners):
     """On each other or side by side, tilted a little: depths at the corners are those of planes."""
     tilt, down = 1e-4, 3e-5
@@ -260,8 +274,16 @@ def test_hand_and_object_feel_opposite_forces():
 
 @pytest.fixture(scope="module")
 def case_study() -> Task:
-    case = pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work",
-                                  "friction.safety": 1.1, "limits.impact_time": [0.9, 0.9001]})  # fmt: skip
+    case = pg.load_case(
+        "paper",
+        {
+            "forces.search": "convex",
+            "forces.balance": "wrench",
+            "forces.measure": "work",
+            "friction.safety": 1.1,
+            "limits.impact_time": [0.9, 0.9001],
+        },
+    )
     hand, motion = case.load_hand(), case.make_motion()
     problem = case.make_problem(hand)
     contacts = touching(hand, case.make_object(), problem.contacts, hand.configuration(motion.posture))

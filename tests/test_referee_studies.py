@@ -26,7 +26,7 @@ from pinograsp.referee import (
     monte_carlo,
     simulate,
     slip_threshold,
-)  # fmt: skip
+)
 from pinograsp.referee.monte_carlo import _drawn, wilson
 from pinograsp.referee.task import Task
 from pinograsp.referee.thresholds import _bisected
@@ -45,10 +45,16 @@ def chuck(k: int) -> str:
         parts += [
             own_hands.link(f"jaw{i}", 0.05, "sphere 0.008"),
             own_hands.joint(
-                f"slide{i}", "palm", f"jaw{i}", f"{0.06 * math.cos(a)!r} {0.06 * math.sin(a)!r} 0", "-1 0 0",
-                "0 0.055 200 1", rpy=f"0 0 {a!r}", kind="prismatic",
+                f"slide{i}",
+                "palm",
+                f"jaw{i}",
+                f"{0.06 * math.cos(a)!r} {0.06 * math.sin(a)!r} 0",
+                "-1 0 0",
+                "0 0.055 200 1",
+                rpy=f"0 0 {a!r}",
+                kind="prismatic",
             ),
-        ]  # fmt: skip
+        ]
     return own_hands.robot(f"chuck{k}", *parts)
 
 
@@ -228,9 +234,11 @@ def test_resumed_from_a_cut_file(task, study, tmp_path, cut):
     lines = text.splitlines(keepends=True)
     assert len(lines) == 9
     at = {
-        "in a line": sum(map(len, lines[:6])) + 17, "in the header": 40, "after a line": sum(map(len, lines[:7])),
+        "in a line": sum(map(len, lines[:6])) + 17,
+        "in the header": 40,
+        "after a line": sum(map(len, lines[:7])),
         "nowhere": len(text),
-    }[cut]  # fmt: skip
+    }[cut]
     file = tmp_path / "monte_carlo.jsonl"
     file.write_bytes(text[:at])
     again = monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=2, folder=tmp_path, **QUICK)
@@ -366,9 +374,12 @@ def test_interrupted_and_nothing_lost(plan, tmp_path):
     script.write_text(INTERRUPTED, encoding="utf-8")
     file = tmp_path / "study" / "monte_carlo.jsonl"
     process = subprocess.Popen(
-        [sys.executable, str(script), str(run), str(file.parent)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, start_new_session=True,
-    )  # fmt: skip
+        [sys.executable, str(script), str(run), str(file.parent)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     try:
         until = time.monotonic() + 60
         while time.monotonic() < until and not (file.exists() and file.read_bytes().count(b"\n") > 3):
@@ -404,7 +415,7 @@ def test_probabilities_agree_with_the_normal_distribution(plan):
         assert np.array_equal(values[f"{name}_held"][clear], margin[clear] > 1), name
 
 
-# -- several at once, and a full disk ------------------------------------------------------------------------------------
+# -- several at once, and a full disk ----------------------------------------------------------------------------------
 
 HEADER = {"schema": "x/1", "seed": 0}
 

@@ -19,10 +19,14 @@ IMPACT = 0.9
 
 
 def two_fingers(**settings):
-    """Two opposed contacts, the weight along their tangents: it holds where mu F >= m g / 2 at both, whatever the rest does."""
+    """Two opposed contacts, the weight along their tangents: it holds where mu F >= m g / 2 at both, whatever the rest
+    does.
+    """
     body = pg.Box(size=(0.04, 0.04, 0.04), mass=0.5)
     contacts = pg.contacts_at(None, body, np.array([[0.02, 0.0, 0.0], [-0.02, 0.0, 0.0]]))
-    return pg.ForceProblem.holding(body, contacts, **{"mu": 0.6, "friction": MODELS["cone"], "balance": "force"} | settings)
+    return pg.ForceProblem.holding(
+        body, contacts, **{"mu": 0.6, "friction": MODELS["cone"], "balance": "force"} | settings
+    )
 
 
 def test_friction_alone_has_a_closed_form():
@@ -47,7 +51,15 @@ def test_friction_alone_has_a_closed_form():
 def test_load_alone_has_a_closed_form():
     problem, squeeze = two_fingers(), 5.0
     found = holding_probability(
-        problem, IMPACT, normal_forces=[squeeze] * 2, friction=0.0, load=0.3, points=0.0, normals=0.0, count=20_000, seed=3
+        problem,
+        IMPACT,
+        normal_forces=[squeeze] * 2,
+        friction=0.0,
+        load=0.3,
+        points=0.0,
+        normals=0.0,
+        count=20_000,
+        seed=3,
     )
     limit = 2 * 0.6 * squeeze / (0.5 * 9.81)
     expected = norm.cdf(limit, 1.0, 0.3) - norm.cdf(-limit, 1.0, 0.3)
@@ -59,7 +71,16 @@ def test_every_sample_is_a_problem_of_its_own(name):
     body, rng = pg.Cylinder(radius=0.03, height=0.2, mass=0.5), np.random.default_rng(2)
     contacts = pg.contacts_at(None, body, around_cylinder(rng, 4, 0.03))
     problem = pg.ForceProblem.holding(body, contacts, mu=0.35, friction=MODELS[name])
-    found = holding_probability(problem, IMPACT, friction=0.3, wrench=[0.5, 0.5, 0.5, 0.01, 0.01, 0.01], points=3e-3, normals=0.1, count=300, seed=1)
+    found = holding_probability(
+        problem,
+        IMPACT,
+        friction=0.3,
+        wrench=[0.5, 0.5, 0.5, 0.01, 0.01, 0.01],
+        points=3e-3,
+        normals=0.1,
+        count=300,
+        seed=1,
+    )
     assert 20 <= found.held.sum() <= 290
     for i in range(0, 300, 10):
         moved = tuple(
@@ -92,10 +113,15 @@ def test_seeds_and_less_error():
 def test_unusable_errors_are_refused():
     problem = two_fingers()
     for wrong, message in (
-        ({"friction": -0.1}, "error of friction"), ({"load": np.nan}, "error of load"), ({"points": -1.0}, "error of points"),
-        ({"wrench": [1.0, 2.0]}, "wrench"), ({"wrench": -np.ones(6)}, "wrench"), ({"normal_forces": [1.0]}, "normal forces"),
-        ({"normal_forces": [-1.0, 1.0]}, "normal forces"), ({"count": 0}, "count"),
-    ):  # fmt: skip
+        ({"friction": -0.1}, "error of friction"),
+        ({"load": np.nan}, "error of load"),
+        ({"points": -1.0}, "error of points"),
+        ({"wrench": [1.0, 2.0]}, "wrench"),
+        ({"wrench": -np.ones(6)}, "wrench"),
+        ({"normal_forces": [1.0]}, "normal forces"),
+        ({"normal_forces": [-1.0, 1.0]}, "normal forces"),
+        ({"count": 0}, "count"),
+    ):
         with pytest.raises(InvalidInput, match=message):
             holding_probability(problem, IMPACT, **wrong)
     limits = pg.TorqueLimits(jacobian=np.zeros((2, 6, 1)), bias=[0.0], limit=[1.0])

@@ -48,10 +48,19 @@ class Page(HTMLParser):
 def test_the_answer_comes_first(run):
     lines = headline(run)
     assert [re.match(r"\*\*(.*?)\*\*", line).group(1) for line in lines] == [
-        "Does it hold?", "How hard?", "How much energy?", "Which margin?", "Simulated?",
-    ]  # fmt: skip
+        "Does it hold?",
+        "How hard?",
+        "How much energy?",
+        "Which margin?",
+        "Simulated?",
+    ]
     assert "Yes" in lines[0] and f"{sum(run.summary['normal_forces_N'].values()):.2f} N" in lines[1]
-    assert f"{1e3 * run.summary['work_J']:.2f} mJ by Eq. (9), rho + 1 = 2.5 times the contacts' {number(1e3 * run.summary['work_J'] / 2.5)} mJ" in lines[2] and "proven" in lines[2]
+    assert (
+        f"{1e3 * run.summary['work_J']:.2f} mJ by Eq. (9), rho + 1 = 2.5 times the contacts' "
+        f"{number(1e3 * run.summary['work_J'] / 2.5)} mJ"
+        in lines[2]
+        and "proven" in lines[2]
+    )
     assert f"{run.summary['margins']['load_factor']:.3g} times" in lines[3] and "pinograsp check" in lines[4]
     lost = {"held": False, "engine": "mujoco", "reason": "it fell", "force_error": 0.5}
     assert "Lost (mujoco): it fell" in headline(run, lost)[4]
@@ -70,7 +79,12 @@ def test_the_page_needs_nothing_else(run, tmp_path):
     made = Page(text)
     assert made.links and all(link.startswith("data:image/png;base64,") for link in made.links)
     assert made.tags.count("img") == made.tags.count("figure") == made.tags.count("figcaption") == len(names) >= 10
-    assert "script" not in made.tags and text.count("<table>") >= 4 and "width=device-width" in text and "@media print" in text
+    assert (
+        "script" not in made.tags
+        and text.count("<table>") >= 4
+        and "width=device-width" in text
+        and "@media print" in text
+    )
     # All that the Markdown says, the page says.
     told = " ".join(made.texts)
     for words in re.findall(r"\| ([a-z][\w ,.()-]+) \|", (tmp_path / "report.md").read_text()):
@@ -91,7 +105,11 @@ def test_report_again_with_the_newest_check(run, tmp_path, monkeypatch):
     folder = save_run(run, tmp_path / "run")
     assert newest_check(folder) is None
     result = CliRunner().invoke(app, ["report", str(folder)])
-    assert result.exit_code == 0 and (folder / "report.html").is_file() and "report.html" in (folder / "files.txt").read_text().split()
+    assert (
+        result.exit_code == 0
+        and (folder / "report.html").is_file()
+        and "report.html" in (folder / "files.txt").read_text().split()
+    )
     save_run(run, folder, force=True)  # it knows the files as its own
     result = CliRunner().invoke(app, ["check", str(folder), "--hold", "0.3", "--out", str(folder / "check")])
     assert result.exit_code in (0, 3)
@@ -118,7 +136,12 @@ def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run):
         (plain | {"balance": "force"}, None, "caution", "Not certain: moments are not balanced"),
         (plain | {"balance": "force"}, LOST, "no", "No. Lost in simulation"),
         (plain | {"status": "unbalanced"}, None, "caution", "Almost"),
-        (not_tracked, None, "caution", "Not certain: the contact forces hold the load, but the hand cannot follow their paths. Smaller steps."),
+        (
+            not_tracked,
+            None,
+            "caution",
+            "Not certain: the contact forces hold the load, but the hand cannot follow their paths. Smaller steps.",
+        ),
         (not_tracked, HELD, "caution", "Smaller steps. Held in simulation."),
         (not_tracked, LOST, "no", "No. Lost in simulation: it fell."),
     ):
@@ -140,9 +163,29 @@ def test_the_page_shows_the_answer_in_its_colour(run, tmp_path):
 
 
 WICKED = (
-    "tip ![x](secret.png)", "[x](http://a.example)", "a|b", "<img src=x>", "**b**", "_b_", "`c`", "$x$", "a\nb\n# h", "# h", "1. x", "- x", "&lt;",
-    "a\\", "\u202eb", "~~s~~", "<http://a.example>", "\\|", "http://a.example", "+ x", "=1+1", "---",
-)  # fmt: skip
+    "tip ![x](secret.png)",
+    "[x](http://a.example)",
+    "a|b",
+    "<img src=x>",
+    "**b**",
+    "_b_",
+    "`c`",
+    "$x$",
+    "a\nb\n# h",
+    "# h",
+    "1. x",
+    "- x",
+    "&lt;",
+    "a\\",
+    "\u202eb",
+    "~~s~~",
+    "<http://a.example>",
+    "\\|",
+    "http://a.example",
+    "+ x",
+    "=1+1",
+    "---",
+)
 
 
 @pytest.mark.parametrize("name", WICKED)
@@ -156,13 +199,37 @@ def test_names_of_others_are_text_wherever_they_stand(run, tmp_path, name):
 
     summary = {**renamed(run.summary), "notes": [name], "cautions": [name], "remedy": name}
     check = LOST | {"reason": name}
-    wicked = replace(run, summary=summary, settings={name: name, "assumed": {name: name}, "name": name}, versions={name: name})
+    wicked = replace(
+        run, summary=summary, settings={name: name, "assumed": {name: name}, "name": name}, versions={name: name}
+    )
     write_report(wicked, tmp_path, (), check)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     made = Page(text)
-    assert not {"img", "a", "em", "s", "ol", "hr"} & set(made.tags) and made.links == [] and made.tags.count("code") == 1
-    assert set(made.tags) <= {"html", "head", "meta", "title", "style", "body", "h1", "h2", "ul", "li", "strong", "p", "div", "table", "thead",
-                              "tbody", "tr", "th", "td", "code"}  # fmt: skip
+    assert (
+        not {"img", "a", "em", "s", "ol", "hr"} & set(made.tags) and made.links == [] and made.tags.count("code") == 1
+    )
+    assert set(made.tags) <= {
+        "html",
+        "head",
+        "meta",
+        "title",
+        "style",
+        "body",
+        "h1",
+        "h2",
+        "ul",
+        "li",
+        "strong",
+        "p",
+        "div",
+        "table",
+        "thead",
+        "tbody",
+        "tr",
+        "th",
+        "td",
+        "code",
+    }
     assert made.tags.count("h1") == 1 and base64.b64encode(b"secret").decode() not in text
     shown = printable(name)
     cells = [piece.strip() for piece in made.texts]
@@ -182,14 +249,22 @@ def test_the_page_takes_in_its_own_figures_alone(tmp_path):
 def test_figures_show_names_as_they_are(run, tmp_path):
     for name in ("$\\frac{1}{0}$", "_left_out", "../../up", "a\x00b", "x" * 3000, "", "\u202egnp"):
         contacts = [name, "index", "middle"]
-        layout = {**run.layout, "contacts": contacts, "fingers": {name if key == "thumb" else key: dofs for key, dofs in run.layout["fingers"].items()}}
+        layout = {
+            **run.layout,
+            "contacts": contacts,
+            "fingers": {name if key == "thumb" else key: dofs for key, dofs in run.layout["fingers"].items()},
+        }
         changed = replace(run, layout=layout)
         for figure in (figures.contact_forces(changed), figures.joint_torques(changed, name)):
             figure.canvas.draw()
         legend = figures.friction_use(changed).axes[0].get_legend()
         first = legend.get_texts()[0].get_text().strip().replace("\\$", "$")
         assert len(legend.get_texts()) == 3 and first == printable(name, 40)
-    (path,) = (path for path in save_figures(changed, tmp_path) if path.stem.startswith("torques_") and "index" not in path.stem and "middle" not in path.stem)
+    (path,) = (
+        path
+        for path in save_figures(changed, tmp_path)
+        if path.stem.startswith("torques_") and "index" not in path.stem and "middle" not in path.stem
+    )
     assert path.parent == tmp_path and re.fullmatch(r"torques_[A-Za-z0-9_]*\.png", path.name)
 
 
@@ -199,12 +274,21 @@ def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
     (what, cone), (limit, model) = friction_used(run.summary)
     drawn = figures.friction_use(run).axes[0]
     assert what == "friction used, of mu F_n" and f"{what} [%]" == drawn.get_ylabel()
-    assert 100 * np.array(list(cone.values())) == pytest.approx([line.get_ydata()[-1] for line in drawn.get_lines()[:3]], rel=1e-6)
+    assert 100 * np.array(list(cone.values())) == pytest.approx(
+        [line.get_ydata()[-1] for line in drawn.get_lines()[:3]], rel=1e-6
+    )
     scene = scene_of(run)
     assert scene.used[scene.frame_at(scene.closed)] == pytest.approx(list(cone.values()), rel=1e-6)
     assert limit == "of the pyramid" and model == run.summary["margins"]["friction_used"]
     told, facts = dict(answer(run)), dict(scene.facts)
-    for same in (what, limit, "load held by these forces", "disturbance held besides", "grasp energy (work)", "friction"):
+    for same in (
+        what,
+        limit,
+        "load held by these forces",
+        "disturbance held besides",
+        "grasp energy (work)",
+        "friction",
+    ):
         assert told[same].split()[0] == facts[same].split()[0], same
     exact = run.summary | {"friction": run.summary["friction"] | {"model": "cone", "edges": None}}
     assert len(friction_used(exact)) == 1
@@ -255,7 +339,7 @@ def test_margin_figure_shows_what_load_margin_says(run):
 
 
 def test_search_figure_brackets_the_optimum(run):
-    map_, gap = figures.search_over_time(run).axes
+    _, gap = figures.search_over_time(run).axes
     assert gap.get_lines()[0].get_ydata()[-1] == pytest.approx(run.summary["certificate"]["primal"], rel=1e-6)
     with pytest.raises(InvalidInput, match="convex"):
         figures.search_over_time(replace(run, arrays=run.arrays | {"branches": np.zeros((0, 4))}))
@@ -283,7 +367,7 @@ def test_sweep_maps():
         figures.sweep_map(columns, "work", "friction.mu")
 
 
-# -- records on a terminal -----------------------------------------------------------------------------------------------
+# -- records on a terminal ---------------------------------------------------------------------------------------------
 
 
 def records_of(thing, found: dict) -> dict:
@@ -310,7 +394,15 @@ def test_records_print_on_a_few_lines(hand, cylinder):
     closure = pg.close_hand(hand, cylinder)
     simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01, engine="pinocchio")
     found = {}
-    for thing in (plan, run, closure, simulation, scene_of(run), pg.grasp_margins(plan.forces), joint_trajectory(plan, rate=50)):
+    for thing in (
+        plan,
+        run,
+        closure,
+        simulation,
+        scene_of(run),
+        pg.grasp_margins(plan.forces),
+        joint_trajectory(plan, rate=50),
+    ):
         records_of(thing, found)
     assert len(found) > 25
     for kind, record in [*found.items(), (type(case), case)]:

@@ -34,7 +34,9 @@ def oracle(problem, wrenches, impact_time):
         net = sum(G[:, i, :2] @ u[i] + G[:, i, 2] * F[i] for i in range(k)) + load
         rows.append(net[: problem.rows] == 0)
         if problem.friction.model == "pyramid":
-            rows.append(cp.abs(u) <= cp.reshape(cp.multiply(problem.mu / np.sqrt(2), F), (k, 1), order="C") @ np.ones((1, 2)))
+            rows.append(
+                cp.abs(u) <= cp.reshape(cp.multiply(problem.mu / np.sqrt(2), F), (k, 1), order="C") @ np.ones((1, 2))
+            )
         else:
             rows.append(cp.norm(u, axis=1) <= cp.multiply(problem.mu, F))
     terms = problem.energy_terms(impact_time, "work")
@@ -144,8 +146,9 @@ def test_torque_limits_hold_for_every_load(make_problem, contacts):
         return np.abs([limits.torques(f) for f in forces_o])
 
     limit = 0.98 * torques(free).max()
-    limited = optimize_robust(replace(problem, torques=TorqueLimits(
-        jacobian=J, bias=np.zeros(4), limit=np.full(4, limit))), loads, 0.82)  # fmt: skip
+    limited = optimize_robust(
+        replace(problem, torques=TorqueLimits(jacobian=J, bias=np.zeros(4), limit=np.full(4, limit))), loads, 0.82
+    )
     if limited.status is Status.OK:
         assert torques(limited).max() <= limit * (1 + 1e-6) and limited.primal > free.primal * (1 + 1e-9)
     else:
@@ -199,7 +202,10 @@ def test_the_load_that_cannot_be_held_is_found_in_bulk(make_problem, monkeypatch
     monkeypatch.delitem(sys.modules, "pinograsp.forces.compiled")
     plain = optimize_robust(problem, loads, 0.85)
     assert len(asked) == 1 and found.status is plain.status is Status.INFEASIBLE
-    assert found.infeasibility.margin == pytest.approx(plain.infeasibility.margin, rel=1e-9) and plain.infeasibility.margin > 0
+    assert (
+        found.infeasibility.margin == pytest.approx(plain.infeasibility.margin, rel=1e-9)
+        and plain.infeasibility.margin > 0
+    )
 
 
 @pytest.mark.parametrize("name", ["pyramid", "cone", "soft", "ball"])

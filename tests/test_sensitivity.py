@@ -29,7 +29,14 @@ def problem_of(seed, friction, k=4, balance="wrench"):
     while True:
         contacts = pg.contacts_at(None, BODY, around_cylinder(rng, k, 0.03, jitter=0.4))
         load = np.append(rng.normal(size=3), 0.01 * rng.normal(size=3))
-        problem = pg.ForceProblem(contacts=contacts, load=load, mu=rng.uniform(0.5, 0.9, k), friction=friction, balance=balance, moment_length=0.03)
+        problem = pg.ForceProblem(
+            contacts=contacts,
+            load=load,
+            mu=rng.uniform(0.5, 0.9, k),
+            friction=friction,
+            balance=balance,
+            moment_length=0.03,
+        )
         if pg.optimize_forces(problem, IMPACT).status is Status.OK:
             return problem
 
@@ -65,14 +72,39 @@ def test_derivatives_are_the_limits_of_differences(name, objective):
         problem = problem_of(seed, MODELS[name], balance=balance)
         solution = pg.optimize_forces(problem, IMPACT, objective=objective)
         own = force_sensitivity(solution)
-        cases = [(lambda h, r=r: problem.with_load(problem.load + h * np.eye(6)[r]), own.forces_wrench[:, :, r], own.cost_wrench[r]) for r in range(6)]
+        cases = [
+            (
+                lambda h, r=r: problem.with_load(problem.load + h * np.eye(6)[r]),
+                own.forces_wrench[:, :, r],
+                own.cost_wrench[r],
+            )
+            for r in range(6)
+        ]
         for i in range(problem.k if own.unique else 0):
-            cases.append((lambda h, i=i: replace(problem, mu=problem.mu + h * np.eye(problem.k)[i]), own.forces_mu[:, :, i], own.cost_mu[i]))
+            cases.append(
+                (
+                    lambda h, i=i: replace(problem, mu=problem.mu + h * np.eye(problem.k)[i]),
+                    own.forces_mu[:, :, i],
+                    own.cost_mu[i],
+                )
+            )
             for c in range(3):
                 step = np.eye(3)[c]
                 # A metre of contact is much: a tenth of the step.
-                cases.append((lambda h, i=i, s=step: changed(problem, i, point=0.1 * h * s), 0.1 * own.forces_points[:, :, i, c], 0.1 * own.cost_points[i, c]))
-                cases.append((lambda h, i=i, s=step: changed(problem, i, turn=h * s), own.forces_turns[:, :, i, c], own.cost_turns[i, c]))
+                cases.append(
+                    (
+                        lambda h, i=i, s=step: changed(problem, i, point=0.1 * h * s),
+                        0.1 * own.forces_points[:, :, i, c],
+                        0.1 * own.cost_points[i, c],
+                    )
+                )
+                cases.append(
+                    (
+                        lambda h, i=i, s=step: changed(problem, i, turn=h * s),
+                        own.forces_turns[:, :, i, c],
+                        own.cost_turns[i, c],
+                    )
+                )
         scale = solution.certificate.primal
         for make, by_forces, by_cost in cases:
             found = differences(make, objective)
@@ -135,7 +167,14 @@ def test_what_has_no_derivative_is_refused():
         (heavy, "infeasible"),
         (pg.optimize_forces(problem, IMPACT, objective="peak"), "peak"),
         (pg.optimize_forces(replace(problem, friction=pg.Friction(edges=8)), IMPACT), "4 edges"),
-        (pg.grid_search(problem_of(1, MODELS["pyramid"], k=2, balance="force"), pg.GridSpec(accelerations=[0.1, 0.5]), progress=False), "certified"),
+        (
+            pg.grid_search(
+                problem_of(1, MODELS["pyramid"], k=2, balance="force"),
+                pg.GridSpec(accelerations=[0.1, 0.5]),
+                progress=False,
+            ),
+            "certified",
+        ),
     ):
         with pytest.raises(InvalidInput, match=message):
             force_sensitivity(solution)

@@ -69,9 +69,11 @@ def test_a_grid_is_all_combinations_the_last_key_fastest():
 
 def test_draws_are_seeded_and_of_their_distributions():
     draws = {
-        "friction.mu": {"uniform": [0.4, 1.0]}, "object.mass": {"normal": [1.0, 0.1]}, "friction.edges": {"choice": [4, 6, 8]},
+        "friction.mu": {"uniform": [0.4, 1.0]},
+        "object.mass": {"normal": [1.0, 0.1]},
+        "friction.edges": {"choice": [4, 6, 8]},
         "compliance.stiffness": {"log_uniform": [1e3, 1e5]},
-    }  # fmt: skip
+    }
     many = load_sweep({**BASE, "samples": {"count": 20_000, "seed": 3, **draws}}).drawn
     again = load_sweep({**BASE, "samples": {"count": 50, "seed": 3, "object.mass": draws["object.mass"]}}).drawn
     other = load_sweep({**BASE, "samples": {"count": 50, "seed": 4, "object.mass": draws["object.mass"]}}).drawn
@@ -84,7 +86,9 @@ def test_draws_are_seeded_and_of_their_distributions():
         assert abs(values.mean() - mean) < 5 * std / 20_000**0.5
         assert values.std() == pytest.approx(std, rel=0.03)
     assert mu.min() >= 0.4 and mu.max() <= 1.0 and logs.min() >= 3 and logs.max() <= 5
-    assert all(abs(count - 20_000 / 3) < 5 * (20_000 * 2 / 9) ** 0.5 for count in Counter(many["friction.edges"]).values())
+    assert all(
+        abs(count - 20_000 / 3) < 5 * (20_000 * 2 / 9) ** 0.5 for count in Counter(many["friction.edges"]).values()
+    )
     assert abs(np.corrcoef(mu, mass)[0, 1]) < 5 / 20_000**0.5
 
 
@@ -94,7 +98,11 @@ def test_all_draws_at_every_point_of_a_grid():
     )
     rows = [spec.row(i) for i in range(spec.rows)]
     assert [row["friction.mu"] for row in rows] == [0.6] * 3 + [0.8] * 3
-    assert [row["object.mass"] for row in rows[:3]] == [row["object.mass"] for row in rows[3:]] == spec.drawn["object.mass"]
+    assert (
+        [row["object.mass"] for row in rows[:3]]
+        == [row["object.mass"] for row in rows[3:]]
+        == spec.drawn["object.mass"]
+    )
 
 
 def test_rows_are_single_plans(grid):
@@ -128,7 +136,9 @@ def test_the_files_are_a_dataset_for_anyone(grid):
     dataset = pytest.importorskip("pyarrow.dataset")
     import pyarrow.compute as pc
 
-    found = dataset.dataset(grid.folder).to_table(columns=["friction.mu", "work_J"], filter=pc.field("friction.mu") > 0.75)
+    found = dataset.dataset(grid.folder).to_table(
+        columns=["friction.mu", "work_J"], filter=pc.field("friction.mu") > 0.75
+    )
     assert found.num_rows == 4
     manifest = json.loads((grid.folder / "_manifest.json").read_text())
     assert manifest["rows"] == 6 and manifest["settings"]["of"]["friction"]["mu"] == 0.7
@@ -149,13 +159,28 @@ def test_failures_are_rows_with_status_and_message(tmp_path):
         "hand.limits_deg": [{"thumb_abduction": [-15, 130]}, cases["joint_limit"]["hand.limits_deg"]],
         "object.mass": [1.0, 30.0, -1.0],
     }
-    done = sweep({**BASE, "set": {**LIGHT, "motion.spread_deg": 0}, "over": over}, tmp_path / "out", jobs=2, progress=False)
+    done = sweep(
+        {**BASE, "set": {**LIGHT, "motion.spread_deg": 0}, "over": over}, tmp_path / "out", jobs=2, progress=False
+    )
     rows = done.table().to_pylist()
     assert done.done == 12 and sum(done.counts.values()) == 12
-    plain = {"hand.position_mm": list(here), "hand.limits_deg": json.dumps({"thumb_abduction": [-15, 130]}), "object.mass": 1.0}
-    words = {"ok": None, "infeasible": "closest to balance", "not_reached": "mm are left", "joint_limit": "index_dip", "invalid_input": "mass"}
+    plain = {
+        "hand.position_mm": list(here),
+        "hand.limits_deg": json.dumps({"thumb_abduction": [-15, 130]}),
+        "object.mass": 1.0,
+    }
+    words = {
+        "ok": None,
+        "infeasible": "closest to balance",
+        "not_reached": "mm are left",
+        "joint_limit": "index_dip",
+        "invalid_input": "mass",
+    }
     for status, changed in cases.items():
-        wanted = {**plain, **{key: json.dumps(value) if isinstance(value, dict) else value for key, value in changed.items()}}
+        wanted = {
+            **plain,
+            **{key: json.dumps(value) if isinstance(value, dict) else value for key, value in changed.items()},
+        }
         (row,) = (row for row in rows if all(row[key] == value for key, value in wanted.items()))
         assert row["status"] == status
         assert row["message"] is None if words[status] is None else words[status] in row["message"]
@@ -199,17 +224,24 @@ def test_rows_that_take_long_are_given_back(tmp_path, monkeypatch, what):
 
 
 def test_kinds_of_columns():
-    assert [kind_of(v) for v in ([1, 2], [1, 2.5], [True, False], ["a"], [[1, 2], [0.5]], [True, 1], [None, 1], [{}], [2**63, 1.0])] == [
-        "whole", "number", "flag", "text", "numbers", "json", "json", "json", "json"
-    ]  # fmt: skip
+    assert [
+        kind_of(v)
+        for v in ([1, 2], [1, 2.5], [True, False], ["a"], [[1, 2], [0.5]], [True, 1], [None, 1], [{}], [2**63, 1.0])
+    ] == ["whole", "number", "flag", "text", "numbers", "json", "json", "json", "json"]
 
 
 def test_forces_alone_in_bulk(tmp_path):
     spec = {
-        "case": "paper", "what": "forces", "set": {"forces.balance": "wrench", "forces.measure": "work", "friction.torsion_mm": 5},
-        "over": {"friction.model": ["cone", "pyramid", "soft"], "forces.objective": ["work", "least_squares"], "impact_time": [0.85, 0.93]},
+        "case": "paper",
+        "what": "forces",
+        "set": {"forces.balance": "wrench", "forces.measure": "work", "friction.torsion_mm": 5},
+        "over": {
+            "friction.model": ["cone", "pyramid", "soft"],
+            "forces.objective": ["work", "least_squares"],
+            "impact_time": [0.85, 0.93],
+        },
         "samples": {"count": 3, "object.mass": {"uniform": [0.3, 1.0]}, "friction.mu": {"uniform": [0.5, 1.0]}},
-    }  # fmt: skip
+    }
     done = sweep(spec, tmp_path / "out", jobs=1, progress=False)
     assert done.rows == done.done == 36 and set(done.counts) <= {"ok", "infeasible"} and done.counts["ok"] > 20
     hand = load_case("paper").load_hand()
@@ -230,20 +262,30 @@ def test_forces_alone_in_bulk(tmp_path):
 
 def test_forces_that_cannot_be_asked_for_are_rows(tmp_path):
     spec = {
-        "case": "paper", "what": "forces", "set": {"impact_time": 0.9},
-        "over": {"limits.torque_limit": [None, 1.0], "limits.max_normal_force": [20.0, 1e-3], "forces.objective": ["work", "motor_heat"]},
-    }  # fmt: skip
+        "case": "paper",
+        "what": "forces",
+        "set": {"impact_time": 0.9},
+        "over": {
+            "limits.torque_limit": [None, 1.0],
+            "limits.max_normal_force": [20.0, 1e-3],
+            "forces.objective": ["work", "motor_heat"],
+        },
+    }
     rows = sweep(spec, tmp_path / "out", jobs=1, progress=False).table().to_pylist()
-    assert [row["status"] for row in rows] == ["ok", "invalid_input", "infeasible", "infeasible"] + ["invalid_input"] * 4
+    assert [row["status"] for row in rows] == ["ok", "invalid_input", "infeasible", "infeasible"] + [
+        "invalid_input"
+    ] * 4
     for row, words in zip(rows, (None, "TorqueLimits", "no normal force", "no normal force", *["set it to null"] * 4)):
         assert row["message"] is None if words is None else words in row["message"]
 
 
 def test_a_hand_and_an_object(tmp_path):
     spec = {
-        "hand": "allegro_right", "object": "cylinder:radius=0.02,height=0.12,mass=0.2", "set": {"at": [0.08, 0, 0.07], "safety": 1.1},
+        "hand": "allegro_right",
+        "object": "cylinder:radius=0.02,height=0.12,mass=0.2",
+        "set": {"at": [0.08, 0, 0.07], "safety": 1.1},
         "over": {"object.mass": [0.1, 0.2, -1], "mu": [0.7]},
-    }  # fmt: skip
+    }
     rows = sweep(spec, tmp_path / "out", jobs=1, progress=False).table().to_pylist()
     assert [row["status"] for row in rows] == ["ok", "ok", "invalid_input"]
     thing = pg.Cylinder(radius=0.02, height=0.12, mass=0.2).placed(pg.spatial.pose_of([0.08, 0, 0.07]))
@@ -255,8 +297,17 @@ def test_a_hand_and_an_object(tmp_path):
 
 
 def test_placements_are_searched_for_a_hand_without_a_place(tmp_path):
-    spec = {"hand": "allegro_right", "object": {"shape": "sphere", "radius": 0.03, "mass": 0.1}, "over": {"samples": [1, 6]}, "set": {"seed": 1}}
-    rows = sweep({**spec, "what": "forces", "set": {"impact_time": 0.9}}, tmp_path / "out", jobs=1, progress=False).table().to_pylist()
+    spec = {
+        "hand": "allegro_right",
+        "object": {"shape": "sphere", "radius": 0.03, "mass": 0.1},
+        "over": {"samples": [1, 6]},
+        "set": {"seed": 1},
+    }
+    rows = (
+        sweep({**spec, "what": "forces", "set": {"impact_time": 0.9}}, tmp_path / "out", jobs=1, progress=False)
+        .table()
+        .to_pylist()
+    )
     assert [row["status"] for row in rows] == ["not_found", "ok"] and "no placement of 1" in rows[0]["message"]
 
 
@@ -277,9 +328,14 @@ def start(folder: Path, *args, every: float = 0.1) -> subprocess.Popen:
     """The command in a process group of its own, as of a shell."""
     command = [sys.executable, "-c", SCRIPT, str(every), "sweep", "sweep.yaml", "--out", "out", *args]
     return subprocess.Popen(
-        command, cwd=folder, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        command,
+        cwd=folder,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         env={**os.environ, "COVERAGE_PROCESS_START": ""},
-    )  # fmt: skip
+    )
 
 
 def stopped_after(folder: Path, rows: int, how: signal.Signals, *args, **settings) -> tuple[int, str, str]:
@@ -471,7 +527,14 @@ def test_what_others_have_put_beside_the_rows_stays(tmp_path):
     with Store(tmp_path / "out", {}, 4, kinds) as store:
         store.add([{"index": 0, "status": "ok"}])
         store.save()
-    theirs = ("part-mine-x.parquet", "part-1-2-3.parquet", "part-000000-.parquet", ".part-notes", "._manifest.json-old", "notes.txt")
+    theirs = (
+        "part-mine-x.parquet",
+        "part-1-2-3.parquet",
+        "part-000000-.parquet",
+        ".part-notes",
+        "._manifest.json-old",
+        "notes.txt",
+    )
     for name in theirs:
         (tmp_path / "out" / name).write_text("mine")
     (tmp_path / "out" / ".pinograsp-dead").write_text("half")  # of a writer that was killed
@@ -482,7 +545,9 @@ def test_what_others_have_put_beside_the_rows_stays(tmp_path):
             store.save()
             store.merge()
     assert read_sweep(tmp_path / "out")["index"].to_pylist() == [0, 1, 2, 3]
-    assert {*theirs} < {path.name for path in (tmp_path / "out").iterdir()} and not (tmp_path / "out" / ".pinograsp-dead").exists()
+    assert {*theirs} < {path.name for path in (tmp_path / "out").iterdir()} and not (
+        tmp_path / "out" / ".pinograsp-dead"
+    ).exists()
 
 
 def test_parts_of_other_tables_are_told(tmp_path):
@@ -492,7 +557,10 @@ def test_parts_of_other_tables_are_told(tmp_path):
     kinds = {"status": "text"}
     Store(tmp_path / "out", {}, 4, kinds).__exit__()
     part = tmp_path / "out" / "part-000000-000000.parquet"
-    for columns, message in (({"a": [1]}, "no column index"), ({"index": [7], "status": ["ok"]}, "holds rows that this sweep has not")):
+    for columns, message in (
+        ({"a": [1]}, "no column index"),
+        ({"index": [7], "status": ["ok"]}, "holds rows that this sweep has not"),
+    ):
         parquet.write_table(pa.table(columns), part)
         with pytest.raises(InvalidInput, match=message):
             Store(tmp_path / "out", {}, 4, kinds)
@@ -543,7 +611,10 @@ def test_writers_of_rows_that_are_killed_lose_and_double_none(tmp_path, rounds):
             found = read_sweep(tmp_path / "out")["index"].to_pylist()
             assert found == list(range(len(found))) and store.done == len(found) >= before
             before = len(found)
-        assert all(path.name in (".lock", "_manifest.json") or path.match("part-*-*.parquet") for path in (tmp_path / "out").iterdir())
+        assert all(
+            path.name in (".lock", "_manifest.json") or path.match("part-*-*.parquet")
+            for path in (tmp_path / "out").iterdir()
+        )
 
 
 def test_on_a_full_disk_the_rows_are_kept_and_resumed(small_disk):
@@ -580,7 +651,10 @@ MASS = {"object.mass": [0.5, 1.0]}
 BAD = {
     "no source": ({"over": MASS}, "expected either case, or hand and object"),
     "hand without object": ({"hand": "allegro_right", "over": MASS}, "expected either case, or hand and object"),
-    "case and hand": ({"case": "paper", "hand": "x", "object": "y", "over": MASS}, "expected either case, or hand and object"),
+    "case and hand": (
+        {"case": "paper", "hand": "x", "object": "y", "over": MASS},
+        "expected either case, or hand and object",
+    ),
     "nothing to vary": ({"case": "paper"}, "nothing to vary: expected inputs under over or under samples"),
     "count alone": ({"case": "paper", "samples": {"count": 3}}, "nothing to vary"),
     "unknown section": ({"case": "paper", "ovr": MASS, "over": MASS}, "ovr: unknown key; did you mean 'over'?"),
@@ -588,7 +662,10 @@ BAD = {
         {"case": "paper", "over": {"friction.mu": {"from": 0, "to": 1, "step": 3}}},
         "over.friction.mu.step: unknown key; did you mean 'steps'?",
     ),
-    "one step": ({"case": "paper", "over": {"friction.mu": {"from": 0, "to": 1, "steps": 1}}}, "steps: Input should be greater than or"),
+    "one step": (
+        {"case": "paper", "over": {"friction.mu": {"from": 0, "to": 1, "steps": 1}}},
+        "steps: Input should be greater than or",
+    ),
     "log of zero": (
         {"case": "paper", "over": {"friction.mu": {"from": 0, "to": 1, "steps": 3, "spacing": "log"}}},
         "spacing 'log' needs from and to above 0",
@@ -597,7 +674,10 @@ BAD = {
         {"case": "paper", "over": {"object.mass": 0.5}},
         "over.object.mass: expected a list of values, or {from, to, steps} (got 0.5)",
     ),
-    "an empty list": ({"case": "paper", "over": {"object.mass": []}}, "over.object.mass: Tuple should have at least 1 item"),
+    "an empty list": (
+        {"case": "paper", "over": {"object.mass": []}},
+        "over.object.mass: Tuple should have at least 1 item",
+    ),
     "no count": ({"case": "paper", "samples": {"object.mass": {"normal": [1, 0.1]}}}, "samples.count: Field required"),
     "unknown distribution": (
         {"case": "paper", "samples": {"count": 3, "object.mass": {"uniforn": [0, 1]}}},
@@ -620,7 +700,12 @@ BAD = {
         "expected every input once, got object.mass under set and over",
     ),
     "too many rows": (
-        {"case": "paper", "over": {f"contacts.{i}.point_mm.{j}": {"from": 0, "to": 1, "steps": 9} for i in range(3) for j in range(3)}},
+        {
+            "case": "paper",
+            "over": {
+                f"contacts.{i}.point_mm.{j}": {"from": 0, "to": 1, "steps": 9} for i in range(3) for j in range(3)
+            },
+        },
         "expected at most 10000000 rows, got 387420489",
     ),
     "unknown case": ({"case": "papper", "over": MASS}, "no case 'papper'"),
@@ -629,13 +714,31 @@ BAD = {
         "friction.mue: unknown key; 'friction.mue': did you mean 'friction.mu'?",
     ),
     "unknown section of the case": ({"case": "paper", "over": {"frction.mu": [1]}}, "did you mean 'friction.mu'?"),
-    "unknown fixed input": ({"case": "paper", "set": {"object.mas": 1}, "over": MASS}, "'object.mas': did you mean 'object.mass'?"),
-    "no such contact": ({"case": "paper", "over": {"contacts.3.point_mm": [[0, 0, 0]]}}, "'contacts.3' holds no further keys"),
-    "a fixed value": ({"case": "paper", "set": {"friction.mu": -1}, "over": MASS}, "friction.mu: Input should be greater than or equal to 0"),
-    "no value of use": ({"case": "paper", "over": {"object.mass": [-1, -2]}}, "none of the first rows can be used: object.mass"),
-    "unknown finger": ({"case": "paper", "over": {"contacts.0.finger": ["thump"]}}, "none of the first rows can be used"),
+    "unknown fixed input": (
+        {"case": "paper", "set": {"object.mas": 1}, "over": MASS},
+        "'object.mas': did you mean 'object.mass'?",
+    ),
+    "no such contact": (
+        {"case": "paper", "over": {"contacts.3.point_mm": [[0, 0, 0]]}},
+        "'contacts.3' holds no further keys",
+    ),
+    "a fixed value": (
+        {"case": "paper", "set": {"friction.mu": -1}, "over": MASS},
+        "friction.mu: Input should be greater than or equal to 0",
+    ),
+    "no value of use": (
+        {"case": "paper", "over": {"object.mass": [-1, -2]}},
+        "none of the first rows can be used: object.mass",
+    ),
+    "unknown finger": (
+        {"case": "paper", "over": {"contacts.0.finger": ["thump"]}},
+        "none of the first rows can be used",
+    ),
     "forces without a time": ({"case": "paper", "what": "forces", "over": MASS}, "what: forces needs impact_time [s]"),
-    "a plan with a time": ({"case": "paper", "set": {"impact_time": 0.9}, "over": MASS}, "what: plan has no impact_time"),
+    "a plan with a time": (
+        {"case": "paper", "set": {"impact_time": 0.9}, "over": MASS},
+        "what: plan has no impact_time",
+    ),
     "a time too late": (
         {"case": "paper", "what": "forces", "set": {"impact_time": 1.5}, "over": MASS},
         "expected below the final time 1 s, got 1.5 s",
@@ -644,7 +747,10 @@ BAD = {
         {"case": "paper", "what": "forces", "set": {"impact_time": 0.9, "limits.torque_limit": 1}, "over": MASS},
         "limits.torque_limit: expected none with what: forces",
     ),
-    "unknown hand": ({"hand": "allegro_rigth", "object": "sphere:radius=0.03,mass=0.1", "over": {"mu": [1]}}, "did you mean 'allegro_right'"),
+    "unknown hand": (
+        {"hand": "allegro_rigth", "object": "sphere:radius=0.03,mass=0.1", "over": {"mu": [1]}},
+        "did you mean 'allegro_right'",
+    ),
     "unknown field of an object": (
         {"hand": "allegro_right", "object": "sphere:radius=0.03,mass=0.1", "over": {"object.radios": [1]}},
         "did you mean 'radius'",
@@ -653,9 +759,12 @@ BAD = {
         {"hand": "allegro_right", "object": "sphere:radius=0.03,mass=0.1", "over": {"wrp": [True]}},
         "wrp: unknown key; 'wrp': did you mean 'wrap'?",
     ),
-    "not plain": ({"case": "paper", "over": {"object.mass": [1, {2}]}}, "expected numbers, texts, lists and mappings as values"),
+    "not plain": (
+        {"case": "paper", "over": {"object.mass": [1, {2}]}},
+        "expected numbers, texts, lists and mappings as values",
+    ),
     "a folder": ({"case": "paper", "over": MASS, "folder": "/"}, "folder: unknown key"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -691,9 +800,12 @@ def test_the_command_prints_a_table_and_goes_on(command, tmp_path):
     code, out, err = command("sweep", "sweep.yaml", "--jobs", "2")
     assert code == 0 and err == ""
     assert [line.split() for line in out.splitlines()] == [
-        ["status", "rows", "share"], ["ok", "2", "66.7", "%"], ["infeasible", "1", "33.3", "%"], [],
+        ["status", "rows", "share"],
+        ["ok", "2", "66.7", "%"],
+        ["infeasible", "1", "33.3", "%"],
+        [],
         ["3", "rows", "in", "runs/sweep"],
-    ]  # fmt: skip
+    ]
     code, out, err = command("sweep", "sweep.yaml", "--json")
     document = json.loads(out)
     assert code == 0 and err == "" and document["folder"] == os.path.join("runs", "sweep")
@@ -706,7 +818,12 @@ def test_exit_codes_and_errors_for_machines(command, tmp_path):
     assert code == 3 and "infeasible" in out
     write(tmp_path, {**BASE, "over": {"object.mas": [1.0]}})
     code, out, err = command("sweep", "sweep.yaml")
-    assert code == 2 and out == "" and err.startswith("pinograsp: sweep 'sweep.yaml': object.mas") and "Traceback" not in err
+    assert (
+        code == 2
+        and out == ""
+        and err.startswith("pinograsp: sweep 'sweep.yaml': object.mas")
+        and "Traceback" not in err
+    )
     code, out, _ = command("sweep", "sweep.yaml", "--json")
     assert code == 2 and json.loads(out)["error"] == "CaseRejected"
     assert command("sweep", "nothing.yaml")[0] == 2
@@ -714,7 +831,12 @@ def test_exit_codes_and_errors_for_machines(command, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("over: [1", "not valid YAML"), ("- 1", "expected a mapping"), ("", "expected a mapping"), ("\x00", "not valid YAML")],
+    [
+        ("over: [1", "not valid YAML"),
+        ("- 1", "expected a mapping"),
+        ("", "expected a mapping"),
+        ("\x00", "not valid YAML"),
+    ],
 )
 def test_broken_files(command, tmp_path, text, message):
     (tmp_path / "sweep.yaml").write_text(text)
@@ -744,11 +866,23 @@ def test_a_case_beside_the_sweep(tmp_path, monkeypatch):
 
 def test_a_dask_cluster_finds_the_same(grid, tmp_path, command):
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50) as cluster:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
+    ) as cluster:
         done = sweep(GRID, tmp_path / "a", backend="dask", scheduler=cluster.scheduler_address, progress=False)
         assert done.counts == {"ok": 6} and same(done.table(), grid.table())
         write(tmp_path, draws(40))
-        args = ("sweep", "sweep.yaml", "--backend", "dask", "--scheduler", cluster.scheduler_address, "--json", "--out", "b")
+        args = (
+            "sweep",
+            "sweep.yaml",
+            "--backend",
+            "dask",
+            "--scheduler",
+            cluster.scheduler_address,
+            "--json",
+            "--out",
+            "b",
+        )
         code, out, _ = command(*args)
         assert code == 0 and json.loads(out)["done"] == 40
     again = sweep(tmp_path / "sweep.yaml", tmp_path / "c", jobs=2, progress=False)
@@ -762,7 +896,9 @@ def test_no_dask_scheduler_there(tmp_path, monkeypatch):
         sweep(GRID, tmp_path / "out", backend="dask", scheduler="tcp://127.0.0.1:1", progress=False)
 
 
-@pytest.mark.parametrize("address", ["nonsense", "tcp://x:0", "tcp://127.0.0.1:99999", ":5", "tcp://127.0.0.1:", "tcp://h:²"])
+@pytest.mark.parametrize(
+    "address", ["nonsense", "tcp://x:0", "tcp://127.0.0.1:99999", ":5", "tcp://127.0.0.1:", "tcp://h:²"]
+)
 def test_an_address_without_host_and_port_is_refused(tmp_path, address):
     pytest.importorskip("distributed")
     with pytest.raises(InvalidInput, match=r"scheduler: expected an address with a port from 1 to 65535"):
@@ -774,7 +910,13 @@ def test_a_port_where_somebody_else_listens_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "_ANSWERED_WITHIN", 0.2)
     wanted = "expected the address of a running Dask scheduler"
     with socket.create_server(("127.0.0.1", 0)) as silent, pytest.raises(InvalidInput, match=wanted):
-        sweep(GRID, tmp_path / "out", backend="dask", scheduler=f"tcp://127.0.0.1:{silent.getsockname()[1]}", progress=False)
+        sweep(
+            GRID,
+            tmp_path / "out",
+            backend="dask",
+            scheduler=f"tcp://127.0.0.1:{silent.getsockname()[1]}",
+            progress=False,
+        )
 
 
 @pytest.mark.parametrize("jobs", [0, -2, -5, 1001, 10**9, 10**400, True, 1.5, "2", None])
@@ -785,7 +927,9 @@ def test_numbers_of_processes_that_cannot_be(tmp_path, jobs):
 
 
 def test_missing_extras_are_named(tmp_path):
-    """Without pyarrow, distributed or numba: one line that says what to install, from a process that cannot import them."""
+    """Without pyarrow, distributed or numba: one line that says what to install, from a process that cannot import
+    them.
+    """
     write(tmp_path, {**BASE, "over": MASS})
     code = (
         "import sys\n"
@@ -796,16 +940,21 @@ def test_missing_extras_are_named(tmp_path):
         "    except s.run.PinograspError as error:\n        print(type(error).__name__, error)\n"
         "tried(lambda: s.sweep('sweep.yaml', 'out', jobs=1))\n"
         "tried(lambda: s.sweep('sweep.yaml', 'out', backend='dask', scheduler='tcp://127.0.0.1:1'))\n"
-        "tried(lambda: s.sweep({'case': 'paper', 'what': 'forces', 'set': {'impact_time': 0.9}, 'over': {'object.mass': [1]}}, 'b', jobs=1))\n"
+        "tried(lambda: s.sweep({'case': 'paper', 'what': 'forces', 'set': {'impact_time': 0.9}, 'over': "
+        "{'object.mass': [1]}}, 'b', jobs=1))\n"
     )
 
     def without(names):
-        done = subprocess.run([sys.executable, "-c", code, names], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        done = subprocess.run(
+            [sys.executable, "-c", code, names], cwd=tmp_path, capture_output=True, text=True, timeout=120
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout.splitlines()
 
     lines = without("pyarrow")
-    assert len(lines) == 3 and all(line.startswith("ExtraMissing") and "pip install 'pinograsp[sweep]'" in line for line in lines)
+    assert len(lines) == 3 and all(
+        line.startswith("ExtraMissing") and "pip install 'pinograsp[sweep]'" in line for line in lines
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.yaml"]
     lines = without("distributed,numba")
     assert len(lines) == 2, lines

@@ -40,8 +40,10 @@ HANDS = [row["name"] for row in overview()[0]]
 
 @pytest.fixture(scope="module")
 def plan():
-    return load_case("paper", {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1,
-                               "motion.touch": "surface"}).plan()  # fmt: skip
+    return load_case(
+        "paper",
+        {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1, "motion.touch": "surface"},
+    ).plan()
 
 
 @pytest.fixture(scope="module")
@@ -69,16 +71,40 @@ def run_with(hand, seed: int = 0) -> Run:
     strength = np.where(times[:, None] > 0.8, times[:, None] - 0.8, 0.0) * rng.uniform(5, 20, len(links))
     forces = np.einsum("mk,kij,j->mki", strength, rotations, [0.2, 0.1, 1.0])
     arrays = {
-        "times": times, "impact": np.array(48), "q": q, "torques": 0.1 * q, "holding_torques": 0.1 * q[-1], "forces_o": forces,
-        "normal_forces": strength, "points_o": points, "rotations_oc": rotations, "com_o": thing.com_o,
-        "load": np.array([0, 0, -2.943, 0, 0, 0]), "gravity": np.array([0, 0, -9.81]), "mu": np.full(len(links), 0.5),
-        "contact_links": np.array(links), "torque_limit": hand.effort_or_infinity,
-    }  # fmt: skip
-    layout = {"hand": hand.name, "joints": list(hand.joint_names), "contacts": links,
-              "fingers": {finger.name: finger.dofs.tolist() for finger in hand.fingers}}  # fmt: skip
+        "times": times,
+        "impact": np.array(48),
+        "q": q,
+        "torques": 0.1 * q,
+        "holding_torques": 0.1 * q[-1],
+        "forces_o": forces,
+        "normal_forces": strength,
+        "points_o": points,
+        "rotations_oc": rotations,
+        "com_o": thing.com_o,
+        "load": np.array([0, 0, -2.943, 0, 0, 0]),
+        "gravity": np.array([0, 0, -9.81]),
+        "mu": np.full(len(links), 0.5),
+        "contact_links": np.array(links),
+        "torque_limit": hand.effort_or_infinity,
+    }
+    layout = {
+        "hand": hand.name,
+        "joints": list(hand.joint_names),
+        "contacts": links,
+        "fingers": {finger.name: finger.dofs.tolist() for finger in hand.fingers},
+    }
     friction = {"mu": [0.5] * len(links), "model": "cone", "edges": None, "safety": 1.0, "torsion_m": 0.0}
-    summary = {"status": "ok", "remedy": "", "friction": friction, "balance": "wrench", "work_J": 0.01, "net_force_N": 0.0,
-               "net_moment_Nm": 0.0, "max_penetration_m": 1e-3, "peak_torque_Nm": 0.2}  # fmt: skip
+    summary = {
+        "status": "ok",
+        "remedy": "",
+        "friction": friction,
+        "balance": "wrench",
+        "work_J": 0.01,
+        "net_force_N": 0.0,
+        "net_moment_Nm": 0.0,
+        "max_penetration_m": 1e-3,
+        "peak_torque_Nm": 0.2,
+    }
     scene = {"hand": hand_record(hand), "object": object_record(thing)}
     return Run(summary=summary, arrays=arrays, layout=layout, settings={}, versions={}, scene=scene)
 
@@ -99,7 +125,9 @@ def hull_points(count: int = 60) -> np.ndarray:
 def hull_of_points():
     from scipy.spatial import ConvexHull
 
-    return Mesh(vertices=hull_points(), faces=ConvexHull(hull_points()).simplices, mass=1.0, convex=True).collision_geometry
+    return Mesh(
+        vertices=hull_points(), faces=ConvexHull(hull_points()).simplices, mass=1.0, convex=True
+    ).collision_geometry
 
 
 @pytest.mark.parametrize(
@@ -126,7 +154,7 @@ def test_triangles_fill_the_shape_they_stand_for(shape, least):
 def test_creases_are_sharp_and_round_parts_smooth():
     box, _ = triangles_of(coal.Box(1, 1, 1))
     assert len(box) == 24  # a corner for each of three faces
-    ball, faces = triangles_of(coal.Sphere(1.0))
+    ball, _faces = triangles_of(coal.Sphere(1.0))
     assert len(ball) == len(np.unique(ball.round(9), axis=0))  # no vertex twice
     cylinder, _ = triangles_of(coal.Cylinder(1.0, 2.0))
     rim = cylinder[np.abs(np.linalg.norm(cylinder[:, :2], axis=1) - 1) < 1e-9]
@@ -168,7 +196,10 @@ def test_every_hand_of_the_catalogue_can_be_drawn(name):
             own = (drawn - place.translation) @ place.rotation
             one.geometry.computeLocalAABB()
             box = np.array([np.ravel(one.geometry.aabb_local.min_), np.ravel(one.geometry.aabb_local.max_)])
-            assert np.abs(np.array([own.min(axis=0), own.max(axis=0)]) - box).max() < 2e-3 * np.ptp(box, axis=0).max() + 1e-6
+            assert (
+                np.abs(np.array([own.min(axis=0), own.max(axis=0)]) - box).max()
+                < 2e-3 * np.ptp(box, axis=0).max() + 1e-6
+            )
     assert np.ptp(scene.link_poses, axis=0).max() > 1e-3  # it moves
     assert np.isfinite(scene.extent).all() and scene.extent.min() > 0
 
@@ -205,7 +236,9 @@ def test_friction_used_is_that_of_the_margins(run, make_problem, hand):
         assert np.allclose(scene.used[scene.frame_at(1.0)], least / one.arrays["mu"], rtol=1e-6)
         assert np.isnan(scene.used[0]).all()
         own = [value for what, value in scene.facts if what in ("of the pyramid", "of the soft finger")]
-        assert own == [", ".join(f"{name} {100 * used:.0f} %" for name, used in one.summary["margins"]["friction_used"].items())]
+        assert own == [
+            ", ".join(f"{name} {100 * used:.0f} %" for name, used in one.summary["margins"]["friction_used"].items())
+        ]
 
 
 def test_torques_and_forces_are_the_runs_at_every_instant(run):
@@ -291,14 +324,17 @@ def test_the_simulation_stands_beside_the_plan_at_the_same_instants(run, simulat
     assert len(shown.link_poses) == len(scene.link_poses) == len(scene.times)
     assert np.allclose(shown.object_poses[-1, :3], simulation.object_poses[-1][:3, 3], atol=1e-9)
     assert np.allclose(shown.drift[-1], simulation.drift[-1], atol=1e-9)
-    # Contact points of the parts, through the object's pose in the simulation: at t_F they are the plan's but for the drift.
+    # Contact points of the parts, through the object's pose in the simulation: at t_F they are the plan's but for the
+    # drift.
     i = scene.frame_at(1.0)
     arrows = shown.arrows(i, 0.003)
     planned = {name: point for name, point in zip(scene.contacts, scene.points_o)}
     assert np.allclose(arrows[:, 0], [planned[part] for part in shown.parts], atol=1e-3)
     assert np.allclose(arrows[:, 1] - arrows[:, 0], 0.003 * shown.forces_o[i])
     # After t_F the plan stays as it is, with the torques that hold.
-    assert np.array_equal(scene.q[-1], run.arrays["q"][-1]) and np.array_equal(scene.torques[-1], run.arrays["holding_torques"])
+    assert np.array_equal(scene.q[-1], run.arrays["q"][-1]) and np.array_equal(
+        scene.torques[-1], run.arrays["holding_torques"]
+    )
     assert abs(shown.beside @ scene.up) < 1e-12 and abs(shown.beside @ scene.view) < 1e-12  # to the right
     again = scene_of(run, stored(simulation, tmp_path / "check"))
     assert np.array_equal(again.simulated.link_poses, shown.link_poses) and again.simulated.reason == shown.reason
@@ -373,8 +409,13 @@ def test_view_takes_the_latest_check(command, run, simulation, tmp_path):
 def test_ctrl_c_ends_the_live_page(run, tmp_path):
     pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
     save_run(run, tmp_path / "a")
-    script = "from pinograsp.cli import main; import sys; sys.argv = ['pinograsp', 'view', 'a', '--no-browser', '--port', '0']; main()"
-    process = subprocess.Popen([sys.executable, "-u", "-c", script], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    script = (
+        "from pinograsp.cli import main; import sys; sys.argv = ['pinograsp', 'view', 'a', "
+        "'--no-browser', '--port', '0']; main()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-c", script], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     try:
         for line in process.stdout:
             if "Ctrl-C" in line:
@@ -389,19 +430,31 @@ def test_ctrl_c_ends_the_live_page(run, tmp_path):
 # -- browsers ----------------------------------------------------------------------------------------------------------
 
 ARGUMENTS = [
-    "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-]  # fmt: skip
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
 
 
 @pytest.fixture(scope="module")
 def chromium():
-    playwright = pytest.importorskip("playwright.sync_api", reason="tests of the viewer in a browser need playwright: pip install playwright")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="tests of the viewer in a browser need playwright: pip install playwright"
+    )
     with playwright.sync_playwright() as started:
         own = started.chromium.executable_path
         installed = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
         if installed is None and not Path(own).exists():
-            pytest.skip("tests of the viewer in a browser need Chromium: apt install chromium, or playwright install chromium")
+            pytest.skip(
+                "tests of the viewer in a browser need Chromium: apt install chromium, or playwright install chromium"
+            )
         browser = started.chromium.launch(executable_path=installed or own, args=ARGUMENTS)
         yield browser
         browser.close()
@@ -505,7 +558,9 @@ def test_the_files_arrows_grow_with_the_force(offline, run):
     scene = scene_of(run)
     for layer in ("hand", "object", "frames", "cones", "labels", "ground"):
         offline.locator(f"#layer-{layer}").uncheck()
-    offline.evaluate("() => { for (const id of ['caption', 'legend']) document.getElementById(id).style.visibility = 'hidden'; }")
+    offline.evaluate(
+        "() => { for (const id of ['caption', 'legend']) document.getElementById(id).style.visibility = 'hidden'; }"
+    )
 
     def length(frame: int) -> float:
         slide(offline, frame)
@@ -633,8 +688,13 @@ def answer_to(viewer, host: str, origin: str | None = None, upgrade: bool = True
     lines = ["GET / HTTP/1.1", f"Host: {host.format(port=port)}"]
     lines += [] if origin is None else [f"Origin: {origin.format(port=port)}"]
     if upgrade:
-        lines += ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13",
-                  f"Sec-WebSocket-Protocol: viser-v{__import__('viser').__version__}"]  # fmt: skip
+        lines += [
+            "Upgrade: websocket",
+            "Connection: Upgrade",
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+            "Sec-WebSocket-Version: 13",
+            f"Sec-WebSocket-Protocol: viser-v{__import__('viser').__version__}",
+        ]
     with socket.create_connection(("127.0.0.1", port), timeout=20) as stream:
         stream.sendall("\r\n".join([*lines, "", ""]).encode())
         return int(stream.makefile("rb").readline().split()[1])
@@ -645,7 +705,15 @@ def test_no_web_page_from_elsewhere_reads_the_live_page(live):
     assert answer_to(live, "127.0.0.1:{port}", "http://127.0.0.1:{port}") == 101
     assert answer_to(live, "localhost:{port}") == 101  # no browser
     assert answer_to(live, "localhost:{port}", upgrade=False) == 200
-    for origin in ("http://evil.example", "https://localhost.evil.example", "null", "http://localhost:1", "file://", "http://[", ""):
+    for origin in (
+        "http://evil.example",
+        "https://localhost.evil.example",
+        "null",
+        "http://localhost:1",
+        "file://",
+        "http://[",
+        "",
+    ):
         assert answer_to(live, "localhost:{port}", origin) == 403, origin
     for host in ("evil.example:{port}", "evil.example", "localhost.evil.example:{port}", "", "[", "192.168.1.2:{port}"):
         for upgrade in (True, False):
@@ -667,7 +735,12 @@ def test_a_page_for_other_machines_answers_to_addresses_and_its_own_names():
 
 def test_the_live_page_listens_on_the_loopback_interface_alone(live):
     listening = "0A"
-    rows = [line.split() for kind in ("tcp", "tcp6") if (path := Path(f"/proc/net/{kind}")).exists() for line in path.read_text().splitlines()[1:]]
+    rows = [
+        line.split()
+        for kind in ("tcp", "tcp6")
+        if (path := Path(f"/proc/net/{kind}")).exists()
+        for line in path.read_text().splitlines()[1:]
+    ]
     port = f"{live.server.get_port():04X}"
     found = {row[1].split(":")[0] for row in rows if row[1].endswith(f":{port}") and row[3] == listening}
     assert found and found <= {"0100007F", "00000000000000000000000001000000"}

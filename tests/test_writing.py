@@ -1,4 +1,6 @@
-"""Files and folders that are written whole or not at all: by several processes at once, killed at any moment, on a full disk."""
+"""Files and folders that are written whole or not at all: by several processes at once, killed at any moment, on a full
+disk.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,11 @@ def filling(text: str, size: int = 1):
 
 def texts(folder: Path) -> dict[str, str]:
     """What a reader finds: not what is being written, or was when its writer was killed."""
-    found = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "files.txt"}
+    found = {
+        path.relative_to(folder).as_posix(): path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "files.txt"
+    }
     return {name: path.read_text() for name, path in found.items() if ".pinograsp-" not in name}
 
 
@@ -42,18 +48,27 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-# -- what is not ours stays ----------------------------------------------------------------------------------------------
+# -- what is not ours stays --------------------------------------------------------------------------------------------
 
 
 def test_only_what_is_listed_is_ever_removed(tmp_path):
     run = write_folder(tmp_path / "run", filling("1"))
     check = write_folder(run / "check", filling("checked"))
-    with pytest.raises(ResultsNotWritten, match=r"no run wrote \(check/\)"):  # nobody has told that it is a part of the run
+    with pytest.raises(
+        ResultsNotWritten, match=r"no run wrote \(check/\)"
+    ):  # nobody has told that it is a part of the run
         write_folder(run, filling("2"), force=True)
     list_in(run, f"{check}/", run / "trials" / "x" / "log.jsonl")
     (run / "trials" / "x").mkdir(parents=True)
     (run / "trials" / "x" / "log.jsonl").write_text("{}\n")
-    for theirs in ("check/measured.csv", "trials/x/mine.txt", "mine/check.json", "mine/files.txt", "trials/y/log.jsonl", "note"):
+    for theirs in (
+        "check/measured.csv",
+        "trials/x/mine.txt",
+        "mine/check.json",
+        "mine/files.txt",
+        "trials/y/log.jsonl",
+        "note",
+    ):
         path = run / theirs
         path.parent.mkdir(exist_ok=True)
         path.write_text("mine")
@@ -100,7 +115,11 @@ def test_files_that_come_while_it_is_written_stay_and_the_answer_is_kept(tmp_pat
         assert "the results are in" in str(caught.value)
         assert texts(tmp_path / "run") == {"data.csv": "mine"}
         (tmp_path / "run" / "data.csv").unlink()
-    assert texts(tmp_path / "run-2") == texts(tmp_path / "run-3") == whole("new") and names(tmp_path) == ["run", "run-2", "run-3"]
+    assert texts(tmp_path / "run-2") == texts(tmp_path / "run-3") == whole("new") and names(tmp_path) == [
+        "run",
+        "run-2",
+        "run-3",
+    ]
     # In the very last moment, between the look at the folder and the change of places.
     run = write_folder(tmp_path / "other", filling("1"))
     plain = folders._exchange
@@ -176,7 +195,7 @@ def test_modes_of_files_stay(tmp_path):
     assert path.stat().st_mode & 0o777 == 0o600 and path.read_bytes() == b"2"
 
 
-# -- several at once -----------------------------------------------------------------------------------------------------
+# -- several at once ---------------------------------------------------------------------------------------------------
 
 
 def test_a_name_belongs_to_one_writer_from_the_start(tmp_path):
@@ -266,7 +285,9 @@ def test_what_killed_writers_leave_is_swept_and_what_live_ones_have_is_not(tmp_p
     (tmp_path / ".pinograsp-0123456789ab-dead" / "half.png").write_text("half")
     (tmp_path / ".pinograspish").write_text("mine")
     retired = write_folder(tmp_path / "x", filling("old"))
-    (retired / "mine.csv").write_text("mine")  # killed while an earlier run was being removed, and somebody's file is in it
+    (retired / "mine.csv").write_text(
+        "mine"
+    )  # killed while an earlier run was being removed, and somebody's file is in it
     retired.rename(tmp_path / ".pinograsp-0123456789ab-whole")
     with NewFolder(tmp_path / "live") as live:
         write_file(tmp_path / "page.html", b"page")
@@ -278,7 +299,7 @@ def test_what_killed_writers_leave_is_swept_and_what_live_ones_have_is_not(tmp_p
     assert names(tmp_path / ".pinograsp-0123456789ab-whole") == ["files.txt", "mine.csv"]
 
 
-# -- killed, for real ----------------------------------------------------------------------------------------------------
+# -- killed, for real --------------------------------------------------------------------------------------------------
 
 WRITER = """
 import sys
@@ -306,7 +327,9 @@ while True:
 
 
 def start(*args, code: str = WRITER, **settings) -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, "-c", code, *map(str, args)], stdout=subprocess.PIPE, text=True, **settings)
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, args)], stdout=subprocess.PIPE, text=True, **settings
+    )
 
 
 def killed_often(tmp_path: Path, kills: int, seed: int, writers: int) -> None:
@@ -314,7 +337,9 @@ def killed_often(tmp_path: Path, kills: int, seed: int, writers: int) -> None:
     rng, run = random.Random(seed), tmp_path / "run"
     write_folder(run, filling("0", 20000))
     for _ in range(kills):
-        start_and_kill([[WRITER, run, number, *["many"] * (writers == 1)] for number in range(writers)], rng.uniform(0, 0.05))
+        start_and_kill(
+            [[WRITER, run, number, *["many"] * (writers == 1)] for number in range(writers)], rng.uniform(0, 0.05)
+        )
         found = texts(run)
         assert set(found) == set(PARTS) and {len(text) for text in found.values()} == {20000}
         if writers > 1:
@@ -371,7 +396,7 @@ def test_of_many_at_once_none_loses_its_answer_silently(tmp_path, kind):
     assert names(tmp_path / "new") == sorted(Path(line).name for line in kept.values())
 
 
-# -- a full disk ---------------------------------------------------------------------------------------------------------
+# -- a full disk -------------------------------------------------------------------------------------------------------
 
 
 def test_on_a_full_disk_the_earlier_folder_stays(small_disk):

@@ -52,8 +52,8 @@ def secret(tmp_path):
 @pytest.mark.parametrize(
     "body",
     [
-        '<link name="${load_yaml(\'../outside/secret.yaml\')[\'key\']}"/>',
-        '<link name="${xacro.load_yaml(\'../outside/secret.yaml\')}"/>',
+        "<link name=\"${load_yaml('../outside/secret.yaml')['key']}\"/>",
+        "<link name=\"${xacro.load_yaml('../outside/secret.yaml')}\"/>",
         '<xacro:property name="f" value="${load_yaml}"/><link name="${f(\'../outside/secret.yaml\')}"/>',
         '<xacro:property name="f" value="${xacro}"/><link name="a"/>',
         '<link name="${python.map(str, [1])}"/>',
@@ -69,7 +69,7 @@ def secret(tmp_path):
         '<link name="$(cwd)"/>',
         '<link name="$${load_yaml(1)}"/>',
         '<link name="a $ b"/>',
-        "<xacro:property name=\"d\" value=\"${'$'}\"/><link name=\"a\"/>",
+        '<xacro:property name="d" value="${\'$\'}"/><link name="a"/>',
         '<link name="&#36;{load_yaml(1)}"/>',
         "<link name=\"a\">${load_yaml('x')}</link>",
         '<xacro:macro name="m" params="x:=${load_yaml(1)}"><link name="a"/></xacro:macro>',
@@ -78,7 +78,7 @@ def secret(tmp_path):
         '<xacro:include filename="*.xacro"/>',
         '<xacro:include filename="/etc/hostname"/>',
         '<xacro:include filename="link.xacro"/>',
-        "<xacro:call macro=\"${xacro.print_location()}\"/>",
+        '<xacro:call macro="${xacro.print_location()}"/>',
     ],
 )
 def test_anything_more_is_refused_before_it_runs(secret, body):
@@ -186,19 +186,29 @@ def test_users_own_xacro_stays_as_it_is(tmp_path):
 
 def doubling(n, last):
     """Macros that each call the next one twice."""
-    return "".join(
-        f'<xacro:macro name="m{i}" params="">{f"<xacro:m{i + 1}/>" * 2 if i < n else last}</xacro:macro>' for i in range(n + 1)
-    ) + "<xacro:m0/>"
+    return (
+        "".join(
+            f'<xacro:macro name="m{i}" params="">{f"<xacro:m{i + 1}/>" * 2 if i < n else last}</xacro:macro>'
+            for i in range(n + 1)
+        )
+        + "<xacro:m0/>"
+    )
 
 
 def blocks(n):
-    return ('<xacro:macro name="m" params="*b"><g><xacro:insert_block name="b"/><xacro:insert_block name="b"/></g></xacro:macro>'
-            + "<xacro:m>" * n + "<link name='a'/>" + "</xacro:m>" * n)  # fmt: skip
+    return (
+        '<xacro:macro name="m" params="*b"><g><xacro:insert_block name="b"/><xacro:insert_block '
+        'name="b"/></g></xacro:macro>' + "<xacro:m>" * n + "<link name='a'/>" + "</xacro:m>" * n
+    )
 
 
 def properties(n):
     start = '<xacro:property name="p0" value="' + "x" * 100 + '"/>'
-    return start + "".join(f'<xacro:property name="p{i + 1}" value="${{p{i}}}${{p{i}}}"/>' for i in range(n)) + f"<link name='${{p{n}}}'/>"
+    return (
+        start
+        + "".join(f'<xacro:property name="p{i + 1}" value="${{p{i}}}${{p{i}}}"/>' for i in range(n))
+        + f"<link name='${{p{n}}}'/>"
+    )
 
 
 @pytest.mark.parametrize(
@@ -229,7 +239,12 @@ def test_bombs_do_not_go_off(tmp_path, body):
         expand_xacro(write(tmp_path, body))
 
 
-BRANCHING = [doubling(60, "<link name='a'/>"), doubling(60, ""), blocks(60), doubling(20, f'<link name="{"x" * 9000}"/>')]
+BRANCHING = [
+    doubling(60, "<link name='a'/>"),
+    doubling(60, ""),
+    blocks(60),
+    doubling(20, f'<link name="{"x" * 9000}"/>'),
+]
 
 
 @pytest.mark.parametrize("body", BRANCHING)
@@ -253,7 +268,16 @@ def test_parameters_of_macros_are_read_as_xacro_reads_them():
 
     from pinograsp.hands.xacro_guard import _parameter
 
-    for text in ("a b", " a:=1 b", "a:=^ b", "a:=^|2 *b", "a='x y' b:=${1 + 2} c", 'a:="" **c', "a:=$(arg n) b", "a:=x'y z'w b"):
+    for text in (
+        "a b",
+        " a:=1 b",
+        "a:=^ b",
+        "a:=^|2 *b",
+        "a='x y' b:=${1 + 2} c",
+        'a:="" **c',
+        "a:=$(arg n) b",
+        "a:=x'y z'w b",
+    ):
         while text:
             assert _parameter(text) == xacro.parse_macro_arg(text), text
             text = xacro.parse_macro_arg(text)[2]
@@ -308,7 +332,7 @@ def test_a_trusted_file_may_do_all_that_xacro_does(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "body", ["<unclosed>", '<link name="${unknown}"/>', '<xacro:nothing/>', '<xacro:include filename="gone.xacro"/>']
+    "body", ["<unclosed>", '<link name="${unknown}"/>', "<xacro:nothing/>", '<xacro:include filename="gone.xacro"/>']
 )
 def test_broken_files_are_named(tmp_path, body):
     with pytest.raises(HandNotLoaded):

@@ -32,7 +32,10 @@ class Description:
                 if joint.get("type") != "fixed":
                     followed = repair(joint.get("name"), mimic.get("joint"))
                     self.couplings[joint.get("name")] = (
-                        followed, float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0)))  # fmt: skip
+                        followed,
+                        float(mimic.get("multiplier", 1)),
+                        float(mimic.get("offset", 0)),
+                    )
         for link in self.robot.findall("link"):
             for element in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(element)

@@ -11,7 +11,15 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
 from pinograsp.checks import instance_of, path_of
-from pinograsp.contacts import FRICTION_MODELS, Compliance, ContactSet, DecelerationShape, Friction, contacts_at, touching
+from pinograsp.contacts import (
+    FRICTION_MODELS,
+    Compliance,
+    ContactSet,
+    DecelerationShape,
+    Friction,
+    contacts_at,
+    touching,
+)
 from pinograsp.errors import CaseRejected
 from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem, GridSpec, grid_values
 from pinograsp.hands import HandModel, load_hand
@@ -21,7 +29,10 @@ from pinograsp.plan import GraspPlan, plan_grasp
 from pinograsp.spatial import pose_of, rotation_rpy
 
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
-_SMALLEST, _LARGEST = 1e-12, 1e12  # of numbers: nothing that a hand holds is outside, and computing stays away from the ends of floats
+_SMALLEST, _LARGEST = (
+    1e-12,
+    1e12,
+)  # of numbers: nothing that a hand holds is outside, and computing stays away from the ends of floats
 _MOST_STEPS = 200_000  # of the motion
 _LONGEST_NAME = 100  # it becomes a folder's
 _MOST_VALUES, _MOST_CELLS = 10_000, 1_000_000  # of a grid: along one direction; impact times x accelerations
@@ -48,6 +59,8 @@ Angles = dict[str, tuple[Number, ...]]
 
 
 class Section(BaseModel):
+    """A part of a case file: unknown keys and numbers that are not finite are refused."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
@@ -106,6 +119,8 @@ class FrictionSection(Section):
 
 
 class ComplianceSection(Section):
+    """The contact law: stiffness [N/m^exponent], damping [N s/m], exponent."""
+
     stiffness: Positive = 5.0e4
     damping: NotNegative = 100.0
     exponent: Annotated[float, Field(ge=0.5, le=10)] = 1.5
@@ -125,6 +140,7 @@ class DecelerationSection(Section):
         return self
 
     def shape(self) -> DecelerationShape:
+        """The shape that the section describes."""
         if self.linear is not None:
             return DecelerationShape.linear(*self.linear)
         if self.polynomial is not None:
@@ -152,6 +168,8 @@ class LimitsSection(Section):
 
 
 class ForcesSection(Section):
+    """How the forces are searched, and what they minimise."""
+
     search: Literal[(*SEARCHES, "convex")] = "hybrid"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Literal["impulse", "work"] = "impulse"
@@ -183,6 +201,8 @@ Several = Annotated[tuple[Number, ...], Field(max_length=_MOST_VALUES)]
 
 
 class GridSection(Section):
+    """The paper's grid: impact times [s], accelerations [m/s^2], multipliers."""
+
     impact_times: Steps | Several = Steps(start=0.80, stop=0.95, step=0.05)
     accelerations: Steps | Several = Steps(start=0.01, stop=1.0, step=0.005)
     multipliers: Steps | Several = Steps(start=-1.0, stop=1.0, step=0.1)
@@ -191,16 +211,20 @@ class GridSection(Section):
     @model_validator(mode="after")
     def _not_too_many(self):
         times, accelerations = (
-            values.count if isinstance(values, Steps) else len(values) for values in (self.impact_times, self.accelerations)
+            values.count if isinstance(values, Steps) else len(values)
+            for values in (self.impact_times, self.accelerations)
         )
         if times * accelerations > _MOST_CELLS:
-            raise ValueError(f"expected at most {_MOST_CELLS} pairs of impact time and acceleration, got {times * accelerations:.3g}")
+            raise ValueError(
+                f"expected at most {_MOST_CELLS} pairs of impact time and acceleration, got {times * accelerations:.3g}"
+            )
         return self
 
 
 class MotionSection(Section):
-    """Postures and sampling. ``touch``: what of a link is at its contact point: the end of its length l_c, on the line along it
-    (the paper), or its surface, as where the plan is to be simulated."""
+    """Postures and sampling. ``touch``: what of a link is at its contact point: the end of its length l_c, on the line
+    along it (the paper), or its surface, as where the plan is to be simulated.
+    """
 
     touch: Literal["length", "surface"] = "length"
     posture_deg: Angles = {}
@@ -231,13 +255,18 @@ class Case(Section):
 
     def __repr__(self) -> str:
         where = f"hand={self.hand.source!r:.60}, object={self.object.shape!r}, contacts={len(self.contacts)}"
-        return f"{type(self).__name__}(name={self.name!r:.60}, {where}, search={self.forces.search!r}, balance={self.forces.balance!r})"
+        return (
+            f"{type(self).__name__}(name={self.name!r:.60}, {where}, search={self.forces.search!r}, "
+            f"balance={self.forces.balance!r})"
+        )
 
     @model_validator(mode="after")
     def _not_too_many_steps(self):
         steps = self.limits.final_time / self.motion.time_step
         if steps > _MOST_STEPS:
-            raise ValueError(f"limits.final_time, motion.time_step: expected at most {_MOST_STEPS} steps, got {steps:.3g}")
+            raise ValueError(
+                f"limits.final_time, motion.time_step: expected at most {_MOST_STEPS} steps, got {steps:.3g}"
+            )
         return self
 
     def settings(self) -> dict:
@@ -278,7 +307,9 @@ class Case(Section):
             )
         for finger, named in links.items():
             if any(link is None for link in named) and any(link is not None for link in named):
-                raise CaseRejected(f"case '{self.name}': finger '{finger}': name the link of all its contacts or of none")
+                raise CaseRejected(
+                    f"case '{self.name}': finger '{finger}': name the link of all its contacts or of none"
+                )
         made = contacts_at(
             hand,
             self.make_object(),

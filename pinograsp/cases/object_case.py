@@ -34,9 +34,10 @@ def _pose(at: tuple[float, ...]) -> tuple[float, ...]:
 class ObjectCase(Section):
     """The options of ``pinograsp plan``, by their names.
 
-    ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields, ``{"shape": "sphere", "radius": 0.03, ...}``.
-    ``at`` is the object in the hand's frame: x, y, z [m] and optionally roll, pitch, yaw [deg]; without it the best of ``samples``
-    placements is taken. ``folder`` is where relative paths start.
+    ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
+    ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the object in the hand's frame: x, y, z [m] and optionally
+    roll, pitch, yaw [deg]; without it the best of ``samples`` placements is taken. ``folder`` is where relative paths
+    start.
     """
 
     hand: str
@@ -81,14 +82,22 @@ class ObjectCase(Section):
         path = self.folder / str(fields.get("path", ""))
         if os.path.isfile(path):
             fields["path"] = path
-        return object_from(f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items()))
+        return object_from(
+            f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items())
+        )
 
     def placements(self, *, jobs: int = -1, progress: bool | None = None) -> PlacementSearch:
         """Where the hand may come to the object: see :func:`~pinograsp.placement.find_placements`."""
         return find_placements(
-            self.load_hand(), self.make_object(), count=self.samples, seed=self.seed, wrap=self.wrap, jobs=jobs, progress=progress,
+            self.load_hand(),
+            self.make_object(),
+            count=self.samples,
+            seed=self.seed,
+            wrap=self.wrap,
+            jobs=jobs,
+            progress=progress,
             **self._friction(),
-        )  # fmt: skip
+        )
 
     def closure(self) -> Closure:
         """The hand closed on the object, at ``at`` or at the best placement found (in this process)."""
@@ -109,9 +118,15 @@ class ObjectCase(Section):
         """Close the hand, unless ``closure`` is it closed already, and plan: see :func:`~pinograsp.plan.plan_grasp`."""
         closure = self.closure() if closure is None else closure
         return plan_grasp(
-            closure.hand, closure, search=self.search, solver=None if self.solver == "auto" else self.solver,
-            objective=self.objective, progress=progress, **self._friction(), **self._chosen(),
-        )  # fmt: skip
+            closure.hand,
+            closure,
+            search=self.search,
+            solver=None if self.solver == "auto" else self.solver,
+            objective=self.objective,
+            progress=progress,
+            **self._friction(),
+            **self._chosen(),
+        )
 
     def _friction(self) -> dict:
         torsion = {"torsion": _TORSION} if self.friction == "soft" else {}

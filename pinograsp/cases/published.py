@@ -13,12 +13,18 @@ from pinograsp.motion import contact_postures
 from pinograsp.motion.grasp_ik import press
 from pinograsp.plan import GraspPlan
 
-# What the paper can be compared with: forces alone in balance, its friction pyramid used up to the limit, contacts on the
-# lines along the links, constant deceleration, no caps, no torque limits.
+# What the paper can be compared with: forces alone in balance, its friction pyramid used up to the limit, contacts on
+# the lines along the links, constant deceleration, no caps, no torque limits.
 AS_PUBLISHED = {
-    "forces.balance": "force", "friction.model": "pyramid", "friction.edges": 4, "friction.safety": 1.0,
-    "limits.deceleration": "constant", "limits.max_normal_force": None, "limits.torque_limit": None, "motion.touch": "length",
-}  # fmt: skip
+    "forces.balance": "force",
+    "friction.model": "pyramid",
+    "friction.edges": 4,
+    "friction.safety": 1.0,
+    "limits.deceleration": "constant",
+    "limits.max_normal_force": None,
+    "limits.torque_limit": None,
+    "motion.touch": "length",
+}
 
 NORMAL_FORCES_N = {"thumb": 9.873, "index": 6.35, "middle": 4.7}
 IMPACT_TIME_S = 0.90
@@ -63,8 +69,8 @@ class Row:
 
 
 def compare(case: Case) -> list[Row]:
-    """Published figures beside those of ``case`` planned with the paper's own choices (``AS_PUBLISHED``) and, where a figure
-    depends on balance or measure, of each choice.
+    """Published figures beside those of ``case`` planned with the paper's own choices (``AS_PUBLISHED``) and, where a
+    figure depends on balance or measure, of each choice.
 
     ``case`` must have the case study's three contacts.
 
@@ -85,7 +91,13 @@ def compare(case: Case) -> list[Row]:
             for name, ours in zip(fingers, forces.normal_forces)
         ),
         Row(quantity="sum of normal forces", unit="N", published=published.sum(), ours=forces.normal_forces.sum()),
-        Row(quantity="grasp energy (work)", unit="mJ", published=ENERGY_MJ, ours=1e3 * forces.work, note="rho + 1 times the contacts' own"),
+        Row(
+            quantity="grasp energy (work)",
+            unit="mJ",
+            published=ENERGY_MJ,
+            ours=1e3 * forces.work,
+            note="rho + 1 times the contacts' own",
+        ),
         Row(quantity="grasp energy (impulse)", unit="N s", published=None, ours=forces.impulse),
         Row(
             quantity="largest penetration",
@@ -140,7 +152,13 @@ def _optima(problem, grid: GridSpec, solver: str) -> list[Row]:
                 continue
             split = " + ".join(f"{f:.3f}" for f in best.normal_forces)
             rows += [
-                Row(quantity=f"{name}: work", unit="mJ", published=ENERGY_MJ, ours=1e3 * best.work, note=f"F_n {split} N"),
+                Row(
+                    quantity=f"{name}: work",
+                    unit="mJ",
+                    published=ENERGY_MJ,
+                    ours=1e3 * best.work,
+                    note=f"F_n {split} N",
+                ),
                 Row(
                     quantity=f"{name}: impulse",
                     unit="N s",

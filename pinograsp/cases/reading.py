@@ -19,7 +19,9 @@ _DEEPEST, _MOST_PARTS = 50, 3_000_000  # lists and mappings within each other, a
 
 
 def validated(kind: type[BaseModel], data: dict, what: str):
-    """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` names all that is wrong with ``what``."""
+    """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` names all that is wrong with
+    ``what``.
+    """
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -41,7 +43,9 @@ def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, ke
         with path.open("rb") as file:
             content = file.read(biggest + 1)  # the size that a file system tells may be wrong
         if len(content) > biggest:
-            raise CaseRejected(f"{what}: {max(len(content), path.stat().st_size)} bytes; a {kind} file has at most {biggest}")
+            raise CaseRejected(
+                f"{what}: {max(len(content), path.stat().st_size)} bytes; a {kind} file has at most {biggest}"
+            )
         data = _parse_yaml(content.decode("utf-8"), what)
     except (OSError, UnicodeDecodeError) as error:
         raise CaseRejected(f"{what} cannot be read: {error}") from error
@@ -78,6 +82,7 @@ def _parse_yaml(text: str, what: str):
 
 
 def changes_of(changes) -> dict[str, Any]:
+    """Changes of a case by key, given as a mapping or as texts ``key=value``."""
     if changes is None or isinstance(changes, Mapping):
         return {} if changes is None else mapping_of("changes", changes, "{key: value} with texts as keys")
     parsed = {}
@@ -90,6 +95,7 @@ def changes_of(changes) -> dict[str, Any]:
 
 
 def put_value(data: dict, key: str, value) -> None:
+    """Put a value at a dotted key of nested mappings and lists."""
     *parents, last = key.split(".")
     for i, parent in enumerate(parents):
         inner = data.setdefault(parent, {}) if isinstance(data, dict) else None

@@ -1,4 +1,4 @@
-"""The sweep file: which inputs of a case take which values. YAML in, checked values out, and the inputs of every plan."""
+"""The sweep file: which inputs of a case take which values. From YAML to the inputs of every plan, checked."""
 
 from __future__ import annotations
 
@@ -54,6 +54,7 @@ class Span(Section):
         return self
 
     def values(self) -> list[float]:
+        """The values of the range, ends included."""
         made = (np.geomspace if self.spacing == "log" else np.linspace)(self.from_, self.to, self.steps)
         return made.tolist()
 
@@ -95,6 +96,7 @@ class Samples(Section):
 
     @property
     def draws(self) -> dict[str, Draw]:
+        """The distributions by key."""
         return self.__pydantic_extra__
 
 
@@ -106,8 +108,10 @@ Values = Annotated[
 
 
 class SweepSpec(Section):
-    """A whole sweep: a case, or a hand and an object; ``set``: fixed inputs; ``over``: a grid of all combinations; ``samples``:
-    random draws, all of them at every point of the grid. ``folder`` is where relative paths start (the sweep file's own)."""
+    """A whole sweep: a case, or a hand and an object; ``set``: fixed inputs; ``over``: a grid of all combinations;
+    ``samples``: random draws, all of them at every point of the grid. ``folder`` is where relative paths start (the
+    sweep file's own).
+    """
 
     schema_: Literal[1] = Field(1, alias="schema")
     case: str | None = None
@@ -135,7 +139,9 @@ class SweepSpec(Section):
             wanted = "needs" if self.what == "forces" else "has no"
             raise ValueError(f"what: {self.what} {wanted} {IMPACT_TIME} [s] under set, over or samples")
         if self.samples and self.samples.count * len(self.samples.draws) > _MOST:
-            raise ValueError(f"expected at most {_MOST} drawn values, got {self.samples.count * len(self.samples.draws)}")
+            raise ValueError(
+                f"expected at most {_MOST} drawn values, got {self.samples.count * len(self.samples.draws)}"
+            )
         if self.rows > _MOST:
             raise ValueError(f"expected at most {_MOST} rows, got {self.rows}: take fewer values or draws")
         return self
@@ -154,7 +160,10 @@ class SweepSpec(Section):
         """The draws of each random input; they do not depend on which others there are."""
         if self.samples is None:
             return {}
-        return {key: draw.values(self.samples.count, [self.samples.seed, *key.encode()]) for key, draw in self.samples.draws.items()}
+        return {
+            key: draw.values(self.samples.count, [self.samples.seed, *key.encode()])
+            for key, draw in self.samples.draws.items()
+        }
 
     @property
     def rows(self) -> int:
@@ -204,7 +213,9 @@ class SweepSpec(Section):
                 made = ObjectCase.model_validate({**data, "folder": self.folder})
             except (CaseRejected, ValidationError) as error:
                 raise self._rejected(error, fixed, known) from None
-        base = Base(kind="case" if self.case else "object", what=self.what, folder=str(made.folder), data=data, always=always)
+        base = Base(
+            kind="case" if self.case else "object", what=self.what, folder=str(made.folder), data=data, always=always
+        )
         for key, values in self.inputs.items():
             if key not in known and key != IMPACT_TIME:
                 self._known(base, key, values[0], known)
@@ -224,17 +235,29 @@ class SweepSpec(Section):
         try:
             base.look({key: value})
         except InvalidInput as error:
-            if any(words in str(error) for words in ("unknown key", "no further keys", "expected an index", "field of ")):
+            if any(
+                words in str(error) for words in ("unknown key", "no further keys", "expected an index", "field of ")
+            ):
                 raise self._rejected(error, [key], known) from None
 
     def _rejected(self, error, keys, known: list[str]) -> CaseRejected:
-        text = "; ".join(_lines(error, known)) if isinstance(error, ValidationError) else str(error).replace("--set ", "")
-        near = {key: found[0] for key in keys if key not in known and (found := difflib.get_close_matches(key, known, n=1))}
-        hint = "".join(f"; '{key}': did you mean '{name}'?" for key, name in near.items()) if "did you mean" not in text else ""
+        text = (
+            "; ".join(_lines(error, known)) if isinstance(error, ValidationError) else str(error).replace("--set ", "")
+        )
+        near = {
+            key: found[0] for key in keys if key not in known and (found := difflib.get_close_matches(key, known, n=1))
+        }
+        hint = (
+            "".join(f"; '{key}': did you mean '{name}'?" for key, name in near.items())
+            if "did you mean" not in text
+            else ""
+        )
         return CaseRejected(f"sweep '{self.name}': {text}{hint}")
 
     def settings(self) -> dict:
-        """The sweep as plain values, with the values of its case and what its hand's file holds, for the record of a run."""
+        """The sweep as plain values, with the values of its case and what its hand's file holds, for the record of a
+        run.
+        """
         made = self.base.case({})
         source = made.folder / (made.hand.source if isinstance(made, Case) else made.hand)
         digest = hashlib.sha256(source.read_bytes()).hexdigest() if os.path.isfile(source) else None
@@ -243,7 +266,9 @@ class SweepSpec(Section):
 
 
 class Base(Section):
-    """What rows have in common, as plain values that go to other processes: ``always`` is the impact time where it is fixed."""
+    """What rows have in common, as plain values that go to other processes: ``always`` is the impact time where it is
+    fixed.
+    """
 
     kind: Literal["case", "object"]
     what: Literal["plan", "forces"]
@@ -267,7 +292,7 @@ class Base(Section):
             raise CaseRejected("; ".join(_lines(error, []))) from None
 
     def look(self, inputs: dict[str, Any]) -> None:
-        """Refuse what can be seen to be wrong with a row without planning it: :class:`~pinograsp.errors.InvalidInput`."""
+        """Raise :class:`~pinograsp.errors.InvalidInput` for what is wrong with a row and seen without planning it."""
         case = self.case(inputs)
         hand = case.load_hand()
         if self.kind == "object":
@@ -306,6 +331,7 @@ class HeldCase(Case):
 
     @property
     def objective(self) -> str | dict | None:
+        """What the forces minimise; None: the default of the case."""
         return self.forces.objective
 
 

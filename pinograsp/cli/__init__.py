@@ -1,4 +1,4 @@
-"""The command ``pinograsp``. Exit codes: 0 done, 2 unusable input, 3 no grasp or a grasp that is lost, 130 interrupted."""
+"""The command ``pinograsp``. Exit codes: 0 done, 2 unusable input, 3 no grasp or one that is lost, 130 interrupted."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):
             stream.flush()
-    if code == 130:  # at once: where Ctrl-C has passed through compiled code, Python would end by the signal instead, or crash
+    if (
+        code == 130
+    ):  # at once: where Ctrl-C has passed through compiled code, Python would end by the signal instead, or crash
         os._exit(130)
     signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # nothing is left to do but to clear up
     raise SystemExit(code)
@@ -54,7 +56,9 @@ def run() -> int:
 
 
 def _tell(error: BaseException) -> int:
-    """Tell an error, as JSON as well where that was asked for; returns the exit code. What is no error of a user's goes on."""
+    """Tell an error, as JSON as well where that was asked for; returns the exit code. What is no error of a user's goes
+    on.
+    """
     if _interrupted(error):
         return 130
     if isinstance(error, _UsageError):

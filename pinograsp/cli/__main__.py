@@ -1,3 +1,5 @@
+"""``python -m pinograsp.cli`` is the command ``pinograsp``."""
+
 from pinograsp.cli import main
 
 main()

@@ -18,7 +18,11 @@ app = typer.Typer(
     help="Grasp forces in newtons, joint torques and trajectories for robotic hands.",
 )
 
-HELD = ("ok", "unbalanced", "not_tracked")  # statuses of plans that are usable, though there may be something to say about them
+HELD = (
+    "ok",
+    "unbalanced",
+    "not_tracked",
+)  # statuses of plans that are usable, though there may be something to say about them
 
 # Options that commands share.
 Root = Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand, on an arm or a robot.")]
@@ -34,7 +38,10 @@ Seed = Annotated[int, typer.Option(help="Without --at: seed of the placements.")
 Wrap = Annotated[bool, typer.Option("--wrap", help="Wrap the fingers round the object (power grasp).")]
 Safety = Annotated[float, typer.Option(help="Friction is used up to mu / safety.")]
 Hulls = Annotated[
-    bool, typer.Option("--hulls", help="Convex hulls of the hand's meshes, as physics engines take them: for plans to be checked.")
+    bool,
+    typer.Option(
+        "--hulls", help="Convex hulls of the hand's meshes, as physics engines take them: for plans to be checked."
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
@@ -53,10 +60,16 @@ def _tell_more(verbose: bool) -> None:
 
 
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", callback=_hush, expose_value=False, help="Print errors alone; the exit code tells the rest.")
+    bool,
+    typer.Option(
+        "--quiet", "-q", callback=_hush, expose_value=False, help="Print errors alone; the exit code tells the rest."
+    ),
 ]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", callback=_tell_more, expose_value=False, help="Print the traceback of an error as well.")
+    bool,
+    typer.Option(
+        "--verbose", "-v", callback=_tell_more, expose_value=False, help="Print the traceback of an error as well."
+    ),
 ]
 
 

@@ -23,11 +23,11 @@ def bench(
 ) -> None:
     """How fast this machine solves: one call of optimize_forces, one tick of OnlineForces, many problems at once.
 
-    Seeded random grasps on a cylinder, exact friction cones, least squares; medians over 200 new loads. The compiled solvers
-    (extra fast) are used where they are installed. The package's benchmarks, beside other solvers, are scripts of the sources.
+    Seeded random grasps on a cylinder, exact friction cones, least squares; medians over 200 new loads. The compiled
+    solvers (extra fast) are used where they are installed. The package's benchmarks, beside other solvers, are scripts
+    of the sources.
 
     Examples:
-
       pinograsp bench
 
       pinograsp bench --contacts 5 --contacts 16 --json
@@ -50,17 +50,29 @@ def bench(
     rows = []
     for k in contacts:
         problem, loads = _problem(pg, np, k)
-        rows.append({"contacts": k, "optimize_forces_us": _median(
-            np, lambda load, problem=problem: pg.optimize_forces(problem.with_load(load), 0.9, objective="least_squares"), loads
-        )})  # fmt: skip
+        rows.append(
+            {
+                "contacts": k,
+                "optimize_forces_us": _median(
+                    np,
+                    lambda load, problem=problem: pg.optimize_forces(
+                        problem.with_load(load), 0.9, objective="least_squares"
+                    ),
+                    loads,
+                ),
+            }
+        )
         if fast:
             online = pg.OnlineForces(problem, normal_forces=(0.01, 30.0))
             rows[-1]["online_step_us"] = _median(np, online.step, loads)
             many = pg.ForceBatch.of([problem.with_load(load) for load in loads], 0.9)
-            batch = pg.ForceBatch(**{
-                name: np.concatenate([getattr(many, name)] * (_BATCH // len(loads)))
-                for name in ("points", "rotations", "loads", "mu", "low", "high", "counts", "moment_lengths")
-            }, friction=problem.friction)  # fmt: skip
+            batch = pg.ForceBatch(
+                **{
+                    name: np.concatenate([getattr(many, name)] * (_BATCH // len(loads)))
+                    for name in ("points", "rotations", "loads", "mu", "low", "high", "counts", "moment_lengths")
+                },
+                friction=problem.friction,
+            )
             pg.solve_batch(many)
             rows[-1]["batch_per_problem_us"] = round(1e6 * pg.solve_batch(batch).elapsed / len(batch), 2)
     if as_json:
@@ -78,7 +90,9 @@ def _problem(pg, np, k: int):
     angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.2, 0.2, k)
     points = 0.03 * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.5, 0.5, k)])
     body = pg.Cylinder(radius=0.03, height=0.2, mass=0.2)
-    problem = pg.ForceProblem.holding(body, pg.contacts_at(None, body, points), mu=0.8, friction=pg.Friction(model="cone"))
+    problem = pg.ForceProblem.holding(
+        body, pg.contacts_at(None, body, points), mu=0.8, friction=pg.Friction(model="cone")
+    )
     spread = rng.normal(size=(_REPEATS, 6)) * [0.3, 0.3, 0.3, 3e-3, 3e-3, 3e-3]
     return problem, np.array(problem.load) + spread
 

@@ -22,18 +22,22 @@ def check(
     push: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="FX,FY,FZ", help="Force on the object \\[N], with ,MX,MY,MZ \\[N m] and @START+DURATION \\[s]; repeatable."
+            metavar="FX,FY,FZ",
+            help="Force on the object \\[N], with ,MX,MY,MZ \\[N m] and @START+DURATION \\[s]; repeatable.",
         ),
     ] = None,
     shake: Annotated[
-        str | None, typer.Option(metavar="AX,AY,AZ", help="Shake the hand with this acceleration \\[m/s^2], @FREQUENCY \\[Hz].")
+        str | None,
+        typer.Option(metavar="AX,AY,AZ", help="Shake the hand with this acceleration \\[m/s^2], @FREQUENCY \\[Hz]."),
     ] = None,
     mu: Annotated[float | None, typer.Option(help="Friction coefficient instead of the plan's.")] = None,
     mass: Annotated[float | None, typer.Option(help="Mass of the object instead of the plan's \\[kg].")] = None,
     offset: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="The object is off by this \\[mm].")] = None,
     turn: Annotated[str | None, typer.Option(metavar="RX,RY,RZ", help="The object is turned by this \\[deg].")] = None,
     start_error: Annotated[float, typer.Option(help="Every joint starts off by this \\[deg, mm].")] = 0.0,
-    engine: Annotated[str, typer.Option(help="mujoco (extra sim), or pinocchio: slower, with nothing else installed.")] = "mujoco",
+    engine: Annotated[
+        str, typer.Option(help="mujoco (extra sim), or pinocchio: slower, with nothing else installed.")
+    ] = "mujoco",
     prescribed: Annotated[
         bool, typer.Option("--prescribed", help="Move the joints as commanded, whatever it takes, instead of servos.")
     ] = False,
@@ -42,24 +46,26 @@ def check(
         int,
         typer.Option(
             metavar="N",
-            help="How likely it holds: N trials with each of six random errors alone (position, rotation, friction, mass, "
-            "posture, push) and N with all of them together, 7 N in all. Interrupted, the same command goes on.",
+            help="How likely it holds: N trials with each of six random errors alone (position, rotation, friction, "
+            "mass, posture, push) and N with all of them together, 7 N in all. Interrupted, the same command goes on.",
         ),
     ] = 0,
     seed: Annotated[int, typer.Option(help="Of the random errors.")] = 0,
     thresholds: Annotated[
-        bool, typer.Option("--thresholds", help="Search for the smallest friction and the largest mass that still hold.")
+        bool,
+        typer.Option("--thresholds", help="Search for the smallest friction and the largest mass that still hold."),
     ] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for the results; default: RUN/check, RUN/check-2, ...")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; default: RUN/check, RUN/check-2, ...")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results in --out.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Try a plan in a simulation with a free object: does it hold? (Exit code 0: it holds, 3: it is lost.)
+    """Try a plan in a simulation with a free object: does it hold? Exit code 0: it holds, 3: it is lost.
 
     Examples:
-
       pinograsp check runs/paper
 
       pinograsp check runs/paper --hold 10 --push 0,0,-2@0.5+0.2 --mu 0.6
@@ -75,7 +81,12 @@ def check(
         place = folder.place
         if (place / "plan.json").exists() or place in (run.resolve(), *run.resolve().parents):
             raise InvalidInput(f"--out: expected a folder for the check alone, got '{out}', which holds a run")
-        settings = {"hold": hold, "engine": engine, "time_step": time_step, "mode": "prescribed" if prescribed else "servo"}
+        settings = {
+            "hold": hold,
+            "engine": engine,
+            "time_step": time_step,
+            "mode": "prescribed" if prescribed else "servo",
+        }
         wrong = (push, shake, mu, mass, offset, turn, start_error)
         studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
         studies["trials"] = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
@@ -136,7 +147,10 @@ def _studies(run: Path, task, margins: dict, studies: dict, disturbance, setting
     if studies["monte_carlo"]:
         if not as_json:
             count, kinds = studies["monte_carlo"], Errors().kinds
-            typer.echo(f"{count} trials with each of {', '.join(kinds)}, and {count} with all together: {count * (len(kinds) + 1)} trials")
+            typer.echo(
+                f"{count} trials with each of {', '.join(kinds)}, and {count} with all together: "
+                f"{count * (len(kinds) + 1)} trials"
+            )
         # Trials are kept as they come: the same command, typed again, goes on from there.
         told = json.dumps({"seed": studies["seed"], **settings}, sort_keys=True)
         trials = studies["trials"] / hashlib.sha256(told.encode()).hexdigest()[:8]
@@ -150,7 +164,10 @@ def _studies(run: Path, task, margins: dict, studies: dict, disturbance, setting
     if studies["thresholds"]:
         least = max(margins["least_mu"].values()) if "least_mu" in margins else None
         yield "slip_threshold", slip_threshold(task, planned=least, disturbance=disturbance, **settings)
-        yield "load_threshold", load_threshold(task, planned=margins["load_factor"], disturbance=disturbance, **settings)
+        yield (
+            "load_threshold",
+            load_threshold(task, planned=margins["load_factor"], disturbance=disturbance, **settings),
+        )
 
 
 def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):
@@ -195,5 +212,7 @@ def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
     except ValueError:
         values = []
     if len(values) not in counts:
-        raise InvalidInput(f"{option}: expected {' or '.join(map(str, counts))} numbers with commas between, got '{text}'")
+        raise InvalidInput(
+            f"{option}: expected {' or '.join(map(str, counts))} numbers with commas between, got '{text}'"
+        )
     return values

@@ -26,7 +26,6 @@ def hands(
     """List the hands that need no file, or describe one: fingers, joints, limits, couplings, masses.
 
     Examples:
-
       pinograsp hands
 
       pinograsp hands psyonic_left
@@ -55,7 +54,9 @@ def _list_hands(as_json: bool) -> None:
     from rich.table import Table
 
     screen = console()
-    columns = {name: i for i, name in enumerate(("name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"))}
+    columns = {
+        name: i for i, name in enumerate(("name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"))
+    }
     if screen.width < _WIDE:  # a line for each hand
         del columns["title"]
     table = Table(box=None, header_style="bold")

@@ -27,7 +27,7 @@ from pinograsp.cli.app import (
     bar,
     console,
     new_folder,
-)  # fmt: skip
+)
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp, Status
 
 _SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 or mesh:path=mug.stl,scale=0.001,density=600 \\[m, kg]"
@@ -76,7 +76,6 @@ def plan(
     """Plan a grasp: contact forces, joint torques, trajectories, figures and a report.
 
     Examples:
-
       pinograsp plan paper
 
       pinograsp plan paper --search convex --balance wrench --measure work --out runs/wrench
@@ -91,7 +90,15 @@ def plan(
     elif case is None and hand is not None and object is not None:
         if changes:
             raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-        placing = {"mu": mu, "friction": friction, "safety": safety, "samples": samples, "seed": seed, "wrap": wrap, "hulls": hulls}
+        placing = {
+            "mu": mu,
+            "friction": friction,
+            "safety": safety,
+            "samples": samples,
+            "seed": seed,
+            "wrap": wrap,
+            "hulls": hulls,
+        }
         chosen = {key: value for key, value in options.items() if value is not None}
         _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
     else:
@@ -119,13 +126,20 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
 
 
 def _beside_the_paper(case, notes: list[str]) -> dict:
-    """The published figures beside those of the case planned with the paper's own choices; a note where it has no such plan."""
+    """The published figures beside those of the case planned with the paper's own choices; a note where it has no such
+    plan.
+    """
     from pinograsp.cases.published import compare
 
     try:
         return {"comparison": [row.summary() for row in compare(case)]}
     except NoGrasp as error:
-        return {"notes": [*notes, f"nothing stands beside the paper's figures: with its own choices there is no grasp ({error})"]}
+        return {
+            "notes": [
+                *notes,
+                f"nothing stands beside the paper's figures: with its own choices there is no grasp ({error})",
+            ]
+        }
 
 
 def _object_case(hand: str, object: str, root: str | None, at: str | None, **options):
@@ -146,7 +160,10 @@ def _closed(case, as_json: bool):
     found = case.placements(progress=bar(as_json))
     if found.interrupted:
         held = len(found.placements)
-        typer.echo(f"pinograsp: {found.tried} of {case.samples} placements tried, {held} hold the object; nothing written", err=True)
+        typer.echo(
+            f"pinograsp: {found.tried} of {case.samples} placements tried, {held} hold the object; nothing written",
+            err=True,
+        )
         raise KeyboardInterrupt
     return found.best.closure
 
@@ -163,9 +180,7 @@ def _plan_object(case, out, force: bool, as_json: bool) -> None:
 @app.command()
 def close(
     hand: Annotated[str, typer.Option(help="A hand of the catalogue, or its URDF, xacro or MJCF file.")],
-    object: Annotated[
-        str, typer.Option(help=f"What to close on, as {_SPECS}.")
-    ],
+    object: Annotated[str, typer.Option(help=f"What to close on, as {_SPECS}.")],
     root: Root = None,
     at: At = None,
     mu: Mu = 0.7,
@@ -182,12 +197,19 @@ def close(
     """Close a hand on an object: which links touch where, and what stops each joint.
 
     Examples:
-
       pinograsp close --hand allegro_right --object sphere:radius=0.03,mass=0.2 --at 0.08,0,0.07
 
       pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
     """
-    placing = {"mu": mu, "friction": friction, "safety": safety, "samples": samples, "seed": seed, "wrap": wrap, "hulls": hulls}
+    placing = {
+        "mu": mu,
+        "friction": friction,
+        "safety": safety,
+        "samples": samples,
+        "seed": seed,
+        "wrap": wrap,
+        "hulls": hulls,
+    }
     closure = _closed(_object_case(hand, object, root, at, **placing), as_json)
     typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
     if not closure.touches:
@@ -250,7 +272,13 @@ def _print(run, folder: Path) -> None:
         screen.print(f"note: {note}")
     for caution in run.summary["cautions"]:
         screen.print(f"caution: {caution}")
-    table = Table(title=f"Grasp plan '{run.settings['name']}'", show_header=False, box=None, title_justify="left", padding=(0, 1, 0, 0))
+    table = Table(
+        title=f"Grasp plan '{run.settings['name']}'",
+        show_header=False,
+        box=None,
+        title_justify="left",
+        padding=(0, 1, 0, 0),
+    )
     for row in answer(run):
         table.add_row(*row)
     screen.print(table)

@@ -22,7 +22,6 @@ def report(
     """Write a run's report and figures again, with the verdict of its newest simulation.
 
     Examples:
-
       pinograsp report runs/paper
 
       pinograsp check runs/paper && pinograsp report runs/paper
@@ -43,7 +42,9 @@ def report(
         figures = [figure.name for figure in save_figures(loaded, path)] if loaded.arrays else []
         verdict = None if found is None else load_check(found)[0]
         write_report(loaded, path, figures, verdict)
-        told.append(does_it_hold(loaded.summary, verdict).text if loaded.arrays else f"No grasp ({loaded.summary['status']}).")
+        told.append(
+            does_it_hold(loaded.summary, verdict).text if loaded.arrays else f"No grasp ({loaded.summary['status']})."
+        )
 
     add_files(run, fill)
     typer.echo(f"Does it hold? {told[-1]}")

@@ -13,19 +13,24 @@ from pinograsp.cli.app import HELD, Json, Quiet, Verbose, app, bar, console
 
 @app.command()
 def sweep(
-    file: Annotated[Path, typer.Argument(metavar="SWEEP.yaml", help="Case, fixed inputs (set), grid (over), random draws (samples).")],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="SWEEP.yaml", help="Case, fixed inputs (set), grid (over), random draws (samples)."),
+    ],
     out: Annotated[Path | None, typer.Option(help="Folder for the rows; default: runs/ and the file's name.")] = None,
     jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = -1,
     backend: Annotated[str, typer.Option(help="joblib: this machine, or dask: the cluster of --scheduler.")] = "joblib",
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, as tcp://10.0.0.1:8786.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, as tcp://10.0.0.1:8786.")
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Plan a case over ranges or random draws of its inputs: a table with a row per plan. Interrupted, the same command goes on.
+    """Plan a case over ranges or random draws of its inputs: a table with a row per plan. Interrupted, the same command
+    goes on.
 
     Examples:
-
       pinograsp sweep friction.yaml
 
       pinograsp sweep friction.yaml --out runs/friction --jobs 8

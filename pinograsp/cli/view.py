@@ -16,10 +16,12 @@ from pinograsp.errors import InvalidInput, ResultsNotWritten
 def view(
     run: Annotated[Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.")],
     html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a page that opens from disk, without a server or a network.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a page that opens from disk, without a server or a network."),
     ] = None,
     check: Annotated[
-        Path | None, typer.Option(help="Folder of a check to show beside the plan; default: the latest one in the run's folder.")
+        Path | None,
+        typer.Option(help="Folder of a check to show beside the plan; default: the latest one in the run's folder."),
     ] = None,
     port: Annotated[int, typer.Option(help="Of the live page; the next one that is free.")] = 8080,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the live page in a browser.")] = True,
@@ -32,7 +34,6 @@ def view(
     The live page needs the extra viz; Ctrl-C ends it.
 
     Examples:
-
       pinograsp view runs/paper
 
       pinograsp view runs/paper --html paper.html

@@ -57,7 +57,8 @@ class Distances:
         away = float(np.linalg.norm(object.com_o - hand.pose[:3, 3])) + object.bounding_radius
         if not away <= FARTHEST:
             raise InvalidInput(
-                f"object: expected one within {FARTHEST:g} m of the hand's root, got one that reaches to {away:.3g} m: are the units right?"
+                f"object: expected one within {FARTHEST:g} m of the hand's root, got one that reaches to {away:.3g} "
+                "m: are the units right?"
             )
         self.model, self.data = hand.model, hand.model.createData()
         self.object, self.shape = object, object.collision_geometry
@@ -108,7 +109,8 @@ class Distances:
             point = np.array(self.result.getNearestPoint1())
             if np.isfinite(point).all() and max(least, -_FAILED) <= distance < _FAILED:
                 return distance, point
-            # At its finest tolerance coal can lose itself on slivers of a mesh: coarser, then from a hair's breadth aside.
+            # At its finest tolerance coal can lose itself on slivers of a mesh: coarser, then from a hair's breadth
+            # aside.
             moved.setTranslation(object_pose.getTranslation() + 1e-7 * np.array([attempt, 1.0, -attempt]))
         raise GeometryFailed(part.link, type(part.geometry).__name__)
 
@@ -144,7 +146,8 @@ def check_geometry(hand: HandModel) -> None:
     instance_of("hand", hand, HandModel)
     if hand.geometry.ngeoms > _MOST_SHAPES:
         raise InvalidInput(
-            f"hand '{hand.name}' has {hand.geometry.ngeoms} collision shapes, expected at most {_MOST_SHAPES}: give root= the hand's "
+            f"hand '{hand.name}' has {hand.geometry.ngeoms} collision shapes, expected at most {_MOST_SHAPES}: "
+            "give root= the hand's "
             "palm, or fewer shapes"
         )
     if not hand.geometry.ngeoms:
@@ -169,7 +172,8 @@ def link_centre(hand: HandModel, data, joint: int) -> np.ndarray:
 def fingertips(hand: HandModel, data) -> np.ndarray:
     """Where the fingers press: centres of their last links (f, 3) in the world [m].
 
-    A single finger presses with its end, against the palm: its end, and the palm's point nearest to where that gets (2, 3).
+    A single finger presses with its end, against the palm: its end, and the palm's point nearest to where that gets (2,
+    3).
     """
     last = [finger.joint_ids[-1] for finger in hand.fingers]
     if len(last) > 1:
@@ -190,7 +194,9 @@ def _end(hand: HandModel, data, joint: int) -> np.ndarray:
 
 
 def _nearest(hand: HandModel, data, joint: int, point: np.ndarray) -> tuple[float, np.ndarray]:
-    """Distance [m] of the geometry that a joint carries from a point (3,), and its nearest point (3,); without any, the joint's."""
+    """Distance [m] of the geometry that a joint carries from a point (3,), and its nearest point (3,); without any, the
+    joint's.
+    """
     found = [(np.inf, np.array(data.oMi[joint].translation))]
     at, request, result = coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), coal.DistanceResult()
     for one in hand.geometry.geometryObjects:

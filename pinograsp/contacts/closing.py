@@ -1,13 +1,14 @@
 """Closing a hand on an object: the first touch of every link, found by continuous collision detection.
 
-All joints follow a path from an open to a closed posture. The distance of a link's geometry to the object shrinks at most
-at the speed of the link's fastest point, which the joints' rates and the link's reach bound; so the path can be followed in
-steps that no touch is missed in (conservative advancement, Mirtich 1996; distances by coal). What touches stops every joint
-that would press it on; the joints beyond it go on, until none moves. A finger whose joints move together often touches with its
-tip first, which stops them all; joint after joint from base to tip it wraps round the object.
+All joints follow a path from an open to a closed posture. The distance of a link's geometry to the object shrinks at
+most at the speed of the link's fastest point, which the joints' rates and the link's reach bound; so the path can be
+followed in steps that no touch is missed in (conservative advancement, Mirtich 1996; distances by coal). What touches
+stops every joint that would press it on; the joints beyond it go on, until none moves. A finger whose joints move
+together often touches with its tip first, which stops them all; joint after joint from base to tip it wraps round the
+object.
 
-Jaws that share an actuator cannot stop one by one. With them the object is not held still: jaws that go on push it along
-their normals, without friction, until it is caged between them or until friction would jam it.
+Jaws that share an actuator cannot stop one by one. With them the object is not held still: jaws that go on push it
+along their normals, without friction, until it is caged between them or until friction would jam it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes ar
 _CREEP = 2e-7  # [m] least advance: what passes the object this close is taken to touch it
 _OPEN = 1e-9  # [m] an overlap beyond rounding: the start posture is no start
 _PUSH = 0.01  # first share of the path that jaws push the object at once; quartered where it cannot yield
-_RATHER_MOVED = 3.0  # a turn counts for as much as a move of its rim times this: what jaws push slides, and turns to fit
+_RATHER_MOVED = (
+    3.0  # a turn counts for as much as a move of its rim times this: what jaws push slides, and turns to fit
+)
 _ROOM = 0.02  # of the jaws' own way: room that a pushed object is given, so that curved paths need few corrections
 _LEVERAGE = 10.0  # what is pushed moves at most this much farther than the jaws: more is squirting out of them
 _CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
@@ -54,20 +57,21 @@ def close_hand(
 ) -> Closure:
     """Close ``hand`` on ``object`` until nothing moves any more.
 
-    Every joint moves from ``start`` to ``target`` in the same share of the way (the paper's Table IV), or in turn. A link that touches
-    stops the joints that carry it; joints beyond go on. Coupled joints stop together.
+    Every joint moves from ``start`` to ``target`` in the same share of the way (the paper's Table IV), or in turn. A
+    link that touches stops the joints that carry it; joints beyond go on. Coupled joints stop together.
 
     Args:
-        hand: placed in the world. object: a shape of :mod:`pinograsp.objects`, held still unless fingers that share an
-            actuator push it.
-        start, target: postures, ``{finger: angles (n_f,)}`` [rad] (others at their default) or q (n,). Default: the synergy
-            of :func:`open_and_closed`, which works for any hand.
+        hand: placed in the world.
+        object: a shape of :mod:`pinograsp.objects`, held still unless fingers that share an actuator push it.
+        start, target: postures, ``{finger: angles (n_f,)}`` [rad] (others at their default) or q (n,). Default: the
+            synergy of :func:`open_and_closed`, which works for any hand.
         palm: whether what does not move can be touched.
         fingers: names of those that close; default: all. The others stay at ``start``.
         wrap: close joint after joint, from base to tip, for power grasps: every link gets its chance to touch.
-        fixed: hold the object still even where fingers share an actuator: then the first of them that touches stops all.
-        friction: coefficient at which an object that such fingers push jams between them [-]: it is pushed no further. Not used
-            with ``fixed``.
+        fixed: hold the object still even where fingers share an actuator: then the first of them that touches stops
+            all.
+        friction: coefficient at which an object that such fingers push jams between them [-]: it is pushed no further.
+            Not used with ``fixed``.
 
     Raises:
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
@@ -84,9 +88,10 @@ def close_hand(
         moving = {int(i) for name in items_of("fingers", fingers, str) for i in hand.finger(name).dofs}
         closed = np.where(np.isin(np.arange(hand.n), sorted(moving)), closed, opened)
     beyond = [
-        joint for joint, q, low, high in zip(hand.joint_names, opened, hand.lower, hand.upper)
+        joint
+        for joint, q, low, high in zip(hand.joint_names, opened, hand.lower, hand.upper)
         if not low - 1e-9 <= q <= high + 1e-9
-    ]  # fmt: skip
+    ]
     if beyond:
         raise InvalidInput(f"start: expected angles within the joint limits, {', '.join(beyond)} is not")
     closing = _Closing(hand, object, opened, closed, palm, wrap)
@@ -161,7 +166,8 @@ class _Closing:
             gaps[i], point = self.distances.bound(part)
             if gaps[i] < -(_OPEN if part.joint else 1e-6):
                 raise InvalidInput(
-                    f"start: '{part.link}' of hand '{self.hand.name}' overlaps the object by {-1e3 * gaps[i]:.3g} mm: open "
+                    f"start: '{part.link}' of hand '{self.hand.name}' overlaps the object by {-1e3 * gaps[i]:.3g} mm: "
+                    "open "
                     "the hand further, or move one of them"
                 )
             if gaps[i] <= (TOUCH if part.joint else 1e-6) and part.link not in self.touched:
@@ -172,7 +178,8 @@ class _Closing:
             if steps > _MOST_STEPS:
                 near = self.parts[first].link
                 raise InvalidInput(
-                    f"hand '{self.hand.name}': closing takes more than {_MOST_STEPS} steps, for '{near}' is close to the object for "
+                    f"hand '{self.hand.name}': closing takes more than {_MOST_STEPS} steps, for '{near}' is close to "
+                    "the object for "
                     "long, or reaches very far: move the object a little, or check the sizes of the hand"
                 )
             moving, touched = self.moving, self.touched
@@ -226,11 +233,18 @@ class _Closing:
         local = self.distances.data.oMi[part.joint].actInv(point)
         self.touches.append(
             Touch(
-                finger=part.finger, link=part.link, joint_id=part.joint, at=float(self.at), point_o=read_only(surface),
-                normal_o=read_only(normal), gap=float(gap), point_l=read_only(local), length=float(np.linalg.norm(local)),
+                finger=part.finger,
+                link=part.link,
+                joint_id=part.joint,
+                at=float(self.at),
+                point_o=read_only(surface),
+                normal_o=read_only(normal),
+                gap=float(gap),
+                point_l=read_only(local),
+                length=float(np.linalg.norm(local)),
                 patch_o=read_only(patch),
             )
-        )  # fmt: skip
+        )
         self.at_touch[part.finger] = self.q.copy()
         for i in np.flatnonzero((part.reach > 0) & self.free):
             self.free[i] = False
@@ -243,7 +257,9 @@ class _Closing:
         shared = np.array([i in self.shared and name in stopped for i, name in enumerate(self.hand.joint_names)])
         if not shared.any():
             return
-        parts = [part for part in self.parts if not part.joint or (part.reach[shared] > 0).any() or part.link in self.touched]
+        parts = [
+            part for part in self.parts if not part.joint or (part.reach[shared] > 0).any() or part.link in self.touched
+        ]
         q, at, body, step, most = self.q.copy(), self.at, self.object, _PUSH, _PUSH
         speeds = np.array([float(np.abs(self.rate[shared]) @ part.reach[shared]) for part in parts])
         gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: what is far off is not looked at
@@ -284,7 +300,8 @@ class _Closing:
         self.events.append((at, q.copy()))
 
     def jammed(self, parts, gaps: np.ndarray, friction: float, near: float) -> bool:
-        """Whether friction lets what is ``near`` press the object without moving it: forces in its cones that add up to nothing.
+        """Whether friction lets what is ``near`` press the object without moving it: forces in its cones that add up to
+        nothing.
 
         The posture and the object's place are those that distances are taken at; ``gaps`` are lower bounds there.
         """
@@ -304,10 +321,11 @@ class _Closing:
         return bool(left < _BALANCED)
 
     def yielded(self, parts, q: np.ndarray, body, gaps: np.ndarray, far: float, room: float):
-        """The object out of the way of every part of the hand at q, moved and turned as little as possible; None: it cannot.
+        """The object out of the way of every part of the hand at q, moved and turned as little as possible; None: it
+        cannot.
 
-        ``gaps`` are lower bounds of the parts' distances from ``body``; new ones are returned as well. It moves by ``far`` [m]
-        at most, and where it makes way by half of ``room`` [m] more than it must.
+        ``gaps`` are lower bounds of the parts' distances from ``body``; new ones are returned as well. It moves by
+        ``far`` [m] at most, and where it makes way by half of ``room`` [m] more than it must.
         """
         gaps, given = gaps.copy(), body
         points, exact = np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool)
@@ -375,7 +393,8 @@ class _Closing:
             moved = ", ".join(f"{1e3 * v:.2f}" for v in self.object.com_o - self.given.com_o)
             turned = np.degrees(np.linalg.norm(pin.log3(pushed[:3, :3])))
             notes.append(
-                f"the object was pushed by ({moved}) mm and turned by {turned:.2f} deg by fingers that cannot stop one by one"
+                f"the object was pushed by ({moved}) mm and turned by {turned:.2f} deg by fingers that cannot stop "
+                "one by one"
             )
         return Closure(
             hand=self.hand,

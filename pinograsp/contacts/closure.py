@@ -20,10 +20,13 @@ class Touch:
     """The first touch of a link.
 
     Attributes:
-        finger: its name; ``"palm"``; or "" for moving links of no finger. link: the link. joint_id: Pinocchio's index of the
-            joint that carries it (0: the palm).
+        finger: its name; ``"palm"``; or "" for moving links of no finger.
+        link: the link.
+        joint_id: Pinocchio's index of the joint that carries it (0: the palm).
         at: share of the path at which it happened (0 open, 1 closed).
-        point_o: on the object's surface, world (3,) [m]. normal_o: inward unit normal (3,). gap: distance left [m].
+        point_o: on the object's surface, world (3,) [m].
+        normal_o: inward unit normal (3,).
+        gap: distance left [m].
         point_l: the link's own point in its joint's frame (3,) [m].
         length: l_c, distance of that point from the link's joint [m].
         patch_o: corners (p, 3) of the area that touches, where both are flat [m]; else the point alone. ``point_o`` and
@@ -79,8 +82,9 @@ class Closure:
         """The touches as contacts, base to tip by finger, with the posture they belong to.
 
         Args:
-            gravity_o: orients the tangent axes. palm: with the palm's contact. patches: a contact at every corner of a flat
-                area; else one in its middle.
+            gravity_o: orients the tangent axes.
+            palm: with the palm's contact.
+            patches: a contact at every corner of a flat area; else one in its middle.
 
         Raises:
             InvalidInput: nothing touches.

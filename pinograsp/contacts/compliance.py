@@ -31,7 +31,9 @@ class Compliance:
     """Marhefka-Orin contact law F_n = (lambda ddelta + K) delta^rho (Eq. 4, [3] of the paper).
 
     Attributes:
-        stiffness: K [N/m^rho]. damping: lambda [N s/m^(rho+1)]. exponent: rho [-].
+        stiffness: K [N/m^rho].
+        damping: lambda [N s/m^(rho+1)].
+        exponent: rho [-].
     """
 
     stiffness: float = 5.0e4
@@ -57,7 +59,8 @@ class Compliance:
         which where A = B is 4/3 E* sqrt(R) with R = 1 / (2 A).
 
         Args:
-            young: Young's moduli (E_1, E_2) [Pa]. poisson: Poisson's ratios (nu_1, nu_2) [-].
+            young: Young's moduli (E_1, E_2) [Pa].
+            poisson: Poisson's ratios (nu_1, nu_2) [-].
             curvatures: principal curvatures (2, 2) [1/m], one row per body, the smaller first, positive where the body
                 is convex: what the shapes' ``curvature`` gives.
             angle: between the directions of the bodies' first curvatures [rad].
@@ -126,7 +129,8 @@ class PenetrationProfile:
 
     Attributes:
         acceleration: A (k,), magnitude of the peak deceleration [m/s^2].
-        impact_time: t_I [s]. final_time: t_F [s].
+        impact_time: t_I [s].
+        final_time: t_F [s].
         shape: deceleration / A over u = (t - t_I) / tau.
     """
 
@@ -148,7 +152,11 @@ class PenetrationProfile:
             )
         object.__setattr__(self, "acceleration", acceleration)
         object.__setattr__(self, "impact_time", number("impact time", self.impact_time, at_least=0, unit="s"))
-        object.__setattr__(self, "final_time", number("final time", self.final_time, above=self.impact_time, at_most=_LONGEST, unit="s"))
+        object.__setattr__(
+            self,
+            "final_time",
+            number("final time", self.final_time, above=self.impact_time, at_most=_LONGEST, unit="s"),
+        )
 
     @property
     def duration(self) -> float:
@@ -197,7 +205,8 @@ def impulse_energy(compliance: Compliance, final_depth, duration: float, shape: 
 
 
 def work_energy(compliance: Compliance, final_depth, duration: float, shape: DecelerationShape = CONSTANT):
-    """Grasp-energy measure "work" [J] per contact: Eq. (9) integrated over *depth*, rho + 1 times the work that the contact does.
+    """Grasp-energy measure "work" [J] per contact: Eq. (9) integrated over *depth*, rho + 1 times the work that the
+    contact does.
 
     K delta_F^(rho+1) + c lambda delta_F^(rho+2) / tau for a deceleration of ``shape`` that ends at ``final_depth`` [m]
     after ``duration`` = tau [s]; c is the shape's ``work_factor``, 2 (rho+1) B(3/2, rho+1) for the constant one.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
@@ -34,13 +35,15 @@ class Contact:
     """One point contact with friction.
 
     Attributes:
-        finger: name of the finger. link: the link that touches ("" where no hand is involved).
+        finger: name of the finger.
+        link: the link that touches ("" where no hand is involved).
         point_o: contact point (3,) in the world [m].
         rotation_oc: contact frame R_oc (3, 3); columns x, y tangent, z the inward normal (into the object).
         length: distance of the contact point from the link's joint [m] (l_c of Eq. 3); None where the contact phase
             determines it.
         distance: signed distance of the point from the object's surface [m], negative inside.
-        point_l: the link's point that touches, in its joint's frame (3,) [m]; None: on the line along the link, at ``length``.
+        point_l: the link's point that touches, in its joint's frame (3,) [m]; None: on the line along the link, at
+            ``length``.
     """
 
     finger: str
@@ -115,7 +118,8 @@ class ContactSet:
     @property
     def names(self) -> tuple[str, ...]:
         """A label per contact: the finger's name, with the link where a finger has several contacts, and a number where
-        a link has."""
+        a link has.
+        """
         fingers = [c.finger for c in self.contacts]
         names = [f"{c.finger}/{c.link}" if fingers.count(c.finger) > 1 else c.finger for c in self.contacts]
         return tuple(
@@ -141,13 +145,20 @@ class ContactSet:
         return self._derived["distance"]
 
     def checked_moment_length(self, length: float | None = None) -> float:
-        """The length [m] that moments are divided by, default ``mean_distance``; refused where they do not compare with forces then."""
-        name = "moment length" if length is not None else "moment length, the contacts' mean distance from the centre of mass"
+        """The length [m] that moments are divided by, default ``mean_distance``; refused where they do not compare with
+        forces then.
+        """
+        name = (
+            "moment length"
+            if length is not None
+            else "moment length, the contacts' mean distance from the centre of mass"
+        )
         length = number(name, self.mean_distance if length is None else length, at_least=1e-9, at_most=1e3, unit="m")
         farthest = float(np.abs(self.points_o - self.com_o).max(initial=0.0))
         if farthest > 1e9 * length:
             raise InvalidInput(
-                f"contacts: expected within a billion moment lengths of {length:g} m, got one {farthest:.3g} m from the centre of mass"
+                f"contacts: expected within a billion moment lengths of {length:g} m, got one {farthest:.3g} m from "
+                "the centre of mass"
             )
         return length
 
@@ -217,7 +228,8 @@ def contacts_at(
             if abs(distance) > tolerance:
                 raise InvalidInput(
                     f"contact point of '{finger}' at {(1e3 * where[i]).round(3).tolist()} mm: "
-                    f"{1e3 * abs(distance):.3f} mm {'inside' if distance < 0 else 'outside'} the object's surface, more "
+                    f"{1e3 * abs(distance):.3f} mm {'inside' if distance < 0 else 'outside'} the object's surface, "
+                    "more "
                     f"than the tolerance of {1e3 * tolerance:g} mm; nearest surface point: "
                     f"{(1e3 * surface[i]).round(3).tolist()} mm (are the units right?)"
                 )
@@ -255,13 +267,17 @@ def _links_of(finger, count: int, links: list[str] | None) -> list[str]:
     if len(links) != count:
         raise InvalidInput(f"finger '{finger.name}': expected {count} links, one per contact point, got {len(links)}")
     order = [finger.links.index(one_of(f"link of finger '{finger.name}'", link, finger.links)) for link in links]
-    if any(b <= a for a, b in zip(order, order[1:])):
+    if any(b <= a for a, b in itertools.pairwise(order)):
         raise InvalidInput(f"finger '{finger.name}': list the touching links from base to tip, each once; got {links}")
     return list(links)
 
 
 def _lengths_of(hand, finger, links: list[str], lengths) -> list[float | None]:
-    given = [None] * len(links) if lengths is None else items_of(f"contact lengths of '{finger.name}'", lengths, Real, type(None))
+    given = (
+        [None] * len(links)
+        if lengths is None
+        else items_of(f"contact lengths of '{finger.name}'", lengths, Real, type(None))
+    )
     if len(given) != len(links):
         raise InvalidInput(f"finger '{finger.name}': expected {len(links)} contact lengths, got {len(given)}")
     tip = float(np.linalg.norm(hand.model.frames[hand.frame_id(finger.tip)].placement.translation))

@@ -158,7 +158,9 @@ def _normalised(alpha) -> PPoly:
             "use u = (t - t_I) / tau as the variable"
         )
     if len(alpha.c) > _MOST_POWERS:
-        raise InvalidInput(f"deceleration shape: expected at most {_MOST_POWERS} powers of u, got {len(alpha.c)}: sample it")
+        raise InvalidInput(
+            f"deceleration shape: expected at most {_MOST_POWERS} powers of u, got {len(alpha.c)}: sample it"
+        )
     scale = np.abs(alpha.c).max()
     if not np.isfinite(scale):
         raise InvalidInput("deceleration shape: expected finite coefficients, got NaN or infinity: give finite numbers")

@@ -3,8 +3,8 @@
 Every model is a convex set U of scaled tangential forces u = (u_x, u_y[, u_t]): a contact with normal force F_n gives
 f_x = mu u_x, f_y = mu u_y and the torsional moment m = torsion u_t with u in F_n U.
 
-- ``"pyramid"``: U is the regular polygon with ``edges`` vertices on the unit circle, the first at 45 deg, so the pyramid is
-  inscribed in the cone and contains the one of half the edges. Four edges are the paper's pyramid,
+- ``"pyramid"``: U is the regular polygon with ``edges`` vertices on the unit circle, the first at 45 deg, so the
+  pyramid is inscribed in the cone and contains the one of half the edges. Four edges are the paper's pyramid,
   |f_x|, |f_y| <= mu F_n / sqrt(2) (Eq. 16).
 - ``"cone"``: U is the unit disc, Coulomb's exact second-order cone.
 - ``"soft"``: U is the unit ball: soft finger with the elliptic limit (f_x^2 + f_y^2) / mu^2 + m^2 / torsion^2 <= F_n^2
@@ -65,12 +65,14 @@ class Friction:
 
     @property
     def round_dimensions(self) -> int:
-        """How many components of u a second-order cone |u| <= F_n bounds together: 0 (pyramid), 2 or 3 (soft finger)."""
+        """Number of components of u that a second-order cone |u| <= F_n bounds: 0 (pyramid), 2 or 3 (soft finger)."""
         return {"pyramid": 0, "cone": 2, "soft": 3}[self.model]
 
     @property
     def separates(self) -> bool:
-        """Whether U is a product of balls and intervals: a cone, a soft finger, or the pyramid of 4 edges (seen along its edges)."""
+        """Whether U is a product of balls and intervals: a cone, a soft finger, or the pyramid of 4 edges (seen along
+        its edges).
+        """
         return self.model != "pyramid" or self.edges == 4
 
     @property
@@ -96,7 +98,7 @@ class Friction:
 
     @property
     def facets(self) -> np.ndarray:
-        """Rows D (r, d - 1) with u in F_n U if and only if D u <= F_n; of the polygon and of a plain torsional limit."""
+        """Rows D (r, d - 1), u in F_n U if and only if D u <= F_n; of the polygon and of a plain torsional limit."""
         return _facets(self.model, self.edges, self.d)
 
     @property
@@ -165,6 +167,7 @@ def _facets(model: str, edges: int, d: int) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _vertices(edges: int) -> np.ndarray:
-    # The paper's four are among them whenever edges is a multiple of four, so doubling the edges never takes force away.
+    # The paper's four are among them whenever edges is a multiple of four, so doubling the edges never takes force
+    # away.
     angles = np.pi / 4 + 2 * np.pi * np.arange(edges) / edges
     return read_only(np.column_stack([np.cos(angles), np.sin(angles)]))

@@ -67,8 +67,8 @@ def inscribed_ball(
         dimension: d.
         tolerance: relative gap ``(upper - lower) / upper`` to reach [-]. Gaps below 1e-11 of the set's size are always
             taken as closed, and a set thinner than that as flat.
-        floor: gap that is fine whatever the radius, in the set's unit: a smooth set whose boundary passes near the origin
-            needs no end of facets for a relative gap.
+        floor: gap that is fine whatever the radius, in the set's unit: a smooth set whose boundary passes near the
+            origin needs no end of facets for a relative gap.
         limit: facets, and points, that the inner polytope may have. A smooth set needs many at a fine tolerance; at the
             limit the bounds reached are returned with ``converged=False``. 300 000 facets in 6-D take some 5 s, 100 MB.
 

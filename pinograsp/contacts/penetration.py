@@ -1,8 +1,9 @@
 """How deep a hand's links are in an object: where the surfaces have a common normal, however the links have turned.
 
 A link that presses also turns, so the point of it that touched first is not the deepest for long: it rolls. Two smooth
-bodies overlap most along the common normal of their surfaces. To find it, the object is moved off along the normal known so
-far until it is clear by a millimetre; there the nearest points of both are exact (coal), and their direction is the next guess.
+bodies overlap most along the common normal of their surfaces. To find it, the object is moved off along the normal
+known so far until it is clear by a millimetre; there the nearest points of both are exact (coal), and their direction
+is the next guess.
 """
 
 from __future__ import annotations
@@ -99,7 +100,8 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
         posture: q (n,) [rad] near which to search.
 
     Returns:
-        The contacts at the points of the object's surface nearest to the given ones, each with its link's point; the posture.
+        The contacts at the points of the object's surface nearest to the given ones, each with its link's point; the
+        posture.
 
     Raises:
         ContactNotReached: there is no such posture within the joint limits near the given one.
@@ -111,7 +113,9 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
     posture = array_of("posture", posture, (hand.n,))
     depth = Penetration(hand, object, contacts)
     if any(depth.corner):
-        raise InvalidInput("touching: expected one contact point a link: a surface touches a smooth object in one point")
+        raise InvalidInput(
+            "touching: expected one contact point a link: a surface touches a smooth object in one point"
+        )
     q = np.clip(posture, hand.lower, hand.upper)
     by_finger: dict[str, list[int]] = {}
     for i, contact in enumerate(contacts):
@@ -134,7 +138,9 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
             if np.abs(left).max() < _REACHED:
                 break
             if not np.isfinite(left).all():
-                raise ContactNotReached(name, "from this posture the search runs deep into the object: give another one")
+                raise ContactNotReached(
+                    name, "from this posture the search runs deep into the object: give another one"
+                )
             probes = np.where(angles + _PROBE > high, -_PROBE, _PROBE)
             J = np.array([(miss(angles + p * e) - left) / p for p, e in zip(probes, np.eye(dofs.size))]).T
             free = np.ones(dofs.size, dtype=bool)
@@ -142,7 +148,9 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
                 step = np.zeros(dofs.size)
                 step[free] = np.linalg.lstsq(J[:, free], -left, rcond=_RANK)[0]
                 step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-12))
-                beyond = free & (((angles + step > high) & (angles >= high)) | ((angles + step < low) & (angles <= low)))
+                beyond = free & (
+                    ((angles + step > high) & (angles >= high)) | ((angles + step < low) & (angles <= low))
+                )
                 if not beyond.any():
                     break
                 free &= ~beyond
@@ -150,7 +158,8 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
         else:
             raise ContactNotReached(
                 name,
-                f"no posture near the given one has its surface at the contact points; {1e3 * np.abs(left).max():.3g} mm are "
+                f"no posture near the given one has its surface at the contact points; {1e3 * np.abs(left).max():.3g} "
+                "mm are "
                 f"left{_at_limits(hand, dofs, angles)}: give another posture or other points",
             )
         q[dofs] = angles
@@ -160,7 +169,11 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
         local = depth.distances.data.oMi[joint].actInv(goal)
         made.append(
             replace(
-                contact, point_o=read_only(goal), distance=0.0, point_l=read_only(local), length=float(np.linalg.norm(local))
+                contact,
+                point_o=read_only(goal),
+                distance=0.0,
+                point_l=read_only(local),
+                length=float(np.linalg.norm(local)),
             )
         )
     return ContactSet(contacts=tuple(made), com_o=contacts.com_o, posture=read_only(q))

@@ -62,7 +62,8 @@ class GraspStiffness:
             (f, m / moment_length), so that translations and rotations compare.
         eigenvectors: columns (6, 6), unit, in those scaled displacements.
         moment_length: that length [m].
-        normal_stiffness: dF_n / ddelta per contact (k,) [N/m]. tangential_stiffness: per contact (k,) [N/m].
+        normal_stiffness: dF_n / ddelta per contact (k,) [N/m].
+        tangential_stiffness: per contact (k,) [N/m].
     """
 
     matrix: np.ndarray
@@ -174,7 +175,8 @@ def grasp_map_metrics(
     """Least singular value, isotropy and ellipsoid volume of the grasp map G, without regard to friction.
 
     Args:
-        contacts: k contacts. moment_length, balance: as in :func:`ferrari_canny`.
+        contacts: k contacts.
+        moment_length, balance: as in :func:`ferrari_canny`.
 
     Raises:
         InvalidInput: no contacts, a length that is not positive, or an unknown balance.
@@ -233,7 +235,8 @@ def grasp_stiffness(
     springs = np.column_stack([tangential, tangential, normal]).ravel()
     if np.any((springs != 0) & ~((springs > 1 / _STIFF) & (springs < _STIFF))):
         raise InvalidInput(
-            f"contact law: expected stiffnesses of 0, or {1 / _STIFF:g} to {_STIFF:g} N/m, got {normal.tolist()} along the normals, "
+            f"contact law: expected stiffnesses of 0, or {1 / _STIFF:g} to {_STIFF:g} N/m, got {normal.tolist()} "
+            "along the normals, "
             f"and {ratio:g} of it across"
         )
     G = _scaled_map(contacts, length)

@@ -20,8 +20,8 @@ def open_and_closed(hand: HandModel, object) -> tuple[np.ndarray, np.ndarray]:
     """A default synergy: an open and a closed posture (n,), (n,) [rad or m] for closing on ``object``.
 
     Flexion joints (those parallel to their finger's last joint) and sliding joints run from the limit that takes the
-    fingertip away from the object (turning joints keep a little room there) to the one that takes it there. Other joints
-    spread or oppose the fingers: each stays where its finger, when it flexes, comes nearest to the object.
+    fingertip away from the object (turning joints keep a little room there) to the one that takes it there. Other
+    joints spread or oppose the fingers: each stays where its finger, when it flexes, comes nearest to the object.
     """
     instance_of("hand", hand, HandModel)
     instance_of("object", object, Body)
@@ -43,7 +43,11 @@ def open_and_closed(hand: HandModel, object) -> tuple[np.ndarray, np.ndarray]:
                 turning = np.linalg.norm(J[3:, i])
                 if turning < 1e-9:
                     sliding.add(int(i))
-                if turning < 1e-9 or i == finger.dofs[-1] or abs(J[3:, i] @ last) > 0.7 * turning * np.linalg.norm(last):
+                if (
+                    turning < 1e-9
+                    or i == finger.dofs[-1]
+                    or abs(J[3:, i] @ last) > 0.7 * turning * np.linalg.norm(last)
+                ):
                     towards[i] += J[:3, i] @ pull
                 elif i not in spreads.setdefault(finger.name, []):
                     spreads[finger.name].append(i)
@@ -56,8 +60,9 @@ def open_and_closed(hand: HandModel, object) -> tuple[np.ndarray, np.ndarray]:
     distances = Distances(hand, object)
     for name, dofs in spreads.items():
         finger = hand.finger(name)
-        outer = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects
-                 if one.parentJoint in finger.joint_ids[-2:]]  # fmt: skip
+        outer = [
+            HandPart(hand, one, {}) for one in hand.geometry.geometryObjects if one.parentJoint in finger.joint_ids[-2:]
+        ]
         for i in dofs:
             values = np.linspace(hand.lower[i] + room[i], hand.upper[i] - room[i], _SPREADS)
             values = np.unique(np.append(values, middle[i]))

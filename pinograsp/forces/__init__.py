@@ -1,4 +1,4 @@
-"""Contact forces: the problem, grid searches, the multiplier QP, convex optima with certificates, margins, robust sets."""
+"""Contact forces: the problem, grid searches, the multiplier QP, certified convex optima, margins, robust sets."""
 
 from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.global_optimum import Branch, optimize_grasp

@@ -2,9 +2,9 @@
 
 Each step minimises the second-order model of the objective at the last iterate, so the grasp energy, a sum of powers of
 F_n, is minimised exactly and not once linearised. Balance, limits and polyhedral friction are exact in every step; a
-second-order cone |u| <= F is replaced by the half-space v . u <= F through the last direction v = u / |u| within a square
-around it, and its curvature, lambda (I - v v') / |u|, joins the Hessian: the steps converge quadratically. A small
-proximal weight makes every Hessian positive definite (tangential forces cost nothing); it pulls towards the last
+second-order cone |u| <= F is replaced by the half-space v . u <= F through the last direction v = u / |u| within a
+square around it, and its curvature, lambda (I - v v') / |u|, joins the Hessian: the steps converge quadratically. A
+small proximal weight makes every Hessian positive definite (tangential forces cost nothing); it pulls towards the last
 iterate, so it leaves no bias in the limit.
 """
 
@@ -101,7 +101,8 @@ class _Cones:
         known = length > 1e-12
         self.direction[known] = u[known] / length[known, None]
         self.C[self.cuts[:, None], self.columns] = self.direction
-        # At the last iterate u lies along v, where the curvature's gradient (I - v v') u vanishes: the linear term needs no change.
+        # At the last iterate u lies along v, where the curvature's gradient (I - v v') u vanishes: the linear term
+        # needs no change.
         bend = np.where(known, self.weight / np.where(known, length, 1.0), 0.0)
         block = bend[:, None, None] * (np.eye(self.inside) - np.einsum("ki,kj->kij", self.direction, self.direction))
         H[self.columns[:, :, None], self.columns[:, None, :]] += block

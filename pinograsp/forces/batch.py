@@ -41,14 +41,18 @@ class ForceBatch:
     """N force problems of one friction model, with up to k contacts each; what lies beyond a problem's own is ignored.
 
     Attributes:
-        points: contact points from the objects' centres of mass (N, k, 3) [m]. rotations: contact frames R_oc (N, k, 3, 3).
+        points: contact points from the objects' centres of mass (N, k, 3) [m].
+        rotations: contact frames R_oc (N, k, 3, 3).
         loads: external wrenches (N, 6), linear first, about the centres of mass [N, N m].
-        mu: friction coefficients (N, k). low, high: least and largest F_n (N, k) [N]. Numbers apply to all.
+        mu: friction coefficients (N, k).
+        low, high: least and largest F_n (N, k) [N]. Numbers apply to all.
         counts: contacts of each problem (N,); default: all k.
-        friction: model, torsion and safety factor. balance: ``"wrench"`` or ``"force"``.
-        moment_lengths: moments are divided by it to compare with forces (N,) [m]; default: the mean distance of the contacts.
-        energies: grasp energies as powers of F_n, ``{"work" or "impulse": (N, t, 2)}``, pairs of coefficient and exponent
-            (:func:`~pinograsp.contacts.energy_terms`); (t, 2) applies to all.
+        friction: model, torsion and safety factor.
+        balance: ``"wrench"`` or ``"force"``.
+        moment_lengths: moments are divided by it to compare with forces (N,) [m]; default: the mean distance of the
+            contacts.
+        energies: grasp energies as powers of F_n, ``{"work" or "impulse": (N, t, 2)}``, pairs of coefficient and
+            exponent (:func:`~pinograsp.contacts.energy_terms`); (t, 2) applies to all.
     """
 
     points: np.ndarray
@@ -84,7 +88,10 @@ class ForceBatch:
         off = ~are_rotations(self.rotations) & used
         if off.any():
             at = tuple(int(i) for i in np.argwhere(off)[0])
-            raise InvalidInput(f"rotations: expected contact frames that are rotations, that of problem {at[0]}, contact {at[1]} is not")
+            raise InvalidInput(
+                f"rotations: expected contact frames that are rotations, that of problem {at[0]}, contact {at[1]} is "
+                "not"
+            )
         for name, least in (("mu", 0.0), ("low", 0.0), ("high", None)):
             put(name, _spread(name, getattr(self, name), (n, k)))
             if least is not None and np.any(getattr(self, name)[used] < least):
@@ -132,11 +139,16 @@ class ForceBatch:
         points, rotations = np.zeros((n, k, 3)), np.zeros((n, k, 3, 3))
         for i, (problem, at) in enumerate(zip(problems, times)):
             if problem.friction != first.friction or problem.balance != first.balance:
-                raise InvalidInput(f"batch: expected one friction model and balance, those of problem {i} differ from the first's")
+                raise InvalidInput(
+                    f"batch: expected one friction model and balance, those of problem {i} differ from the first's"
+                )
             if problem.torques is not None:
                 raise InvalidInput(f"batch: problem {i} has torque limits: use optimize_forces")
             own = problem.k
-            points[i, :own], rotations[i, :own] = problem.contacts.points_o - problem.contacts.com_o, problem.contacts.rotations_oc
+            points[i, :own], rotations[i, :own] = (
+                problem.contacts.points_o - problem.contacts.com_o,
+                problem.contacts.rotations_oc,
+            )
             made["low"][i, :own], made["high"][i, :own] = problem.normal_force_range(problem.checked_impact_time(at))
             made["mu"][i, :own] = problem.mu
         energies = {}
@@ -144,14 +156,23 @@ class ForceBatch:
             terms = [problem.energy_terms(at, name) for problem, at in zip(problems, times)]
             most = max(map(len, terms))
             # Without damping there is a term less: the last one then counts as several.
-            energies[name] = np.array([
-                [*own[:-1], *[(own[-1][0] / (most - len(own) + 1), own[-1][1])] * (most - len(own) + 1)] for own in terms
-            ])  # fmt: skip
+            energies[name] = np.array(
+                [
+                    [*own[:-1], *[(own[-1][0] / (most - len(own) + 1), own[-1][1])] * (most - len(own) + 1)]
+                    for own in terms
+                ]
+            )
         return cls(
-            points=points, rotations=rotations, loads=np.array([problem.load for problem in problems]), **made,
-            counts=np.array([problem.k for problem in problems]), friction=first.friction, balance=first.balance,
-            moment_lengths=np.array([problem.moment_length for problem in problems]), energies=energies,
-        )  # fmt: skip
+            points=points,
+            rotations=rotations,
+            loads=np.array([problem.load for problem in problems]),
+            **made,
+            counts=np.array([problem.k for problem in problems]),
+            friction=first.friction,
+            balance=first.balance,
+            moment_lengths=np.array([problem.moment_length for problem in problems]),
+            energies=energies,
+        )
 
 
 def _spread(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
@@ -171,9 +192,13 @@ class BatchSolution:
 
     Attributes:
         status: (N,) of :class:`~pinograsp.errors.Status`: ``OK``, ``INFEASIBLE`` (proven) or ``INACCURATE``.
-        forces_c: (N, k, 3) [N]. torsion: moments about the normals (N, k) [N m].
-        objective: (N,), and its proven lower bound (N,). residual: of the balance (N,) [N, moments over the moment length].
-        violation: of friction and bounds (N,) [N]. general: how many were left to the general methods. elapsed: [s].
+        forces_c: (N, k, 3) [N].
+        torsion: moments about the normals (N, k) [N m].
+        objective: (N,), and its proven lower bound (N,).
+        residual: of the balance (N,) [N, moments over the moment length].
+        violation: of friction and bounds (N,) [N].
+        general: how many were left to the general methods.
+        elapsed: [s].
     """
 
     status: np.ndarray
@@ -194,18 +219,23 @@ class BatchSolution:
         return self.status == Status.OK
 
 
-def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "least_squares", threads: int | None = None) -> BatchSolution:
-    """The least-cost forces of every problem, as :func:`optimize_forces` finds them, by the dual Newton method on all cores.
+def solve_batch(
+    batch: ForceBatch, *, objective: str | Mapping[str, float] = "least_squares", threads: int | None = None
+) -> BatchSolution:
+    """The least-cost forces of every problem, as :func:`optimize_forces` finds them, by the dual Newton method on all
+    cores.
 
-    What that method does not take (pyramids of more edges, ``peak``, least squares of soft fingers) or does not finish goes to
-    the general ones, one by one.
+    What that method does not take (pyramids of more edges, ``peak``, least squares of soft fingers) or does not finish
+    goes to the general ones, one by one.
 
     Args:
-        batch: the problems. objective: as for :func:`optimize_forces`; energies need the batch's ``energies``.
+        batch: the problems.
+        objective: as for :func:`optimize_forces`; energies need the batch's ``energies``.
         threads: of the compiled code; default: all cores.
 
     Raises:
-        InvalidInput: an objective that is unknown or has no energies. ExtraMissing: numba is not installed.
+        InvalidInput: an objective that is unknown or has no energies.
+        ExtraMissing: numba is not installed.
     """
     started = time.perf_counter()
     kernels = compiled_solvers()
@@ -215,7 +245,9 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
     friction, (n, k) = batch.friction, batch.mu.shape
     for name in MEASURES:
         if weights.get(name) and name not in batch.energies:
-            raise InvalidInput(f"objective '{name}': expected the batch's energies to have it (ForceBatch.of gives them)")
+            raise InvalidInput(
+                f"objective '{name}': expected the batch's energies to have it (ForceBatch.of gives them)"
+            )
     parts = [batch.energies[name] * [weights[name], 1.0] for name in MEASURES if weights.get(name)]
     terms = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0, 2))
     squares = weights.get("least_squares", 0.0)
@@ -223,10 +255,21 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
     forces, torsion, answers = np.zeros((n, k, 3)), np.zeros((n, k)), np.zeros((n, 4))
     codes = np.full(n, kernels.STALLED)
     given = (
-        batch.points, batch.rotations, batch.counts, batch.loads, batch.mu / friction.safety, float(friction.torsion / friction.safety),
-        batch.low, batch.high, batch.moment_lengths, 6 if batch.balance == "wrench" else 3, float(squares), terms, friction.radii,
+        batch.points,
+        batch.rotations,
+        batch.counts,
+        batch.loads,
+        batch.mu / friction.safety,
+        float(friction.torsion / friction.safety),
+        batch.low,
+        batch.high,
+        batch.moment_lengths,
+        6 if batch.balance == "wrench" else 3,
+        float(squares),
+        terms,
+        friction.radii,
         friction.round_dimensions,
-    )  # fmt: skip
+    )
     # Read-only, all of them: another kind of array would be compiled for again.
     given = [frozen(np.ascontiguousarray(one).view()) if isinstance(one, np.ndarray) else one for one in given]
 
@@ -249,9 +292,16 @@ def solve_batch(batch: ForceBatch, *, objective: str | Mapping[str, float] = "le
     for i in left:
         status[i] = _by_itself(batch, int(i), weights, forces, torsion, answers)
     return BatchSolution(
-        status=status, forces_c=forces, torsion=torsion, objective=answers[:, 0], bound=answers[:, 1], residual=answers[:, 2],
-        violation=answers[:, 3], general=len(left), elapsed=time.perf_counter() - started,
-    )  # fmt: skip
+        status=status,
+        forces_c=forces,
+        torsion=torsion,
+        objective=answers[:, 0],
+        bound=answers[:, 1],
+        residual=answers[:, 2],
+        violation=answers[:, 3],
+        general=len(left),
+        elapsed=time.perf_counter() - started,
+    )
 
 
 def _cores() -> int:
@@ -266,9 +316,13 @@ def _problem(batch: ForceBatch, i: int) -> ForceProblem:
         for j, (point, rotation) in enumerate(zip(batch.points[i, :own], batch.rotations[i, :own]))
     )
     return ForceProblem(
-        contacts=ContactSet(contacts=contacts, com_o=np.zeros(3)), load=batch.loads[i], mu=batch.mu[i, :own], balance=batch.balance,
-        friction=batch.friction, moment_length=batch.moment_lengths[i],
-    )  # fmt: skip
+        contacts=ContactSet(contacts=contacts, com_o=np.zeros(3)),
+        load=batch.loads[i],
+        mu=batch.mu[i, :own],
+        balance=batch.balance,
+        friction=batch.friction,
+        moment_length=batch.moment_lengths[i],
+    )
 
 
 def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple[ForceProblem, Program]:

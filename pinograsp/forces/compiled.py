@@ -1,9 +1,8 @@
 """The compiled path (extra ``fast``): scale, solve, check and record one force problem in a single compiled call.
 
-What changes neither with the load nor with the impact time is kept in a :class:`Template`, what does not change with the
-load in :class:`Prepared`. The checks are those of
-:mod:`pinograsp.forces.program`, written for compiling; the tests compare the two. What this path cannot take or certify
-goes to the general one.
+What changes neither with the load nor with the impact time is kept in a :class:`Template`, what does not change with
+the load in :class:`Prepared`. The checks are those of :mod:`pinograsp.forces.program`, written for compiling; the tests
+compare the two. What this path cannot take or certify goes to the general one.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from pinograsp.forces.kernels import (
     online_memory,
     powers_of,
     whole,
-)  # fmt: skip
+)
 from pinograsp.forces.problem import ForceProblem, kept
 from pinograsp.forces.program import BALANCE, GAP, NEAR, VIOLATION, Program, energy_terms_at, gap_size
 
@@ -34,7 +33,8 @@ class Template:
     """A program's matrices as the compiled solvers take them (see :func:`pinograsp.forces.kernels.interior_point`).
 
     Attributes:
-        rows: the balance's, torque rows of several contacts, torque rows of one. order: of the torque rows in the program.
+        rows: the balance's, torque rows of several contacts, torque rows of one. order: of the torque rows in the
+            program.
         P (k, d, d), q (k, d), constant, R_lo, R_hi: in newtons and the objective's unit. largest: diagonal entry of P.
         separates: whether the Newton method applies.
         packed: sizes and numbers of :func:`pinograsp.forces.kernels.whole`, once :meth:`pack` has made them.
@@ -83,7 +83,7 @@ class Template:
         self.packed: tuple[np.ndarray, np.ndarray] | None = None
 
     def pack(self, problem: ForceProblem) -> tuple[np.ndarray, np.ndarray]:
-        """Sizes and numbers of :func:`pinograsp.forces.kernels.whole`; ``problem`` is one that shares these matrices."""
+        """Sizes and numbers of :func:`pinograsp.forces.kernels.whole`; ``problem`` shares these matrices."""
         if self.packed is None:
             A, limits, used, own = self.components
             k, d, all_rows = self.rows.shape
@@ -91,13 +91,30 @@ class Template:
             widths[:, :-1] = problem.friction.scale(problem.mu)
             sizes = (
                 (k, d, m, all_rows, self.schur, self.n_round, len(A), len(self.facets), len(limits)),
-                (len(self.vertices),), used, own, self.touched, self.counts,
-            )  # fmt: skip
+                (len(self.vertices),),
+                used,
+                own,
+                self.touched,
+                self.counts,
+            )
             numbers = (
-                (self.constant, self.largest, problem.moment_length, NEAR), A, limits, self.rows, self.P, self.q, self.facets,
-                self.vertices, self.radii, self.R_lo, self.R_hi, self.correction, widths, problem.contacts.G,
-                problem.contacts.rotations_oc[:, :, 2], problem.pyramid,
-            )  # fmt: skip
+                (self.constant, self.largest, problem.moment_length, NEAR),
+                A,
+                limits,
+                self.rows,
+                self.P,
+                self.q,
+                self.facets,
+                self.vertices,
+                self.radii,
+                self.R_lo,
+                self.R_hi,
+                self.correction,
+                widths,
+                problem.contacts.G,
+                problem.contacts.rotations_oc[:, :, 2],
+                problem.pyramid,
+            )
             self.packed = _joined(sizes, np.int64), _joined(numbers, float)
         return self.packed
 
@@ -137,7 +154,8 @@ def template_of(program: Program) -> Template:
 
 
 def solve_program(program: Program, name: str) -> tuple | None:
-    """x (k d,), multipliers y (m,) and w (r,), and the checks of an answer by a compiled solver; None where it has none.
+    """x (k d,), multipliers y (m,) and w (r,), and the checks of an answer by a compiled solver; None where it has
+    none.
 
     The checks are the largest violation, gauges (k,), balance residual (m,), objective and proven bound.
     """
@@ -150,10 +168,31 @@ def solve_program(program: Program, name: str) -> tuple | None:
     coefs, exps = powers_of(np.array(program.powers).reshape(-1, 2), 1.0, 1.0)
     x, y, gauge, residual = np.empty((k, d)), np.empty(fixed.rows.shape[2]), np.empty(k), np.empty(m)
     code, violation, value, bound, _ = answer(
-        newton, *fixed.components, fixed.rows, fixed.touched, fixed.counts, fixed.schur, program.b, fixed.P * (force**2 / weight),
-        fixed.q * (force / weight), coefs, exps, program.lo, program.hi, fixed.facets, fixed.n_round, fixed.vertices,
-        fixed.radii, program.R_lo[fixed.order], program.R_hi[fixed.order], fixed.correction, x, y, gauge, residual,
-    )  # fmt: skip
+        newton,
+        *fixed.components,
+        fixed.rows,
+        fixed.touched,
+        fixed.counts,
+        fixed.schur,
+        program.b,
+        fixed.P * (force**2 / weight),
+        fixed.q * (force / weight),
+        coefs,
+        exps,
+        program.lo,
+        program.hi,
+        fixed.facets,
+        fixed.n_round,
+        fixed.vertices,
+        fixed.radii,
+        program.R_lo[fixed.order],
+        program.R_hi[fixed.order],
+        fixed.correction,
+        x,
+        y,
+        gauge,
+        residual,
+    )
     if code != CONVERGED or not math.isfinite(value + bound + violation):
         return None
     w = np.empty(len(program.R))
@@ -178,7 +217,14 @@ class Prepared:
         low, high, _ = problem._range_at(impact_time)
         law, caps = problem.compliance, problem.max_normal_force
         terms = energy_terms_at(problem, weights, impact_time)
-        limits = (solver == "newton", low, high, law.stiffness, law.exponent, problem.depth_per_acceleration(impact_time))
+        limits = (
+            solver == "newton",
+            low,
+            high,
+            law.stiffness,
+            law.exponent,
+            problem.depth_per_acceleration(impact_time),
+        )
         powers = [(weights[m] * c, e) for m, own in terms.items() for c, e in own]
         self.at = _joined((limits, np.full(self.k, np.inf) if caps is None else caps, powers), float)
         self.moment_length = problem.moment_length
@@ -188,9 +234,9 @@ class Prepared:
 
         Returns:
             whether by Newton's method (else interior points); primal, dual, size (see
-            :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m], violation [N]; and read-only
-            net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2),
-            acceleration (k,) [m/s^2], and active limits: at friction, least and largest F_n (k,), torque rows (r,).
+            :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m], violation [N]; and
+            read-only net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2), acceleration
+            (k,) [m/s^2], and active limits: at friction, least and largest F_n (k,), torque rows (r,).
         """
         k = self.k
         out, active = np.empty(6 + 7 * k), np.empty(3 * k + len(self.joints), np.bool_)
@@ -209,19 +255,32 @@ class Prepared:
             return None
         out.flags.writeable = active.flags.writeable = False
         numbers = (
-            (value + constant) * unit, (min(bound, value) + constant) * unit, size * unit, force * scale,
-            moment * scale * self.moment_length, max(violation, 0.0) * scale,
-        )  # fmt: skip
+            (value + constant) * unit,
+            (min(bound, value) + constant) * unit,
+            size * unit,
+            force * scale,
+            moment * scale * self.moment_length,
+            max(violation, 0.0) * scale,
+        )
         end = 6 + 3 * k
         arrays = (
-            out[:6], out[6:end].reshape(k, 3), out[end : end + k], out[end + k : end + 3 * k].reshape(k, 2),
-            out[end + 3 * k :], active[:k], active[k : 2 * k], active[2 * k : 3 * k], active[3 * k :],
-        )  # fmt: skip
+            out[:6],
+            out[6:end].reshape(k, 3),
+            out[end : end + k],
+            out[end + k : end + 3 * k].reshape(k, 2),
+            out[end + 3 * k :],
+            active[:k],
+            active[k : 2 * k],
+            active[2 * k : 3 * k],
+            active[3 * k :],
+        )
         return newton, numbers, arrays
 
 
 def prepare(problem: ForceProblem, weights, impact_time: float, solver: str, key) -> Prepared | None:
-    """What a call needs besides its load, if a problem that shares these matrices was solved before; kept under ``key``."""
+    """What a call needs besides its load, if a problem that shares these matrices was solved before; kept under
+    ``key``.
+    """
     known = problem._assembled["objectives"].get(tuple(weights.items()))
     template = None if known is None else known[-1].get("template")
     name = "" if template is None else template.choice(solver)
@@ -235,21 +294,52 @@ def compile_now() -> None:
     k, d, m = 1, 3, 6
     B, touched, counts = np.zeros((k, d, m)), np.arange(m)[None], np.array([[m, m]])
     B[0, :, :3] = np.eye(3)
-    components = np.zeros((m, k * d)), np.ones((1, d, k)), np.ones((1, d), dtype=np.int64), np.zeros((0, k), dtype=np.int64)
+    components = (
+        np.zeros((m, k * d)),
+        np.ones((1, d, k)),
+        np.ones((1, d), dtype=np.int64),
+        np.zeros((0, k), dtype=np.int64),
+    )
     P, q, ones, none = np.ones((k, 1, 1)) * np.eye(d), np.zeros((k, d)), np.ones(k), np.zeros(0)
     corners, radii, correction = np.zeros((0, 2)), np.ones(d - 1), np.zeros((k * d, m))
     coefs, exps = powers_of(np.ones((1, 2)), 1.0, 1.0)
     answer(
-        False, *components, B, touched, counts, m, np.zeros(m), P, q, coefs, exps, 0.1 * ones, ones, np.zeros((0, d)), 2,
-        corners, radii, none, none, correction, np.ones((k, d)), np.zeros(m), np.zeros(k), np.zeros(m),
-    )  # fmt: skip
+        False,
+        *components,
+        B,
+        touched,
+        counts,
+        m,
+        np.zeros(m),
+        P,
+        q,
+        coefs,
+        exps,
+        0.1 * ones,
+        ones,
+        np.zeros((0, d)),
+        2,
+        corners,
+        radii,
+        none,
+        none,
+        correction,
+        np.ones((k, d)),
+        np.zeros(m),
+        np.zeros(k),
+        np.zeros(m),
+    )
     sizes = (k, d, m, m, m, 2, m, 0, 1, 0), components[2], touched, counts
     numbers = (0.0, 1.0, 1.0, NEAR), *components[:2], B, P, q, radii, correction, np.ones(k * d + 18 * k + 3 * k + k)
     at = (0.0, 0.1, 1.0, 1.0, 1.0, 1.0), ones, (1.0, 1.0)
     whole(
-        _joined(sizes, np.int64), _joined(numbers, float), _joined(at, float), frozen(np.zeros(6)), np.empty(6 + 7 * k),
+        _joined(sizes, np.int64),
+        _joined(numbers, float),
+        _joined(at, float),
+        frozen(np.zeros(6)),
+        np.empty(6 + 7 * k),
         np.empty(3 * k, np.bool_),
-    )  # fmt: skip
+    )
     tick, settings, _, frames, limits, *_ = online_memory(d, k, 0)
     settings[:] = m, 2, 0, 1, 1, 1, np.inf, 1, 0, 0, 0, k
     frames[:, 3:12], limits[1:] = np.eye(3).ravel(), 1.0
@@ -259,7 +349,24 @@ def compile_now() -> None:
     box_least_squares(memory)
     one, frame = frozen(np.ones((1, k))), frozen(np.eye(3)[None, None])
     many(
-        0, 1, frozen(np.ones((1, k, 3))), frame, frozen(np.ones(1, dtype=np.int64)), frozen(np.zeros((1, 6))), one, 0.0, one, one,
-        frozen(np.ones(1)), m, 1.0, frozen(np.zeros((1, 0, 2))), frozen(radii), 2, np.empty((1, k, 3)), np.empty((1, k)),
-        np.empty((1, 4)), np.zeros(1, dtype=np.int64),
-    )  # fmt: skip
+        0,
+        1,
+        frozen(np.ones((1, k, 3))),
+        frame,
+        frozen(np.ones(1, dtype=np.int64)),
+        frozen(np.zeros((1, 6))),
+        one,
+        0.0,
+        one,
+        one,
+        frozen(np.ones(1)),
+        m,
+        1.0,
+        frozen(np.zeros((1, 0, 2))),
+        frozen(radii),
+        2,
+        np.empty((1, k, 3)),
+        np.empty((1, k)),
+        np.empty((1, 4)),
+        np.zeros(1, dtype=np.int64),
+    )

@@ -1,7 +1,7 @@
 """Programs with second-order cones, by an interior-point method (Clarabel, through its own interface).
 
-Friction cones are second-order cones, powers of F_n are power cones: t >= F^p is (t, 1, F) in K_pow(1/p). Everything that
-does not change with the impact time (the sparse matrices) is built once per problem and objective.
+Friction cones are second-order cones, powers of F_n are power cones: t >= F^p is (t, 1, F) in K_pow(1/p). Everything
+that does not change with the impact time (the sparse matrices) is built once per problem and objective.
 """
 
 from __future__ import annotations
@@ -12,8 +12,16 @@ import scipy.sparse as sp
 
 from pinograsp.forces.program import Program
 
-_SETTINGS = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11, "tol_infeas_abs": 1e-11,
-             "tol_infeas_rel": 1e-11, "max_iter": 200, "verbose": False, "max_threads": 1}  # fmt: skip
+_SETTINGS = {
+    "tol_gap_abs": 1e-11,
+    "tol_gap_rel": 1e-11,
+    "tol_feas": 1e-11,
+    "tol_infeas_abs": 1e-11,
+    "tol_infeas_rel": 1e-11,
+    "max_iter": 200,
+    "verbose": False,
+    "max_threads": 1,
+}
 HUGE = 1e100  # squares of larger numbers are not finite
 
 
@@ -33,8 +41,8 @@ def solve(P, q, A, b, cones):
 def cone_rows(program: Program) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int], sp.csc_matrix]:
     """Constraint blocks on x that every program shares, as rows of A x + s = b.
 
-    The linear inequality block for [F >= lo, F <= hi, facets], the second-order block, its cone sizes, and the selection
-    of F (k, k d).
+    The linear inequality block for [F >= lo, F <= hi, facets], the second-order block, its cone sizes, and the
+    selection of F (k, k d).
     """
     k, d = program.k, program.d
     n = k * d
@@ -53,9 +61,11 @@ def cone_rows(program: Program) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int]
 
 
 def limit_rows(program: Program):
-    """Friction and the bounds of F_n as rows on x: equations and their right-hand side, inequalities and theirs, cones and sizes.
+    """Friction and the bounds of F_n as rows on x: equations and their right-hand side, inequalities and theirs, cones
+    and sizes.
 
-    Normal forces that are fixed are equations: as two inequalities they would leave an interior-point method no interior.
+    Normal forces that are fixed are equations: as two inequalities they would leave an interior-point method no
+    interior.
     """
     k, n = program.k, program.k * program.d
     linear, second, sizes, select = cone_rows(program)
@@ -71,8 +81,8 @@ def solve_linear(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """min q . z over z = (x, further columns), x within friction and bounds (and torque limits).
 
-    ``equal`` z = ``equal_b`` are its first rows, ``least`` z >= 0 further ones. z, multipliers of those rows and of the torque
-    rows, for callers to certify: finite, no more. None where they are not.
+    ``equal`` z = ``equal_b`` are its first rows, ``least`` z >= 0 further ones. z, multipliers of those rows and of the
+    torque rows, for callers to certify: finite, no more. None where they are not.
     """
     n = program.k * program.d
     fixed, fixed_b, linear, linear_b, second, sizes = limit_rows(program)
@@ -88,7 +98,10 @@ def solve_linear(
         limits.append(np.zeros(least.shape[0]))
     A = sp.vstack([equal, wide(fixed), *rows, wide(second)], format="csc")
     b = np.concatenate([equal_b, fixed_b, *limits, np.zeros(second.shape[0])])
-    cones = [clarabel.ZeroConeT(len(equal_b) + len(fixed_b)), clarabel.NonnegativeConeT(sum(row.shape[0] for row in rows))]
+    cones = [
+        clarabel.ZeroConeT(len(equal_b) + len(fixed_b)),
+        clarabel.NonnegativeConeT(sum(row.shape[0] for row in rows)),
+    ]
     cones += [clarabel.SecondOrderConeT(size) for size in sizes]
     found = solve(sp.csc_matrix((len(q), len(q))), q, A, b, cones)
     z, dual = np.array(found.x), np.array(found.z)
@@ -125,8 +138,10 @@ def solve_conic(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] |
     b[rows : rows + m], b[rows + m : rows + 2 * m] = program.R_hi, -program.R_lo
     if powers:
         b[len(b) - 3 * k * len(powers) + 1 :: 3] = 1.0
-    scaled = P * 1.0 if program.P is None else sp.csc_matrix(
-        sp.triu(sp.block_diag([sp.csc_matrix(program.P), sp.csc_matrix((len(q) - n,) * 2)]))
+    scaled = (
+        P * 1.0
+        if program.P is None
+        else sp.csc_matrix(sp.triu(sp.block_diag([sp.csc_matrix(program.P), sp.csc_matrix((len(q) - n,) * 2)])))
     )
     found = solve(scaled, q, A, b, cones)
     x, z = np.array(found.x), np.array(found.z)

@@ -24,7 +24,8 @@ from pinograsp.forces.program import assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ForceSolution
 
 _NARROWEST = 1e-10  # intervals of t_I [s] that the certificates' accuracy no longer separates
-# Intervals that are split, and of these that no solver decided: at the limit of feasibility halves are as undecided as the whole.
+# Intervals that are split, and of these that no solver decided: at the limit of feasibility halves are as undecided as
+# the whole.
 _MOST, _UNDECIDED = 2000, 30
 
 
@@ -33,8 +34,9 @@ class Branch:
     """One interval of impact times of the search.
 
     Attributes:
-        start, end: [s]. lower_bound: proven for every t_I in it, in the objective's unit; infinite where no t_I in it
-            admits forces (proven).
+        start, end: [s].
+        lower_bound: proven for every t_I in it, in the objective's unit; infinite where no t_I in it admits forces
+            (proven).
         best: objective of the best forces found when it was visited.
         fate: ``"split"``, ``"infeasible"``, ``"bounded"`` (cannot hold anything better than ``best`` less the gap) or
             ``"unresolved"``.
@@ -65,9 +67,9 @@ def optimize_grasp(
 
     Returns:
         The optimum: its ``certificate.dual`` bounds *every* impact time, so ``certificate.relative_gap`` is the global
-        gap; ``branches`` is the log. ``INFEASIBLE``: every interval is proven infeasible, ``infeasibility`` is the proof
-        of the one that came closest. ``INACCURATE``: some interval was not decided, or the gap not reached, within 2000
-        intervals or 30 undecided ones. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound reached.
+        gap; ``branches`` is the log. ``INFEASIBLE``: every interval is proven infeasible, ``infeasibility`` is the
+        proof of the one that came closest. ``INACCURATE``: some interval was not decided, or the gap not reached,
+        within 2000 intervals or 30 undecided ones. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound reached.
 
     Raises:
         InvalidInput: unknown objective or solver, or a gap below 1e-9.
@@ -162,12 +164,10 @@ class _Search:
             self.proof, self.proof_time = proof, t
 
     def relaxed(self, a: float, b: float, parent: float) -> float:
-        """Proven lower bound of the objective over t_I in [a, b]; infinite where the relaxation is proven infeasible."""
+        """Proven lower bound of the objective over t_I in [a, b]; infinite: the relaxation is proven infeasible."""
         problem = self.problem
         early, late = (energy_terms_at(problem, self.weights, t) for t in (a, b))
-        terms = {
-            m: tuple((min(one, two), power) for (one, power), (two, _) in zip(early[m], late[m])) for m in early
-        }
+        terms = {m: tuple((min(one, two), power) for (one, power), (two, _) in zip(early[m], late[m])) for m in early}
         (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
         program = assemble(problem, self.weights, terms, lo, hi)
         _, status, certificate, proof, _ = self.solved(program)
@@ -186,11 +186,26 @@ class _Search:
     def solution(self, gap: float, interrupted: bool, started: float) -> ForceSolution:
         details = {"branches": tuple(self.log)}
         if self.best is None:
-            status = Status.INTERRUPTED if interrupted else Status.INACCURATE if self.unresolved or self.open else Status.INFEASIBLE
+            status = (
+                Status.INTERRUPTED
+                if interrupted
+                else Status.INACCURATE
+                if self.unresolved or self.open
+                else Status.INFEASIBLE
+            )
             return record(
-                self.problem, None, self.proof_time, None, status, None, self.proof, self.solver, self.weights,
-                started, **details,
-            )  # fmt: skip
+                self.problem,
+                None,
+                self.proof_time,
+                None,
+                status,
+                None,
+                self.proof,
+                self.solver,
+                self.weights,
+                started,
+                **details,
+            )
         program, x, certificate, solver = self.best
         left = min([self.closed_bound, self.best_value, *(bound for bound, *_ in self.open)])
         certificate = replace(certificate, dual=left)
@@ -198,5 +213,15 @@ class _Search:
         if not interrupted and certificate.relative_gap > gap * (1 + 1e-9):
             status = Status.INACCURATE
         return record(
-            self.problem, program, self.best_time, x, status, certificate, None, solver, self.weights, started, **details
+            self.problem,
+            program,
+            self.best_time,
+            x,
+            status,
+            certificate,
+            None,
+            solver,
+            self.weights,
+            started,
+            **details,
         )

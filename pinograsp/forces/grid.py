@@ -34,7 +34,8 @@ class GridSpec:
     """The grid: every contact takes every A, k1 and k2; one t_I for the whole hand.
 
     Attributes:
-        impact_times: t_I (nt,) [s]. accelerations: A (na,) [m/s^2], increasing.
+        impact_times: t_I (nt,) [s].
+        accelerations: A (na,) [m/s^2], increasing.
         multipliers: k1 and k2 (nk,) in [-1, 1], increasing.
         net_force_limit: largest net force accepted as balance on the grid [N] (moments over the moment length).
     """
@@ -76,7 +77,10 @@ def grid_values(start: float, stop: float, step: float) -> np.ndarray:
     """start, start + step, ... up to ``stop`` (included where it falls on the grid); ends clean of rounding."""
     start, stop, step = number("grid start", start), number("grid stop", stop), number("grid step", step, above=0)
     if (stop - start) / step > _MOST_VALUES:
-        raise InvalidInput(f"grid step: expected at most {_MOST_VALUES} values, got {(stop - start) / step:g} from {start:g} to {stop:g}")
+        raise InvalidInput(
+            f"grid step: expected at most {_MOST_VALUES} values, got {(stop - start) / step:g} from {start:g} to "
+            f"{stop:g}"
+        )
     count = int(np.floor((stop - start) / step * _ROUNDING + 1e-9)) + 1
     values = start + step * np.arange(max(count, 0))
     return read_only(np.round(values, 12))
@@ -96,9 +100,7 @@ class TimeTable:
 def tabulate(problem: ForceProblem, grid: GridSpec) -> tuple[list[TimeTable], dict[str, int]]:
     """Steps 1-8: what Eqs. (13) and (14) leave of the grid, and how many cells each of them rejected."""
     A, k = instance_of("grid", grid, GridSpec).accelerations, problem.k
-    rejections = dict.fromkeys(
-        (BY_TIME, BY_ACCELERATION, BY_SPEED, BY_DEPTH, BY_BALANCE, BY_LATTICE, BY_MEASURE), 0
-    )
+    rejections = dict.fromkeys((BY_TIME, BY_ACCELERATION, BY_SPEED, BY_DEPTH, BY_BALANCE, BY_LATTICE, BY_MEASURE), 0)
     kept = []
     for index, impact_time in enumerate(grid.impact_times):
         low, high = problem.impact_time_range
@@ -229,14 +231,14 @@ def grid_solution(
     started: float,
     solver: str = "",
     lower_bound: float = 0.0,
-    closest=np.zeros(6),
+    closest: np.ndarray | None = None,
     qp_solves: int = 0,
     cuts: int = 0,
 ) -> ForceSolution:
     """The record of a finished search; ``cell`` is (table, index of A per contact, multipliers (k, 2)) or None."""
     if cell is None:
         impact_time, acceleration = None, np.zeros(0)
-        multipliers, forces, wrench = np.zeros((0, 2)), np.zeros((0, 3)), closest
+        multipliers, forces, wrench = np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(6) if closest is None else closest
     else:
         table, indices, multipliers = cell
         impact_time, acceleration = table.impact_time, table.acceleration[indices]

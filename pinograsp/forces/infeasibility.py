@@ -28,11 +28,12 @@ class Infeasibility:
         margin: whatever the forces, at least this much of the net wrench (and of torque beyond its limits) is left [N],
             measured along ``direction``. Checked in closed form; positive.
         direction: wrench (6,) of the certificate, unit in the balance rows [-]: moments over the moment length.
-        joint_weights: (n,) part of the certificate on the joint torques [1/m]; zero where torque limits play no part. With
-            r the net wrench in the balance rows (moments over the moment length) and tau the joint torques of *any*
-            admissible forces, direction . r + joint_weights . tau - |joint_weights| . limit >= margin, though balance and
-            limits ask for at most 0.
-        closest_c: closest admissible forces (k, 3) [N]; closest_torsion (k,) [N m]. net_wrench: what they leave (6,) [N, N m].
+        joint_weights: (n,) part of the certificate on the joint torques [1/m]; zero where torque limits play no part.
+            With r the net wrench in the balance rows (moments over the moment length) and tau the joint torques of
+            *any* admissible forces, direction . r + joint_weights . tau - |joint_weights| . limit >= margin, though
+            balance and limits ask for at most 0.
+        closest_c: closest admissible forces (k, 3) [N]; closest_torsion (k,) [N m].
+        net_wrench: what they leave (6,) [N, N m].
         at_least, at_most, at_friction: (k,) bool, limits that the closest forces meet, by contact.
         at_torque: names of the joints whose torque limit takes part.
         crossed: (k,) bool, contacts whose bounds on F_n exclude each other.
@@ -58,9 +59,10 @@ class Closest:
     """Phase one: the admissible x with the least net wrench and torque excess, dimensionless.
 
     Attributes:
-        x: (k d,). left: norm of the net wrench, or the limits' largest violation if that is more.
-        y, w: the dual (rows,), (m,), a Farkas certificate where ``proven`` > 0. proven: lower bound of what is left for all
-            admissible x, in closed form from y and w.
+        x: (k d,).
+        left: norm of the net wrench, or the limits' largest violation if that is more.
+        y, w: the dual (rows,), (m,), a Farkas certificate where ``proven`` > 0.
+        proven: lower bound of what is left for all admissible x, in closed form from y and w.
     """
 
     x: np.ndarray
@@ -188,7 +190,8 @@ class Diagnosis:
 
     Attributes:
         status: ``OK`` where the load can be held, else ``INFEASIBLE`` (or ``INACCURATE``: too close to tell).
-        impact_time: t_I [s]. proof: the certificate, None where the load can be held.
+        impact_time: t_I [s].
+        proof: the certificate, None where the load can be held.
         load_factors: least and largest multiple of the load that can be held (None: none was found).
         smallest_mu: friction coefficients (k,) that would just do, all scaled alike; None: none was found.
         text: all of it in words.
@@ -234,7 +237,9 @@ def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
 
 
 def load_factors(program: Program) -> tuple[float, float] | None:
-    """Least and largest s >= 0 for which s times the load can be held; infinity for an absent load; None where none is found."""
+    """Least and largest s >= 0 for which s times the load can be held; infinity for an absent load; None where none is
+    found.
+    """
     if not np.any(program.b):
         return (0.0, np.inf) if holds(program) else None
     ends = [extreme_multiple(replace(program, b=0 * program.b), program.b, sign) for sign in (1, -1)]
@@ -250,8 +255,8 @@ def holds(program: Program, tolerance: float = 1e-8) -> bool:
 def extreme_multiple(program: Program, column: np.ndarray, sign: int) -> float | None:
     """Least (sign 1) or largest (sign -1) s >= 0 with A x = b + s column for an admissible x; None where none is found.
 
-    Where the forces of the interior-point method are admissible and its dual proves that no s goes further, that is it. Else
-    phase one is solved at the proven bound, where its dual proves a nearer one: Newton's method, from outside.
+    Where the forces of the interior-point method are admissible and its dual proves that no s goes further, that is it.
+    Else phase one is solved at the proven bound, where its dual proves a nearer one: Newton's method, from outside.
     """
     n, size = program.k * program.d, float(np.linalg.norm(column))
     column = column / size
@@ -285,7 +290,8 @@ def extreme_multiple(program: Program, column: np.ndarray, sign: int) -> float |
 
 
 def _bound(program: Program, column: np.ndarray, sign: int, y: np.ndarray, w: np.ndarray) -> float:
-    """No s >= 0 beyond this has admissible forces, for any multipliers: sign s >= y . (A x - b), where y . column = sign.
+    """No s >= 0 beyond this has admissible forces, for any multipliers: sign s >= y . (A x - b), where y . column =
+    sign.
 
     Multipliers that say nothing of this give the farthest bound there is: 0 for the least s, infinity for the largest.
     """
@@ -354,7 +360,9 @@ def _words(problem, impact_time, status, proof, factors, mu) -> str:
             if who:
                 lines.append(f"  at the {what}: {', '.join(who)}")
         for reason in dict.fromkeys(problem.binding_bound(impact_time, int(i)) for i in np.flatnonzero(proof.at_most)):
-            who = [n for i, n in enumerate(names) if proof.at_most[i] and problem.binding_bound(impact_time, i) == reason]
+            who = [
+                n for i, n in enumerate(names) if proof.at_most[i] and problem.binding_bound(impact_time, i) == reason
+            ]
             lines.append(f"  at the largest normal force, set by {reason}: {', '.join(who)}")
         if proof.at_torque:
             lines.append(f"  at the torque limit: {', '.join(proof.at_torque)}")
@@ -366,7 +374,9 @@ def _words(problem, impact_time, status, proof, factors, mu) -> str:
     if mu is None:
         lines.append(f"  no friction coefficient up to {_LARGEST_FRICTION:g} was found that would do")
     elif np.ptp(mu) <= 1e-12 * max(mu.max(), 1.0):
-        lines.append(f"  the smallest friction coefficient that would do is {mu.max():.4g} (given: {problem.mu.max():.4g})")
+        lines.append(
+            f"  the smallest friction coefficient that would do is {mu.max():.4g} (given: {problem.mu.max():.4g})"
+        )
     else:
         lines.append(f"  the friction coefficients that would just do are {np.round(mu, 4).tolist()}")
     return "\n".join(lines)

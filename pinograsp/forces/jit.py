@@ -1,4 +1,6 @@
-"""How numba (extra ``fast``) compiles the kernels: kept on disk wherever it can be, and told once, because it takes its time."""
+"""How numba (extra ``fast``) compiles the kernels: kept on disk wherever it can be, and told once, because it takes its
+time.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,9 @@ class _Announcer(event.Listener):
     def on_start(self, started):
         if not self.told and started.data["dispatcher"].py_func.__module__.startswith("pinograsp."):
             self.told = True
-            _LOG.warning("pinograsp: compiling solvers, %s: one minute or two", "once per machine" if self.kept else _NOT_KEPT)
+            _LOG.warning(
+                "pinograsp: compiling solvers, %s: one minute or two", "once per machine" if self.kept else _NOT_KEPT
+            )
 
     def on_end(self, ended):
         pass

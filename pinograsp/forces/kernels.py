@@ -5,37 +5,41 @@ In one file, because numba's cache on disk notices changes of a function's own f
 **Dual Newton.** The balance has m <= 6 rows, everything else concerns one contact at a time. With multipliers y of
 A x = b the Lagrangian therefore separates,
 
-    D(y) = -b . y + sum_i min_{x_i} [ phi(F_i) + 1/2 x_i' p_i x_i + (q_i + A_i' y) . x_i ],   u_i in F_i U,  lo <= F_i <= hi,
+    D(y) = -b . y + sum_i min_{x_i} [ phi(F_i) + 1/2 x_i' p_i x_i + (q_i + A_i' y) . x_i ],   u_i in F_i U,  lo <= F_i
+    <= hi,
 
 and the dual is concave in m unknowns. Where phi is quadratic each inner problem has a closed form: with c = q + A' y, a
-tangential component (or a round pair or triple of them) is u = -c_t / w clipped to F r, w its quadratic weight, so F solves
+tangential component (or a round pair or triple of them) is u = -c_t / w clipped to F r, w its quadratic weight, so F
+solves
 
     phi'(F) + p_n F + c_n - sum_t r max(0, |c_t| - w r F) = 0,   clipped to [lo, hi],
 
-an increasing function that is the least of straight lines, one for each set of saturated components: F is the largest of
-their roots. The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating x(y): per contact (v v') / slope
-along the edge or ray v that a saturated force moves on, 1 / w for what is not saturated, and F / |c_t| (I - c c') around a
-cone (Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and Toh 2018). The cost of a step grows linearly with the contacts.
-The line search is exact: the directional derivative is monotone. Where it stays positive along a step, that step is tried as
-a Farkas certificate: the derivative at infinity is what the certificate proves.
+an increasing function that is the least of straight lines, one for each set of saturated components: F is the largest
+of their roots. The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating x(y): per contact (v
+v') / slope along the edge or ray v that a saturated force moves on, 1 / w for what is not saturated, and F / |c_t| (I -
+c c') around a cone (Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and Toh 2018). The cost of a step grows
+linearly with the contacts. The line search is exact: the directional derivative is monotone. Where it stays positive
+along a step, that step is tried as a Farkas certificate: the derivative at infinity is what the certificate proves.
 
-Powers of F_n are replaced by their quadratic models at the last answer, pass by pass (sequential quadratic programming, whose
-fixed point solves the prox of phi exactly). Where the objective has no quadratic weight in some direction a proximal one is
-added that pulls towards the last answer, and falls from pass to pass (Rockafellar 1976). Both end when the duality gap, of
-the objective itself, is closed. Answers are certified like any other's; what this method does not finish interior points do.
+Powers of F_n are replaced by their quadratic models at the last answer, pass by pass (sequential quadratic programming,
+whose fixed point solves the prox of phi exactly). Where the objective has no quadratic weight in some direction a
+proximal one is added that pulls towards the last answer, and falls from pass to pass (Rockafellar 1976). Both end when
+the duality gap, of the objective itself, is closed. Answers are certified like any other's; what this method does not
+finish interior points do.
 
 **Interior points** take every :class:`~pinograsp.forces.program.Program` whose objective couples no two contacts:
-polyhedral and second-order friction cones, bounds on F_n, powers of F_n (Eqs. 9 and 11), quadratic terms and torque rows. The iterates stay
-inside the cones and bounds; balance and torque rows are met in the limit. With
-B = [A; R], multipliers l = [y; w] and per contact the Hessian H_i of the objective and of the barriers, a Newton step solves
+polyhedral and second-order friction cones, bounds on F_n, powers of F_n (Eqs. 9 and 11), quadratic terms and torque
+rows. The iterates stay inside the cones and bounds; balance and torque rows are met in the limit. With B = [A; R],
+multipliers l = [y; w] and per contact the Hessian H_i of the objective and of the barriers, a Newton step solves
 
     [ H  B' ] [dx]   [ -stationarity + centring ]
     [ B  -E ] [dl] = [ -rows                    ],     H block diagonal with blocks (d, d), E = diag(0, s/w),
 
 by the Schur complement B H^-1 B' + E: six unknowns and one for each torque row, whatever the number of contacts, so the
-cost of a step grows linearly with them. Torque rows of one contact alone join its block H_i.
-Steps are Mehrotra's predictor and corrector (1992), second-order cones scaled by Nesterov and Todd's point (1997; formulas as
-in Vandenberghe 2010). In infeasible programs the multipliers grow along a Farkas certificate, which is tested as they grow.
+cost of a step grows linearly with them. Torque rows of one contact alone join its block H_i. Steps are Mehrotra's
+predictor and corrector (1992), second-order cones scaled by Nesterov and Todd's point (1997; formulas as in
+Vandenberghe 2010). In infeasible programs the multipliers grow along a Farkas certificate, which is tested as they
+grow.
 """
 
 from __future__ import annotations
@@ -54,9 +58,13 @@ _STRONG = 0.03  # least curvature of objectives of order one that need no proxim
 _FIRST_WEIGHT, _SHRINK, _LEAST_WEIGHT = 0.1, 0.1, 1e-3  # proximal weights, from pass to pass
 _ROUGHLY, _BALANCED = 1e-2, 1e-11  # residual of the balance, of the load, of the passes before and of the last
 _NEWTON_GAP = 1e-9
-# Softness of the balance where it cannot be had, squared forces weigh one: first, from pass to pass, least; proximal passes.
+# Softness of the balance where it cannot be had, squared forces weigh one: first, from pass to pass, least; proximal
+# passes.
 _GIVE, _FIRMER, _LEAST_GIVE, _GIVES = 1e-3, 0.1, 1e-7, 20
-_CLOSEST, _CLOSEST_WITHIN = 1e-8, 1e-6  # what is left of the balance against its proven least, of the load; with torque rows
+_CLOSEST, _CLOSEST_WITHIN = (
+    1e-8,
+    1e-6,
+)  # what is left of the balance against its proven least, of the load; with torque rows
 _BOX_STEPS = 60
 # Interior points.
 _STEPS = 60
@@ -80,10 +88,11 @@ _SHARP = 1e-9  # of the load or the largest F_n: answers that miss a limit by mo
 
 @jit(**NEWTON)
 def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
-    """x (d, k), the minimiser of every contact's part of the Lagrangian at slopes S + t V (d, k); norm (k,) of its round part.
+    """x (d, k), the minimiser of every contact's part of the Lagrangian at slopes S + t V (d, k); norm (k,) of its
+    round part.
 
-    The normal force solves an equation that increases and is the least of straight lines, one for each set of components at
-    their friction limit: so it is the largest of their roots.
+    The normal force solves an equation that increases and is the least of straight lines, one for each set of
+    components at their friction limit: so it is the largest of their roots.
     """
     d, k = S.shape
     e = d - 1
@@ -111,7 +120,9 @@ def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
         if e == 3:
             g = S[2, i] + t * V[2, i]
             c, wn = c - radii[2] * abs(g), wn + radii[2] * radii[2] * w[2, i]
-            F = max(F, max(max(-c / wn, (pa - c) / (wn + va)), max((pb - c) / (wn + vb), (pa + pb - c) / (wn + va + vb))))
+            F = max(
+                F, max(max(-c / wn, (pa - c) / (wn + va)), max((pb - c) / (wn + vb), (pa + pb - c) / (wn + va + vb)))
+            )
         F = min(max(F, lo[i]), hi[i])
         x[e, i] = F
         if e == 3:
@@ -170,7 +181,12 @@ def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
                 weights[4 * k + i] = -around if slips else 0.0
                 for r in range(m):
                     radial = A[r, i] * a + A[r, k + i] * b + A[r, 2 * k + i] * c
-                    D[r, k + i], D[r, 2 * k + i], D[r, 3 * k + i], D[r, 4 * k + i] = A[r, i], A[r, k + i], A[r, 2 * k + i], radial
+                    D[r, k + i], D[r, 2 * k + i], D[r, 3 * k + i], D[r, 4 * k + i] = (
+                        A[r, i],
+                        A[r, k + i],
+                        A[r, 2 * k + i],
+                        radial,
+                    )
                     D[r, i] -= radial if slips else 0.0
         for j in range(n_round, e):
             slips = abs(S[j, i]) > w[j, i] * radii[j] * F
@@ -225,8 +241,9 @@ def _least_along(V, b, y, lo, hi, radii, n_round):
 
 @jit(**NEWTON)
 def _proves(V, b, y, lo, hi, radii, n_round):
-    """Whether y is a Farkas certificate: y . (A x - b) > 0 for all admissible x, with V = A' y (d, k). If so its largest entry
-    becomes 1."""
+    """Whether y is a Farkas certificate: y . (A x - b) > 0 for all admissible x, with V = A' y (d, k). If so its
+    largest entry becomes 1.
+    """
     size = np.abs(y).max()
     if not _least_along(V, b, y, lo, hi, radii, n_round) > _PROVEN * size:
         return False
@@ -238,8 +255,8 @@ def _proves(V, b, y, lo, hi, radii, n_round):
 def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, work):
     """Maximise the dual of quadratic weights w > 0 (d, k) from y (m,) in at most ``most`` steps; (code, Newton steps).
 
-    With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give). Infeasible: y becomes a ray along which the
-    dual grows without end. work: scratch, see :func:`newton_scratch`.
+    With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give). Infeasible: y becomes a ray along
+    which the dual grows without end. work: scratch, see :func:`newton_scratch`.
     """
     m, (d, k) = A.shape[0], q.shape
     n, terms = d * k, k * (5 if n_round == 3 else d)
@@ -297,7 +314,9 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
             if above >= 0.0:
                 t = below + at_below * (above - below) / (at_below - at_above)
                 continue
-            if search == 1 and give == 0.0 and _proves(V2, b, step, lo, hi, radii, n_round):  # it does not end soon: does it at all?
+            if (
+                search == 1 and give == 0.0 and _proves(V2, b, step, lo, hi, radii, n_round)
+            ):  # it does not end soon: does it at all?
                 for r in range(m):
                     y[r] = step[r]
                 return INFEASIBLE, it
@@ -313,7 +332,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
 
 @jit(**NEWTON)
 def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
-    """The objective at x and the bound that y proves with the tangents of the objective at x; slopes (d k,) is scratch."""
+    """The objective at x and the bound that y proves with its tangents there; slopes (d k,) is scratch."""
     d, k = q.shape
     e, value, bound = d - 1, 0.0, 0.0
     for r in range(b.shape[0]):
@@ -346,8 +365,9 @@ def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
 def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
     """Minimise over the cones from y (m,), 0 if nothing is known; x (d, k) is start and result, y the multipliers.
 
-    A (m, d k), q and P (d, k), the latter the diagonal; the powers as in :func:`interior_point`; lo < hi (k,); radii (d - 1,) of
-    components without a cone. work: :func:`newton_scratch`. Returns (code, Newton steps); infeasible: y is a ray.
+    A (m, d k), q and P (d, k), the latter the diagonal; the powers as in :func:`interior_point`; lo < hi (k,); radii (d
+    - 1,) of components without a cone. work: :func:`newton_scratch`. Returns (code, Newton steps); infeasible: y is a
+    ray.
     """
     d, k = q.shape
     e, n, steps, least = d - 1, d * k, 0, np.inf
@@ -358,7 +378,7 @@ def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
     strong = least >= _STRONG
     once = strong and coefs.shape[0] == 0
     weight = 0.0 if strong else _FIRST_WEIGHT
-    for stage in range(_PASSES):
+    for _stage in range(_PASSES):
         last = weight < 2 * _LEAST_WEIGHT
         for j in range(d):
             for i in range(k):
@@ -389,8 +409,8 @@ def newton_scratch(d, k):
 
 # -- interior points --------------------------------------------------------------------------------------------------
 #
-# Vectors over all contacts are stored by component, v[j k + i] for component j of contact i, matrices in the same order, so
-# that the innermost loops run over contacts next to each other in memory.
+# Vectors over all contacts are stored by component, v[j k + i] for component j of contact i, matrices in the same
+# order, so that the innermost loops run over contacts next to each other in memory.
 
 
 @jit(**FLAGS)
@@ -412,7 +432,9 @@ def phi(F, coefs, exps):
 
 @jit(**FLAGS)
 def _factor(H):
-    """Cholesky factor U'U of H (n, n) in its upper triangle, in place, inverse pivots on the diagonal; pivots are floored."""
+    """Cholesky factor U'U of H (n, n) in its upper triangle, in place, inverse pivots on the diagonal; pivots are
+    floored.
+    """
     n = H.shape[0]
     largest = 0.0
     for r in range(n):
@@ -536,8 +558,8 @@ def _gram(T, S):
             S[r + 2, c], S[r + 2, c + 1], S[r + 2, c + 2] = c0, c1, c2
 
 
-# Limits with slacks: least <= G x <= most with coefficients G (limits of a contact, d, k): facets, which have no upper side, F_n,
-# torque rows of one contact. Torque rows of several contacts, ``shared``, follow as rows by themselves.
+# Limits with slacks: least <= G x <= most with coefficients G (limits of a contact, d, k): facets, which have no upper
+# side, F_n, torque rows of one contact. Torque rows of several contacts, ``shared``, follow as rows by themselves.
 
 
 @jit(**FLAGS)
@@ -664,8 +686,9 @@ def _scale_cones(x, zc, n_round, bar, eta, H):
 
 @jit(**FLAGS)
 def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
-    """Steps of the cones' multipliers for the step dx; the largest step up to alpha. The predictor leaves its Jordan products
-    in ``centring``."""
+    """Steps of the cones' multipliers for the step dx; the largest step up to alpha. The predictor leaves its Jordan
+    products in ``centring``.
+    """
     k = eta.shape[0]
     for i in range(k):
         w, v, z = _row(bar, i), _in_cone(dx, i, k, n_round), _row(zc, i)
@@ -686,7 +709,7 @@ def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
 
 @jit(**FLAGS)
 def _centre_cones(zc, bar, eta, centre, centring):
-    """Jordan products p in ``centring`` become W^-1 (lambda \\ (centre e - p)), lambda = W z."""
+    r"""Jordan products p in ``centring`` become W^-1 (lambda \ (centre e - p)), lambda = W z."""
     for i in range(eta.shape[0]):
         w, p = _row(bar, i), _row(centring, i)
         v = _scaled(w, eta[i], _row(zc, i), 1.0)
@@ -709,7 +732,7 @@ def _to_boundary(v, dv, alpha):
 
 @jit(**FLAGS)
 def support(g, n_round, vertices):
-    """max of g . u over U (:class:`~pinograsp.contacts.Friction`); vertices (e, 2) of the polygon, (0, 2) without one."""
+    """max of g . u over U (:class:`~pinograsp.contacts.Friction`); vertices (e, 2) of a polygon, else (0, 2)."""
     total = 0.0 if n_round > 0 else -np.inf
     for j in range(n_round):
         total += g[j] * g[j]
@@ -723,11 +746,12 @@ def support(g, n_round, vertices):
 
 @jit(**FLAGS)
 def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g):
-    """Lower bound of the objective that y proves with tangents near x, ``Program.lower_bound`` compiled, and the objective at x.
+    """Lower bound of the objective that y proves with tangents near x, ``Program.lower_bound`` compiled, and the
+    objective at x.
 
     g (d,) is scratch.
     """
-    k, d, n = B.shape
+    k, d, _n = B.shape
     m, e, total, value = b.shape[0], d - 1, 0.0, 0.0
     for r in range(m):
         total -= y[r] * b[r]
@@ -779,37 +803,50 @@ def _newton_step(T, H, S, G, used, sides, weights, multipliers, row, dx, dy):
 @jit(**FLAGS)
 def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g):
     """Farkas bound of the multipliers y = [balance; torque rows], ``Program.excluded`` compiled. g (d,) is scratch."""
-    k, d, n = B.shape
+    k, d, _n = B.shape
     P, x, none = np.zeros((k, d, d)), np.zeros((k, d)), np.zeros(0)
     return bound_of(y, x, B, touched, counts, b, P, x, none, none, lo, hi, n_round, vertices, R_lo, R_hi, g)[0]
 
 
 @jit(**FLAGS)
-def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, give, x, y):
+def interior_point(
+    A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, give, x, y
+):
     """Minimise over the cones; x (k, d) and y (m + r,) are the results. (CONVERGED, STALLED or INFEASIBLE, steps).
 
-    Shapes: A (n rounded up to a multiple of three, d k) balance (m) and torque rows that several contacts enter, n in all, by
-    component; G (f + 1 + g, d, k) limits: facets of the friction cone, F_n, torque rows of one contact; used (f + 1 + g, d):
-    components that enter them; own (g, k): where in B the latter are, -1 for none; B (k, d, m + r) all rows; touched
-    (k, m + r): the rows that a contact enters, the first counts[i, 0] below n, counts[i, 1] in all; b (m,); P (k, d, d);
-    q (k, d); lo < hi (k,); n_round components that a second-order cone bounds; vertices (e, 2) of the polygon; R_lo < R_hi
-    (r,). phi' is the sum of coefs[a] F^(exps[0] exps[1 + a]) with coefs (a,) and exps (1 + a,), whole numbers from the
-    second on. With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give). Infeasible: y is a Farkas
-    certificate.
+    Shapes: A (n rounded up to a multiple of three, d k) balance (m) and torque rows that several contacts enter, n in
+    all, by component; G (f + 1 + g, d, k) limits: facets of the friction cone, F_n, torque rows of one contact; used (f
+    + 1 + g, d): components that enter them; own (g, k): where in B the latter are, -1 for none; B (k, d, m + r) all
+    rows; touched (k, m + r): the rows that a contact enters, the first counts[i, 0] below n, counts[i, 1] in all; b
+    (m,); P (k, d, d); q (k, d); lo < hi (k,); n_round components that a second-order cone bounds; vertices (e, 2) of
+    the polygon; R_lo < R_hi (r,). phi' is the sum of coefs[a] F^(exps[0] exps[1 + a]) with coefs (a,) and exps (1 +
+    a,), whole numbers from the second on. With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2
+    give). Infeasible: y is a Farkas certificate.
     """
     k, d, all_rows = B.shape
     m, f, e, rows = b.shape[0], G.shape[0] - own.shape[0] - 1, (d - 1) * k, A.shape[0]
     balance, R = A[:m], A[m:]
-    facets, torques, several = f * k, (f + 1) * k, G.shape[0] * k  # where limits on F_n and torque rows begin, and those shared
+    facets, torques, several = (
+        f * k,
+        (f + 1) * k,
+        G.shape[0] * k,
+    )  # where limits on F_n and torque rows begin, and those shared
     limits = several + rows - m
     quadratic = np.any(P != 0.0)
     v, dx, grad = np.zeros((1, d * k)), np.empty((1, d * k)), np.empty((1, d * k))  # v: x by component
     H, T = np.empty((d, d, k)), np.empty((rows, d * k))
     S, row, dy, multipliers, none = np.empty((rows, rows)), np.empty(m), np.empty(rows), np.zeros(rows), np.zeros(rows)
-    # Slacks s of all limits, lower sides first, their multipliers z, weights w = z / s; off: s less the true slack; products
-    # of the predictor's steps; per limit values and weights.
+    # Slacks s of all limits, lower sides first, their multipliers z, weights w = z / s; off: s less the true slack;
+    # products of the predictor's steps; per limit values and weights.
     size = 2 * limits - facets
-    s, z, ds, dz, w, inverse = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    s, z, ds, dz, w, inverse = (
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+    )
     off, product, target = np.zeros(size), np.empty(size), np.empty(size)
     along, weights = np.empty(limits), np.empty(limits)
     # Multipliers of the second-order cones, their centring term, scalings.
@@ -890,12 +927,16 @@ def interior_point(A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
         _to_contacts(v, multipliers, z, own, n, torques, up, x, y)
         done = False
         if far <= (1e-7 if give == 0.0 else 1e-9) and comp <= 1e-6 * scale:
-            bound, _ = bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, scratch)
+            bound, _ = bound_of(
+                y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, scratch
+            )
             gap = value - bound
             for r in range(m):
                 gap += y[r] * (row[r] + give * y[r])  # what it costs to mend the balance, or to miss it
             done = gap <= scale * _INTERIOR_GAP
-            if not done and gap >= 0.3 * previous and min(gap, previous) <= scale * _CLOSED:  # rounding stops its progress
+            if (
+                not done and gap >= 0.3 * previous and min(gap, previous) <= scale * _CLOSED
+            ):  # rounding stops its progress
                 done = True
                 if previous < gap:
                     v[:], y[:] = v_before, y_before
@@ -999,7 +1040,9 @@ def _to_contacts(v, multipliers, z, own, n, torques, up, x, y):
 
 @jit(**FLAGS)
 def powers_of(terms, scale, unit):
-    """phi' as the solvers take it, from pairs (coefficient, exponent): the exponents are 1, 1 + 1 / rho and 1 + 2 / rho."""
+    """phi' as the solvers take it, from pairs (coefficient, exponent): the exponents are 1, 1 + 1 / rho and 1 + 2 /
+    rho.
+    """
     count = terms.shape[0]
     coefs, exps = np.empty(count), np.empty(count + 1)
     exps[0] = 1.0
@@ -1013,10 +1056,37 @@ def powers_of(terms, scale, unit):
 
 
 @jit(**FLAGS)
-def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
-           correction, x, y, gauge, residual):  # fmt: skip
-    """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound, by Newton's method); fills x, y, gauge (k,),
-    residual (m,).
+def answer(
+    newton,
+    A,
+    G,
+    used,
+    own,
+    B,
+    touched,
+    counts,
+    n,
+    b,
+    P,
+    q,
+    coefs,
+    exps,
+    lo,
+    hi,
+    C,
+    n_round,
+    vertices,
+    radii,
+    R_lo,
+    R_hi,
+    correction,
+    x,
+    y,
+    gauge,
+    residual,
+):
+    """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound, by Newton's method); fills x, y,
+    gauge (k,), residual (m,).
 
     ``newton``: try the dual Newton method first; correction (k d, m) is the pseudoinverse
     of the balance; the rest as in :func:`interior_point`.
@@ -1040,7 +1110,28 @@ def answer(newton, A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps,
             newton = False
     if not newton:
         code, _ = interior_point(
-            A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, 0.0, x, y
+            A,
+            G,
+            used,
+            own,
+            B,
+            touched,
+            counts,
+            n,
+            b,
+            P,
+            q,
+            coefs,
+            exps,
+            lo,
+            hi,
+            n_round,
+            vertices,
+            R_lo,
+            R_hi,
+            0.0,
+            x,
+            y,
         )
     for again in range(2):
         for r in range(m):
@@ -1092,13 +1183,13 @@ def _part(packed, start, shape):
 def whole(sizes, numbers, at, load, out, active):
     """One force problem from its load (6,) [N, N m] to everything its record holds.
 
-    Few arguments, because each array that Python hands over costs as much as a contact does. sizes, numbers: the grasp, as
-    :class:`pinograsp.forces.compiled.Template` packs it; at: impact time and limits, as
+    Few arguments, because each array that Python hands over costs as much as a contact does. sizes, numbers: the grasp,
+    as :class:`pinograsp.forces.compiled.Template` packs it; at: impact time and limits, as
     :class:`~pinograsp.forces.compiled.Prepared` packs them. Fills out (6 + 7 k,): net wrench, contact forces (k, 3),
-    torsion (k,), multipliers (k, 2), acceleration (k,); and active (3 k + r,): at friction, least and largest F_n, torque rows.
-    Returns, dimensionless, (CONVERGED or what went wrong, by Newton's method or interior points, violation, largest F_n,
-    objective, bound, its constant, net force,
-    net moment) and what forces [N] and the objective were divided by.
+    torsion (k,), multipliers (k, 2), acceleration (k,); and active (3 k + r,): at friction, least and largest F_n,
+    torque rows. Returns, dimensionless, (CONVERGED or what went wrong, by Newton's method or interior points,
+    violation, largest F_n, objective, bound, its constant, net force, net moment) and what forces [N] and the objective
+    were divided by.
     """
     k, d, m, all_rows, n, n_round = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5]
     padded, facets, limited, corners, e = sizes[6], sizes[7], sizes[8], sizes[9], sizes[1] - 1
@@ -1156,9 +1247,34 @@ def whole(sizes, numbers, at, load, out, active):
     constant = constant / unit
     x, y, gauge, residual = np.empty((k, d)), np.empty(all_rows), np.empty(k), np.empty(m)
     code, violation, value, bound, newton = answer(
-        newton, A, limits, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, C, n_round, vertices, radii, R_lo, R_hi,
-        correction, x, y, gauge, residual,
-    )  # fmt: skip
+        newton,
+        A,
+        limits,
+        used,
+        own,
+        B,
+        touched,
+        counts,
+        n,
+        b,
+        P,
+        q,
+        coefs,
+        exps,
+        lo,
+        hi,
+        C,
+        n_round,
+        vertices,
+        radii,
+        R_lo,
+        R_hi,
+        correction,
+        x,
+        y,
+        gauge,
+        residual,
+    )
     if code != CONVERGED:
         return failed
     most = 0.0
@@ -1171,7 +1287,11 @@ def whole(sizes, numbers, at, load, out, active):
         active[i] = gauge[i] >= F * (1.0 - near)
         active[k + i] = lo[i] * (1.0 + near) >= F
         active[2 * k + i] = hi[i] * (1.0 - near) <= F
-        forces[i, 0], forces[i, 1], forces[i, 2] = x[i, 0] * scale * widths[i, 0], x[i, 1] * scale * widths[i, 1], F * scale
+        forces[i, 0], forces[i, 1], forces[i, 2] = (
+            x[i, 0] * scale * widths[i, 0],
+            x[i, 1] * scale * widths[i, 1],
+            F * scale,
+        )
         torsion[i] = 0.0
         if d == 4:
             torsion[i] = x[i, 2] * scale * widths[i, 2]
@@ -1204,8 +1324,9 @@ def whole(sizes, numbers, at, load, out, active):
 
 @jit(**FLAGS)
 def _columns(points, rotations, mu, torsion, arm, A, widths):
-    """Balance A (m, d k) by component from contact points (k, 3) about the centre of mass and frames (k, 3, 3), moments over
-    ``arm``; widths (d, k): what a component of one newton at the friction limit is [N, N m]."""
+    """Balance A (m, d k) by component from contact points (k, 3) about the centre of mass and frames (k, 3, 3), moments
+    over ``arm``; widths (d, k): what a component of one newton at the friction limit is [N, N m].
+    """
     m, k, d = A.shape[0], points.shape[0], widths.shape[0]
     e = d - 1
     for i in range(k):
@@ -1248,16 +1369,18 @@ def _judge(A, b, lo, hi, radii, n_round, x):
 
 
 @jit(**FLAGS)
-def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, squares, terms, radii, n_round, forces, moments, answers):
+def _one_of_many(
+    points, rotations, load, mu, torsion, low, high, arm, m, squares, terms, radii, n_round, forces, moments, answers
+):
     """One problem of :func:`many`; its code."""
     k, d = points.shape[0], radii.shape[0] + 1
     e, n = d - 1, d * k
     room = np.empty((m + 6) * n + 3 * k + newton_scratch(d, k))
     A, at = room[: m * n].reshape((m, n)), m * n
-    widths, P, q, x = (
-        room[at : at + n].reshape((d, k)), room[at + n : at + 2 * n].reshape((d, k)), room[at + 2 * n : at + 3 * n].reshape((d, k)),
-        room[at + 3 * n : at + 4 * n].reshape((d, k)),
-    )  # fmt: skip
+    widths = room[at : at + n].reshape((d, k))
+    P = room[at + n : at + 2 * n].reshape((d, k))
+    q = room[at + 2 * n : at + 3 * n].reshape((d, k))
+    x = room[at + 3 * n : at + 4 * n].reshape((d, k))
     at += 4 * n
     lo, hi, work = room[at : at + k], room[at + k : at + 2 * k], room[at + 2 * k :]
     b, y, scale = np.empty(m), np.zeros(m), 0.0
@@ -1286,7 +1409,7 @@ def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, square
             P[j, i] *= scale * scale / unit
     b /= scale
     coefs, exps = powers_of(terms, scale, unit)
-    code, steps = dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work)
+    code, _steps = dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work)
     if code == CONVERGED:
         value, bound = _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work)
         off, violation = _judge(A, b, lo, hi, radii, n_round, x)
@@ -1304,19 +1427,54 @@ def _one_of_many(points, rotations, load, mu, torsion, low, high, arm, m, square
 
 
 @jit(nogil=True, **FLAGS)
-def many(start, stop, points, rotations, counts, loads, mu, torsion, low, high, arms, m, squares, terms, radii, n_round, forces,
-         moments, answers, codes):  # fmt: skip
-    """Problems ``start`` to ``stop`` of N, without Python's lock: the first counts[p] contacts of each, points about the centres of
-    mass, mu with its safety.
+def many(
+    start,
+    stop,
+    points,
+    rotations,
+    counts,
+    loads,
+    mu,
+    torsion,
+    low,
+    high,
+    arms,
+    m,
+    squares,
+    terms,
+    radii,
+    n_round,
+    forces,
+    moments,
+    answers,
+    codes,
+):
+    """Problems ``start`` to ``stop`` of N, without Python's lock: the first counts[p] contacts of each, points about
+    the centres of mass, mu with its safety.
 
-    The objective: ``squares`` times the sum of squared forces, and terms (N, t, 2), powers of F_n. Fills forces (N, k, 3),
-    moments (N, k), answers (N, 4: objective, bound, residual [N], violation [N]) and codes (N,)."""
+    The objective: ``squares`` times the sum of squared forces, and terms (N, t, 2), powers of F_n. Fills forces (N, k,
+    3), moments (N, k), answers (N, 4: objective, bound, residual [N], violation [N]) and codes (N,).
+    """
     for p in range(start, stop):
         k = counts[p]
         codes[p] = _one_of_many(
-            points[p, :k], rotations[p, :k], loads[p], mu[p, :k], torsion, low[p, :k], high[p, :k], arms[p], m, squares, terms[p],
-            radii, n_round, forces[p], moments[p], answers[p],
-        )  # fmt: skip
+            points[p, :k],
+            rotations[p, :k],
+            loads[p],
+            mu[p, :k],
+            torsion,
+            low[p, :k],
+            high[p, :k],
+            arms[p],
+            m,
+            squares,
+            terms[p],
+            radii,
+            n_round,
+            forces[p],
+            moments[p],
+            answers[p],
+        )
 
 
 @jit(**FLAGS)
@@ -1331,19 +1489,25 @@ def _not_finite(values):
 def online(memory, jacobian, gravity, chains):
     """One tick of :class:`pinograsp.motion.OnlineForces`: (code, Newton steps, what is not balanced [N]).
 
-    memory, see :func:`online_memory`; jacobian (6 columns,): of the joints, column by column, world axes,
-    linear velocity at the world's origin first; gravity (n,); chains: their length 3 p, then contacts, each with a joint's column
-    and degree of freedom (3 p), then, where torques have limits, what :func:`_within_torques` takes. All flat and few, since
-    every array handed over costs a tenth of a microsecond.
+    memory, see :func:`online_memory`; jacobian (6 columns,): of the joints, column by column, world axes, linear
+    velocity at the world's origin first; gravity (n,); chains: their length 3 p, then contacts, each with a joint's
+    column and degree of freedom (3 p), then, where torques have limits, what :func:`_within_torques` takes. All flat
+    and few, since every array handed over costs a tenth of a microsecond.
 
-    The objective is the sum of squares of F_n and of tangential forces; a torsional moment counts as the tangential force that
-    uses as much friction. CONVERGED: balanced; INFEASIBLE: the closest forces; STALLED: not within the steps, the closest that
-    were found; -1: an input is not finite or a friction coefficient negative, and nothing has changed.
+    The objective is the sum of squares of F_n and of tangential forces; a torsional moment counts as the tangential
+    force that uses as much friction. CONVERGED: balanced; INFEASIBLE: the closest forces; STALLED: not within the
+    steps, the closest that were found; -1: an input is not finite or a friction coefficient negative, and nothing has
+    changed.
     """
     settings, n, com, wrench = memory[:12], len(gravity), memory[8:11], memory[12:18]
     k, m, n_round, torsion, arm, safety = (
-        int(settings[11]), int(settings[0]), int(settings[1]), settings[2] / settings[4], settings[3], settings[4],
-    )  # fmt: skip
+        int(settings[11]),
+        int(settings[0]),
+        int(settings[1]),
+        settings[2] / settings[4],
+        settings[3],
+        settings[4],
+    )
     frames, limits = memory[18 : 18 + 13 * k].reshape((k, 13)), memory[18 + 13 * k : 18 + 17 * k].reshape((4, k))
     limit, state = memory[18 + 17 * k :][:n], memory[24 + 21 * k + 2 * n :]
     out = memory[18 + 17 * k + n : 24 + 21 * k + 2 * n]
@@ -1355,13 +1519,16 @@ def online(memory, jacobian, gravity, chains):
     forces, torques = out[: 3 * k].reshape((k, 3)), out[4 * k + 6 :]
     room = state[6:]
     A, at = room[: m * n].reshape((m, n)), m * n
-    widths, w, q, x = (
-        room[at : at + n].reshape((d, k)), room[at + n : at + 2 * n].reshape((d, k)), room[at + 2 * n : at + 3 * n].reshape((d, k)),
-        room[at + 3 * n : at + 4 * n].reshape((d, k)),
-    )  # fmt: skip
+    widths = room[at : at + n].reshape((d, k))
+    w = room[at + n : at + 2 * n].reshape((d, k))
+    q = room[at + 2 * n : at + 3 * n].reshape((d, k))
+    x = room[at + 3 * n : at + 4 * n].reshape((d, k))
     at += 4 * n
     lo, hi, mu = room[at : at + k], room[at + k : at + 2 * k], room[at + 2 * k : at + 3 * k]
-    b, y, radii, work = room[at + 3 * k :][:m], room[at + 3 * k + 6 :][:m], room[at + 3 * k + 12 :][:e], room[at + 3 * k + 15 :]
+    b = room[at + 3 * k :][:m]
+    y = room[at + 3 * k + 6 :][:m]
+    radii = room[at + 3 * k + 12 :][:e]
+    work = room[at + 3 * k + 15 :]
     scale = 1e-9
     for r in range(m):
         b[r] = -wrench[r] if r < 3 else -wrench[r] / arm
@@ -1406,7 +1573,23 @@ def online(memory, jacobian, gravity, chains):
         )
         steps += used
         off = _hand_out(
-            x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out
+            x,
+            A,
+            b,
+            lo,
+            hi,
+            radii,
+            n_round,
+            scale,
+            widths,
+            points,
+            rotations,
+            com,
+            wrench,
+            jacobian,
+            gravity,
+            chains,
+            out,
         )
         for j in range(len(limit)):
             if code == CONVERGED and abs(torques[j]) > limit[j] * (1.0 + 1e-7):
@@ -1427,7 +1610,7 @@ def _closest(A, b, w, lo, hi, radii, n_round, x, y, q, most, work):
     flat, V, best = x.reshape(n), work[48 + n : 48 + 2 * n], work[48 + 2 * n + 36 * k : 48 + 3 * n + 36 * k]
     steps, give, nearest = 0, _GIVE, np.inf
     y[:], q[:] = 0.0, 0.0
-    for stage in range(_GIVES):
+    for _stage in range(_GIVES):
         _, used = _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, 1e-9, most, work)
         steps += used
         off, _ = _judge(A, b, lo, hi, radii, n_round, x)
@@ -1448,7 +1631,9 @@ def _closest(A, b, w, lo, hi, radii, n_round, x, y, q, most, work):
 
 
 @jit(**FLAGS)
-def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out):
+def _hand_out(
+    x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out
+):
     """Fills ``out`` of :func:`online` from x (d, k), and returns what it leaves of the balance."""
     d, k = x.shape
     e, last = d - 1, 1 + chains[0]
@@ -1461,7 +1646,11 @@ def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations,
         torques[j] = gravity[j]
     p = 1
     for i in range(k):
-        forces[i, 0], forces[i, 1], forces[i, 2] = x[0, i] * scale * widths[0, i], x[1, i] * scale * widths[1, i], x[e, i] * scale
+        forces[i, 0], forces[i, 1], forces[i, 2] = (
+            x[0, i] * scale * widths[0, i],
+            x[1, i] * scale * widths[1, i],
+            x[e, i] * scale,
+        )
         moments[i] = x[2, i] * scale * widths[2, i] if d == 4 else 0.0
         R = rotations[i]
         f = (
@@ -1475,7 +1664,11 @@ def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations,
             unbalanced[r] += f[r]
             unbalanced[3 + r] += turn[r] + points[i, s] * f[t] - points[i, t] * f[s]
         P = (points[i, 0] + com[0], points[i, 1] + com[1], points[i, 2] + com[2])
-        a = turn[0] + P[1] * f[2] - P[2] * f[1], turn[1] + P[2] * f[0] - P[0] * f[2], turn[2] + P[0] * f[1] - P[1] * f[0]
+        a = (
+            turn[0] + P[1] * f[2] - P[2] * f[1],
+            turn[1] + P[2] * f[0] - P[0] * f[2],
+            turn[2] + P[0] * f[1] - P[1] * f[0],
+        )
         while p < last and chains[p] == i:
             J = jacobian[6 * chains[p + 1] :][:6]
             t = J[0] * f[0] + J[1] * f[1] + J[2] * f[2]
@@ -1485,12 +1678,14 @@ def _hand_out(x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations,
 
 
 @jit(**FLAGS)
-def _within_torques(A, b, w, lo, hi, radii, n_round, scale, widths, points, rotations, com, jacobian, gravity, limit, chains, x):
-    """Interior points with |gravity + J'f| <= limit (n,) and x (d, k) the result: (code, steps); the closest forces where the load
-    cannot be held so. Where no forces at all keep the limits x stays as it was.
+def _within_torques(
+    A, b, w, lo, hi, radii, n_round, scale, widths, points, rotations, com, jacobian, gravity, limit, chains, x
+):
+    """Interior points with |gravity + J'f| <= limit (n,) and x (d, k) the result: (code, steps); the closest forces
+    where the load cannot be held so. Where no forces at all keep the limits x stays as it was.
 
-    After the chains: the number of torque rows, of those that several contacts enter, and the most that one contact has alone; per degree
-    of freedom its row or -1 (n,); own, touched, counts and used of :func:`interior_point`.
+    After the chains: the number of torque rows, of those that several contacts enter, and the most that one contact has
+    alone; per degree of freedom its row or -1 (n,); own, touched, counts and used of :func:`interior_point`.
     """
     m, (d, k), n = A.shape[0], w.shape, len(limit)
     e, facets, last = d - 1, 2 * (d - 1 - n_round), 1 + chains[0]
@@ -1547,13 +1742,55 @@ def _within_torques(A, b, w, lo, hi, radii, n_round, scale, widths, points, rota
             P[i, j, j] = w[j, i]
     none, coefs = np.ones(1), np.empty(0)
     code, steps = interior_point(
-        flat, G, used, own, B, touched, counts, both, b, P, q, coefs, none, lo, above, n_round, vertices, R_lo, R_hi, 0.0, z, y
+        flat,
+        G,
+        used,
+        own,
+        B,
+        touched,
+        counts,
+        both,
+        b,
+        P,
+        q,
+        coefs,
+        none,
+        lo,
+        above,
+        n_round,
+        vertices,
+        R_lo,
+        R_hi,
+        0.0,
+        z,
+        y,
     )
     proven = False
     give, nearest, best, scratch = _GIVE, np.inf, np.zeros((k, d)), np.empty(d)
     for _ in range(0 if code == CONVERGED else _GIVES // 2):
         done, used_up = interior_point(
-            flat, G, used, own, B, touched, counts, both, b, P, q, coefs, none, lo, above, n_round, vertices, R_lo, R_hi, give, z, y
+            flat,
+            G,
+            used,
+            own,
+            B,
+            touched,
+            counts,
+            both,
+            b,
+            P,
+            q,
+            coefs,
+            none,
+            lo,
+            above,
+            n_round,
+            vertices,
+            R_lo,
+            R_hi,
+            give,
+            z,
+            y,
         )
         steps += used_up
         if done != CONVERGED or _not_finite(z):
@@ -1591,11 +1828,11 @@ def _within_torques(A, b, w, lo, hi, radii, n_round, scale, widths, points, rota
 def online_memory(d, k, n):
     """The memory of :func:`online` (an array), and its parts, which are views of it.
 
-    settings (12,): rows of the balance, round components, torsion [m], arm [m], safety factor, most steps, change of F_n [N] and
-    of shares per tick, centre of mass, contacts. wrench (6,): the load. frames (k, 13): contact point about the centre of mass,
-    contact frame by rows, mu. limits (4, k): least and largest F_n, share of them that holds now, share that it moves to.
-    limit (n,): of torques. out: forces (3 k), torsional moments (k), unbalanced wrench (6), torques (n); on entry the last
-    tick's. state: multipliers of the last tick (6) [N], scratch.
+    settings (12,): rows of the balance, round components, torsion [m], arm [m], safety factor, most steps, change of
+    F_n [N] and of shares per tick, centre of mass, contacts. wrench (6,): the load. frames (k, 13): contact point about
+    the centre of mass, contact frame by rows, mu. limits (4, k): least and largest F_n, share of them that holds now,
+    share that it moves to. limit (n,): of torques. out: forces (3 k), torsional moments (k), unbalanced wrench (6),
+    torques (n); on entry the last tick's. state: multipliers of the last tick (6) [N], scratch.
     """
     sizes = 12, 6, 13 * k, 4 * k, n, 4 * k + 6 + n, 6 + 10 * d * k + 3 * k + 15 + newton_scratch(d, k)
     memory = np.zeros(sum(sizes))
@@ -1603,21 +1840,28 @@ def online_memory(d, k, n):
     return memory, settings, wrench, frames.reshape(k, 13), limits.reshape(4, k), limit, out, state
 
 
-# -- multipliers at fixed normal forces ---------------------------------------------------------------------------------
+# -- multipliers at fixed normal forces --------------------------------------------------------------------------------
 
 
 @jit(**NEWTON)
 def box_least_squares(memory):
     """Minimise 1/2 |H k + b|^2 + eps/2 |k|^2 over |k| <= 1, in the arrays of :func:`box_memory`; whether it converged.
 
-    By Newton's method on the dual, whose unknowns y (m,) are the residual: k_j = -h_j . y / eps clipped to [-1, 1] leaves
-    y - H k - b = 0, the gradient of a strongly convex function.
+    By Newton's method on the dual, whose unknowns y (m,) are the residual: k_j = -h_j . y / eps clipped to [-1, 1]
+    leaves y - H k - b = 0, the gradient of a strongly convex function.
     """
     m, n, inverse = int(memory[0]), int(memory[1]), 1.0 / memory[2]
     load, row, fixed, at = memory[3:9], memory[9 : 9 + m], memory[9 + m : 9 + 2 * m], 9 + 2 * m
     H, k = memory[at : at + m * n].reshape((m, n)), memory[at + m * n : at + m * n + n]
     work = memory[at + m * n + n :]
-    g, d, b, y, S, V = work[:m], work[6 : 6 + m], work[12 : 12 + m], work[18 : 18 + m], work[24 : 24 + n], work[24 + n : 24 + 2 * n]
+    g, d, b, y, S, V = (
+        work[:m],
+        work[6 : 6 + m],
+        work[12 : 12 + m],
+        work[18 : 18 + m],
+        work[24 : 24 + n],
+        work[24 + n : 24 + 2 * n],
+    )
     M = work[24 + 2 * n :][: m * m].reshape((m, m))
     largest = 0.0
     for r in range(m):
@@ -1663,7 +1907,7 @@ def box_least_squares(memory):
             V[j] = t
         # The derivative along -d falls from `start`: its root (regula falsi, Illinois).
         below, above, at_below, at_above, t, side = 0.0, -1.0, start, 0.0, 1.0, 0
-        for search in range(60):
+        for _search in range(60):
             rest = along - t * square
             for j in range(n):
                 rest -= V[j] * min(max(-(S[j] - t * V[j]) * inverse, -1.0), 1.0)

@@ -15,8 +15,11 @@ def first_on_lattice(units: np.ndarray, normal_forces, load, values, columns, li
     reach (their zonotope), so nothing that could succeed is lost.
 
     Args:
-        units: (k, nk^2, rows) unit contact wrenches. normal_forces: (k,) [N]. load: (rows,) [N].
-        values: (nk,) multipliers. columns: (rows, k, 2) tangential directions times mu F / sqrt(2) [N].
+        units: (k, nk^2, rows) unit contact wrenches.
+        normal_forces: (k,) [N].
+        load: (rows,) [N].
+        values: (nk,) multipliers.
+        columns: (rows, k, 2) tangential directions times mu F / sqrt(2) [N].
     """
     k, per_contact, rows = units.shape
     steps = units * np.asarray(normal_forces)[:, None, None]
@@ -57,7 +60,7 @@ def _directions(generators: np.ndarray) -> np.ndarray:
     independent, and in three dimensions the facet normals (cross products of pairs) describe it exactly.
     """
     rows, m = generators.shape
-    U, sigma, Vt = np.linalg.svd(generators)
+    U, sigma, _Vt = np.linalg.svd(generators)
     rank = int(np.sum(sigma > 1e-10 * max(sigma[0], 1e-300))) if m else 0
     found = [U[:, rank:].T]
     if rank == m and rank:

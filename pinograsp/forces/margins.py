@@ -30,15 +30,15 @@ class GraspMargins:
     """Margins of one set of contact forces.
 
     Attributes:
-        friction_used: share of its friction limit that each contact uses (k,) [-]; above 1 it slips. Infinite where there
-            is tangential force without friction. The safety factor is *not* part of it: the limit is mu itself.
+        friction_used: share of its friction limit that each contact uses (k,) [-]; above 1 it slips. Infinite where
+            there is tangential force without friction. The safety factor is *not* part of it: the limit is mu itself.
         least_mu: friction coefficient that each contact's force needs (k,) [-].
         slip_distance: least change of its force that brings a contact to slip (k,) [N]; negative: it slips.
-        load_factor: largest multiple of the load held with these normal forces, friction reacting within the torque limits
-            [-]; infinite without load; 0 where even the load itself is not held.
-        disturbance: largest wrench in *any* direction that may come on top of the load, friction reacting [N, moments over
-            the moment length], bounded from both sides, with the weakest direction. By friction alone: torque limits are not
-            part of the three disturbances.
+        load_factor: largest multiple of the load held with these normal forces, friction reacting within the torque
+            limits [-]; infinite without load; 0 where even the load itself is not held.
+        disturbance: largest wrench in *any* direction that may come on top of the load, friction reacting [N, moments
+            over the moment length], bounded from both sides, with the weakest direction. By friction alone: torque
+            limits are not part of the three disturbances.
         disturbance_force: the same for pure forces through the centre of mass [N].
         disturbance_moment: the same for pure moments [N m]; None in force balance.
     """
@@ -80,10 +80,7 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspM
     # Distance to the exact cone's surface: |f_t| = mu F_n is a plane in the (|f_t|, F_n) half-plane.
     slip = (problem.mu * F - tangential) / np.hypot(1.0, problem.mu)
     program = _at(problem, F)
-    if np.any(program.b):
-        factor = 1.0 + _reached(program, program.b)
-    else:
-        factor = np.inf if holds(program, _HELD) else 0.0
+    factor = 1.0 + _reached(program, program.b) if np.any(program.b) else np.inf if holds(program, _HELD) else 0.0
     ball = _disturbances(program, tolerance)
     force = _section(program, (0, 1, 2)) if problem.rows == 6 else ball.lower
     moment = _section(program, (3, 4, 5)) if problem.rows == 6 else None
@@ -105,13 +102,11 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspM
     )
 
 
-def load_margin(
-    problem: ForceProblem, direction, *, normal_forces=None, impact_time: float | None = None
-) -> float:
+def load_margin(problem: ForceProblem, direction, *, normal_forces=None, impact_time: float | None = None) -> float:
     """Largest s [-] for which the load plus s times ``direction`` (6,) [N, N m] can be held.
 
-    Either with ``normal_forces`` (k,) [N] fixed, friction alone reacting, or with the forces free within their limits for
-    an impact at ``impact_time`` [s]. Returns -1 where even the load alone cannot be held.
+    Either with ``normal_forces`` (k,) [N] fixed, friction alone reacting, or with the forces free within their limits
+    for an impact at ``impact_time`` [s]. Returns -1 where even the load alone cannot be held.
     """
     instance_of("problem", problem, ForceProblem)
     direction = array_of("direction", direction, (6,))
@@ -144,9 +139,10 @@ class ForceClosure:
     """Whether contact forces can resist *any* wrench (of the balance rows), given strength enough.
 
     Attributes:
-        closed: the verdict. rank: of the grasp map's usable columns.
-        margin: largest t such that forces with normal forces of sum 1 balance while every contact keeps a share t of its
-            even part (1 / k) clear of its friction limit [-]; positive with full rank: force closure.
+        closed: the verdict.
+        rank: of the grasp map's usable columns.
+        margin: largest t such that forces with normal forces of sum 1 balance while every contact keeps a share t of
+            its even part (1 / k) clear of its friction limit [-]; positive with full rank: force closure.
         separating: wrench (6,), zero where closed: no contact can give a component against it. Checked.
     """
 
@@ -161,14 +157,20 @@ class ForceClosure:
 def force_closure(
     contacts: ContactSet, mu, *, friction: Friction | None = None, balance: str = "wrench"
 ) -> ForceClosure:
-    """Test of force closure: are the contacts' friction cones able to balance every wrench? (Nguyen 1988)
+    """Test of force closure: are the contacts' friction cones able to balance every wrench (Nguyen 1988)?
 
     Args:
-        contacts: k contacts. mu: friction coefficient, one or (k,). friction: model; default the exact cone.
+        contacts: k contacts.
+        mu: friction coefficient, one or (k,).
+        friction: model; default the exact cone.
         balance: ``"wrench"`` or ``"force"``.
     """
     problem = ForceProblem(
-        contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(model="cone") if friction is None else friction, balance=balance
+        contacts=contacts,
+        load=np.zeros(6),
+        mu=mu,
+        friction=Friction(model="cone") if friction is None else friction,
+        balance=balance,
     )
     A = columns_of(problem)
     rank = int(np.linalg.matrix_rank(A, tol=1e-9 * max(1.0, float(np.abs(A).max()))))
@@ -181,14 +183,13 @@ def force_closure(
 
 
 def min_weight(contacts: ContactSet, mu, *, edges: int = 8, balance: str = "wrench") -> float:
-    """Min-weight metric [-]: the largest l such that weights >= l, of sum 1, on the edges of all friction pyramids balance.
+    """Min-weight metric [-]: the largest l such that weights >= l, of sum 1, on the edges of all friction pyramids
+    balance.
 
-    Normalised by the number of edges, so it lies in [0, 1] and is positive exactly for grasps whose edges positively span
-    zero with full weights (Li et al., FRoGGeR, 2023). A linear program.
+    Normalised by the number of edges, so it lies in [0, 1] and is positive exactly for grasps whose edges positively
+    span zero with full weights (Li et al., FRoGGeR, 2023). A linear program.
     """
-    problem = ForceProblem(
-        contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(edges=edges), balance=balance
-    )
+    problem = ForceProblem(contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(edges=edges), balance=balance)
     A = columns_of(problem).reshape(problem.rows, problem.k, 3)
     corners = problem.friction.vertices
     edge_wrenches = (A[:, :, :2] @ corners.T + A[:, :, 2:]).reshape(problem.rows, -1)
@@ -292,7 +293,9 @@ def _interior(problem: ForceProblem) -> tuple[float, np.ndarray]:
     x -= np.linalg.pinv(every) @ (every @ x - np.append(np.zeros(problem.rows), 1.0))
     z = x.reshape(k, -1)
     balances = np.abs(every @ x - np.append(np.zeros(problem.rows), 1.0)).max() <= 1e-9
-    return k * float((z[:, -1] - problem.friction.gauge(z[:, :-1])).min()) if balances else 0.0, found[1][: problem.rows]
+    return k * float((z[:, -1] - problem.friction.gauge(z[:, :-1])).min()) if balances else 0.0, found[1][
+        : problem.rows
+    ]
 
 
 def _separating(problem: ForceProblem, A: np.ndarray, rank: int, y: np.ndarray) -> np.ndarray:

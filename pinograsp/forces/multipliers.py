@@ -40,7 +40,8 @@ class MultiplierSolution:
         residual: net force [N] in the balance rows, moments divided by the problem's moment length.
         lower_bound: certified least residual of any multipliers [N].
         direction: y (rows,), the unit direction of the residual (zeros at balance): the part of the load not held.
-        net_wrench: (6,) [N, N m]. solver: which one ran.
+        net_wrench: (6,) [N, N m].
+        solver: which one ran.
     """
 
     status: Status
@@ -144,7 +145,8 @@ class MultiplierQP:
         """For a problem's contacts and friction, its load aside, and ``normal_forces`` (k,) [N].
 
         Raises:
-            InvalidInput: normal forces that are negative, or all zero. ExtraMissing: numba is not installed.
+            InvalidInput: normal forces that are negative, or all zero.
+            ExtraMissing: numba is not installed.
         """
         kernels = compiled_solvers()
         instance_of("problem", problem, ForceProblem)

@@ -42,13 +42,16 @@ class Certificate:
     """Why an answer can be trusted: computed from the answer by this package, not reported by the solver.
 
     Attributes:
-        primal: objective at the forces. dual: proven lower bound of the objective of *any* admissible forces.
+        primal: objective at the forces.
+        dual: proven lower bound of the objective of *any* admissible forces.
         balance_force, balance_moment: norm of the net force [N] and moment [N m] left (the moment counts in wrench
             balance only).
         limit_violation: largest violation of friction, of the bounds on F_n or of a torque limit (there: the change of
             contact forces that would mend it) [N].
-        at_friction, at_least, at_most: (k,) bool, active limits by contact. at_torque: joints at their torque limit.
-        size: what ``relative_gap`` is relative to: the objective, or 1 % of what forces like the load cost where it vanishes.
+        at_friction, at_least, at_most: (k,) bool, active limits by contact.
+        at_torque: joints at their torque limit.
+        size: what ``relative_gap`` is relative to: the objective, or 1 % of what forces like the load cost where it
+            vanishes.
     """
 
     primal: float
@@ -107,11 +110,11 @@ def optimize_forces(
             squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All convex, solved to optimality.
-        solver: ``"auto"``: after :func:`warm_up` a compiled method: Newton on the dual (``"newton"``; cones, soft fingers and
-            4-edge pyramids without torque limits) or interior points (``"interior"``; all but peak and coupled motor heat);
-            else DAQP up to 20 contacts, and Clarabel.
-            Or a name of :data:`FORCE_SOLVERS`. A backend that cannot take the problem or whose answer fails its certificate
-            hands over to DAQP and Clarabel; the record says which one ran.
+        solver: ``"auto"``: after :func:`warm_up` a compiled method: Newton on the dual (``"newton"``; cones, soft
+            fingers and 4-edge pyramids without torque limits) or interior points (``"interior"``; all but peak and
+            coupled motor heat); else DAQP up to 20 contacts, and Clarabel. Or a name of :data:`FORCE_SOLVERS`. A
+            backend that cannot take the problem or whose answer fails its certificate hands over to DAQP and Clarabel;
+            the record says which one ran.
 
     Returns:
         A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``; or
@@ -153,41 +156,49 @@ def _compiled(problem, ready, started) -> ForceSolution | None:
         return None
     newton, (primal, dual, size, force, moment, violation), arrays = answer
     wrench, forces, torsion, multipliers, acceleration, at_friction, at_least, at_most, at_torque = arrays
-    certificate = record_of(Certificate, {
-        "primal": primal,
-        "dual": dual,
-        "balance_force": force,
-        "balance_moment": moment,
-        "limit_violation": violation,
-        "at_friction": at_friction,
-        "at_least": at_least,
-        "at_most": at_most,
-        "at_torque": tuple(ready.joints[row] for row in at_torque.nonzero()[0]) if ready.joints else (),
-        "size": size,
-    })  # fmt: skip
-    return record_of(ForceSolution, {
-        "status": Status.OK,
-        "problem": problem,
-        "search": "convex",
-        "solver": "newton" if newton else "interior",
-        "objective": dict(ready.weights),
-        "impact_time": ready.impact_time,
-        "acceleration": acceleration,
-        "multipliers": multipliers,
-        "forces_c": forces,
-        "torsion": torsion,
-        "net_wrench": wrench,
-        "certificate": certificate,
-        "rejections": {},
-        "elapsed": time.perf_counter() - started,
-    })  # fmt: skip
+    certificate = record_of(
+        Certificate,
+        {
+            "primal": primal,
+            "dual": dual,
+            "balance_force": force,
+            "balance_moment": moment,
+            "limit_violation": violation,
+            "at_friction": at_friction,
+            "at_least": at_least,
+            "at_most": at_most,
+            "at_torque": tuple(ready.joints[row] for row in at_torque.nonzero()[0]) if ready.joints else (),
+            "size": size,
+        },
+    )
+    return record_of(
+        ForceSolution,
+        {
+            "status": Status.OK,
+            "problem": problem,
+            "search": "convex",
+            "solver": "newton" if newton else "interior",
+            "objective": dict(ready.weights),
+            "impact_time": ready.impact_time,
+            "acceleration": acceleration,
+            "multipliers": multipliers,
+            "forces_c": forces,
+            "torsion": torsion,
+            "net_wrench": wrench,
+            "certificate": certificate,
+            "rejections": {},
+            "elapsed": time.perf_counter() - started,
+        },
+    )
 
 
 def warm_up() -> None:
-    """Load and compile the solvers made for grasp forces (extra ``fast``), so that ``solver="auto"`` uses them from now on.
+    """Load and compile the solvers made for grasp forces (extra ``fast``), so that ``solver="auto"`` uses them from now
+    on.
 
-    Those of :class:`~pinograsp.motion.OnlineForces` and :func:`~pinograsp.forces.solve_batch` as well: nothing is left to compile.
-    It takes a minute or two once per machine (the result is cached on disk; NUMBA_CACHE_DIR says where), loading some seconds.
+    Those of :class:`~pinograsp.motion.OnlineForces` and :func:`~pinograsp.forces.solve_batch` as well: nothing is left
+    to compile. It takes a minute or two once per machine (the result is cached on disk; NUMBA_CACHE_DIR says where),
+    loading some seconds.
 
     Raises:
         ExtraMissing: numba is not installed.

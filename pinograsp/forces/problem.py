@@ -73,7 +73,8 @@ class TorqueLimits:
         limit = floats_of("torque limits", self.limit, f"{n} numbers [N m]")
         if limit.shape != (n,) or not np.all(limit > 0):
             raise InvalidInput(
-                f"torque limits: expected {n} values > 0 [N m] (infinity where a joint has none), got {shown(limit.tolist())}; "
+                f"torque limits: expected {n} values > 0 [N m] (infinity where a joint has none), got "
+                f"{shown(limit.tolist())}; "
                 "a hand description without effort limits needs limit=..."
             )
         joints = items_of("joints of the torque limits", self.joints, str)
@@ -114,8 +115,10 @@ class ForceProblem:
         compliance: the contact law.
         balance: ``"wrench"`` (forces and moments, the default) or ``"force"`` (forces only, the paper's Eq. 15).
         measure: grasp energy that is minimised, ``"impulse"`` [N s] (Eq. 11) or ``"work"`` [J] (Eq. 9).
-        final_time: t_F [s]. impact_time_range: admissible t_I [s] (Eq. 14).
-        acceleration_range: admissible A [m/s^2] (Eq. 13c). max_speed: bound on A tau [m/s] (Eq. 13b).
+        final_time: t_F [s].
+        impact_time_range: admissible t_I [s] (Eq. 14).
+        acceleration_range: admissible A [m/s^2] (Eq. 13c).
+        max_speed: bound on A tau [m/s] (Eq. 13b).
         max_depth: bound on delta_F [m] (Eq. 13a).
         moment_length: moments are divided by it so that they compare with forces [m]; default: the mean distance of
             the contacts from the centre of mass.
@@ -124,7 +127,8 @@ class ForceProblem:
         max_normal_force: caps on F_n (k,) [N] besides what the penetration allows; a number applies to all.
         torques: what the joints can bear, or None.
         shape: of the deceleration over the grasp phase; constant by default, as in the paper.
-        object: what is held (a shape of :mod:`pinograsp.objects`), where it is known: its surface tells how deep links are.
+        object: what is held (a shape of :mod:`pinograsp.objects`), where it is known: its surface tells how deep links
+            are.
     """
 
     contacts: ContactSet
@@ -159,7 +163,9 @@ class ForceProblem:
         put("gravity_o", array_of("gravity", self.gravity_o, (3,)))
         mu = each_of("mu", self.mu, k)
         if np.any((mu < 0) | (mu > LARGEST_MU)):
-            raise InvalidInput(f"mu: expected friction coefficients >= 0, up to {LARGEST_MU:g}, got {shown(mu.tolist())}")
+            raise InvalidInput(
+                f"mu: expected friction coefficients >= 0, up to {LARGEST_MU:g}, got {shown(mu.tolist())}"
+            )
         put("mu", mu)
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
@@ -167,7 +173,8 @@ class ForceProblem:
         put("impact_time_range", _range("impact time range", self.impact_time_range, "s", above=0))
         if self.impact_time_range[1] >= self.final_time:
             raise InvalidInput(
-                f"impact time range: expected below the final time {self.final_time:g} s, got {self.impact_time_range[1]:g} s"
+                f"impact time range: expected below the final time {self.final_time:g} s, got "
+                f"{self.impact_time_range[1]:g} s"
             )
         put("acceleration_range", _range("acceleration range", self.acceleration_range, "m/s^2", above=0))
         put("max_speed", number("maximum speed", self.max_speed, above=0, unit="m/s"))
@@ -252,7 +259,9 @@ class ForceProblem:
         """``impact_time`` as a number [s] below the final time, or :class:`InvalidInput`."""
         impact_time = number("impact time t_I", impact_time, at_least=0, unit="s")
         if impact_time >= self.final_time:
-            raise InvalidInput(f"impact time t_I: expected below the final time {self.final_time:g} s, got {impact_time:g} s")
+            raise InvalidInput(
+                f"impact time t_I: expected below the final time {self.final_time:g} s, got {impact_time:g} s"
+            )
         return impact_time
 
     def normal_force_range(self, impact_time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -287,7 +296,8 @@ class ForceProblem:
         low, high = force(self.acceleration_range[0] * depth), force(limits[reason])
         if not low <= _STRONG:
             raise InvalidInput(
-                f"contact law: expected a least normal force of at most {_STRONG:g} N, got {low:.3g} N at a stiffness of {K:g} "
+                f"contact law: expected a least normal force of at most {_STRONG:g} N, got {low:.3g} N at a stiffness "
+                f"of {K:g} "
                 f"N/m^rho and an exponent of {rho:g}; check these, and the least acceleration"
             )
         return low, min(high, _STRONG), reason
@@ -303,7 +313,8 @@ class ForceProblem:
         if not all(0 < coefficient <= _DEAR for coefficient, _ in terms):
             raise InvalidInput(
                 f"contact law: expected an energy per newton above 0 and up to {_DEAR:g}, got "
-                f"{', '.join(f'{coefficient:.3g}' for coefficient, _ in terms)}; check stiffness, exponent and damping of {self.compliance}"
+                f"{', '.join(f'{coefficient:.3g}' for coefficient, _ in terms)}; check stiffness, exponent and "
+                f"damping of {self.compliance}"
             )
         return terms
 

@@ -9,9 +9,10 @@ every model reads u_i in F_i U (:mod:`pinograsp.contacts.friction`). The program
 with phi a sum of powers (the grasp energy, Eqs. 9 and 11), A the grasp map (Eq. 15) and R the joint torques. Everything
 is made dimensionless first: forces by ``force_scale``, the objective by ``objective_scale``, torque rows to unit norm.
 
-Lower bound. Convexity gives f(x) >= f(z) + f'(z) (x - z) at any point z; adding y'(A x - b) and the weighted torque rows
-leaves a linear function that separates over the contacts, and its least value over F_i in [lo, hi], u_i in F_i U is
-min(lo s_i, hi s_i) with s_i = c_i,n - support_U(c_i,t). It holds for *any* y, w and z, whichever solver they came from.
+Lower bound. Convexity gives f(x) >= f(z) + f'(z) (x - z) at any point z; adding y'(A x - b) and the weighted torque
+rows leaves a linear function that separates over the contacts, and its least value over F_i in [lo, hi], u_i in F_i U
+is min(lo s_i, hi s_i) with s_i = c_i,n - support_U(c_i,t). It holds for *any* y, w and z, whichever solver they came
+from.
 """
 
 from __future__ import annotations
@@ -32,15 +33,15 @@ BALANCE = 1e-9
 VIOLATION = 1e-8
 GAP = 1e-6
 NEAR = 1e-6  # a limit met to this share is active
-# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the load,
-# or none at all, cost the gap is measured against the other.
+# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the
+# load, or none at all, cost the gap is measured against the other.
 _NOTHING, _VANISHING = 1e-5, 1e-2
 _OBJECTIVES = 8  # whose matrices are kept with the contacts: some 90 kB each for 30 contacts
 _WEIGHTLESS = 1e-6  # of the least normal force
 
 
 def gap_size(total: float, constant: float) -> float:
-    """What the gap of an objective ``total`` with that constant is measured against: itself, where it does not vanish."""
+    """What the gap of an objective ``total`` with that constant is measured against: itself, unless it vanishes."""
     usual = max(1.0, abs(constant))
     total = abs(total)
     return _VANISHING * usual if total < _NOTHING * usual else total
@@ -51,8 +52,11 @@ class Program:
     """A force problem at one impact time and one objective, dimensionless. See the module for the symbols.
 
     Attributes:
-        friction: the model. k: contacts. d: numbers per contact. A (rows, k d), b (rows,). lo, hi (k,).
-        R (m, k d), R_lo, R_hi (m,): torque rows, scaled to unit norm. powers: (coefficient, exponent) pairs of phi.
+        friction: the model.
+        k: contacts.
+        d: numbers per contact. A (rows, k d), b (rows,). lo, hi (k,).
+        R (m, k d), R_lo, R_hi (m,): torque rows, scaled to unit norm.
+        powers: (coefficient, exponent) pairs of phi.
         P (k d, k d) or None, q (k d,), peak p, constant: the rest of the objective.
         force_scale [N]; objective_scale in the objective's unit.
     """
@@ -123,7 +127,8 @@ class Program:
     def separable(self, s: np.ndarray, F: np.ndarray, refine: bool = True) -> float:
         """Lower bound of sum_i phi(F_i) + s_i F_i + p max F over lo <= F <= hi, sharp where F is near the minimiser.
 
-        phi lies above its tangents, so any point of tangency gives a bound: F first, then the minimiser if that is better.
+        phi lies above its tangents, so any point of tangency gives a bound: F first, then the minimiser if that is
+        better.
         """
         bound = self._at_tangents(s, F)
         if self.powers and not self.peak and refine:
@@ -137,8 +142,9 @@ class Program:
             s = s + first
             total = sum(c * float((F**exponent).sum()) for c, exponent in self.powers) - float(first @ F)
         if self.peak:
-            # max F >= theta . F for any weights theta >= 0 of sum one: these cancel what they can, at contacts below their own
-            # largest force first (at the others the bound is sharp without); the rest goes to the largest lower bound.
+            # max F >= theta . F for any weights theta >= 0 of sum one: these cancel what they can, at contacts below
+            # their own largest force first (at the others the bound is sharp without); the rest goes to the largest
+            # lower bound.
             theta = np.maximum(0.0, -s) / self.peak * (F.max() * (1 - 1e-3) < F)
             free = np.where(self.hi * (1 - 1e-6) > F, theta, 0.0)
             free /= max(1.0, float(free.sum()))
@@ -178,7 +184,9 @@ class Program:
         return total + self.least(self.reduced(c))
 
     def violations(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Largest violation of friction, of the bounds on F and of the torque rows; gauges (k,); balance residual (rows,)."""
+        """Largest violation of friction, of the bounds on F and of the torque rows; gauges (k,); balance residual
+        (rows,).
+        """
         z = x.reshape(self.k, self.d)
         F = z[:, -1]
         gauge = self.friction.gauge(z[:, :-1])
@@ -207,7 +215,9 @@ def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProble
     if isinstance(objective, str):
         objective = {objective: 1.0}
     if not isinstance(objective, Mapping) or not objective:
-        raise InvalidInput(f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {shown(objective)}")
+        raise InvalidInput(
+            f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {shown(objective)}"
+        )
     weights = {
         one_of("objective", name, OBJECTIVES): number(f"weight of {shown(name)}", weight, at_least=0)
         for name, weight in objective.items()
@@ -215,7 +225,9 @@ def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProble
     if not any(weights.values()):
         raise InvalidInput("objective: expected at least one weight above 0")
     if weights.get("motor_heat") and problem.torques is None:
-        raise InvalidInput("objective 'motor_heat': expected a problem with torques=TorqueLimits(...) (see torque_limits)")
+        raise InvalidInput(
+            "objective 'motor_heat': expected a problem with torques=TorqueLimits(...) (see torque_limits)"
+        )
     return weights
 
 
@@ -297,10 +309,13 @@ def assemble(
     if "rows" not in stored:
         stored["rows"] = _torque_rows(problem)
         rows = stored["rows"][0].reshape(-1, k, d)
-        stored["reach"] = np.abs(rows[:, :, -1]) + problem.friction.support(rows[:, :, :-1])  # largest |row . x| per newton of F_n
+        stored["reach"] = np.abs(rows[:, :, -1]) + problem.friction.support(
+            rows[:, :, :-1]
+        )  # largest |row . x| per newton of F_n
     R, R_lo, R_hi, _ = stored["rows"]
     if len(R):
-        # A limit that no admissible forces reach is drawn in to just beyond their reach: huge ones spoil a solver's scaling.
+        # A limit that no admissible forces reach is drawn in to just beyond their reach: huge ones spoil a solver's
+        # scaling.
         reach = np.maximum(2.0 * stored["reach"] @ hi, scale)
         R_lo, R_hi = np.maximum(R_lo, np.minimum(-reach, R_hi)), np.minimum(R_hi, np.maximum(reach, R_lo))
     cache["torque limits"] = stored["rows"][1:3]
@@ -327,7 +342,8 @@ def assemble(
 
 
 def _quadratic(problem: ForceProblem, weights) -> tuple[np.ndarray | None, np.ndarray, float, float, dict]:
-    """P, q and the constant of the quadratic objectives, in newtons and the objectives' units; P's largest diagonal entry.
+    """P, q and the constant of the quadratic objectives, in newtons and the objectives' units; P's largest diagonal
+    entry.
 
     And an empty cache: solvers keep there what depends on nothing else.
     """

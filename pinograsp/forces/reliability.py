@@ -1,7 +1,7 @@
 """How probably contacts hold a load when friction, load and contacts are not quite what the plan says.
 
-Every sample is a force problem of its own, all are solved at once (:func:`~pinograsp.forces.solve_batch`). Seconds here are
-hours of simulation; what moves, rolls or shakes only the simulation knows (:func:`~pinograsp.referee.monte_carlo`).
+Every sample is a force problem of its own, all are solved at once (:func:`~pinograsp.forces.solve_batch`). Seconds here
+are hours of simulation; what moves, rolls or shakes only the simulation knows (:func:`~pinograsp.referee.monte_carlo`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ class Reliability:
     """What came of random errors.
 
     Attributes:
-        held: which samples have forces (count,) bool. undecided: how many have neither forces nor a proof that there are none.
+        held: which samples have forces (count,) bool.
+        undecided: how many have neither forces nor a proof that there are none.
         normal_forces: F_n of each sample (count, k) [N]; zeros where there are none.
         mu (count, k), loads (count, 6) [N, N m], points_o (count, k, 3) [m], normals_o (count, k, 3): as drawn.
     """
@@ -57,6 +58,7 @@ class Reliability:
         share = number("share", share, above=0, at_most=1)
         return read_only(np.quantile(self.normal_forces[self.held], share, axis=0))
 
+
 _MOST = 10_000_000  # samples: more do not fit into the memory
 
 
@@ -76,23 +78,29 @@ def holding_probability(
     """Sample errors and tell how often there are contact forces that hold.
 
     Args:
-        problem: the contacts, load, friction (without its safety factor: errors are drawn here) and limits about which the errors
-            are. impact_time: t_I [s].
-        normal_forces: what the hand squeezes with (k,) [N], whatever happens: friction alone reacts. A strict view: fingers that
-            give let the object settle, so a simulation holds more. None: the hand knows the errors and adapts, within the
-            problem's range of F_n.
-        friction: relative standard deviation of each contact's mu, never below zero. load: that of the load's size.
+        problem: the contacts, load, friction (without its safety factor: errors are drawn here) and limits about which
+            the errors are.
+        impact_time: t_I [s].
+        normal_forces: what the hand squeezes with (k,) [N], whatever happens: friction alone reacts. A strict view:
+            fingers that give let the object settle, so a simulation holds more. None: the hand knows the errors and
+            adapts, within the problem's range of F_n.
+        friction: relative standard deviation of each contact's mu, never below zero.
+        load: that of the load's size.
         wrench: standard deviations (6,) of a wrench on top [N, N m]; default: none.
-        points: standard deviation of the contact points in their tangent planes [m]. normals: of the normals [rad].
-        count: samples. seed: of the random numbers.
+        points: standard deviation of the contact points in their tangent planes [m].
+        normals: of the normals [rad].
+        count: samples.
+        seed: of the random numbers.
 
     Raises:
-        InvalidInput: torque limits, errors that are negative. ExtraMissing: numba (extra ``fast``) is not installed.
+        InvalidInput: torque limits, errors that are negative.
+        ExtraMissing: numba (extra ``fast``) is not installed.
     """
     instance_of("problem", problem, ForceProblem)
     count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
     friction, load = number("error of friction", friction, at_least=0), number("error of load", load, at_least=0)
-    points, normals = number("error of points", points, at_least=0, unit="m"), number("error of normals", normals, at_least=0)
+    points = number("error of points", points, at_least=0, unit="m")
+    normals = number("error of normals", normals, at_least=0)
     spread = np.zeros(6) if wrench is None else array_of("error of the wrench", wrench, (6,))
     if np.any(spread < 0):
         raise InvalidInput(f"error of the wrench: expected six standard deviations >= 0, got {shown(spread.tolist())}")
@@ -112,14 +120,25 @@ def holding_probability(
     turns = np.einsum("kij,nkj->nki", frames[:, :, :2], tilts)
     rotations = Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix().reshape(count, k, 3, 3) @ frames
     batch = ForceBatch(
-        points=moved - contacts.com_o, rotations=rotations, loads=loads, mu=mu, low=low, high=high,
-        friction=replace(problem.friction, safety=1.0), balance=problem.balance, moment_lengths=problem.moment_length,
+        points=moved - contacts.com_o,
+        rotations=rotations,
+        loads=loads,
+        mu=mu,
+        low=low,
+        high=high,
+        friction=replace(problem.friction, safety=1.0),
+        balance=problem.balance,
+        moment_lengths=problem.moment_length,
         energies={"work": np.array(problem.energy_terms(impact_time, "work"))},
-    )  # fmt: skip
+    )
     # Soft fingers' least squares would go to the general methods.
     found = solve_batch(batch, objective="work" if problem.friction.model == "soft" else "least_squares")
     return Reliability(
-        held=read_only(found.ok), undecided=int((found.status == Status.INACCURATE).sum()),
-        normal_forces=read_only(found.forces_c[:, :, 2]), mu=read_only(mu), loads=read_only(loads), points_o=read_only(moved),
+        held=read_only(found.ok),
+        undecided=int((found.status == Status.INACCURATE).sum()),
+        normal_forces=read_only(found.forces_c[:, :, 2]),
+        mu=read_only(mu),
+        loads=read_only(loads),
+        points_o=read_only(moved),
         normals_o=read_only(rotations[:, :, :, 2]),
-    )  # fmt: skip
+    )

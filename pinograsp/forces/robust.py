@@ -3,8 +3,8 @@
 The hand commands the normal forces once; friction reacts to whatever load comes. So F_n is common to all loads and the
 tangential forces belong to each:
 
-- every vertex of a polytope of loads (a list, a box, a range of masses) has tangential forces of its own; all loads in the
-  convex hull are then held, since the friction limits are convex for fixed F_n. Exact.
+- every vertex of a polytope of loads (a list, a box, a range of masses) has tangential forces of its own; all loads in
+  the convex hull are then held, since the friction limits are convex for fixed F_n. Exact.
 - a ball of disturbances is met by tangential forces that are affine in the disturbance w, u = u_0 + L w with
   A_t L = -1: d . u <= F for all |w| <= r is d . u_0 + r |L' d| <= F. Sufficient; friction is taken polyhedral there (a
   cone by its inscribed 16-sided pyramid).
@@ -44,15 +44,19 @@ class RobustForces:
     """Normal forces that hold every load of a set, and the friction that does it.
 
     Attributes:
-        status: ``OK``, ``INFEASIBLE`` or ``INACCURATE``. problem: as solved (least mu; polyhedral friction for a ball).
-        loads: the set. impact_time: t_I [s].
+        status: ``OK``, ``INFEASIBLE`` or ``INACCURATE``.
+        problem: as solved (least mu; polyhedral friction for a ball).
+        loads: the set.
+        impact_time: t_I [s].
         normal_forces: F_n (k,) [N], common to all loads; empty without a solution.
         balanced: the loads (s, rows) that ``forces_c`` belongs to, as scaled wrenches in the balance rows [N].
         forces_c: contact forces per load (s, k, 3) [N]; torsion (s, k) [N m].
-        response: change of the scaled tangential forces per unit of disturbance (k, d - 1, rows), or None without a ball.
-        primal, dual: objective, and proven lower bound of any normal forces that hold the set (for a ball: among
-            affine reactions, by the solver's dual). balance: largest net wrench left over all loads [N]. violation:
-            largest violation of friction, bounds or torque limits [N].
+        response: change of the scaled tangential forces per unit of disturbance (k, d - 1, rows), or None without a
+            ball.
+        primal, dual: objective, and proven lower bound of any normal forces that hold the set (for a ball: among affine
+            reactions, by the solver's dual).
+        balance: largest net wrench left over all loads [N].
+        violation: largest violation of friction, bounds or torque limits [N].
         infeasibility: proof for a single load that cannot be held at all, or None.
         elapsed: [s].
     """
@@ -81,10 +85,11 @@ class RobustForces:
         return self.primal - self.dual
 
     def under(self, load=None) -> ForceSolution:
-        """The forces under one load of the set (6,) [N, N m]: the common normal forces, and friction's reaction to that load.
+        """The forces under one load of the set (6,) [N, N m]: the common normal forces, and friction's reaction to that
+        load.
 
-        The reaction is a mean of those to the set's wrenches, and what the response to the ball adds. Default: the problem's own
-        load where the set has it, else the mean of the set's.
+        The reaction is a mean of those to the set's wrenches, and what the response to the ball adds. Default: the
+        problem's own load where the set has it, else the mean of the set's.
 
         Raises:
             InvalidInput: there are no normal forces, or the load is not in the set.
@@ -101,7 +106,8 @@ class RobustForces:
             shares, rest = self._shares(given)
         if np.linalg.norm(rest) > held:
             raise InvalidInput(
-                f"load: expected one of the set that these forces hold, got {given.tolist()}: {np.linalg.norm(rest):.4g} N (moments "
+                f"load: expected one of the set that these forces hold, got {given.tolist()}: "
+                f"{np.linalg.norm(rest):.4g} N (moments "
                 f"over the moment length) from its wrenches, where a ball of {self.loads.ball:g} N is held"
             )
         problem, friction = problem.with_load(given), problem.friction
@@ -121,7 +127,9 @@ class RobustForces:
         """Shares (s,) of the set's loads in their nearest mean to ``load`` (6,), and what is left of it (rows,) [N]."""
         scaled = _scaled(self.problem, load)
         size = float(np.abs(self.balanced).max()) or 1.0
-        shares, _ = nnls(np.vstack([self.balanced.T / size, np.full(len(self.balanced), 1e4)]), np.append(scaled / size, 1e4))
+        shares, _ = nnls(
+            np.vstack([self.balanced.T / size, np.full(len(self.balanced), 1e4)]), np.append(scaled / size, 1e4)
+        )
         shares /= shares.sum()
         return shares, scaled - shares @ self.balanced
 
@@ -136,7 +144,10 @@ class RobustForces:
                 f"{self.infeasibility.margin:.4g} N of net wrench is left; diagnose() that load"
             )
         if self.status is Status.INFEASIBLE:
-            return f"no common normal forces hold all of {what}; none of the loads is proven to be too much by itself: {self.status.remedy}"
+            return (
+                f"no common normal forces hold all of {what}; none of the loads is proven to be too much by "
+                f"itself: {self.status.remedy}"
+            )
         return f"neither forces for {what} nor a proof that there are none: {self.status.remedy}"
 
 
@@ -152,7 +163,8 @@ def optimize_robust(
 
     Args:
         problem: contacts, friction, limits (its own load plays no part).
-        loads: see :class:`LoadSet`. impact_time: t_I [s].
+        loads: see :class:`LoadSet`.
+        impact_time: t_I [s].
         mu_range: least and largest friction coefficient, for all contacts; default: the problem's mu.
         objective: ``"impulse"``, ``"work"``, ``"peak"`` or weights of them (they depend on F_n alone); default: the
             problem's measure.
@@ -167,7 +179,9 @@ def optimize_robust(
     weights = weights_of(objective, problem)
     other = [name for name, weight in weights.items() if weight and name not in _FRICTION_ONLY]
     if other:
-        raise InvalidInput(f"robust objective: expected {', '.join(_FRICTION_ONLY)} or a sum of them, got {', '.join(other)}")
+        raise InvalidInput(
+            f"robust objective: expected {', '.join(_FRICTION_ONLY)} or a sum of them, got {', '.join(other)}"
+        )
     if mu_range is not None:
         low, high = array_of("mu range", mu_range, (2,))
         if not 0 <= low <= high:
@@ -225,7 +239,9 @@ class _Robust:
             tried = self.record(Status.OK, z, bound, started)
             if tried.status is Status.OK:
                 return tried
-        if self.radius:  # by the solver's ray, looked at: no x has A x + s = b with s in the cones where A' ray = 0 > b . ray
+        if (
+            self.radius
+        ):  # by the solver's ray, looked at: no x has A x + s = b with s in the cones where A' ray = 0 > b . ray
             ray = np.array(found.z)
             along = float(b @ ray)
             proven = str(found.status) == "PrimalInfeasible" and along < 0 and np.abs(A.T @ ray).max() <= -1e-7 * along
@@ -234,7 +250,9 @@ class _Robust:
         return self.record(Status.INFEASIBLE if proven else Status.INACCURATE, None, -np.inf, started)
 
     def proven_infeasible(self, A, b, cones) -> bool:
-        """Phase one over all loads: the least net wrenches and torque excesses give a certificate, checked in closed form."""
+        """Phase one over all loads: the least net wrenches and torque excesses give a certificate, checked in closed
+        form.
+        """
         m, per_load = len(self.program.R), self.facets + 2 * len(self.program.R)
         slack = sp.lil_matrix((A.shape[0], self.equalities + self.s * m))
         slack[np.arange(self.equalities), np.arange(self.equalities)] = -1.0
@@ -332,7 +350,9 @@ class _Robust:
         """Balance (s, rows) and torque (s, m) multipliers of a solution without a ball."""
         m = len(self.program.R)
         y = dual[: self.s * self.rows].reshape(self.s, self.rows)
-        per_load = dual[self.torque_at : self.torque_at + self.s * (self.facets + 2 * m)].reshape(self.s, self.facets + 2 * m)
+        per_load = dual[self.torque_at : self.torque_at + self.s * (self.facets + 2 * m)].reshape(
+            self.s, self.facets + 2 * m
+        )
         torque = per_load[:, self.facets :]
         return y, torque[:, :m] - torque[:, m:]
 
@@ -369,8 +389,10 @@ class _Robust:
             if balance > 1e-8 or violation > 1e-7 or primal - bound > 1e-6 * max(abs(primal), 1e-12):
                 status = Status.INACCURATE
             scale = problem.friction.scale(problem.mu) * p.force_scale
-            forces = np.concatenate([u[:, :, :2] * scale[:, :2], np.broadcast_to(
-                F[None, :, None] * p.force_scale, (self.s, self.k, 1))], axis=2)  # fmt: skip
+            forces = np.concatenate(
+                [u[:, :, :2] * scale[:, :2], np.broadcast_to(F[None, :, None] * p.force_scale, (self.s, self.k, 1))],
+                axis=2,
+            )
             torsion = u[:, :, 2] * scale[:, 2] if self.e == 3 else np.zeros((self.s, self.k))
             normal = F * p.force_scale
         elif status is Status.INFEASIBLE:
@@ -397,7 +419,7 @@ class _Robust:
         )
 
     def suspects(self) -> list[ForceProblem]:
-        """The loads one by one; where the compiled solvers are loaded, those that cannot be held by themselves alone."""
+        """The loads one by one; with the compiled solvers loaded, those that cannot be held by themselves alone."""
         singles = [replace(self.problem, load=wrench) for wrench in self.loads.wrenches]
         low, high = self.problem.normal_force_range(self.t)
         if "pinograsp.forces.compiled" not in sys.modules or self.problem.torques is not None or np.any(low > high):
@@ -408,7 +430,7 @@ class _Robust:
         return [single for single, ok in zip(singles, held) if not ok]
 
     def ball_violation(self, u: np.ndarray, F: np.ndarray, response: np.ndarray) -> float:
-        """How far the worst disturbance of the ball exceeds friction or a torque limit, and the residual of A_t L = -1."""
+        """How far the worst disturbance exceeds friction or a torque limit, and the residual of A_t L = -1."""
         p = self.program
         D = p.friction.facets
         reach = self.radius * np.linalg.norm(np.einsum("fe,ker->kfr", D, response), axis=2)

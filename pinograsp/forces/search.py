@@ -41,8 +41,8 @@ def grid_search(
         progress: progress bar on stderr: None (long searches on a terminal), True or False.
 
     Returns:
-        A record with its :class:`~pinograsp.errors.Status`; an infeasible grid is a status, not an exception. Ctrl-C ends the
-        search with status ``INTERRUPTED`` and the best point so far.
+        A record with its :class:`~pinograsp.errors.Status`; an infeasible grid is a status, not an exception. Ctrl-C
+        ends the search with status ``INTERRUPTED`` and the best point so far.
 
     Raises:
         InvalidInput: an unknown search, method or solver.

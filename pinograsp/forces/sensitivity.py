@@ -1,13 +1,14 @@
-"""How the optimal forces and their cost change with load, friction, contact points and normals; and better contact points.
+"""How the optimal forces and their cost change with load, friction, contact points and normals; and better contact
+points.
 
-At an optimum without degeneracy the same limits stay active nearby. With z the directions that they leave free (the forces of a
-contact at its friction cone move on it), x(z) the scaled forces, A x = b the balance and y its multipliers,
+At an optimum without degeneracy the same limits stay active nearby. With z the directions that they leave free (the
+forces of a contact at its friction cone move on it), x(z) the scaled forces, A x = b the balance and y its multipliers,
 
     J' (grad f(x) + A' y) = 0,   A x = b,   J = dx/dz,
 
-is a square system whose derivative gives dx/dtheta (implicit function theorem; Fiacco 1976). The curvature of a cone adds
-lambda F along its circle, lambda the friction multiplier. The cost alone needs no more than y: by the envelope theorem its
-derivative is that of the Lagrangian, x held.
+is a square system whose derivative gives dx/dtheta (implicit function theorem; Fiacco 1976). The curvature of a cone
+adds lambda F along its circle, lambda the friction multiplier. The cost alone needs no more than y: by the envelope
+theorem its derivative is that of the Lagrangian, x held.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from pinograsp.objects.body import Body
 from pinograsp.spatial import skew, tangent_frame
 
 _SINGULAR = 1e-10  # of the largest singular value
-# Where slack and multiplier of a limit are both below, of F_n and of the objective's gradient, either may be the one that is not zero.
+# Where slack and multiplier of a limit are both below, of F_n and of the objective's gradient, either may be the one
+# that is not zero.
 _DOUBTFUL = 1e-6
 _POLISH = 6  # Newton steps; two or three do
 _STEPS, _SHRINKS, _ROUNDS = 60, 12, 10
@@ -37,16 +39,22 @@ _PROBE = 1e-6  # [m] for the surface's curvature
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensitivity:
-    """Derivatives at an optimum. Contact frames turn by rotation vectors in world axes: a normal n that becomes n + dn by n x dn.
+    """Derivatives at an optimum. Contact frames turn by rotation vectors in world axes: a normal n that becomes n + dn
+    by n x dn.
 
     Attributes:
-        unique: whether the forces are determined by their cost, and their active limits beyond doubt. Where they are not
-            determined (energies say nothing of tangential forces), only ``cost_wrench`` means something: add a little
-            ``least_squares`` to the objective for the others. Where a limit is about to bind derivatives have a kink.
-        forces_wrench: (k, 3, 6) of contact forces [N] by the load. forces_mu: (k, 3, k). forces_points: (k, 3, k, 3) [N/m].
+        unique: whether the forces are determined by their cost, and their active limits beyond doubt. Where they are
+            not determined (energies say nothing of tangential forces), only ``cost_wrench`` means something: add a
+            little ``least_squares`` to the objective for the others. Where a limit is about to bind derivatives have a
+            kink.
+        forces_wrench: (k, 3, 6) of contact forces [N] by the load.
+        forces_mu: (k, 3, k).
+        forces_points: (k, 3, k, 3) [N/m].
         forces_turns: (k, 3, k, 3) [N/rad]; the frames the forces are in turn along.
-        cost_wrench (6,), cost_mu (k,), cost_points (k, 3), cost_turns (k, 3): of the objective, in its unit. Zeros by a mu of 0.
-        multipliers: of the balance (6,): what a newton or newton metre of load costs; zeros for moments in force balance.
+        cost_wrench (6,), cost_mu (k,), cost_points (k, 3), cost_turns (k, 3): of the objective, in its unit. Zeros by a
+            mu of 0.
+        multipliers: of the balance (6,): what a newton or newton metre of load costs; zeros for moments in force
+            balance.
     """
 
     unique: bool
@@ -72,7 +80,9 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     instance_of("solution", solution, ForceSolution)
     problem, friction = solution.problem, solution.problem.friction
     if solution.status is not Status.OK or solution.certificate is None:
-        raise InvalidInput(f"sensitivity: expected a certified optimum of optimize_forces, got status '{solution.status}'")
+        raise InvalidInput(
+            f"sensitivity: expected a certified optimum of optimize_forces, got status '{solution.status}'"
+        )
     if problem.torques is not None or solution.objective.get("peak") or not friction.separates:
         raise InvalidInput("sensitivity: expected no torque limits, no 'peak', and a cone, soft fingers or 4 edges")
     k, d, rows, e = problem.k, friction.d, problem.rows, friction.d - 1
@@ -88,7 +98,9 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     offsets = problem.contacts.points_o - problem.contacts.com_o
 
     def change(dA: np.ndarray, i: int, of_load=None, dP=None) -> tuple[np.ndarray, float]:
-        """dx (k d,) [N] and the cost's derivative for a change dA (rows, d) of contact i's columns, of the load [N], of P's diagonal."""
+        """dx (k d,) [N] and the cost's derivative for a change dA (rows, d) of contact i's columns, of the load [N], of
+        P's diagonal.
+        """
         right, own = np.zeros(n + rows), slice(i * d, i * d + d)
         slope = dA.T @ y
         cost = float(slope @ z[i])
@@ -136,33 +148,44 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     multipliers = np.zeros(6)
     multipliers[:rows] = y * arm * (unit / force)
     return Sensitivity(
-        unique=optimum.unique, forces_wrench=read_only(by_wrench), forces_mu=read_only(by_mu),
-        forces_points=read_only(by_points), forces_turns=read_only(by_turns), cost_wrench=read_only(cost_wrench),
-        cost_mu=read_only(cost_mu), cost_points=read_only(cost_points), cost_turns=read_only(cost_turns),
+        unique=optimum.unique,
+        forces_wrench=read_only(by_wrench),
+        forces_mu=read_only(by_mu),
+        forces_points=read_only(by_points),
+        forces_turns=read_only(by_turns),
+        cost_wrench=read_only(cost_wrench),
+        cost_mu=read_only(cost_mu),
+        cost_points=read_only(cost_points),
+        cost_turns=read_only(cost_turns),
         multipliers=read_only(multipliers),
-    )  # fmt: skip
+    )
 
 
 class _Optimum:
     """An optimum with its multipliers and active limits, to the last digit; dimensionless as its ``program``.
 
     The forces of the record may be off by what a certificate allows, which is enough to hide an active limit. So an
-    interior-point method is asked again, whose forces and multipliers tell the active limits together (of a limit's slack and its
-    multiplier one goes to zero), and Newton's method finishes on these.
+    interior-point method is asked again, whose forces and multipliers tell the active limits together (of a limit's
+    slack and its multiplier one goes to zero), and Newton's method finishes on these.
 
     Attributes:
         A (rows, k d), P (k d, k d), x (k d,), y (rows,). J (k d, n): directions that the active limits leave.
-        inverse: of the square system (see the module). unique: whether that has one, and the active limits are beyond doubt.
+        inverse: of the square system (see the module). unique: whether that has one, and the active limits are beyond
+            doubt.
     """
 
     def __init__(self, solution: ForceSolution):
         problem = solution.problem
         self.friction, k, d = problem.friction, problem.k, problem.friction.d
         terms = energy_terms_at(problem, solution.objective, solution.impact_time)
-        self.program = program = assemble(problem, solution.objective, terms, *problem.normal_force_range(solution.impact_time))
+        self.program = program = assemble(
+            problem, solution.objective, terms, *problem.normal_force_range(solution.impact_time)
+        )
         found = solve_conic(program)
         if found is None:
-            raise InvalidInput("sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible")
+            raise InvalidInput(
+                "sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible"
+            )
         self.A, self.P = program.A, np.zeros((k * d, k * d)) if program.P is None else program.P
         self.x, self.y, _ = found
         # Without friction there is no tangential force to speak of.
@@ -179,7 +202,9 @@ class _Optimum:
             n = self.J.shape[1]
             self.x, self.y = self.x - self.J @ step[:n], self.y - step[n:]
         self._settle(limits)
-        self.certain &= bool(np.abs(self._linearise(limits)).max() <= 1e-8) and [self._limits_of(i) for i in range(k)] == limits
+        self.certain &= (
+            bool(np.abs(self._linearise(limits)).max() <= 1e-8) and [self._limits_of(i) for i in range(k)] == limits
+        )
         self.unique = self.certain and self.regular
 
     def _pull(self) -> tuple[np.ndarray, float]:
@@ -234,7 +259,9 @@ class _Optimum:
                     z[j] = side * self.friction.radii[j] * z[-1]
 
     def _linearise(self, limits) -> np.ndarray:
-        """J, the inverse of the system and whether it is regular; returns the residual (n + rows,) of the optimality conditions."""
+        """J, the inverse of the system and whether it is regular; returns the residual (n + rows,) of the optimality
+        conditions.
+        """
         d, round_ = self.friction.d, self.friction.round_dimensions
         pull, _ = self._pull()
         columns, bend = [], []
@@ -247,7 +274,9 @@ class _Optimum:
                 ray[:round_] = out
                 for tangent in np.linalg.svd(out[None])[2][1:]:
                     # lambda F: the cone is curved.
-                    directions.append((np.append(tangent, np.zeros(d - round_)) * z[-1], float(-g[:round_] @ out * z[-1])))
+                    directions.append(
+                        (np.append(tangent, np.zeros(d - round_)) * z[-1], float(-g[:round_] @ out * z[-1]))
+                    )
             else:
                 directions += [(free[j], 0.0) for j in range(round_) if not self.none[i, j]]
             for j, side in enumerate(sides, round_):
@@ -280,7 +309,9 @@ class BetterContacts:
     """Contacts moved on the object's surface.
 
     Attributes:
-        contacts: where they are now, without links or posture. problem: with them. solution: its optimum.
+        contacts: where they are now, without links or posture.
+        problem: with them.
+        solution: its optimum.
         costs: of the steps that were taken, the start's first.
     """
 
@@ -304,13 +335,16 @@ def optimize_contacts(
 ) -> BetterContacts:
     """Contact points moved on the surface, each by at most ``reach``, until the certified cost falls no further nearby.
 
-    Steepest descent with the gradients of :func:`force_sensitivity`, curvature of the surface included. What is found is a local
-    minimum; whether a hand reaches it is for the caller to try (``contact_postures``).
+    Steepest descent with the gradients of :func:`force_sensitivity`, curvature of the surface included. What is found
+    is a local minimum; whether a hand reaches it is for the caller to try (``contact_postures``).
 
     Args:
-        problem: contacts and limits. object: a shape of :mod:`pinograsp.objects`, on whose surface the contacts are.
-        impact_time: t_I [s]. objective, solver: as for :func:`optimize_forces`.
-        reach: largest way of a contact from where it was [m]. tolerance: relative fall of the cost that ends it.
+        problem: contacts and limits.
+        object: a shape of :mod:`pinograsp.objects`, on whose surface the contacts are.
+        impact_time: t_I [s].
+        objective, solver: as for :func:`optimize_forces`.
+        reach: largest way of a contact from where it was [m].
+        tolerance: relative fall of the cost that ends it.
 
     Raises:
         InvalidInput: contacts that hold nothing to begin with, or what :func:`force_sensitivity` does not take.
@@ -322,7 +356,9 @@ def optimize_contacts(
     known = replace(problem, moment_length=problem.moment_length)
     solution = optimize_forces(known, impact_time, objective=objective, solver=solver)
     if solution.status is not Status.OK:
-        raise InvalidInput(f"optimize_contacts: expected contacts that hold the load to begin with, got '{solution.status}'")
+        raise InvalidInput(
+            f"optimize_contacts: expected contacts that hold the load to begin with, got '{solution.status}'"
+        )
     start = np.array(problem.contacts.points_o)
     costs, length = [solution.certificate.primal], 0.1 * reach
     for _ in range(_STEPS):
@@ -362,7 +398,9 @@ def _on_surface(sensitivity: Sensitivity, object, points: np.ndarray) -> np.ndar
 
 
 def _moved(problem: ForceProblem, object, points: np.ndarray, start: np.ndarray, reach: float) -> ForceProblem:
-    """The problem with its contacts at the surface's points nearest to ``points``, none farther than ``reach`` from its start."""
+    """The problem with its contacts at the surface's points nearest to ``points``, none farther than ``reach`` from its
+    start.
+    """
     for _ in range(_ROUNDS):  # a point that is drawn back leaves the surface a little
         surface, normals, _ = object.project(points)
         way = surface - start
@@ -371,7 +409,9 @@ def _moved(problem: ForceProblem, object, points: np.ndarray, start: np.ndarray,
             break
         points = start + way * np.minimum(1.0, 0.9999 * reach / np.maximum(far, 1e-300))[:, None]
     contacts = tuple(
-        replace(contact, point_o=point, rotation_oc=tangent_frame(normal, problem.gravity_o), distance=0.0, point_l=None)
+        replace(
+            contact, point_o=point, rotation_oc=tangent_frame(normal, problem.gravity_o), distance=0.0, point_l=None
+        )
         for contact, point, normal in zip(problem.contacts, surface, normals)
     )
     return replace(problem, contacts=ContactSet(contacts=contacts, com_o=problem.contacts.com_o))

@@ -23,20 +23,26 @@ class ForceSolution:
     """Optimal contact forces, or why there are none.
 
     Attributes:
-        status: ``OK``, ``INFEASIBLE`` (no admissible forces, or no point of the grid), ``INACCURATE`` or ``INTERRUPTED``.
-        problem: what was solved. search: ``"paper"``, ``"paper+qp"``, ``"hybrid"``, ``"convex"`` or ``"robust"``. solver: which one ran,
-            "" if none did.
+        status: ``OK``, ``INFEASIBLE`` (no admissible forces, or no point of the grid), ``INACCURATE`` or
+            ``INTERRUPTED``.
+        problem: what was solved.
+        search: ``"paper"``, ``"paper+qp"``, ``"hybrid"``, ``"convex"`` or ``"robust"``.
+        solver: which one ran, "" if none did.
         impact_time: t_I [s], None without a solution.
-        acceleration: A (k,) [m/s^2]. multipliers: (k1, k2) (k, 2). forces_c: contact forces (k, 3) [N].
-            All empty without a solution.
+        acceleration: A (k,) [m/s^2].
+        multipliers: (k1, k2) (k, 2).
+        forces_c: contact forces (k, 3) [N]. All empty without a solution.
         net_wrench: what is left of the balance (6,) [N, N m]; without a solution the least one seen.
         lower_bound: certified least residual of any multipliers at these normal forces [N].
-        points: size of the whole grid. cells: its points in (t_I, A) alone. qp_solves: QPs solved. cuts: rejecting
-            half-spaces learnt from them.
+        points: size of the whole grid.
+        cells: its points in (t_I, A) alone.
+        qp_solves: QPs solved.
+        cuts: rejecting half-spaces learnt from them.
         rejections: cells rejected, by constraint; they and the optimum add up to ``cells``.
         elapsed: [s].
         torsion: moments about the contact normals (k,) [N m] (soft fingers), zeros otherwise.
-        objective: of a convex search, ``{name: weight}``. certificate: its proof of optimality.
+        objective: of a convex search, ``{name: weight}``.
+        certificate: its proof of optimality.
         infeasibility: its proof that there are no forces.
         branches: of a global search over t_I, its log: one row per interval.
     """
@@ -127,7 +133,9 @@ class ForceSolution:
 
     def _closest(self) -> str:
         if self.residual <= 1e-6:
-            return "with multipliers off the grid some cells do balance: refine the multiplier grid or use search='hybrid'"
+            return (
+                "with multipliers off the grid some cells do balance: refine the multiplier grid or use search='hybrid'"
+            )
         force, moment = self.net_wrench[:3], self.net_wrench[3:]
         text = f"closest to balance: {np.linalg.norm(force):.3g} N left, along {np.round(force, 3).tolist()} N"
         if self.problem.balance == "wrench":

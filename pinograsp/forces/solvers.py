@@ -1,4 +1,6 @@
-"""The only place that calls a QP solver, or asks for the compiled ones: every tolerance is passed explicitly, none is left to a default."""
+"""The only place that calls a QP solver, or asks for the compiled ones: every tolerance is passed explicitly, none is
+left to a default.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,14 @@ from pinograsp.errors import ExtraMissing
 TOLERANCES: dict[str, dict[str, float]] = {
     "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "max_iter": 10_000},
-    "osqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "rho": 1.0, "max_iter": 100_000, "eps_prim_inf": 1e-9, "polishing": False},
+    "osqp": {
+        "eps_abs": 1e-11,
+        "eps_rel": 0.0,
+        "rho": 1.0,
+        "max_iter": 100_000,
+        "eps_prim_inf": 1e-9,
+        "polishing": False,
+    },
     "quadprog": {},
     "piqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "eps_duality_gap_abs": 1e-11, "eps_duality_gap_rel": 0.0},
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
@@ -27,7 +36,8 @@ SOLVERS = tuple(TOLERANCES)
 
 
 def compiled_solvers():
-    """The module :mod:`pinograsp.forces.kernels`; its first import takes a while, and compiling it, once per machine, much longer.
+    """The module :mod:`pinograsp.forces.kernels`; its first import takes a while, and compiling it, once per machine,
+    much longer.
 
     Raises:
         ExtraMissing: numba is not installed.
@@ -56,9 +66,9 @@ def solve_qp(solver: str, P, q, A=None, b=None, lb=None, ub=None) -> np.ndarray 
 def solve_rows(solver: str, H, f, C, lower, upper, equalities: int) -> tuple[np.ndarray, np.ndarray] | None:
     """min 1/2 x'H x + f'x subject to lower <= (x, C x) <= upper: primal x and multipliers, or None.
 
-    The bounds start with those of the n variables; the last ``equalities`` rows of C are equalities. Multipliers (one per
-    bound) are positive at an upper bound, negative at a lower one: H x + f + lam_x + C' lam_rows = 0.
-    DAQP is called through its own interface: qpsolvers' conversion costs as much as the solve.
+    The bounds start with those of the n variables; the last ``equalities`` rows of C are equalities. Multipliers (one
+    per bound) are positive at an upper bound, negative at a lower one: H x + f + lam_x + C' lam_rows = 0. DAQP is
+    called through its own interface: qpsolvers' conversion costs as much as the solve.
     """
     n, rows = len(f), len(C)
     if solver == "daqp":
@@ -70,9 +80,7 @@ def solve_rows(solver: str, H, f, C, lower, upper, equalities: int) -> tuple[np.
     low, high = np.isfinite(lower[n : n + split]), np.isfinite(upper[n : n + split])
     G = np.vstack([C[:split][high], -C[:split][low]])
     h = np.concatenate([upper[n : n + split][high], -lower[n : n + split][low]])
-    problem = qpsolvers.Problem(
-        H, f, G, h, C[split:], upper[n + split :], lower[:n], upper[:n]
-    )
+    problem = qpsolvers.Problem(H, f, G, h, C[split:], upper[n + split :], lower[:n], upper[:n])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

@@ -19,8 +19,11 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
     """qpos (m, nq), qvel (m, nv), ctrl (m, nu) of a ``mujoco.MjModel``, and the names of its joints and actuators.
 
     Args:
-        own: the trajectory. every: the same with coupled joints. qpos: of all else (nq,); None: the model's ``qpos0``.
-        feed_forward: whether actuators make the trajectory's effort. prefix: of the joints' names in the model.
+        own: the trajectory.
+        every: the same with coupled joints.
+        qpos: of all else (nq,); None: the model's ``qpos0``.
+        feed_forward: whether actuators make the trajectory's effort.
+        prefix: of the joints' names in the model.
         notes: takes what does not fit.
 
     Raises:
@@ -33,7 +36,9 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
         raise InvalidInput(f"model: expected a mujoco.MjModel, got {shown(model)}") from error
     missing = [prefix + name for name in every.names if prefix + name not in joints]
     if missing:
-        raise InvalidInput(f"model: expected the joints {', '.join(missing)}, it has {', '.join(joints) or 'none'}: see prefix=")
+        raise InvalidInput(
+            f"model: expected the joints {', '.join(missing)}, it has {', '.join(joints) or 'none'}: see prefix="
+        )
     base = model.qpos0 if qpos is None else array_of("qpos", qpos, (model.nq,))
     m, place = every.times.size, {name: joints.index(prefix + name) for name in every.names}
     positions, velocities = np.tile(base, (m, 1)), np.zeros((m, model.nv))
@@ -44,7 +49,9 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
     moments = np.zeros((model.nu, len(own.names)))
     unknown = set()
     leads = {place[name]: (own.names.index(name), 1.0) for name in own.names}
-    leads |= {place[name]: (own.names.index(c.followed), c.factor) for name, c in own.couplings.items() if name in place}
+    leads |= {
+        place[name]: (own.names.index(c.followed), c.factor) for name, c in own.couplings.items() if name in place
+    }
     for u in range(model.nu):
         pulls = _pulls(model, u)
         if pulls is None or model.actuator_gaintype[u] > 1 or model.actuator_biastype[u] > 1:
@@ -68,7 +75,10 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
     beyond = model.actuator_ctrllimited.astype(bool) & ((ctrl < low - _SLACK) | (ctrl > high + _SLACK)).any(axis=0)
     for told, what in (
         (idle, "no actuator of the model moves"),
-        ([a for a, ok in zip(actuators, usable) if not ok], "controls are 0, not joints or fixed tendons with affine gains:"),
+        (
+            [a for a, ok in zip(actuators, usable) if not ok],
+            "controls are 0, not joints or fixed tendons with affine gains:",
+        ),
         ([a for a, out in zip(actuators, beyond) if out], "controls leave their range:"),
         ([a for a, kind in zip(actuators, model.actuator_dyntype) if kind], "controls act with a delay of their own:"),
     ):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -15,7 +16,8 @@ from pinograsp.hands import HandModel
 from pinograsp.motion.torques import inverse_dynamics
 
 _BLEND = 0.01  # [s] a few periods of any controller; a jump of 60 rad/s^2 then costs 0.1 mrad
-# An acceleration that changes by more than this share of the joint's largest from one sample to the next, and this, jumps.
+# An acceleration that changes by more than this share of the joint's largest from one sample to the next, and this,
+# jumps.
 _JUMP, _LEAST_JUMP = 0.1, 1e-3
 _PEAK = 1.875  # peak speed of a polynomial from rest to rest, over its mean
 # A lead-in takes at least so long [s], at half the velocity limits and no faster than this [rad/s], [m/s].
@@ -26,22 +28,24 @@ _FAR = 1e-4  # [m] of a contact point from the plan: forces of stiff contacts ch
 _MOST, _FEW = 1_000_000, 10  # samples: more is a mistyped rate, fewer in the grasp phase are told
 
 
-def joint_trajectory(plan, *, rate: float = 1000.0, start=None, lead: float | None = None, blend: float | None = None) -> JointTrajectory:
+def joint_trajectory(
+    plan, *, rate: float = 1000.0, start=None, lead: float | None = None, blend: float | None = None
+) -> JointTrajectory:
     """A plan's motion at a controller's rate, from ``start``, with continuous acceleration and rest at both ends.
 
     Args:
         plan: a :class:`~pinograsp.plan.GraspPlan`, or a :class:`~pinograsp.storage.Run` of one.
         rate: samples per second [Hz].
-        start: posture to come from (n,) [rad or m]; default: the plan's first. The way from it is straight in joint space and
-            not checked for collisions.
-        lead: how long that takes [s]; default: at half the velocity limits, 1 rad/s or 0.05 m/s at most, 0.5 s at least. Without
-            ``start``: how long the hand waits in the first posture.
+        start: posture to come from (n,) [rad or m]; default: the plan's first. The way from it is straight in joint
+            space and not checked for collisions.
+        lead: how long that takes [s]; default: at half the velocity limits, 1 rad/s or 0.05 m/s at most, 0.5 s at
+            least. Without ``start``: how long the hand waits in the first posture.
         blend: how long it takes to lead across a jump of the acceleration [s]; default 10 ms, or half of the
             shorter phase.
 
     Raises:
-        InvalidInput: a plan without motion, numbers out of range, a start outside the joint limits, or a lead too short for the
-            velocity limits.
+        InvalidInput: a plan without motion, numbers out of range, a start outside the joint limits, or a lead too short
+            for the velocity limits.
     """
     hand, arrays, status = _parts(plan)
     rate = number("rate", rate, above=0, unit="Hz")
@@ -60,7 +64,11 @@ def joint_trajectory(plan, *, rate: float = 1000.0, start=None, lead: float | No
     soft_start, soft_end = (np.any(knots[1][i]) or np.any(knots[2][i]) for i in (0, -1))
     begin = lead + (half if soft_start else 0.0)
     jumps = [*_jumps(times, arrays, impact), *([0.0] if soft_start else []), *([t_F] if soft_end else [])]
-    near = np.any([np.abs(times - jump) < half - 1e-9 for jump in jumps], axis=0) if jumps else np.zeros(times.size, dtype=bool)
+    near = (
+        np.any([np.abs(times - jump) < half - 1e-9 for jump in jumps], axis=0)
+        if jumps
+        else np.zeros(times.size, dtype=bool)
+    )
     near[0], near[-1] = soft_start, soft_end
     kept = np.flatnonzero(~near)
     path = [_rest(0.0, origin)] if lead > 0 else []
@@ -68,19 +76,28 @@ def joint_trajectory(plan, *, rate: float = 1000.0, start=None, lead: float | No
     path += [(begin + times[kept], *(values[kept] for values in knots))]
     path += [_rest(begin + t_F + half, last)] if soft_end else []
     nodes, *states = (np.concatenate(parts) for parts in zip(*path))
-    blends = [(times[i], times[j]) for i, j in zip(kept[:-1], kept[1:]) if j > i + 1]
-    blends = [*([(-half, times[kept[0]])] if soft_start else []), *blends, *([(times[kept[-1]], t_F + half)] if soft_end else [])]
+    blends = [(times[i], times[j]) for i, j in itertools.pairwise(kept) if j > i + 1]
+    blends = [
+        *([(-half, times[kept[0]])] if soft_start else []),
+        *blends,
+        *([(times[kept[-1]], t_F + half)] if soft_end else []),
+    ]
 
     if nodes[-1] * rate >= _MOST:
-        raise InvalidInput(f"rate: expected fewer than {_MOST} samples in {nodes[-1]:.4g} s, got {rate:g} Hz: take a lower one")
-    clock = np.arange(math.ceil(nodes[-1] * rate - 1e-9) + 1) / rate  # to the end or just past it, where the hand is at rest
+        raise InvalidInput(
+            f"rate: expected fewer than {_MOST} samples in {nodes[-1]:.4g} s, got {rate:g} Hz: take a lower one"
+        )
+    clock = (
+        np.arange(math.ceil(nodes[-1] * rate - 1e-9) + 1) / rate
+    )  # to the end or just past it, where the hand is at rest
     q, dq, ddq = between(nodes, states, np.minimum(clock, nodes[-1]))
     q[-1], dq[-1], ddq[-1] = last, 0.0, 0.0
     gravity_o = arrays["gravity"]
     contact = arrays["torques"] - inverse_dynamics(hand, arrays["q"], arrays["dq"], arrays["ddq"], gravity_o=gravity_o)
     effort = inverse_dynamics(hand, q, dq, ddq, gravity_o=gravity_o) + interpolated(clock - begin, times, contact)
 
-    # What a controller makes of the samples, against the plan: at its own samples, half-way between, and in the blends beyond.
+    # What a controller makes of the samples, against the plan: at its own samples, half-way between, and in the blends
+    # beyond.
     beyond = half * np.linspace(0, 1, 9)
     looked = np.concatenate([times, 0.5 * (times[1:] + times[:-1]), t_F + beyond, *([-beyond] if soft_start else [])])
     wanted = between(times, knots, np.clip(looked, 0.0, t_F))[0]
@@ -88,11 +105,15 @@ def joint_trajectory(plan, *, rate: float = 1000.0, start=None, lead: float | No
     notes = [] if status is Status.OK else [f"the plan's status is {status}: {status.remedy}"]
     notes += _limit_notes(hand, q, dq, effort)
     if (t_F - times[impact]) * rate < _FEW:
-        notes.append(f"fewer than {_FEW} samples in the grasp phase at {rate:g} Hz: the controller must interpolate with their rates")
+        notes.append(
+            f"fewer than {_FEW} samples in the grasp phase at {rate:g} Hz: the controller must interpolate with "
+            "their rates"
+        )
     off = _contact_deviation(hand, arrays, impact, wanted, played)
     if off and max(off.values()) > _FAR:
         notes.append(
-            f"{max(off, key=off.get)} is up to {1e3 * max(off.values()):.2g} mm off the plan: take a shorter blend, a higher rate, or a "
+            f"{max(off, key=off.get)} is up to {1e3 * max(off.values()):.2g} mm off the plan: take a shorter "
+            "blend, a higher rate, or a "
             "plan with a finer time step"
         )
     return JointTrajectory(
@@ -132,8 +153,8 @@ def _parts(plan):
 def _knots(arrays, impact: int) -> list[np.ndarray]:
     """q, dq, ddq (m, n) of the plan's samples, as smooth as its positions.
 
-    The approach is a polynomial. In the grasp phase rates are those that were asked for step by step, corrections included, of
-    which they are not quite the derivative: there both come from a spline through the positions.
+    The approach is a polynomial. In the grasp phase rates are those that were asked for step by step, corrections
+    included, of which they are not quite the derivative: there both come from a spline through the positions.
     """
     q, dq, ddq = (np.array(arrays[name]) for name in ("q", "dq", "ddq"))
     spline = CubicSpline(arrays["times"][impact:], q[impact:])
@@ -188,7 +209,9 @@ def _lead(hand: HandModel, way, lead: float | None, rate: float) -> float:
 
 def _limit_notes(hand: HandModel, q, dq, effort) -> list[str]:
     beyond = np.maximum(hand.lower - q, q - hand.upper).max(axis=0)
-    notes = [f"{name} leaves its limits by {by:.2g} rad or m" for name, by in zip(hand.joint_names, beyond) if by > _SLACK]
+    notes = [
+        f"{name} leaves its limits by {by:.2g} rad or m" for name, by in zip(hand.joint_names, beyond) if by > _SLACK
+    ]
     for what, values, limits in (("moves at", dq, hand.velocity), ("needs", effort, hand.effort)):
         kind = "velocity" if values is dq else "effort"
         notes += [
@@ -201,8 +224,11 @@ def _limit_notes(hand: HandModel, q, dq, effort) -> list[str]:
 
 def _contact_deviation(hand: HandModel, arrays, impact: int, wanted, played) -> dict[str, float]:
     """Largest distance of each contact point, as a point of its link, between two motions (s, n) [m]."""
-    rows = [(str(name), str(link), point) for name, link, point in
-            zip(arrays["contact_names"], arrays["contact_links"], arrays["points_o"]) if str(link)]  # fmt: skip
+    rows = [
+        (str(name), str(link), point)
+        for name, link, point in zip(arrays["contact_names"], arrays["contact_links"], arrays["points_o"])
+        if str(link)
+    ]
     if not rows:
         return {}
     names, links, points = zip(*rows)

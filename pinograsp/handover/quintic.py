@@ -6,7 +6,7 @@ import numpy as np
 
 
 def between(nodes, states, times) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q, dq, ddq (s, n) at ``times`` (s,) of the polynomials of fifth degree between nodes (m,) with q, dq, ddq (m, n)."""
+    """q, dq, ddq (s, n) at ``times`` (s,) of the quintic polynomials between nodes (m,) with q, dq, ddq (m, n)."""
     if len(nodes) == 1:
         return tuple(np.repeat(values, len(times), axis=0) for values in states)
     left = np.clip(np.searchsorted(nodes, times, side="right") - 1, 0, len(nodes) - 2)

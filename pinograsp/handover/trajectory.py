@@ -31,14 +31,18 @@ class JointTrajectory:
     """Joint positions and what goes with them, at a controller's rate; it starts and ends at rest.
 
     Attributes:
-        names: of the actuated joints (n,), in the order of the hand's q. times: (m,) [s], from 0 in equal steps.
-        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2; m where joints slide]. effort: feed-forward torques (m, n) [N m or N]: inverse
-            dynamics of this very path and the plan's contact forces; they end as the plan's holding torques.
-        joints: all joints of the hand, coupled ones included. couplings: by coupled joint, what it follows and how.
+        names: of the actuated joints (n,), in the order of the hand's q.
+        times: (m,) [s], from 0 in equal steps.
+        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2; m where joints slide].
+        effort: feed-forward torques (m, n) [N m or N]: inverse dynamics of this very path and the plan's contact
+            forces; they end as the plan's holding torques.
+        joints: all joints of the hand, coupled ones included.
+        couplings: by coupled joint, what it follows and how.
         begin, impact_time, final_time: t = 0, t_I and t_F of the plan on this clock [s].
         blends: intervals in which the path is not the plan's (start, end) [s].
-        deviation: how far joints are from the plan at most, a controller's quintic interpolation between samples included (n,)
-            [rad or m]. contact_deviation: how far that moves each contact point, by contact [m].
+        deviation: how far joints are from the plan at most, a controller's quintic interpolation between samples
+            included (n,) [rad or m].
+        contact_deviation: how far that moves each contact point, by contact [m].
         notes: what the receiver should know.
 
     Trajectories that were read from a file have names, times and samples; the rest is None or empty.
@@ -71,12 +75,16 @@ class JointTrajectory:
             object.__setattr__(self, name, array_of(name, getattr(self, name), (times.size, len(self.names))))
 
     def at(self, times) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as controllers interpolate."""
+        """q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as controllers
+        interpolate.
+        """
         times = np.clip(array_of("times", times, (None,)), self.times[0], self.times[-1])
         return *between(self.times, (self.q, self.dq, self.ddq), times), interpolated(times, self.times, self.effort)
 
     def with_followers(self) -> JointTrajectory:
-        """The same with a column for every joint, coupled ones included, whose effort is 0: their motors are those they follow."""
+        """The same with a column for every joint, coupled ones included, whose effort is 0: their motors are those they
+        follow.
+        """
         missing = [name for name in self.couplings if name not in self.names]
         if not missing:
             return self
@@ -90,16 +98,24 @@ class JointTrajectory:
             columns["effort"][name] = np.zeros(self.times.size)
             off[name] = abs(coupling.factor) * off.get(coupling.followed, 0.0)
         order = [name for name in self.joints if name in columns["q"]]
-        stacked = {attribute: np.column_stack([values[name] for name in order]) for attribute, values in columns.items()}
+        stacked = {
+            attribute: np.column_stack([values[name] for name in order]) for attribute, values in columns.items()
+        }
         deviation = None if self.deviation is None else read_only([off[name] for name in order])
         return replace(self, names=tuple(order), deviation=deviation, **stacked)
 
     def describe(self) -> str:
         """Length, deviations and notes, as readable text."""
         step = self.times[1] - self.times[0] if self.times.size > 1 else 0.0
-        lines = [f"trajectory of {len(self.names)} joints: {self.times.size} samples, {1e3 * step:g} ms apart, {self.times[-1]:.4g} s"]
+        lines = [
+            f"trajectory of {len(self.names)} joints: {self.times.size} samples, {1e3 * step:g} ms apart, "
+            f"{self.times[-1]:.4g} s"
+        ]
         if self.begin is not None:
-            lines.append(f"  the plan begins at {self.begin:.4g} s, impact at {self.impact_time:.4g} s, t_F at {self.final_time:.4g} s")
+            lines.append(
+                f"  the plan begins at {self.begin:.4g} s, impact at {self.impact_time:.4g} s, t_F at "
+                f"{self.final_time:.4g} s"
+            )
         lines += [f"  blended from {start:.4g} to {end:.4g} s" for start, end in self.blends]
         if self.deviation is not None:
             worst = int(np.argmax(self.deviation))
@@ -110,8 +126,8 @@ class JointTrajectory:
     def to_csv(self, path: str | Path, *, followers: bool = False) -> JointTrajectory:
         """Write a table: ``time`` [s] and, by joint, ``JOINT/position``, ``/velocity``, ``/acceleration``, ``/effort``.
 
-        ``followers`` adds coupled joints. An existing file is replaced. Returns what was written. Names that a spreadsheet would
-        take for a formula get an apostrophe before them, which :func:`read_csv` takes off.
+        ``followers`` adds coupled joints. An existing file is replaced. Returns what was written. Names that a
+        spreadsheet would take for a formula get an apostrophe before them, which :func:`read_csv` takes off.
 
         Raises:
             ResultsNotWritten: the place cannot be written.
@@ -120,7 +136,9 @@ class JointTrajectory:
         own = self.with_followers() if flag("followers", followers) else self
         written = io.StringIO()
         table = csv.writer(written, lineterminator="\n")
-        quoting = csv.QUOTE_ALL if any("\r" in name for name in own.names) else csv.QUOTE_MINIMAL  # csv itself overlooks it
+        quoting = (
+            csv.QUOTE_ALL if any("\r" in name for name in own.names) else csv.QUOTE_MINIMAL
+        )  # csv itself overlooks it
         csv.writer(written, lineterminator="\n", quoting=quoting).writerow(
             ["time", *(f"{_no_formula(name)}/{kind}" for kind in _FIELDS for name in own.names)]
         )
@@ -130,21 +148,29 @@ class JointTrajectory:
         return own
 
     def to_ros2(
-        self, path: str | Path | None = None, *, followers: bool = False, effort: bool = True, goal: bool = False, frame: str = ""
+        self,
+        path: str | Path | None = None,
+        *,
+        followers: bool = False,
+        effort: bool = True,
+        goal: bool = False,
+        frame: str = "",
     ) -> dict:
         """The message ``trajectory_msgs/JointTrajectory`` as plain values; written to ``path`` where one is given.
 
-        Send it with ``ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory --yaml-file FILE``. Its stamp is zero,
-        which starts it on arrival; so the robot must be at the first point, or ``start`` must be where it is.
+        Send it with ``ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory --yaml-file FILE``. Its stamp is
+        zero, which starts it on arrival; so the robot must be at the first point, or ``start`` must be where it is.
 
         Args:
             path: ``.yaml``, ``.yml`` or ``.json``; an existing file is replaced.
-            effort: without it the field stays empty: JointTrajectoryController takes efforts if it has an effort interface,
-                and some releases refuse any message that has them.
-            goal: as ``trajectory`` of a ``control_msgs/action/FollowJointTrajectory`` goal. frame: ``header.frame_id``.
+            effort: without it the field stays empty: JointTrajectoryController takes efforts if it has an effort
+                interface, and some releases refuse any message that has them.
+            goal: as ``trajectory`` of a ``control_msgs/action/FollowJointTrajectory`` goal.
+            frame: ``header.frame_id``.
 
         Raises:
-            InvalidInput: another suffix. ResultsNotWritten: the place cannot be written.
+            InvalidInput: another suffix.
+            ResultsNotWritten: the place cannot be written.
         """
         if path is not None:
             path = path_of("path", path)
@@ -157,7 +183,10 @@ class JointTrajectory:
         points = []
         for i, t in enumerate(own.times):
             sec, nanosec = divmod(round(float(t) * 10**9), 10**9)
-            points.append({name: rows[i] for name, rows in columns.items()} | {"time_from_start": {"sec": sec, "nanosec": nanosec}})
+            points.append(
+                {name: rows[i] for name, rows in columns.items()}
+                | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
+            )
         header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
         message = {"header": header, "joint_names": list(own.names), "points": points}
         message = {"trajectory": message} if flag("goal", goal) else message
@@ -166,19 +195,21 @@ class JointTrajectory:
             write_file(path, content.encode())
         return message
 
-    def to_mujoco(self, path: str | Path, *, model=None, qpos=None, feed_forward: bool = True, prefix: str = "") -> JointTrajectory:
+    def to_mujoco(
+        self, path: str | Path, *, model=None, qpos=None, feed_forward: bool = True, prefix: str = ""
+    ) -> JointTrajectory:
         """Write keyframes ``start``, ``impact`` and ``final``, and next to them an ``.npz`` of the controls over time.
 
-        ``<include file="PATH"/>`` in the hand's MJCF file adds the keyframes. The archive holds ``times`` (m,), ``ctrl``
-        (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), and the names in ``joints`` and ``actuators``.
+        ``<include file="PATH"/>`` in the hand's MJCF file adds the keyframes. The archive holds ``times`` (m,),
+        ``ctrl`` (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), and the names in ``joints`` and ``actuators``.
 
         Args:
             path: ``.xml``; existing files are replaced.
-            model: a ``mujoco.MjModel`` that has the hand's joints by their names, with ``prefix`` before them, and anything
-                else besides. Controls then follow from each actuator's transmission (joint or fixed tendon), gain and bias,
-                motors, velocity and position servos alike: at the trajectory's state its force makes the trajectory's effort.
-                Default: a hand alone, joints in the order of ``joints``, one position servo per actuated joint in the order
-                of ``names``, whose control is the joint's position.
+            model: a ``mujoco.MjModel`` that has the hand's joints by their names, with ``prefix`` before them, and
+                anything else besides. Controls then follow from each actuator's transmission (joint or fixed tendon),
+                gain and bias, motors, velocity and position servos alike: at the trajectory's state its force makes the
+                trajectory's effort. Default: a hand alone, joints in the order of ``joints``, one position servo per
+                actuated joint in the order of ``names``, whose control is the joint's position.
             qpos: of what is not the hand (nq,); default: the model's own ``qpos0``.
             feed_forward: False: actuators get no effort beyond what their own gains make of an error: for a hand that
                 moves without the object, which would give way to the contact forces.
@@ -205,7 +236,8 @@ class JointTrajectory:
         arrays = {"times": own.times, **arrays}
         keys = [("start", 0), ("impact", self.impact_time), ("final", own.times.size - 1)]
         lines = [
-            f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(map(printable, names[kind])))} -->"  # no comment may hold two hyphens in a row
+            # no comment may hold two hyphens in a row
+            f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(map(printable, names[kind])))} -->"
             for what, kind in (("qpos", "joints"), ("ctrl", "actuators"))
         ]
         for name, i in keys:
@@ -214,9 +246,14 @@ class JointTrajectory:
                     continue
                 i = min(int(np.searchsorted(own.times, i - 1e-9)), own.times.size - 1)  # the first sample that touches
             values = {
-                "time": arrays["times"][i : i + 1], "qpos": arrays["qpos"][i], "qvel": arrays["qvel"][i], "ctrl": arrays["ctrl"][i],
-            }  # fmt: skip
-            attributes = " ".join(f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size)
+                "time": arrays["times"][i : i + 1],
+                "qpos": arrays["qpos"][i],
+                "qvel": arrays["qvel"][i],
+                "ctrl": arrays["ctrl"][i],
+            }
+            attributes = " ".join(
+                f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size
+            )
             lines.append(f'<key name="{name}" {attributes}/>')
         archive = io.BytesIO()
         np.savez_compressed(archive, **arrays, **{kind: np.array(values, dtype=str) for kind, values in names.items()})
@@ -242,14 +279,17 @@ def read_csv(path: str | Path) -> JointTrajectory:
     n = (len(header) - 1) // len(_FIELDS)
     names = [name.rpartition("/")[0] for name in header[1 : n + 1]]
     if header != ["time", *(f"{name}/{kind}" for kind in _FIELDS for name in names)]:
-        raise InvalidInput(f"'{path}': expected columns time, JOINT/{', JOINT/'.join(_FIELDS)}, got {', '.join(header[:9])}...")
+        raise InvalidInput(
+            f"'{path}': expected columns time, JOINT/{', JOINT/'.join(_FIELDS)}, got {', '.join(header[:9])}..."
+        )
     blocks = np.split(values[:, 1:], len(_FIELDS), axis=1)
     names = [name.removeprefix("'") for name in names]
     return JointTrajectory(names=tuple(names), times=values[:, 0], **dict(zip(_FIELDS.values(), blocks)))
 
 
 def read_ros2(path: str | Path) -> JointTrajectory:
-    """The trajectory in a message that :meth:`JointTrajectory.to_ros2` wrote (fields that are empty are 0). JSON reads much faster.
+    """The trajectory in a message that :meth:`JointTrajectory.to_ros2` wrote (fields that are empty are 0). JSON reads
+    much faster.
 
     Raises:
         InvalidInput: no JSON or YAML (by suffix), or no ``trajectory_msgs/JointTrajectory``.
@@ -265,7 +305,12 @@ def read_ros2(path: str | Path) -> JointTrajectory:
         message = message.get("trajectory", message)
         names, points = tuple(map(str, message["joint_names"])), message["points"]
         times = [point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points]
-        columns = {attribute: [point.get(name) or [0.0] * len(names) for point in points] for name, attribute in _MESSAGE.items()}
+        columns = {
+            attribute: [point.get(name) or [0.0] * len(names) for point in points]
+            for name, attribute in _MESSAGE.items()
+        }
     except (OSError, ValueError, KeyError, TypeError, AttributeError, YAMLError) as error:
-        raise InvalidInput(f"'{path}': expected a trajectory_msgs/JointTrajectory: {type(error).__name__}: {error}") from error
+        raise InvalidInput(
+            f"'{path}': expected a trajectory_msgs/JointTrajectory: {type(error).__name__}: {error}"
+        ) from error
     return JointTrajectory(names=names, times=times, **columns)

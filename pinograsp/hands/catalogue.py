@@ -16,8 +16,8 @@ class Entry:
     Attributes:
         title: what it is, in words.
         shipped: whether ``file`` comes with this package.
-        root: link whose sub-tree is the hand. palm, fingers: as :func:`~pinograsp.hands.load.load_hand` takes them,
-            where the tree alone does not tell.
+        root: link whose sub-tree is the hand.
+        palm, fingers: as :func:`~pinograsp.hands.load.load_hand` takes them, where the tree alone does not tell.
     """
 
     file: str
@@ -32,75 +32,130 @@ def _sides(make) -> dict[str, Entry]:
     return {name: entry for side in ("left", "right") for name, entry in make(side).items()}
 
 
-_HEY5 = {finger: f"hand_{finger}_flex_{2 if finger == 'thumb' else 3}_link" for finger in
-         ("thumb", "index", "middle", "ring", "little")}  # fmt: skip
+_HEY5 = {
+    finger: f"hand_{finger}_flex_{2 if finger == 'thumb' else 3}_link"
+    for finger in ("thumb", "index", "middle", "ring", "little")
+}
 
 _ALLEGRO = {finger: f"link_{4 * i + 3}.0_tip" for i, finger in enumerate(("index", "middle", "ring", "thumb"))}
 
 CATALOGUE: dict[str, Entry] = {
     "humanoid": Entry(file="humanoid_hand.urdf", title="the paper's humanoid hand", shipped=True),
-    **_sides(lambda side: {
-        f"allegro_{side}": Entry(
-            file=f"allegro_hand_description/urdf/allegro_{side}_hand.urdf", title=f"Allegro hand, {side}",
-            fingers=_ALLEGRO),
-    }),
-    **_sides(lambda side: {
-        f"g1_{side}": Entry(
-            file="g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf",
-            title=f"Unitree G1, three-fingered hand, {side}",
-            root=f"{side}_hand_palm_link",
-            fingers={finger: f"{side}_hand_{finger}_{2 if finger == 'thumb' else 1}_link"
-                     for finger in ("thumb", "middle", "index")}),
-    }),
-    **_sides(lambda side: {
-        f"psyonic_{side}": Entry(
-            file="alex_description/urdf/alex_psyonic_hands.urdf", title=f"Alex, Psyonic Ability hand, {side}",
-            root=f"{side.title()}PsyonicAbilityBaseLink",
-            fingers={finger: f"{side.title()}_{finger}_L2"
-                     for finger in ("thumb", "index", "middle", "ring", "pinky")}),
-    }),
-    **_sides(lambda side: {
-        f"sake_{side}": Entry(
-            file="alex_description/urdf/alex_sake_hands.urdf", title=f"Alex, Sake gripper, {side}",
-            root=f"{side.title()}SakePalmLink",
-            fingers={f"finger {i}": f"{side.title()}SakeFingerTip{i}" for i in (1, 2)}),
-    }),
+    **_sides(
+        lambda side: {
+            f"allegro_{side}": Entry(
+                file=f"allegro_hand_description/urdf/allegro_{side}_hand.urdf",
+                title=f"Allegro hand, {side}",
+                fingers=_ALLEGRO,
+            ),
+        }
+    ),
+    **_sides(
+        lambda side: {
+            f"g1_{side}": Entry(
+                file="g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf",
+                title=f"Unitree G1, three-fingered hand, {side}",
+                root=f"{side}_hand_palm_link",
+                fingers={
+                    finger: f"{side}_hand_{finger}_{2 if finger == 'thumb' else 1}_link"
+                    for finger in ("thumb", "middle", "index")
+                },
+            ),
+        }
+    ),
+    **_sides(
+        lambda side: {
+            f"psyonic_{side}": Entry(
+                file="alex_description/urdf/alex_psyonic_hands.urdf",
+                title=f"Alex, Psyonic Ability hand, {side}",
+                root=f"{side.title()}PsyonicAbilityBaseLink",
+                fingers={
+                    finger: f"{side.title()}_{finger}_L2" for finger in ("thumb", "index", "middle", "ring", "pinky")
+                },
+            ),
+        }
+    ),
+    **_sides(
+        lambda side: {
+            f"sake_{side}": Entry(
+                file="alex_description/urdf/alex_sake_hands.urdf",
+                title=f"Alex, Sake gripper, {side}",
+                root=f"{side.title()}SakePalmLink",
+                fingers={f"finger {i}": f"{side.title()}SakeFingerTip{i}" for i in (1, 2)},
+            ),
+        }
+    ),
     "hey5": Entry(
-        file="tiago_description/robots/tiago.urdf", title="TIAGo, Hey5 hand", root="hand_palm_link", fingers=_HEY5),
-    **_sides(lambda side: {
-        f"romeo_{side}": Entry(
-            file="romeo_description/urdf/romeo.urdf", title=f"Romeo hand, {side}", root=f"{side[0]}_wrist",
-            fingers={"finger 1": f"{side[0].upper()}Finger13Link", "finger 2": f"{side[0].upper()}Finger23Link",
-                     "finger 3": f"{side[0].upper()}Finger33Link", "thumb": f"{side[0].upper()}Thumb3Link"}),
-    }),
-    **_sides(lambda side: {
-        f"talos_{side}": Entry(
-            file="talos_data/robots/talos_full_v2.urdf", title=f"Talos gripper, {side}",
-            root=f"gripper_{side}_base_link",
-            fingers={f"fingertip {i}": f"gripper_{side}_fingertip_{i}_link" for i in (1, 2, 3)}),
-    }),
-    **_sides(lambda side: {
-        f"tiago_pro_{side}": Entry(
-            file="tiago_pro_description/robots/tiago_pro.urdf", title=f"TIAGo Pro gripper, {side}",
-            root=f"gripper_{side}_base_link",
-            fingers={jaw: f"gripper_{side}_fingertip_{jaw}_link" for jaw in ("left", "right")}),
-    }),
-    **_sides(lambda side: {
-        f"pr2_{side}": Entry(
-            file="pr2_description/urdf/pr2.urdf", title=f"PR2 gripper, {side}", root=f"{side[0]}_gripper_palm_link",
-            fingers={jaw: f"{side[0]}_gripper_{jaw[0]}_finger_tip_link" for jaw in ("left", "right")}),
-    }),
-    **_sides(lambda side: {
-        f"baxter_{side}": Entry(
-            file="baxter_description/urdf/baxter.urdf", title=f"Baxter gripper, {side}",
-            root=f"{side}_gripper_base_link",
-            fingers={jaw: f"{side[0]}_gripper_{jaw[0]}_finger" for jaw in ("left", "right")}),
-    }),
-    "panda": Entry(file="panda_description/urdf/panda.urdf", title="Panda gripper", root="panda_hand",
-                   fingers={jaw: f"panda_{jaw}finger" for jaw in ("left", "right")}),
-    "so101": Entry(file="so_arm_description/urdf/so101.urdf", title="SO-101 gripper", root="gripper_link",
-                   fingers={"jaw": "moving_jaw_so101_v1_link"}),
-}  # fmt: skip
+        file="tiago_description/robots/tiago.urdf", title="TIAGo, Hey5 hand", root="hand_palm_link", fingers=_HEY5
+    ),
+    **_sides(
+        lambda side: {
+            f"romeo_{side}": Entry(
+                file="romeo_description/urdf/romeo.urdf",
+                title=f"Romeo hand, {side}",
+                root=f"{side[0]}_wrist",
+                fingers={
+                    "finger 1": f"{side[0].upper()}Finger13Link",
+                    "finger 2": f"{side[0].upper()}Finger23Link",
+                    "finger 3": f"{side[0].upper()}Finger33Link",
+                    "thumb": f"{side[0].upper()}Thumb3Link",
+                },
+            ),
+        }
+    ),
+    **_sides(
+        lambda side: {
+            f"talos_{side}": Entry(
+                file="talos_data/robots/talos_full_v2.urdf",
+                title=f"Talos gripper, {side}",
+                root=f"gripper_{side}_base_link",
+                fingers={f"fingertip {i}": f"gripper_{side}_fingertip_{i}_link" for i in (1, 2, 3)},
+            ),
+        }
+    ),
+    **_sides(
+        lambda side: {
+            f"tiago_pro_{side}": Entry(
+                file="tiago_pro_description/robots/tiago_pro.urdf",
+                title=f"TIAGo Pro gripper, {side}",
+                root=f"gripper_{side}_base_link",
+                fingers={jaw: f"gripper_{side}_fingertip_{jaw}_link" for jaw in ("left", "right")},
+            ),
+        }
+    ),
+    **_sides(
+        lambda side: {
+            f"pr2_{side}": Entry(
+                file="pr2_description/urdf/pr2.urdf",
+                title=f"PR2 gripper, {side}",
+                root=f"{side[0]}_gripper_palm_link",
+                fingers={jaw: f"{side[0]}_gripper_{jaw[0]}_finger_tip_link" for jaw in ("left", "right")},
+            ),
+        }
+    ),
+    **_sides(
+        lambda side: {
+            f"baxter_{side}": Entry(
+                file="baxter_description/urdf/baxter.urdf",
+                title=f"Baxter gripper, {side}",
+                root=f"{side}_gripper_base_link",
+                fingers={jaw: f"{side[0]}_gripper_{jaw[0]}_finger" for jaw in ("left", "right")},
+            ),
+        }
+    ),
+    "panda": Entry(
+        file="panda_description/urdf/panda.urdf",
+        title="Panda gripper",
+        root="panda_hand",
+        fingers={jaw: f"panda_{jaw}finger" for jaw in ("left", "right")},
+    ),
+    "so101": Entry(
+        file="so_arm_description/urdf/so101.urdf",
+        title="SO-101 gripper",
+        root="gripper_link",
+        fingers={"jaw": "moving_jaw_so101_v1_link"},
+    ),
+}
 
 
 def shipped_folder() -> Path:

@@ -78,8 +78,10 @@ def resolve(couplings: dict[str, Coupling], types: dict[str, str]) -> tuple[dict
             problems.append(f"joint '{name}' mimics '{followed}', which is {types.get(followed, 'unknown')}")
         elif not (1 / _LARGEST <= abs(coupling.factor) <= _LARGEST and abs(coupling.offset) <= _LARGEST):
             problems.append(
-                f"joint '{name}' mimics '{followed}' with multiplier {coupling.factor:g}: make it fixed, or give it a multiplier "
-                f"between {1 / _LARGEST:g} and {_LARGEST:g} (and an offset of at most {_LARGEST:g}, got {coupling.offset:g})"
+                f"joint '{name}' mimics '{followed}' with multiplier {coupling.factor:g}: make it fixed, or give it a "
+                "multiplier "
+                f"between {1 / _LARGEST:g} and {_LARGEST:g} (and an offset of at most {_LARGEST:g}, got "
+                f"{coupling.offset:g})"
             )
         else:
             direct[name] = coupling

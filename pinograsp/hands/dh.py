@@ -39,8 +39,10 @@ class Link:
     """One DH row with the joint before it and the phalanx on it.
 
     Attributes:
-        joint: joint name. link: link name.
-        d, a: offset and length [m]. alpha: twist [rad].
+        joint: joint name.
+        link: link name.
+        d, a: offset and length [m].
+        alpha: twist [rad].
         lower, upper: joint range [rad].
         phalanx: the ellipsoid centred half-way along the link, or None for a massless link.
     """
@@ -133,7 +135,9 @@ class HandDescription:
 
 
 def _exact(value: float) -> str:
-    """Decimal text of 13 significant digits: frames keep 1e-12 m, and the last bits, which differ from machine to machine, vanish."""
+    """Decimal text of 13 significant digits: frames keep 1e-12 m, and the last bits, which differ from machine to
+    machine, vanish.
+    """
     return f"{value:.13g}" if abs(value) > 1e-14 else "0"
 
 
@@ -165,7 +169,11 @@ def _finger_xacro(finger: FingerDescription) -> str:
             )
         lines.append("  </xacro:joint_and_link>")
         twist = np.array(
-            [[1, 0, 0], [0, math.cos(link.alpha), -math.sin(link.alpha)], [0, math.sin(link.alpha), math.cos(link.alpha)]]
+            [
+                [1, 0, 0],
+                [0, math.cos(link.alpha), -math.sin(link.alpha)],
+                [0, math.sin(link.alpha), math.cos(link.alpha)],
+            ]
         )
         placement, parent = pose_of([link.a, 0, link.d], twist), link.link
     xyz = " ".join(_exact(v) for v in placement[:3, 3])
@@ -225,7 +233,8 @@ _HEADER = """<?xml version="1.0"?>
       <child link="${{link}}"/>
       <origin xyz="${{xyz}}" rpy="${{rpy}}"/>
       <axis xyz="0 0 1"/>
-      <limit lower="${{radians(lower_deg)}}" upper="${{radians(upper_deg)}}" effort="${{effort}}" velocity="${{velocity}}"/>
+      <limit lower="${{radians(lower_deg)}}" upper="${{radians(upper_deg)}}" effort="${{effort}}"
+             velocity="${{velocity}}"/>
     </joint>
     <link name="${{link}}">
       <xacro:insert_block name="body"/>
@@ -241,7 +250,7 @@ _HEADER = """<?xml version="1.0"?>
     <link name="${{finger}}_tip"/>
   </xacro:macro>
 
-  <!-- Part of the palm: from the knuckle back towards the wrist (-x of the palm), b across the palm, c along its normal. -->
+  <!-- Part of the palm: from the knuckle back towards the wrist (-x of the palm), b across it, c along its normal. -->
   <xacro:macro name="metacarpal" params="finger knuckle a b c">
     <joint name="${{finger}}_metacarpal_joint" type="fixed">
       <parent link="palm"/>

@@ -61,8 +61,8 @@ def parse_xml(content: str | bytes, most: int = MOST_ELEMENTS) -> ElementTree.El
     """The outermost element of a text, or of a file's bytes in the encoding that they declare.
 
     Raises:
-        ValueError: not well-formed, of an unknown encoding, too large or too deep, or with a document type (whose entities
-            could make a small file a huge one, or bring in other files).
+        ValueError: not well-formed, of an unknown encoding, too large or too deep, or with a document type (whose
+            entities could make a small file a huge one, or bring in other files).
     """
     try:
         return ElementTree.fromstring(content, parser=ElementTree.XMLParser(target=_Builder(most)))
@@ -95,15 +95,18 @@ def written(values) -> str:
 
 
 def named(robot, tag: str) -> list[tuple[str, ElementTree.Element]]:
+    """The robot's elements of a kind, with their names."""
     return [(element.get("name", ""), element) for element in robot.findall(tag)]
 
 
 def end_of(joint, tag: str) -> str:
+    """The link of a joint's <parent> or <child>."""
     found = joint.find(tag)
     return "" if found is None else found.get("link", "")
 
 
 def drop(element, *tags: str) -> None:
+    """Remove an element's children of these kinds."""
     for tag in tags:
         for child in element.findall(tag):
             element.remove(child)

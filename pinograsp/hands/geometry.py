@@ -25,7 +25,8 @@ class Shape:
     """A shape that can touch something.
 
     Attributes:
-        link: the link it is fixed to. placement: in the link's frame.
+        link: the link it is fixed to.
+        placement: in the link's frame.
         kind: box, sphere, cylinder, capsule, ellipsoid or mesh.
         size: edges of a box; radius of a sphere; radius and length (of the cylindrical part) of a cylinder or capsule;
             semi-axes of an ellipsoid [m]; scale of a mesh.
@@ -136,7 +137,9 @@ def hulls(geometry: pin.GeometryModel) -> pin.GeometryModel:
     """The same geometry with every mesh replaced by its convex hull; flat ones stay."""
     made = pin.GeometryModel()
     for one in geometry.geometryObjects:
-        hull = pin.GeometryObject(one.name, one.parentJoint, one.parentFrame, one.placement, hull_of(one.geometry) or one.geometry)
+        hull = pin.GeometryObject(
+            one.name, one.parentJoint, one.parentFrame, one.placement, hull_of(one.geometry) or one.geometry
+        )
         hull.meshPath, hull.meshScale = one.meshPath, one.meshScale
         made.addGeometryObject(hull)
     return made
@@ -167,6 +170,7 @@ def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[s
     if filled:
         notes.append(f"no masses given, taken from the geometry at {_DENSITY:g} kg/m^3: {', '.join(filled)}")
     return [
-        name for j, name in enumerate(model.names)
+        name
+        for j, name in enumerate(model.names)
         if j and (moved(j) <= 0 or (name in unweighed and model.inertias[j].mass <= 0))
-    ]  # fmt: skip
+    ]

@@ -159,9 +159,16 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
     palm, chains = find_fingers(source, prepared.joints, prepared.links, solid.__contains__, palm, names)
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
     return HandModel(
-        name=prepared.name, source=source, model=model, geometry=geometry, palm=palm, fingers=fingers, pose=np.eye(4),
-        notes=tuple(notes), description=prepared.text,
-    )  # fmt: skip
+        name=prepared.name,
+        source=source,
+        model=model,
+        geometry=geometry,
+        palm=palm,
+        fingers=fingers,
+        pose=np.eye(4),
+        notes=tuple(notes),
+        description=prepared.text,
+    )
 
 
 def _check_kinematics(source: str, model: pin.Model) -> None:
@@ -174,9 +181,13 @@ def _check_kinematics(source: str, model: pin.Model) -> None:
         places = np.array([placement.translation for placement in data.oMf])
         M = pin.crba(model, data, q)
         if not (np.isfinite(places).all() and np.isfinite(data.J).all() and np.isfinite(M).all()):
-            raise HandNotLoaded(source, "its kinematics are not finite within the joint limits: numbers too large or too small")
+            raise HandNotLoaded(
+                source, "its kinematics are not finite within the joint limits: numbers too large or too small"
+            )
         if np.abs(places).max() > FARTHEST:
-            raise HandNotLoaded(source, f"it reaches farther than {FARTHEST:g} m from its root: expected lengths in metres")
+            raise HandNotLoaded(
+                source, f"it reaches farther than {FARTHEST:g} m from its root: expected lengths in metres"
+            )
 
 
 def _finger(model: pin.Model, name: str, chain) -> Finger:

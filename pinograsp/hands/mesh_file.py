@@ -26,7 +26,8 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Other files that it names (materials, pictures, buffers) are not opened.
 
     Raises:
-        ValueError: why it cannot be used. OSError: it cannot be read.
+        ValueError: why it cannot be used.
+        OSError: it cannot be read.
     """
     import trimesh  # slow to import
 
@@ -50,7 +51,9 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise ValueError(f"expected at most {MOST_TRIANGLES} triangles, got {len(faces)}: simplify the mesh")
     faces = faces.astype(np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError(f"expected faces of vertices 0 to {len(vertices) - 1}, got indices {faces.min()} to {faces.max()}")
+        raise ValueError(
+            f"expected faces of vertices 0 to {len(vertices) - 1}, got indices {faces.min()} to {faces.max()}"
+        )
     if not np.isfinite(vertices).all():
         raise ValueError(f"expected finite vertices, got {np.sum(~np.isfinite(vertices).all(axis=1))} that are not")
     return vertices, faces

@@ -32,8 +32,8 @@ def to_urdf(
     """URDF of an MJCF file, problems and notes.
 
     Equality constraints between two joints become mimic joints where they are linear; force ranges of actuators, and
-    control ranges of motors, become effort limits. With ``root``, only that body and what it carries. Files are included from
-    the folder of ``path`` and those below it, with ``trusted`` from anywhere.
+    control ranges of motors, become effort limits. With ``root``, only that body and what it carries. Files are
+    included from the folder of ``path`` and those below it, with ``trusted`` from anywhere.
 
     Raises:
         HandNotLoaded: there is no worldbody, or no body called ``root``.
@@ -123,8 +123,11 @@ class _Reader:
         name = body.get("name") or f"body {len(self.links) + 1}"
         childclass = body.get("childclass", childclass)
         at = at * self.source.placement({"name": name, **body.attrib})
-        joints = [(child, own, frame) for child, own, frame in self.source.contents(body, childclass)
-                  if child.tag in ("joint", "freejoint")]  # fmt: skip
+        joints = [
+            (child, own, frame)
+            for child, own, frame in self.source.contents(body, childclass)
+            if child.tag in ("joint", "freejoint")
+        ]
         for i, (joint, own, frame) in enumerate(joints):
             given = self.source.attributes(joint, own)
             if joint.tag == "freejoint":

@@ -14,7 +14,8 @@ def couplings_of(
     """Equality constraints between two joints as couplings, where they are linear; problems go to ``source``.
 
     Args:
-        joints: attributes of the hand's joints, by name. bodies: of the hand.
+        joints: attributes of the hand's joints, by name.
+        bodies: of the hand.
     """
     refs = {name: _reference(source, joint) for name, joint in joints.items()}
     couplings: dict[str, Coupling] = {}

@@ -30,7 +30,8 @@ class Source:
 
     Attributes:
         element: its outermost element, included files put in place. folder: of the file.
-        compiler: settings. problems: collected while reading.
+        compiler: settings.
+        problems: collected while reading.
 
     Files are included from the first file's own folder and those below it, unless it is trusted.
     """
@@ -52,6 +53,7 @@ class Source:
 
     @property
     def problems(self) -> list[str]:
+        """What was found wrong so far, each once."""
         return list(self._problems)
 
     def _include(self, element: ElementTree.Element, path: Path, above: tuple[Path, ...]) -> None:
@@ -68,7 +70,9 @@ class Source:
                 self._includes += 1
                 if self._includes > _MOST_INCLUDES or len(above) > _DEEPEST:
                     raise HandNotLoaded(
-                        self.name, f"expected at most {_MOST_INCLUDES} included files, {_DEEPEST} deep: it includes more, or itself"
+                        self.name,
+                        f"expected at most {_MOST_INCLUDES} included files, {_DEEPEST} deep: it includes more, or "
+                        "itself",
                     )
                 name = child.get("file", "")
                 try:
@@ -80,17 +84,22 @@ class Source:
                     continue
                 self._size += sum(1 for _ in included.iter())
                 if self._size > MOST_ELEMENTS:
-                    raise HandNotLoaded(self.name, f"expected at most {MOST_ELEMENTS} elements, with those of included files")
+                    raise HandNotLoaded(
+                        self.name, f"expected at most {MOST_ELEMENTS} elements, with those of included files"
+                    )
                 self._include(included, found, (*above, found))
                 parent[place:place] = list(included)
 
     def _included(self, name: str, path: Path) -> tuple[Path, ElementTree.Element]:
-        """The file that is meant, looked for beside the one that includes it and beside the first, and what it holds."""
+        """The file that is meant, beside the one that includes it or beside the first, and what it holds."""
         found = next((one.resolve() for one in (path.parent / name, self.folder / name) if os.path.isfile(one)), None)
         if found is None:
             raise ValueError("no such file")
         if not (self.trusted or found.is_relative_to(self.folder)):
-            raise ValueError("outside the first file's own folder (symbolic links followed): pass trusted=True if you trust this file")
+            raise ValueError(
+                "outside the first file's own folder (symbolic links followed): pass trusted=True if you trust this "
+                "file"
+            )
         return found, parse_xml(read_bytes(found))
 
     def _read_defaults(self, element, name: str) -> None:
@@ -128,11 +137,13 @@ class Source:
         return _merged(self._defaults[name].get(tag, {}), {**shortcut, **element.attrib})
 
     def problem(self, text: str) -> None:
+        """Note what is wrong, to be raised with everything else."""
         self._problems[text] = None
 
     def numbers(self, attributes: dict[str, str], key: str, default: str, least: int = 1, most: int | None = None):
         """Between ``least`` and ``most`` (default: ``least``) finite numbers of an attribute; the default and a problem
-        where there are others."""
+        where there are others.
+        """
         try:
             values = floats(attributes.get(key, default))
         except ValueError:
@@ -181,6 +192,7 @@ class Source:
         return pin.Quaternion(w, x, y, z).normalized().matrix()
 
     def direction(self, attributes: dict[str, str], vector) -> np.ndarray:
+        """A unit vector (3,), z and a problem where the given one is zero."""
         length = float(np.linalg.norm(vector))
         if length < 1e-12:
             self.problem(f"'{attributes.get('name', '')}': an axis is zero, expected a direction")

@@ -19,7 +19,8 @@ class Finger:
 
     Attributes:
         name: finger name.
-        joints: moving joints, base to tip, coupled ones included. links: the link each joint moves.
+        joints: moving joints, base to tip, coupled ones included.
+        links: the link each joint moves.
         tip: frame at the fingertip (the outermost link fixed beyond the last joint).
         joint_ids: Pinocchio joint indices, one per joint.
         dofs: positions (n,) in q and v of the actuated joints that move the finger; coupled fingers share them.
@@ -56,11 +57,13 @@ class HandModel:
     """A hand placed in the world.
 
     Attributes:
-        name: hand name. source: the file it came from.
+        name: hand name.
+        source: the file it came from.
         model: Pinocchio model; its universe frame is the world o, the palm is fixed in it. q and v are those of the
             actuated joints: joints that follow others are Pinocchio's mimic joints.
         geometry: collision geometry of palm and links.
-        palm: link the fingers start from. fingers: in the order of the description.
+        palm: link the fingers start from.
+        fingers: in the order of the description.
         pose: oMh (4, 4), the hand's root frame in the world.
         notes: what the caller should know (widened limits, coupled joints, missing meshes...).
         description: the URDF text that the model was built from.
@@ -171,7 +174,9 @@ class HandModel:
         """Placements oMf (len(names), 4, 4) of the named frames at ``q`` (n,) [rad]."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, array_of("q", q, (self.n,)))
-        return np.array([data.oMf[self.frame_id(name)].homogeneous for name in items_of("frames", names, str)]).reshape(-1, 4, 4)
+        return np.array([data.oMf[self.frame_id(name)].homogeneous for name in items_of("frames", names, str)]).reshape(
+            -1, 4, 4
+        )
 
     def frame_id(self, name: str) -> int:
         """Pinocchio's index of a frame, of the link where a joint has the same name; unknown names are refused."""
@@ -235,8 +240,10 @@ class HandModel:
         lines = [f"hand {self.name}: {joints}, {fingers} on '{self.palm}', {self.mass:.3f} kg ({self.source})"]
         for finger in self.fingers:
             lines.append(f"  {finger.name}: {1e3 * self.finger_mass(finger.name):.1f} g, tip '{finger.tip}'")
-            lines += [f"    {joint} -> {link}: {self._bounds(j)}"
-                      for joint, link, j in zip(finger.joints, finger.links, finger.joint_ids)]  # fmt: skip
+            lines += [
+                f"    {joint} -> {link}: {self._bounds(j)}"
+                for joint, link, j in zip(finger.joints, finger.links, finger.joint_ids)
+            ]
         on_fingers = {j for finger in self.fingers for j in finger.joint_ids}
         if others := [j for j in range(1, model.njoints) if j not in on_fingers]:
             lines.append("  joints on no finger:")

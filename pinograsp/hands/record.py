@@ -44,8 +44,13 @@ def hand_record(hand: HandModel) -> dict | None:
         "pose": np.asarray(hand.pose).tolist(),
         "notes": [str(note) for note in hand.notes],
         "joints": [
-            {"name": name, "placement": placement.homogeneous.tolist(), "mass": inertia.mass,
-             "lever": inertia.lever.tolist(), "inertia": inertia.inertia.tolist()}
+            {
+                "name": name,
+                "placement": placement.homogeneous.tolist(),
+                "mass": inertia.mass,
+                "lever": inertia.lever.tolist(),
+                "inertia": inertia.inertia.tolist(),
+            }
             for name, placement, inertia in zip(model.names, model.jointPlacements, model.inertias)
         ],
         "limits": {name: np.ravel(getattr(model, name)).tolist() for name in _LIMITS},
@@ -58,7 +63,7 @@ def hand_record(hand: HandModel) -> dict | None:
             {"name": finger.name, "joints": list(finger.joints), "links": list(finger.links), "tip": finger.tip}
             for finger in hand.fingers
         ],
-    }  # fmt: skip
+    }
     try:
         _model(record, _description(record))
     except InvalidInput:  # the model is not the description's
@@ -130,8 +135,10 @@ def _model(record: dict, description: str) -> pin.Model:
         model.names[j] = one["name"]
         model.jointPlacements[j] = _placement(one, where)
         mass = number(f"hand record: {where}mass", one.get("mass"), at_least=0, unit="kg")
-        lever, inertia = (array_of(f"hand record: {where}{key}", one.get(key), shape)
-                          for key, shape in (("lever", (3,)), ("inertia", (3, 3))))  # fmt: skip
+        lever, inertia = (
+            array_of(f"hand record: {where}{key}", one.get(key), shape)
+            for key, shape in (("lever", (3,)), ("inertia", (3, 3)))
+        )
         _near(f"{where}lever", lever)
         if not np.array_equal(inertia, inertia.T):
             raise InvalidInput(f"hand record: {where}inertia: expected a symmetric matrix, got {inertia.tolist()}")
@@ -183,7 +190,8 @@ def _check_names(key: str, built: list[str], given: list) -> None:
     own = [one if one in known else re.sub(r"^\d{4,} ", "", one) for one in built]
     if own != names:
         raise InvalidInput(
-            f"hand record: {key}: expected its description's ({', '.join(own)[:300]}), got {', '.join(names)[:300] or 'none'}"
+            f"hand record: {key}: expected its description's ({', '.join(own)[:300]}), got "
+            f"{', '.join(names)[:300] or 'none'}"
         )
 
 
@@ -196,7 +204,9 @@ def _placement(one: dict, where: str) -> pin.SE3:
 def _near(where: str, lengths) -> None:
     """No robot is larger: beyond it squares and products overflow in the end."""
     if not np.abs(lengths).max() <= FARTHEST:
-        raise InvalidInput(f"hand record: {where}: expected lengths up to {FARTHEST:g} m, got {np.abs(lengths).max():g}")
+        raise InvalidInput(
+            f"hand record: {where}: expected lengths up to {FARTHEST:g} m, got {np.abs(lengths).max():g}"
+        )
 
 
 def _finger(model: pin.Model, links: list[str], i: int, one) -> Finger:
@@ -212,9 +222,14 @@ def _finger(model: pin.Model, links: list[str], i: int, one) -> Finger:
     actuated = {model.joints[j].idx_v: model.names[j] for j in range(1, model.njoints) if model.joints[j].nv}
     dofs = list(dict.fromkeys(model.joints[j].idx_v for j in ids))
     return Finger(
-        name=_field(one, "name", str, where), joints=tuple(joints), links=tuple(moved), tip=tip, joint_ids=ids,
-        dofs=np.array(dofs), actuated=tuple(actuated[d] for d in dofs),
-    )  # fmt: skip
+        name=_field(one, "name", str, where),
+        joints=tuple(joints),
+        links=tuple(moved),
+        tip=tip,
+        joint_ids=ids,
+        dofs=np.array(dofs),
+        actuated=tuple(actuated[d] for d in dofs),
+    )
 
 
 # -- collision geometry ------------------------------------------------------------------------------------------------
@@ -237,18 +252,23 @@ def _shape(one: pin.GeometryObject) -> dict | None:
     else:
         return None
     return {
-        "name": one.name, "joint": int(one.parentJoint), "frame": int(one.parentFrame),
-        "placement": one.placement.homogeneous.tolist(), "kind": kind, "size": [float(value) for value in size],
+        "name": one.name,
+        "joint": int(one.parentJoint),
+        "frame": int(one.parentFrame),
+        "placement": one.placement.homogeneous.tolist(),
+        "kind": kind,
+        "size": [float(value) for value in size],
         "path": path,
-    }  # fmt: skip
+    }
 
 
 def _geometry(source: str, model: pin.Model, shapes: list) -> pin.GeometryModel:
     geometry, problems = pin.GeometryModel(), []
     for i, one in enumerate(shapes):
         where = f"geometry[{i}]: "
-        name, frame, joint = (_field(one, key, kind, where) for key, kind in
-                              (("name", str), ("frame", int), ("joint", int)))  # fmt: skip
+        name, frame, joint = (
+            _field(one, key, kind, where) for key, kind in (("name", str), ("frame", int), ("joint", int))
+        )
         if not 0 <= frame < model.nframes or model.frames[frame].parentJoint != joint:
             raise InvalidInput(f"hand record: {where}expected a frame and its joint, got {frame} and {joint}")
         if geometry.existGeometryName(name):

@@ -39,8 +39,10 @@ def shapes_of(robot, folder: Path, notes: list[str]) -> list[Shape]:
                 continue
             kind, path = element.tag, None
             try:
-                sizes = [numbers(element, key, count, "1 1 1" if key == "scale" else None)
-                         for key, count in _SIZES[kind].items()]  # fmt: skip
+                sizes = [
+                    numbers(element, key, count, "1 1 1" if key == "scale" else None)
+                    for key, count in _SIZES[kind].items()
+                ]
             except ValueError as error:
                 void.append(f"{name} (<{kind}>: {error})")
                 continue

@@ -13,11 +13,18 @@ def record(hand: HandModel) -> dict:
     joints = []
     for i, name in enumerate(hand.joint_names):
         slides = hand.is_prismatic(hand.model.getJointId(name))
-        joints.append({
-            "name": name, "type": "prismatic" if slides else "revolute", "unit": "m" if slides else "rad",
-            "lower": float(hand.lower[i]), "upper": float(hand.upper[i]), "effort_unit": "N" if slides else "N m",
-            "effort": float(hand.effort[i]) or None, "velocity": float(hand.velocity[i]) or None,
-        })  # fmt: skip
+        joints.append(
+            {
+                "name": name,
+                "type": "prismatic" if slides else "revolute",
+                "unit": "m" if slides else "rad",
+                "lower": float(hand.lower[i]),
+                "upper": float(hand.upper[i]),
+                "effort_unit": "N" if slides else "N m",
+                "effort": float(hand.effort[i]) or None,
+                "velocity": float(hand.velocity[i]) or None,
+            }
+        )
     return {
         "name": hand.name,
         "source": hand.source,
@@ -29,12 +36,18 @@ def record(hand: HandModel) -> dict:
             for name, one in hand.couplings.items()
         ],
         "fingers": [
-            {"name": finger.name, "tip": finger.tip, "joints": list(finger.joints), "links": list(finger.links),
-             "actuated": list(finger.actuated), "mass_kg": hand.finger_mass(finger.name)}
+            {
+                "name": finger.name,
+                "tip": finger.tip,
+                "joints": list(finger.joints),
+                "links": list(finger.links),
+                "actuated": list(finger.actuated),
+                "mass_kg": hand.finger_mass(finger.name),
+            }
             for finger in hand.fingers
         ],
         "notes": list(hand.notes),
-    }  # fmt: skip
+    }
 
 
 def overview() -> tuple[list[dict], list[str]]:
@@ -46,11 +59,17 @@ def overview() -> tuple[list[dict], list[str]]:
         except HandNotLoaded as error:  # one that is not there does not hide the others
             problems.append(str(error))
             continue
-        rows.append({
-            "name": name, "title": entry.title, "actuated_joints": hand.n,
-            "moving_joints": hand.n + len(hand.couplings), "mass_kg": round(hand.mass, 6),
-            "fingers": [finger.name for finger in hand.fingers], "effort": _effort_ranges(hand),
-        })  # fmt: skip
+        rows.append(
+            {
+                "name": name,
+                "title": entry.title,
+                "actuated_joints": hand.n,
+                "moving_joints": hand.n + len(hand.couplings),
+                "mass_kg": round(hand.mass, 6),
+                "fingers": [finger.name for finger in hand.fingers],
+                "effort": _effort_ranges(hand),
+            }
+        )
     return rows, problems
 
 
@@ -72,6 +91,11 @@ def cells(row: dict) -> list[str]:
         for unit, (low, high) in row["effort"].items()
     ]
     return [
-        row["name"], row["title"], str(row["actuated_joints"]), str(row["moving_joints"]), f"{row['mass_kg']:.3f}",
-        ", ".join(row["fingers"]), ", ".join(efforts) or "none",
-    ]  # fmt: skip
+        row["name"],
+        row["title"],
+        str(row["actuated_joints"]),
+        str(row["moving_joints"]),
+        f"{row['mass_kg']:.3f}",
+        ", ".join(row["fingers"]),
+        ", ".join(efforts) or "none",
+    ]

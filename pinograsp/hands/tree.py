@@ -45,7 +45,8 @@ def find_fingers(
     """Palm link and, by finger name, the moving joints from palm to fingertip.
 
     Args:
-        source: for errors. joints, links: of the description, one tree.
+        source: for errors.
+        joints, links: of the description, one tree.
         touches: whether a link has geometry that can touch something.
         palm: link the fingers start from; None: the first at which moving chains part.
         names: ``{finger name: a link of its outermost part}``; None: every chain that can touch, named after its links.

@@ -19,7 +19,9 @@ from pinograsp.hands.tree import MOVING, Joint
 from pinograsp.spatial import FARTHEST
 
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_LARGEST = 1e6  # of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end
+_LARGEST = (
+    1e6  # of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end
+)
 _LEAST = 1e-9  # of ranges, limits and directions, far below those of any robot
 # How many numbers an attribute holds and how large each may be, by element.
 _NUMBERS = {
@@ -30,7 +32,8 @@ _NUMBERS = {
     "mimic": {"multiplier": (1, _LARGEST), "offset": (1, _LARGEST)},
     "dynamics": {"damping": (1, _LARGEST), "friction": (1, _LARGEST), "armature": (1, _LARGEST)},
 }
-# Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of its joints.
+# Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of
+# its joints.
 _MOST_LINKS, _MOST_MOVING, _MOST_SHAPES = 2000, 100, 2000
 
 
@@ -39,10 +42,13 @@ class Prepared:
     """A description checked and completed.
 
     Attributes:
-        name: of the hand. text: URDF for Pinocchio, without geometry.
+        name: of the hand.
+        text: URDF for Pinocchio, without geometry.
         aliases: the names of joints in ``text``, by which Pinocchio orders them, and their own.
-        joints, links: of the tree. shapes: what can touch.
-        unweighed: joints that move links without inertia. armatures: inertia of the motors [kg m^2], by actuated joint.
+        joints, links: of the tree.
+        shapes: what can touch.
+        unweighed: joints that move links without inertia.
+        armatures: inertia of the motors [kg m^2], by actuated joint.
         notes: what was changed or left out, for the user.
     """
 
@@ -63,7 +69,9 @@ def prepare(
     """Check and complete a URDF; ``robot`` is changed.
 
     Args:
-        source: what to call it in errors. robot: the URDF. folder: relative mesh paths start there.
+        source: what to call it in errors.
+        robot: the URDF.
+        folder: relative mesh paths start there.
         root: link whose sub-tree is the hand; None: everything.
         problems, notes: found before, to be listed with the others.
 
@@ -88,15 +96,16 @@ def prepare(
     problems += broken + unreadable + joint_problems + mimic_problems + _inertia_problems(robot) + weightless
     if problems:
         raise HandNotLoaded(source, problems)
-    joints = [Joint(name=name, type=joint.get("type"), parent=end_of(joint, "parent"), child=end_of(joint, "child"))
-              for name, joint in named(robot, "joint")]  # fmt: skip
+    joints = [
+        Joint(name=name, type=joint.get("type"), parent=end_of(joint, "parent"), child=end_of(joint, "child"))
+        for name, joint in named(robot, "joint")
+    ]
     order = in_order(joints, couplings)
     couplings, limits = led_from_the_front(order, couplings, narrowed(limits, couplings, notes), notes)
     without = [joint.name for joint in joints if joint.name in limits and not limits[joint.name].effort]
     if without:
         notes.append(f"no effort limit (none given, or 0): {', '.join(without)}")
-    notes += [f"joint {joint.name} follows {couplings[joint.name]}"
-              for joint in joints if joint.name in couplings]  # fmt: skip
+    notes += [f"joint {joint.name} follows {couplings[joint.name]}" for joint in joints if joint.name in couplings]
     prepared = Prepared(name=robot.get("name") or Path(source).stem, joints=joints, notes=notes)
     prepared.links = [name for name, _ in named(robot, "link")]
     prepared.shapes = shapes_of(robot, folder, notes)
@@ -254,8 +263,11 @@ def _limits(robot, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
             continue
         # Nobody means more than _LARGEST: it stands for no limit.
         most = {key: value if 0 < value <= _LARGEST else 0.0 for key, value in most.items()}
-        problems += [f"joint '{name}': {key} limit {value:g} is next to nothing: expected 0 for none, or {_LEAST:g} and more"
-                     for key, value in most.items() if 0 < value < _LEAST]  # fmt: skip
+        problems += [
+            f"joint '{name}': {key} limit {value:g} is next to nothing: expected 0 for none, or {_LEAST:g} and more"
+            for key, value in most.items()
+            if 0 < value < _LEAST
+        ]
         sound = upper - lower >= _LEAST and max(abs(lower), abs(upper)) <= _LARGEST
         if sound:
             limits[name] = Limits(lower=lower, upper=upper, **most)
@@ -388,8 +400,9 @@ def _text(robot, couplings: dict[str, Coupling], limits: dict[str, Limits], alia
         made.extend(part for tag in ("origin", "parent", "child", "axis") if (part := joint.find(tag)) is not None)
         if joint.get("type") in MOVING:
             own = limits.get(name, Limits(lower=-1.0, upper=1.0))  # those of a coupled joint are not used
-            ElementTree.SubElement(made, "limit", {
-                key: repr(getattr(own, key)) for key in ("lower", "upper", "effort", "velocity")})  # fmt: skip
+            ElementTree.SubElement(
+                made, "limit", {key: repr(getattr(own, key)) for key in ("lower", "upper", "effort", "velocity")}
+            )
         if name in couplings:
             one = couplings[name]
             ElementTree.SubElement(

@@ -1,9 +1,10 @@
 """Xacro files, expanded without giving a stranger's file more than arithmetic.
 
-Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes other files, and reads environment variables. Unless the
-caller trusts the file, a copy of xacro is used that can do none of this by itself: wherever it comes upon an expression, a
-``$(...)`` or a file, in whatever text and however late, it asks this module. That evaluates arithmetic (never by Python's ``eval``),
-knows ``$(arg ...)``, and hands out the files of the own folder, which are read and looked through once, before.
+Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes other files, and reads environment
+variables. Unless the caller trusts the file, a copy of xacro is used that can do none of this by itself: wherever it
+comes upon an expression, a ``$(...)`` or a file, in whatever text and however late, it asks this module. That evaluates
+arithmetic (never by Python's ``eval``), knows ``$(arg ...)``, and hands out the files of the own folder, which are read
+and looked through once, before.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ _SUBSTITUTION = re.compile(r"\$\{([^}]*)\}|\$\(([^)]*)\)|(\$)")
 _ARGUMENT = re.compile(r"\s*arg\s+(\w+)\s*")
 # One parameter of a macro: xacro's own pattern takes hours for some.
 _PARAMETER = re.compile(
-    r"""\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{[^}]*\}|\$\([^)]*\)|(?:'[^']*'|"[^"]*"|[^\s'"])+|)(?:\s+|$)(.*)""", re.DOTALL
+    r"""\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{[^}]*\}|\$\([^)]*\)|(?:'[^']*'|"[^"]*"|[^\s'"])+|)(?:\s+|$)(.*)""",
+    re.DOTALL,
 )
 _MOST_FILES, _MOST_WORK, _MOST_TIME = 100, 100_000, 10.0  # files, elements and expressions together, and [s]
 
@@ -37,7 +39,8 @@ def expand_xacro(path: str | Path, mappings: dict[str, object] | None = None, *,
 
     ``mappings`` fills ``<xacro:arg>``. With ``trusted=False`` (default) a file that asks for more than arithmetic and
     includes of its own folder is refused with :class:`HandNotLoaded`, which lists every such place. ``trusted=True``
-    hands the file to xacro as it is: it can then read any file and run any program the user can, so use it for your own files only.
+    hands the file to xacro as it is: it can then read any file and run any program the user can, so use it for your own
+    files only.
     """
     path = Path(path)
     texts = {name: str(value) for name, value in (mappings or {}).items()}
@@ -172,8 +175,11 @@ def _forbidden_text(text: str) -> list[str]:
             except arithmetic.NotArithmetic as error:
                 problems.append(f"expression '${{{expression}}}': only arithmetic is allowed: {error}")
             else:
-                problems += [f"expression '${{{expression}}}': only arithmetic is allowed, not {name}"
-                             for name in arithmetic.names(tree) if name in _beyond_arithmetic()]  # fmt: skip
+                problems += [
+                    f"expression '${{{expression}}}': only arithmetic is allowed, not {name}"
+                    for name in arithmetic.names(tree)
+                    if name in _beyond_arithmetic()
+                ]
     return problems
 
 
@@ -190,8 +196,15 @@ def _beyond_arithmetic() -> frozenset[str]:
 _ONE_AT_A_TIME = threading.Lock()
 # What the copy must have for the guard to be in its way: other versions might evaluate or open elsewhere.
 _REPLACED = (
-    "safe_eval", "eval_extension", "parse", "get_include_files", "parse_macro_arg", "replace_node", "load_yaml", "_global_symbols"
-)  # fmt: skip
+    "safe_eval",
+    "eval_extension",
+    "parse",
+    "get_include_files",
+    "parse_macro_arg",
+    "replace_node",
+    "load_yaml",
+    "_global_symbols",
+)
 _DISABLED = ("eval", "exec", "compile", "open", "glob")
 
 
@@ -202,7 +215,9 @@ def _harmless_xacro():
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     if lacking := [name for name in _REPLACED if name not in vars(module)]:
-        raise RuntimeError(f"this version of xacro cannot be guarded (it has no {', '.join(lacking)}): pass trusted=True, or use 2.x")
+        raise RuntimeError(
+            f"this version of xacro cannot be guarded (it has no {', '.join(lacking)}): pass trusted=True, or use 2.x"
+        )
     guard = module.guard = _Guard(module)
     module.safe_eval, module.eval_extension, module.parse = guard.evaluate, guard.argument, guard.parse
     module.get_include_files, module.parse_macro_arg = guard.included, _parameter

@@ -5,4 +5,13 @@ from pinograsp.motion.online import OnlineForces
 from pinograsp.motion.torques import effort_of, torque_limits
 from pinograsp.motion.trajectory import Motion, MotionSpec, plan_motion
 
-__all__ = ["ContactPostures", "Motion", "MotionSpec", "OnlineForces", "contact_postures", "effort_of", "plan_motion", "torque_limits"]
+__all__ = [
+    "ContactPostures",
+    "Motion",
+    "MotionSpec",
+    "OnlineForces",
+    "contact_postures",
+    "effort_of",
+    "plan_motion",
+    "torque_limits",
+]

@@ -12,8 +12,8 @@ STARTS = ("rest", "paper")
 def approach(times, impact_time: float, start, q, dq, ddq, *, acceleration_at_start: str = "rest"):
     """Joint positions, rates and accelerations (m, n) at ``times`` (m,) [s] in [0, t_I].
 
-    From ``start`` (n,) [rad] at rest to ``q``, ``dq``, ``ddq`` (n,) at ``impact_time``. The acceleration at t = 0 is zero
-    (``"rest"``) or -ddq (``"paper"``, the boundary condition (i) below Eq. 19).
+    From ``start`` (n,) [rad] at rest to ``q``, ``dq``, ``ddq`` (n,) at ``impact_time``. The acceleration at t = 0 is
+    zero (``"rest"``) or -ddq (``"paper"``, the boundary condition (i) below Eq. 19).
     """
     number("impact time", impact_time, above=0, unit="s")
     one_of("acceleration at start", acceleration_at_start, STARTS)

@@ -9,6 +9,7 @@ samples.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -94,7 +95,9 @@ def contact_postures(
     samples = integer("samples", samples, at_least=1, at_most=MOST_SAMPLES)
     reference = {
         name: array_of(f"reference angles of '{name}'", angles, (hand.finger(name).n,))
-        for name, angles in mapping_of("reference", {} if reference is None else reference, "{finger: joint angles}").items()
+        for name, angles in mapping_of(
+            "reference", {} if reference is None else reference, "{finger: joint angles}"
+        ).items()
         if name != PALM
     }
     result = {}
@@ -113,7 +116,7 @@ def contact_postures(
 
 
 def moving_groups(hand: HandModel, contacts: ContactSet) -> list[tuple[Finger, list[int]]]:
-    """Touching fingers with the indices of their contacts; those that share actuators as one. The palm does not move."""
+    """Touching fingers with the indices of their contacts; those that share actuators as one; not the palm."""
     groups: list[tuple[list[Finger], list[int]]] = []
     for i, contact in enumerate(contacts):
         if contact.finger == PALM:
@@ -187,14 +190,20 @@ def _why(hand: HandModel, finger: Finger, contacts: list[Contact]) -> str:
     frames = hand.frame_placements(np.zeros(hand.n), [*finger.joints, finger.tip])
     reach = float(np.linalg.norm(np.diff(frames[:, :3, 3], axis=0), axis=1).sum())
     parts = [
-        f"{c.link} to {(1e3 * c.point_o).round(2).tolist()} mm, {1e3 * np.linalg.norm(c.point_o - base):.1f} mm from its base"
+        f"{c.link} to {(1e3 * c.point_o).round(2).tolist()} mm, {1e3 * np.linalg.norm(c.point_o - base):.1f} "
+        "mm from its base"
         for c in contacts
     ]
-    hint = "too far" if any(np.linalg.norm(c.point_o - base) > reach for c in contacts) else (
-        "no joint angles put the points there: with several contacts all of them must lie in the finger's flexion plane "
-        "and at the contact lengths"
-        if len(contacts) > 1
-        else "outside the workspace of the sampled postures: raise the spread or give another reference"
+    hint = (
+        "too far"
+        if any(np.linalg.norm(c.point_o - base) > reach for c in contacts)
+        else (
+            "no joint angles put the points there: with several contacts all of them must lie in the finger's "
+            "flexion plane "
+            "and at the contact lengths"
+            if len(contacts) > 1
+            else "outside the workspace of the sampled postures: raise the spread or give another reference"
+        )
     )
     return f"{', '.join(parts)}; the finger is {1e3 * reach:.1f} mm long: {hint}"
 
@@ -224,7 +233,7 @@ def _planar_finger(hand: HandModel, finger: Finger) -> _PlanarFinger | None:
         x0=x0,
         z0=z0,
         base=plane[0],
-        links=tuple(b - a for a, b in zip(plane, plane[1:])),
+        links=tuple(b - a for a, b in itertools.pairwise(plane)),
         signs=np.sign(axes[1:] @ flexion),
     )
 
@@ -249,7 +258,9 @@ def _closed_form(hand, finger, planar: _PlanarFinger, contacts, reference, sprea
         if np.abs(offsets @ across).max() > REACHED / 2:
             continue  # the other contact points are not in this flexion plane
         targets = [complex(p @ x1, p @ planar.z0) for p in offsets]
-        for chain, reached in _planar_chain(finger, planar, contacts, targets, reference, spread, samples, lower, upper):
+        for chain, reached in _planar_chain(
+            finger, planar, contacts, targets, reference, spread, samples, lower, upper
+        ):
             q = np.concatenate([[q1], chain])
             points_l = _in_link_frames(hand, finger, contacts, q, reached)
             if points_l is not None:
@@ -374,7 +385,9 @@ def _link_direction(hand: HandModel, finger: Finger, i: int) -> np.ndarray:
         along = hand.model.frames[hand.frame_id(finger.tip)].placement.translation
     length = np.linalg.norm(along)
     if length == 0:
-        raise InvalidInput(f"link '{finger.links[i]}' of finger '{finger.name}' has zero length: no contact can lie on it")
+        raise InvalidInput(
+            f"link '{finger.links[i]}' of finger '{finger.name}' has zero length: no contact can lie on it"
+        )
     return along / length
 
 
@@ -416,7 +429,9 @@ def _numerical(hand: HandModel, finger: Finger, contacts, reference, spread, sam
             U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
             gains = np.divide(sigma, sigma**2 + damping**2, out=np.zeros_like(sigma), where=sigma > 1e-9 * sigma[0])
             step = Vt.T @ (gains * (U.T @ error))
-            q[finger.dofs] = np.clip(q[finger.dofs] + step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-12)), lower, upper)
+            q[finger.dofs] = np.clip(
+                q[finger.dofs] + step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-12)), lower, upper
+            )
         found = q[finger.dofs].copy()
         new = all(np.abs(found - other).max() > 1e-6 for other in angles)
         if np.linalg.norm(error) < REACHED and new:

@@ -37,7 +37,8 @@ class FingerMotion:
         errors: distance of each contact point from its target (m, c) [m]; of a closed grasp its part along the normal.
         slips: what is left of that distance across the normal (m, c) [m]; zero where ``errors`` holds all of it.
         limited: names of joints that were stopped by their limits.
-        surfaces: whether it is the links' surfaces that miss their depths, although the contact points keep to their paths.
+        surfaces: whether it is the links' surfaces that miss their depths, although the contact points keep to their
+            paths.
     """
 
     q: np.ndarray
@@ -71,12 +72,14 @@ def press(
 
     Args:
         hand, finger: the finger that moves.
-        contacts: its contacts, base to tip. points_l: their points (c, 3) in the joints' frames [m].
+        contacts: its contacts, base to tip.
+        points_l: their points (c, 3) in the joints' frames [m].
         start: joint angles (n_f,) at impact [rad].
         profile: penetration; column ``which[i]`` belongs to contact i.
         times: samples (m,) [s] from t_I to t_F, evenly spaced.
-        feedback: correct the position error (closed loop). euler: the plain forward step of Eq. (18).
-            ``feedback=False, euler=True`` is the paper's scheme, kept to show its drift.
+        feedback: correct the position error (closed loop).
+        euler: the plain forward step of Eq. (18). ``feedback=False, euler=True`` is the paper's scheme, kept to show
+            its drift.
         normals_first: all contacts at once, their motion along the normals before the one across: for fingers that have
             fewer joints than their contacts ask for, or whose joints move together.
         deeper: how much deeper than ``profile`` the points go (m, c) [m], to make up for links that turn as they press.
@@ -94,7 +97,9 @@ def press(
     depth, rate = profile.depth(times)[:, which], profile.rate(times)[:, which]
     half_rate = profile.rate(middle)[:, which]
     if deeper is not None:
-        depth, rate, half_rate = depth + deeper, rate + np.gradient(deeper, dt, axis=0), half_rate + np.diff(deeper, axis=0) / dt
+        depth = depth + deeper
+        rate = rate + np.gradient(deeper, dt, axis=0)
+        half_rate = half_rate + np.diff(deeper, axis=0) / dt
     out_q, out_dq = np.empty((m, n)), np.empty((m, n))
     jacobians, errors, slips = np.empty((m, c, 6, n)), np.empty((m, c)), np.zeros((m, c))
     limited: set[int] = set()
@@ -177,7 +182,9 @@ class _Chain:
         return dq, stopped
 
     def along_normals_first(self, J: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-        """Rates that give the contacts (c, 3, n) their speeds along the normals, and with what freedom is left the others."""
+        """Rates that give the contacts (c, 3, n) their speeds along the normals, and with what freedom is left the
+        others.
+        """
         across = velocities - np.einsum("cx,cx->c", velocities, self.normals)[:, None] * self.normals
         normal = np.einsum("cx,cxn->cn", self.normals, J)
         step = _damped_least_squares(normal, np.einsum("cx,cx->c", velocities, self.normals), _BARELY)

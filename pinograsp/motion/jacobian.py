@@ -18,7 +18,7 @@ def point_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: np.nda
 
 
 def contact_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: np.ndarray) -> np.ndarray:
-    """Jacobian (6, n), world axes: linear velocity of a point (3,) fixed in a joint's frame [m], then angular velocity."""
+    """Jacobian (6, n), world axes, of a point (3,) fixed in a joint's frame [m]: linear, then angular velocity."""
     J = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)  # (6,) where nv is 1
     arm = data.oMi[joint].rotation @ point_l
     J[:3] -= skew(arm) @ J[3:]

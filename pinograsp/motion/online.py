@@ -29,21 +29,22 @@ _MOST = 50  # Newton steps of one try; a warm start needs one to five
 class OnlineForces:
     """Forces that hold a changing load, with joint torques: everything is allocated here, :meth:`step` only computes.
 
-    Every tick minimises the sum of squares of normal and tangential forces (a torsional moment counts as the tangential force that
-    uses as much friction) under balance, friction and the limits of F_n, from the last tick's multipliers: a strongly convex
-    problem, so the forces change no more abruptly than the load does. Solved to 1e-11 of the load by Newton's method on the
-    dual (:mod:`pinograsp.forces.kernels`), in a bounded number of steps. What cannot be balanced leaves the least that any
-    forces within the limits leave, to 1e-8 of the load (1e-6 with torque limits), by a bound that proves it. Where a joint would bear
-    more than its limit the tick is solved again by interior points, with rows for the joints: a tenth of a millisecond more for a
-    dozen contacts, half of one where the load cannot be held. Where no forces at all keep the joints within their limits, these
-    do not count.
+    Every tick minimises the sum of squares of normal and tangential forces (a torsional moment counts as the tangential
+    force that uses as much friction) under balance, friction and the limits of F_n, from the last tick's multipliers: a
+    strongly convex problem, so the forces change no more abruptly than the load does. Solved to 1e-11 of the load by
+    Newton's method on the dual (:mod:`pinograsp.forces.kernels`), in a bounded number of steps. What cannot be balanced
+    leaves the least that any forces within the limits leave, to 1e-8 of the load (1e-6 with torque limits), by a bound
+    that proves it. Where a joint would bear more than its limit the tick is solved again by interior points, with rows
+    for the joints: a tenth of a millisecond more for a dozen contacts, half of one where the load cannot be held. Where
+    no forces at all keep the joints within their limits, these do not count.
 
     Attributes:
-        forces: (k, 3) in the contacts' axes [N]. moments: about the normals (k,) [N m]. torques: (n,) [N m], empty without a hand.
+        forces: (k, 3) in the contacts' axes [N]. moments: about the normals (k,) [N m]. torques: (n,) [N m], empty
+            without a hand.
         unbalanced: wrench (6,) that the contacts leave, about the centre of mass [N, N m].
-        status: ``OK``; ``INFEASIBLE``: no forces within the limits of this tick, its rates and ramps included, balance the load, and
-            none leave less (least squares; moments over the problem's moment length); ``INACCURATE``: neither is proven within
-            the steps allowed, these are the closest that were found.
+        status: ``OK``; ``INFEASIBLE``: no forces within the limits of this tick, its rates and ramps included, balance
+            the load, and none leave less (least squares; moments over the problem's moment length); ``INACCURATE``:
+            neither is proven within the steps allowed, these are the closest that were found.
         steps: Newton steps of the last tick. names: the contacts.
 
     The arrays are overwritten by the next step: copy what must stay.
@@ -64,23 +65,29 @@ class OnlineForces:
         """Built once from a grasp; compiles on the way what is not compiled yet.
 
         Args:
-            problem: contacts, friction (a cone, soft fingers or a 4-edge pyramid), balance, gravity, and the limits of its
-                ``torques``, which hold at the posture of the tick. Its load is not used.
-            hand: whose torques are wanted; None: forces alone. q: its posture (n,) [rad]; default: the contacts' own.
-            normal_forces: least and largest F_n [N], numbers or (k,); default: up to what the problem's largest depth and its
-                ``max_normal_force`` allow, from the least force of its range of impact times.
-            max_rate: largest |dF_n/dt| [N/s]; None: any. ramp: how long a contact that is gained or lost takes [s].
-            period: of the loop [s]. max_steps: Newton steps of one try.
+            problem: contacts, friction (a cone, soft fingers or a 4-edge pyramid), balance, gravity, and the limits of
+                its ``torques``, which hold at the posture of the tick. Its load is not used.
+            hand: whose torques are wanted; None: forces alone.
+            q: its posture (n,) [rad]; default: the contacts' own.
+            normal_forces: least and largest F_n [N], numbers or (k,); default: up to what the problem's largest depth
+                and its ``max_normal_force`` allow, from the least force of its range of impact times.
+            max_rate: largest |dF_n/dt| [N/s]; None: any.
+            ramp: how long a contact that is gained or lost takes [s].
+            period: of the loop [s].
+            max_steps: Newton steps of one try.
 
         Raises:
-            InvalidInput: what cannot be used, with the reason. ExtraMissing: numba (extra ``fast``) is not installed.
+            InvalidInput: what cannot be used, with the reason.
+            ExtraMissing: numba (extra ``fast``) is not installed.
         """
         kernels = compiled_solvers()
         instance_of("problem", problem, ForceProblem)
         instance_of("hand", hand, HandModel, type(None))
         friction, k = problem.friction, problem.k
         if not friction.separates:
-            raise InvalidInput(f"OnlineForces: expected a cone, soft fingers or 4 edges, got a pyramid with {friction.edges}")
+            raise InvalidInput(
+                f"OnlineForces: expected a cone, soft fingers or 4 edges, got a pyramid with {friction.edges}"
+            )
         if problem.torques is not None and (hand is None or len(problem.torques.limit) != hand.n):
             raise InvalidInput("OnlineForces: torque limits need the hand whose joints they are for: give hand=...")
         self.problem, self.hand, self.names = problem, hand, problem.contacts.names
@@ -89,7 +96,16 @@ class OnlineForces:
         self._rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
         n = 0 if hand is None else hand.n
         parts = kernels.online_memory(friction.d, k, n)
-        self._memory, self._settings, self._load, self._frames, self._limits, self._torque_limit, self._out, self._state = parts
+        (
+            self._memory,
+            self._settings,
+            self._load,
+            self._frames,
+            self._limits,
+            self._torque_limit,
+            self._out,
+            self._state,
+        ) = parts
         self.forces, self.moments = self._out[: 3 * k].reshape(k, 3), self._out[3 * k : 4 * k]
         self.unbalanced, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
         self.status, self.steps, self._started = Status.OK, 0, False
@@ -100,12 +116,24 @@ class OnlineForces:
         self._limits[:2] = self._range(normal_forces)
         steps = integer("most steps", max_steps, at_least=1, at_most=10_000)
         self._settings[:] = (
-            problem.rows, friction.round_dimensions, friction.torsion, problem.moment_length, friction.safety, steps, np.inf,
-            min(1.0, self.period / ramp) if ramp else 1.0, *self._com, k,
-        )  # fmt: skip
+            problem.rows,
+            friction.round_dimensions,
+            friction.torsion,
+            problem.moment_length,
+            friction.safety,
+            steps,
+            np.inf,
+            min(1.0, self.period / ramp) if ramp else 1.0,
+            *self._com,
+            k,
+        )
         self._chains = np.zeros(1, dtype=np.int64)
         self._jacobian, self._gravity = np.zeros(0), np.zeros(0)
-        self._codes = {kernels.CONVERGED: Status.OK, kernels.INFEASIBLE: Status.INFEASIBLE, kernels.STALLED: Status.INACCURATE}
+        self._codes = {
+            kernels.CONVERGED: Status.OK,
+            kernels.INFEASIBLE: Status.INFEASIBLE,
+            kernels.STALLED: Status.INACCURATE,
+        }
         if hand is not None:
             self._attach(hand, q)
         elif q is not None:
@@ -125,7 +153,8 @@ class OnlineForces:
     def _range(self, given) -> np.ndarray:
         problem = self.problem
         if given is None:
-            # A loop holds, however the impact was: of the limits of Eqs. (13) the depth alone counts, which the material bears.
+            # A loop holds, however the impact was: of the limits of Eqs. (13) the depth alone counts, which the
+            # material bears.
             low, _ = problem.normal_force_range(problem.impact_time_range[1])
             high = np.full(problem.k, float(problem.compliance.normal_force(problem.max_depth)))
             high = high if problem.max_normal_force is None else np.minimum(high, problem.max_normal_force)
@@ -134,11 +163,13 @@ class OnlineForces:
             low, high = given
         except (TypeError, ValueError):
             raise InvalidInput(f"normal forces: expected (least, largest) [N], got {shown(given)}") from None
-        both = np.array([
-            each_of(f"{name} normal forces", value, problem.k) for name, value in (("least", low), ("largest", high))
-        ])  # fmt: skip
+        both = np.array(
+            [each_of(f"{name} normal forces", value, problem.k) for name, value in (("least", low), ("largest", high))]
+        )
         if np.any(both[0] < 0) or np.any(both[0] > both[1]):
-            raise InvalidInput(f"normal forces: expected 0 <= least <= largest [N], got {both[0].tolist()} and {both[1].tolist()}")
+            raise InvalidInput(
+                f"normal forces: expected 0 <= least <= largest [N], got {both[0].tolist()} and {both[1].tolist()}"
+            )
         return both
 
     def _attach(self, hand: HandModel, q) -> None:
@@ -203,7 +234,9 @@ class OnlineForces:
         self._frames[:, 3:12] = np.reshape(rotations, (-1, 9))
 
     def engage(self, contact: str | int, touches: bool = True) -> None:
-        """A contact (name or number) is gained or lost: the limits of its force go there in the time of ``ramp``, without a jump."""
+        """A contact (name or number) is gained or lost: the limits of its force go there in the time of ``ramp``,
+        without a jump.
+        """
         if isinstance(contact, str):
             contact = self.names.index(one_of("contact", contact, self.names))
         contact = integer("contact", contact, at_least=-len(self.names), at_most=len(self.names) - 1)
@@ -220,11 +253,13 @@ class OnlineForces:
 
         Args:
             wrench: external wrench on the object (6,), linear first, about the centre of mass, world axes [N, N m].
-            q: the hand's posture (n,) [rad]; default: the last. poses: contact frames (k, 4, 4) in the world, z the inward
-                normal; default: the last. mu: friction coefficients (k,) or one; default: the last.
+            q: the hand's posture (n,) [rad]; default: the last.
+            poses: contact frames (k, 4, 4) in the world, z the inward normal; default: the last.
+            mu: friction coefficients (k,) or one; default: the last.
 
         Raises:
-            InvalidInput: shapes that do not fit, a number that is not finite or absurdly large, mu < 0; nothing has changed then.
+            InvalidInput: shapes that do not fit, a number that is not finite or absurdly large, mu < 0; nothing has
+                changed then.
         """
         wrench = _checked("wrench", wrench, (6,), _HUGE)
         if q is not None or poses is not None or mu is not None:

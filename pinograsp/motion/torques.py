@@ -43,19 +43,23 @@ def effort_of(hand: HandModel, torque_limit=None) -> np.ndarray:
     """Largest |torque| per joint (n,) [N m] that a ``torque_limit`` means; infinity: not limited.
 
     Args:
-        torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, where a joint has one; None: these as well, or
-            nothing where no joint has one.
+        torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, where a joint has one; None: these
+            as well, or nothing where no joint has one.
     """
     if isinstance(torque_limit, str):
         one_of("torque limit", torque_limit, ("effort",))
         if not np.any(hand.effort > 0):
-            raise InvalidInput(f"effort limits: no joint of hand '{hand.name}' has one: give limit= or torque_limit= in N m")
+            raise InvalidInput(
+                f"effort limits: no joint of hand '{hand.name}' has one: give limit= or torque_limit= in N m"
+            )
     if torque_limit is None or isinstance(torque_limit, str):
         return hand.effort_or_infinity
     limit = np.array(floats_of("torque limit", torque_limit))
     limit = np.full(hand.n, limit) if limit.ndim == 0 else limit
     if limit.shape != (hand.n,) or not np.all(limit > 0):
-        raise InvalidInput(f"torque limit: expected one number > 0 or {hand.n} [N m], or 'effort', got {shown(torque_limit)}")
+        raise InvalidInput(
+            f"torque limit: expected one number > 0 or {hand.n} [N m], or 'effort', got {shown(torque_limit)}"
+        )
     return limit
 
 
@@ -68,10 +72,10 @@ def torque_limits(
 
     Args:
         hand, contacts, q: the posture at which the contacts' links touch the object.
-        depth: penetration of the contact points along their normals at ``q`` [m], one or (k,): at t_F the links have gone
-            that far (``solution.profile.final_depth``).
-        limit: largest |torque| per joint (n,) [N m] (a number applies to all), or ``"effort"``, the default: the hand's own effort
-            limits; joints without one are not limited.
+        depth: penetration of the contact points along their normals at ``q`` [m], one or (k,): at t_F the links have
+            gone that far (``solution.profile.final_depth``).
+        limit: largest |torque| per joint (n,) [N m] (a number applies to all), or ``"effort"``, the default: the hand's
+            own effort limits; joints without one are not limited.
         gravity_o: gravity (3,) [m/s^2].
 
     Raises:

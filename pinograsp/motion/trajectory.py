@@ -39,7 +39,8 @@ class MotionSpec:
         posture: ``{finger: joint angles at contact}`` [rad], around which redundant joints are sampled; a finger that
             does not touch moves there on a path of its own. Missing fingers: see ``contact_postures``, or they stay.
         start: ``{finger: joint angles at t = 0}`` [rad]; default all 0.
-        spread: half-width of the sampling [rad]. samples: number of samples.
+        spread: half-width of the sampling [rad].
+        samples: number of samples.
         time_step: largest step between samples [s].
         acceleration_at_start: ``"rest"`` (ddq = 0) or ``"paper"`` (ddq = -ddq at impact).
     """
@@ -68,15 +69,20 @@ class Motion:
     """Joint trajectory and torques from t = 0 to t_F.
 
     Attributes:
-        status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``. remedy: what causes that, and what to do, empty for ``OK``.
+        status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``.
+        remedy: what causes that, and what to do, empty for ``OK``.
         notes: position and effort limits met or exceeded, by joint.
         times: (m,) [s]; sample ``impact`` is t_I, the last of the approach and the first of the grasp phase.
-        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2]. torques: (m, n) [N m]; holding_torques: (n,), those that hold still after t_F.
+        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2].
+        torques: (m, n) [N m];
+        holding_torques: (n,), those that hold still after t_F.
         forces_o: contact forces on the object (m, k, 3), world axes [N].
         contact_velocities: velocities of the contact points J dq (m, k, 3) [m/s], zero before the impact.
-        tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the normal.
+        tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the
+            normal.
         slip: largest distance across the normal, of a closed grasp whose joints cannot follow it (k,) [m].
-        postures: number of contact-phase postures tried per finger. peak_torque: infinity norm of ``torques`` [N m].
+        postures: number of contact-phase postures tried per finger.
+        peak_torque: infinity norm of ``torques`` [N m].
     """
 
     status: Status
@@ -100,7 +106,8 @@ class Motion:
 
 
 def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: MotionSpec | None = None) -> Motion:
-    """Joint motion and torques that carry out ``solution``; of robust forces the squeeze, under ``solution.under()``'s load.
+    """Joint motion and torques that carry out ``solution``; of robust forces the squeeze, under ``solution.under()``'s
+    load.
 
     Every contact-phase posture of every finger is taken through grasp and approach phase; per finger the one with the
     least infinity norm of its torques over both phases is kept (the palm is fixed, so fingers do not disturb each
@@ -156,7 +163,9 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
             ]
         paths = [_with_approach(c, before, start[finger.dofs], spec) for c in candidates]
         if closed:
-            paths = [_gentler(hand, finger, c, p, before, start[finger.dofs], spec, notes) for c, p in zip(candidates, paths)]
+            paths = [
+                _gentler(hand, finger, c, p, before, start[finger.dofs], spec, notes) for c, p in zip(candidates, paths)
+            ]
         torques = [contact_torques(c.jacobians, wrenches_o[:, which]) for c in candidates]
         peaks = _peak_torques(hand, finger.dofs, paths, torques, start, impact, gravity_o)
         chosen = _choose(hand, finger, candidates, paths, peaks)
@@ -166,8 +175,11 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
         velocities[impact:, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
         tracking[which], slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
         outside = _outside_limits(hand, finger, path[0])
-        stopped = [f"{joint} was stopped by its limit at {_limit_met(hand, joint, motion.q[-1, i])} in the grasp phase"
-                   for i, joint in enumerate(finger.actuated) if joint in motion.limited]  # fmt: skip
+        stopped = [
+            f"{joint} was stopped by its limit at {_limit_met(hand, joint, motion.q[-1, i])} in the grasp phase"
+            for i, joint in enumerate(finger.actuated)
+            if joint in motion.limited
+        ]
         notes += stopped
         notes += [
             f"{joint} leaves its limits by {_displacement(hand, joint, by)} in the approach" for joint, by in outside
@@ -233,13 +245,17 @@ def _why_off_path(finger, contacts, motion: FingerMotion, stopped: list[str], cl
     if finger.n < asked:
         coupled = f" (the others of its {len(finger.joints)} follow)" if finger.coupled else ""
         return (
-            f"{moves}, and it has no more actuated joints than {', '.join(finger.actuated)}{coupled}: the motion is the closest there is; "
+            f"{moves}, and it has no more actuated joints than {', '.join(finger.actuated)}{coupled}: the motion "
+            "is the closest there is; "
             "for more, plan fewer contacts on it, or forces that press them alike"
         )
     if ways < asked:
         return f"{moves}, and its joints, as they stand at impact, can give {ways}: take another contact posture"
     if motion.surfaces:
-        return f"{missed}: an edge or another place of its link is in the way: place the hand otherwise, or press less deep (max_depth)"
+        return (
+            f"{missed}: an edge or another place of its link is in the way: place the hand otherwise, or "
+            "press less deep (max_depth)"
+        )
     return f"{missed}: its joints could follow: use a smaller time step than {step:g} s"
 
 
@@ -256,7 +272,9 @@ def _displacement(hand, joint: str, value: float) -> str:
 
 
 def _press_surfaces(hand, finger, own, found, contacts, object, profile, which, times) -> FingerMotion:
-    """The grasp phase of a closed finger: its surface, not the point that touched first, goes as deep as ``profile`` says."""
+    """The grasp phase of a closed finger: its surface, not the point that touched first, goes as deep as ``profile``
+    says.
+    """
     angles, points = found.angles[0], found.points_l[0]
     deeper = np.zeros((times.size, len(which)))
     knots = np.unique(np.linspace(0, times.size - 1, _KNOTS).astype(int))

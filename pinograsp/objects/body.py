@@ -21,8 +21,9 @@ class Body:
     """A homogeneous solid; its body frame b sits at the centre of mass.
 
     Attributes:
-        mass: [kg]. density: [kg/m^3]. Give one of the two; the other follows. Both are accepted where they agree, so
-            records can be copied; to copy one with another size, set what is not to be kept to None.
+        mass: [kg].
+        density: [kg/m^3]. Give one of the two; the other follows. Both are accepted where they agree, so records can be
+            copied; to copy one with another size, set what is not to be kept to None.
         pose: oMb (4, 4), the body frame in the world [m].
     """
 
@@ -91,8 +92,8 @@ class Body:
         """Nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].
 
         The distance is negative inside. Beyond an edge, a rim or a corner the nearest point lies on it and the normal
-        points at it; on one (within 1e-9 m, so that rounding does not decide) it is the mean of the faces' that meet there. Inside,
-        where neighbouring faces are equally near, one of them is taken.
+        points at it; on one (within 1e-9 m, so that rounding does not decide) it is the mean of the faces' that meet
+        there. Inside, where neighbouring faces are equally near, one of them is taken.
 
         Raises:
             InvalidInput: a point without a nearest surface point, within 1e-9 m of a centre, an axis or a mid-plane,

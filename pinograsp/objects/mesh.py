@@ -56,13 +56,20 @@ class Mesh(Body):
 
     @classmethod
     def load(
-        cls, path, *, scale: float = 1.0, mass: float | None = None, density: float | None = None, convex: bool = False,
+        cls,
+        path,
+        *,
+        scale: float = 1.0,
+        mass: float | None = None,
+        density: float | None = None,
+        convex: bool = False,
         pose=None,
-    ) -> Mesh:  # fmt: skip
+    ) -> Mesh:
         """The mesh in a file: STL, OBJ, PLY, GLB, OFF or DAE; the parts of a scene make one solid.
 
         Args:
-            path: the file. scale: metres per unit of the file (0.001 for millimetres).
+            path: the file.
+            scale: metres per unit of the file (0.001 for millimetres).
             mass, density, convex, pose: see the class.
 
         Raises:

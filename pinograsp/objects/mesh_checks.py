@@ -65,7 +65,9 @@ def _merged(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
         )
     vertices = _numbers("mesh vertices", vertices)
     if np.abs(vertices).max() > FARTHEST:
-        raise InvalidInput(f"mesh: expected vertices within {FARTHEST:g} m, got one more than {FARTHEST:g} m off: are the units right?")
+        raise InvalidInput(
+            f"mesh: expected vertices within {FARTHEST:g} m, got one more than {FARTHEST:g} m off: are the units right?"
+        )
     indices = _numbers("mesh faces", faces)
     faces = indices.astype(np.int64)
     if np.any(faces != indices) or faces.min() < 0 or faces.max() >= len(vertices):

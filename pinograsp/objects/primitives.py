@@ -68,7 +68,8 @@ class Cylinder(Body):
     """A solid cylinder about its body z axis.
 
     Attributes:
-        radius: [m]. height: [m].
+        radius: [m].
+        height: [m].
         mass, density, pose: see :class:`~pinograsp.objects.body.Body`; the body frame is half-way up.
     """
 
@@ -148,7 +149,8 @@ class Capsule(Body):
     """A solid cylinder about its body z axis with a half-sphere on each end.
 
     Attributes:
-        radius: [m]. length: of the cylindrical part, between the centres of the half-spheres [m].
+        radius: [m].
+        length: of the cylindrical part, between the centres of the half-spheres [m].
         mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
     """
 
@@ -258,7 +260,9 @@ class Box(Body):
         outward = np.where(inside[:, None], face, gap / np.where(inside, 1.0, distance)[:, None])
         here = np.abs(beyond) <= NO_DIRECTION
         at_edge = (here.sum(axis=1) > 1) & (beyond <= NO_DIRECTION).all(axis=1)
-        outward[at_edge] = (here * np.where(local < 0, -1.0, 1.0))[at_edge] / np.sqrt(here[at_edge].sum(axis=1))[:, None]
+        outward[at_edge] = (here * np.where(local < 0, -1.0, 1.0))[at_edge] / np.sqrt(here[at_edge].sum(axis=1))[
+            :, None
+        ]
         surface = np.clip(local, -half, half)
         surface[each[inside], axis[inside]] = (face * half)[inside, axis[inside]]
         return surface, outward, distance

@@ -56,7 +56,9 @@ def object_from(spec: str) -> Body:
     for part in re.split(r",(?=\s*\w+\s*=)", rest) if rest.strip() else []:
         name, equals, text = (piece.strip() for piece in part.partition("="))
         if not equals:
-            raise InvalidInput(f"object {shown(spec)}: expected field=value, got {shown(part)}; fields: {', '.join(fields)}")
+            raise InvalidInput(
+                f"object {shown(spec)}: expected field=value, got {shown(part)}; fields: {', '.join(fields)}"
+            )
         read, wanted = fields[one_of(f"field of {shape.strip()}", name, fields)]
         if name in values:
             raise InvalidInput(f"object {shown(spec)}: expected each field once, got {name} twice")

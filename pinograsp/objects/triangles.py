@@ -100,7 +100,9 @@ class TriangleSurface:
         apart = (feature > 0) & (np.abs(distance) > NO_DIRECTION)
         # Rounding must not decide whether a point on an edge is taken for one on a face beside it.
         touching = np.abs(distance) <= NO_DIRECTION
-        mean[touching] = self._feature_normals[face[touching], _feature_at(surface[touching], self.corners[face[touching]])]
+        mean[touching] = self._feature_normals[
+            face[touching], _feature_at(surface[touching], self.corners[face[touching]])
+        ]
         outward = np.where(apart[:, None], offset / np.where(apart, distance, 1.0)[:, None], mean)
         return surface, outward, distance, opposite
 

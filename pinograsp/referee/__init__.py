@@ -10,6 +10,17 @@ from pinograsp.referee.simulation import Simulation, Verdict
 from pinograsp.referee.thresholds import LoadThreshold, SlipThreshold, load_threshold, slip_threshold
 
 __all__ = [
-    "Disturbance", "Errors", "LoadThreshold", "MonteCarlo", "Push", "Servo", "Simulation", "SlipThreshold", "Verdict",
-    "load_threshold", "monte_carlo", "simulate", "slip_threshold",
-]  # fmt: skip
+    "Disturbance",
+    "Errors",
+    "LoadThreshold",
+    "MonteCarlo",
+    "Push",
+    "Servo",
+    "Simulation",
+    "SlipThreshold",
+    "Verdict",
+    "load_threshold",
+    "monte_carlo",
+    "simulate",
+    "slip_threshold",
+]

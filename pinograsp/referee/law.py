@@ -1,14 +1,15 @@
-"""The contact law, written down again: normal force by Marhefka and Orin, friction by a spring that slips (Cundall and Strack).
+"""The contact law, written down again: normal force by Marhefka and Orin, friction by a spring that slips (Cundall and
+Strack).
 
-For one part of the hand on the object, at points i with normals n_i into the object, depths delta_i and velocities v_i of the
-hand's relative to the object's surface,
+For one part of the hand on the object, at points i with normals n_i into the object, depths delta_i and velocities v_i
+of the hand's relative to the object's surface,
 
     F_i = w_i max(0, (lambda v_i . n_i + K) delta_i^rho),
 
-where the weights w_i share among the points that a physics engine finds what the plan counts as one contact or more. The part's
-tangential spring has a displacement z and a turn phi about the normal; each point is held by kt w_i (z + phi n x (p_i - c)),
-no more than mu F_i, and what is beyond has slipped: z and phi are those of the forces that are left. A soft finger's
-moment about the normal has the same turn for its spring, and the limit e F.
+where the weights w_i share among the points that a physics engine finds what the plan counts as one contact or more.
+The part's tangential spring has a displacement z and a turn phi about the normal; each point is held by kt w_i (z + phi
+n x (p_i - c)), no more than mu F_i, and what is beyond has slipped: z and phi are those of the forces that are left. A
+soft finger's moment about the normal has the same turn for its spring, and the limit e F.
 """
 
 from __future__ import annotations
@@ -25,10 +26,13 @@ class Touches:
     """Where parts of the hand are in the object at an instant, c points.
 
     Attributes:
-        part: which part of the hand (c,). geometry: which of its bodies (c,). point_o: on the object's surface, world (c, 3) [m].
+        part: which part of the hand (c,).
+        geometry: which of its bodies (c,).
+        point_o: on the object's surface, world (c, 3) [m].
         normal_o: into the object (c, 3).
-        depth: (c,) [m]. velocity_o: of the hand's surface relative to the object's (c, 3) [m/s]. spin: relative angular
-            velocity about the normal (c,) [rad/s].
+        depth: (c,) [m].
+        velocity_o: of the hand's surface relative to the object's (c, 3) [m/s].
+        spin: relative angular velocity about the normal (c,) [rad/s].
     """
 
     part: np.ndarray
@@ -49,7 +53,9 @@ class Pressing:
     """Forces on the object at the points of :class:`Touches`.
 
     Attributes:
-        force_o: (c, 3) [N]. moment_o: about the normals (c, 3) [N m]. normal: F_n (c,) [N].
+        force_o: (c, 3) [N].
+        moment_o: about the normals (c, 3) [N m].
+        normal: F_n (c,) [N].
     """
 
     force_o: np.ndarray
@@ -61,7 +67,8 @@ class ContactLaw:
     """Normal and tangential forces, with the tangential springs' state and the energy they hold or have lost.
 
     Attributes:
-        elastic: energy held by the normal and tangential springs [J]. damped: lost in lambda [J]. slipped: lost in slip [J].
+        elastic: energy held by the normal and tangential springs [J]. damped: lost in lambda [J]. slipped: lost in
+            slip [J].
         normal_work: integral of F_n over the depth [J]. slip: path of slip by part (p,) [m].
     """
 
@@ -147,7 +154,9 @@ class ContactLaw:
 
         pressed = share * self.K * raised
         springs = 0.5 * float(self.kt * counts @ _dot(left, left) + stiff @ (turned * turned))
-        self._account(here, (normal_of, normal_of - of @ pressed, pulled, around), (weights @ rate, across, spin), springs, dt)
+        self._account(
+            here, (normal_of, normal_of - of @ pressed, pulled, around), (weights @ rate, across, spin), springs, dt
+        )
         self.elastic = float(pressed @ depth) / (self.rho + 1) + springs
         moment = (twist[which] * normal / np.maximum(normal_of[which], 1e-300))[:, None] * n
         return Pressing(normal[:, None] * n + tangential, moment, normal)

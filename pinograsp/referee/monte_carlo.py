@@ -113,11 +113,14 @@ class MonteCarlo:
     """What came of random errors.
 
     Attributes:
-        errors: their sizes. count: trials asked for, of each error and of all together. seed: of the random numbers.
+        errors: their sizes.
+        count: trials asked for, of each error and of all together.
+        seed: of the random numbers.
         held: by error, and ``"together"``.
         rows: the trials: ``error``, ``trial``, ``drawn`` (position [m], rotation [rad], friction: factor or mu, mass:
             factor, posture [rad or m], push [N]), ``held``, ``drift_m`` (None: the simulation diverged), ``reason``.
-        settings: of the simulations. interrupted: whether it was stopped (Ctrl-C): the rows are those until then.
+        settings: of the simulations.
+        interrupted: whether it was stopped (Ctrl-C): the rows are those until then.
         elapsed: [s].
     """
 
@@ -203,10 +206,12 @@ def monte_carlo(
 
     Args:
         plan: as for :func:`~pinograsp.referee.simulate`.
-        count: trials of each. seed: of the random numbers; the result does not depend on ``jobs``, nor an error's
-            numbers on which others are switched on.
+        count: trials of each.
+        seed: of the random numbers; the result does not depend on ``jobs``, nor an error's numbers on which others are
+            switched on.
         errors: their sizes, default :class:`Errors`.
-        jobs: processes (joblib); -1: all cores. progress: bar on stderr: None (on a terminal), True or False.
+        jobs: processes (joblib); -1: all cores.
+        progress: bar on stderr: None (on a terminal), True or False.
         folder: rows go into ``monte_carlo.jsonl`` there as they come, and those found there, of the same plan and
             settings, are not simulated again (``count`` may differ).
         **settings: of :func:`~pinograsp.referee.simulate`.
@@ -239,19 +244,29 @@ def monte_carlo(
     todo = [key for key in wanted if key not in log.rows]
     interrupted = False
     bar = tqdm(
-        total=len(wanted), initial=len(wanted) - len(todo), desc="Monte Carlo", unit="trial",
-        disable=None if progress is None else not progress, leave=False,
-    )  # fmt: skip
+        total=len(wanted),
+        initial=len(wanted) - len(todo),
+        desc="Monte Carlo",
+        unit="trial",
+        disable=None if progress is None else not progress,
+        leave=False,
+    )
     with log, bar, handed_over(task, settings, jobs) as case, interrupts_kept() as interrupt:
         trials = ((case, *_drawn(task, errors, seed, name, trial), name, trial) for name, trial in todo)
         try:
             # As they come, so that an interruption loses none that is done.
             with parallel_results(_try, trials, jobs, return_as="generator_unordered") as results:
                 for name, trial, drawn, outcome in results:
-                    log.add({
-                        "error": name, "trial": trial, "drawn": drawn, "held": outcome.held, "drift_m": outcome.drift,
-                        "reason": outcome.reason,
-                    })  # fmt: skip
+                    log.add(
+                        {
+                            "error": name,
+                            "trial": trial,
+                            "drawn": drawn,
+                            "held": outcome.held,
+                            "drift_m": outcome.drift,
+                            "reason": outcome.reason,
+                        }
+                    )
                     bar.update()
                     interrupt()
         except KeyboardInterrupt:
@@ -262,9 +277,15 @@ def monte_carlo(
         own = [row["held"] for row in rows if row["error"] == name]
         held[name] = Held(trials=len(own), held=sum(own))
     return MonteCarlo(
-        errors=errors, count=count, seed=seed, held=held, rows=rows, settings=told, interrupted=interrupted,
+        errors=errors,
+        count=count,
+        seed=seed,
+        held=held,
+        rows=rows,
+        settings=told,
+        interrupted=interrupted,
         elapsed=time.perf_counter() - started,
-    )  # fmt: skip
+    )
 
 
 def _try(

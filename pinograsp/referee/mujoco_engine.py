@@ -9,7 +9,8 @@ import pinocchio as pin
 from pinograsp.referee.law import NO_TOUCHES, Pressing, Touches, cross
 from pinograsp.referee.scene import build
 
-# MuJoCo would print that a state is unstable, and write MUJOCO_LOG.TXT into the working folder; the simulation tells it by itself.
+# MuJoCo would print that a state is unstable, and write MUJOCO_LOG.TXT into the working folder; the simulation tells it
+# by itself.
 if mujoco.get_mju_user_warning() is None:
     mujoco.set_mju_user_warning(lambda text: None)
 
@@ -26,9 +27,14 @@ class MujocoEngine:
         hand = task.hand
         flat = len(set(task.links)) < len(task.links)
         self.model, notes = build(
-            hand, task.object, time_step=time_step, gravity_o=task.gravity_o, servo=servo, mass_factor=mass_factor,
+            hand,
+            task.object,
+            time_step=time_step,
+            gravity_o=task.gravity_o,
+            servo=servo,
+            mass_factor=mass_factor,
             flat=flat,
-        )  # fmt: skip
+        )
         self.notes, self.parts = tuple(notes), hand.model.njoints
         self.data, self.dt, self.servo = mujoco.MjData(self.model), time_step, servo
         self.limit, self.torques = task.torque_limit, np.zeros(hand.n)
@@ -44,7 +50,9 @@ class MujocoEngine:
         self.object = model.body("object").id
         self.object_q, self.object_v = model.jnt_qposadr[model.body_jntadr[self.object]], model.body_dofadr[self.object]
         # Bodies in Pinocchio's numbers; -1: the object.
-        self.part_of_body = np.array([0, *(int(model.body(i).name.split()[1]) if i != self.object else -1 for i in range(1, model.nbody))])
+        self.part_of_body = np.array(
+            [0, *(int(model.body(i).name.split()[1]) if i != self.object else -1 for i in range(1, model.nbody))]
+        )
         self.body_of_part = np.zeros(self.parts, dtype=int)
         for body, part in enumerate(self.part_of_body):
             if part > 0:
@@ -81,7 +89,9 @@ class MujocoEngine:
         normal[swapped] *= -1
         body = np.where(swapped, bodies[:, 1], bodies[:, 0])
         depth = -contact.dist[overlapping]
-        point = contact.pos[overlapping] - 0.5 * depth[:, None] * normal  # half-way between the surfaces: on the object's
+        point = (
+            contact.pos[overlapping] - 0.5 * depth[:, None] * normal
+        )  # half-way between the surfaces: on the object's
         mine, other = data.cvel[body], np.tile(data.cvel[self.object], (len(body), 1))
         velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
         velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
@@ -90,7 +100,9 @@ class MujocoEngine:
         return Touches(self.part_of_body[body], geometry, point, normal, depth, velocity, spin)
 
     def step(self, q, dq, feed_forward, touches: Touches, pressing: Pressing, wrench_o) -> None:
-        """One step: motors towards q, dq (n,) with torques (n,) on top, contact forces, and a wrench (6,) on the object."""
+        """One step: motors towards q, dq (n,) with torques (n,) on top, contact forces, and a wrench (6,) on the
+        object.
+        """
         data, servo = self.data, self.servo
         data.ctrl[:] = q + (servo.damping * dq + feed_forward) / servo.stiffness
         self._press(touches, pressing, wrench_o)
@@ -124,7 +136,13 @@ class MujocoEngine:
 
     def _from_contacts(self) -> np.ndarray:
         """Generalised forces of what was applied to the bodies (nv,)."""
-        return self.data.qfrc_smooth - self.data.qfrc_passive - self.data.qfrc_actuator - self.data.qfrc_applied + self.data.qfrc_bias
+        return (
+            self.data.qfrc_smooth
+            - self.data.qfrc_passive
+            - self.data.qfrc_actuator
+            - self.data.qfrc_applied
+            + self.data.qfrc_bias
+        )
 
     def _press(self, touches: Touches, pressing: Pressing, wrench_o) -> None:
         data = self.data
@@ -157,14 +175,17 @@ class MujocoEngine:
 
     @property
     def q(self) -> np.ndarray:
+        """Joint positions (n,) [rad, m]."""
         return self.data.qpos[self.dofs]
 
     @property
     def dq(self) -> np.ndarray:
+        """Joint rates (n,) [rad/s, m/s]."""
         return self.data.qvel[self.dofs]
 
     @property
     def object_pose(self) -> np.ndarray:
+        """Pose oMb (4, 4) of the object."""
         pose = np.eye(4)
         i = self.object_q
         pose[:3, 3] = self.data.qpos[i : i + 3]

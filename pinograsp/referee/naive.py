@@ -1,8 +1,9 @@
 """The grasp that nobody optimised: every joint goes on closing as before, in proportion, until the object is held.
 
-The paper compares its grasp with joint trajectories played in MSC.Adams as they are (Table IV). Here they run straight from
-the plan's first posture to the one at impact, all joints in the same share of the way, and on past it; the joints are moved
-as commanded, the object is fixed until the end and then let go. How far on is the least that holds the same object.
+The paper compares its grasp with joint trajectories played in MSC.Adams as they are (Table IV). Here they run straight
+from the plan's first posture to the one at impact, all joints in the same share of the way, and on past it; the joints
+are moved as commanded, the object is fixed until the end and then let go. How far on is the least that holds the same
+object.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class NaiveGrasp:
 
     Attributes:
         overclosing: share of the way beyond the touch; None where none up to 0.3 of the way holds.
-        simulation: of that, or of the last one tried. lost: largest share that did not hold below it.
+        simulation: of that, or of the last one tried.
+        lost: largest share that did not hold below it.
         simulations: how many were run.
     """
 
@@ -62,9 +64,13 @@ def naive_task(task: Task, overclosing: float, *, start=None, target=None) -> Ta
     moved = end - begin
     zero = np.zeros((_SAMPLES, n))
     return replace(
-        task, times=share * task.final_time, q=begin + way[:, None] * moved, dq=rate[:, None] * moved, torques=zero,
+        task,
+        times=share * task.final_time,
+        q=begin + way[:, None] * moved,
+        dq=rate[:, None] * moved,
+        torques=zero,
         holding_torques=np.zeros(n),
-    )  # fmt: skip
+    )
 
 
 def naive_grasp(
@@ -73,22 +79,29 @@ def naive_grasp(
     """The least that a hand must go on closing to hold the plan's object, optimising nothing.
 
     Args:
-        plan: as for :func:`simulate`. start, target: see :func:`naive_task`.
-        drift: what the object may move after it was let go [m]. tolerance: of the overclosing, relative. settings: of :func:`simulate`.
+        plan: as for :func:`simulate`.
+        start, target: see :func:`naive_task`.
+        drift: what the object may move after it was let go [m].
+        tolerance: of the overclosing, relative.
+        settings: of :func:`simulate`.
 
     Raises:
         InvalidInput: a start and a target that do not differ.
     """
     task = plan if isinstance(plan, Task) else Task.of(plan)
     for name in {"mode", "release", "object"} & settings.keys():
-        raise InvalidInput(f"setting '{name}': not accepted here, the joints are moved as commanded and the object is let go")
+        raise InvalidInput(
+            f"setting '{name}': not accepted here, the joints are moved as commanded and the object is let go"
+        )
     tried = 0
 
     def attempt(overclosing: float) -> Simulation:
         nonlocal tried
         tried += 1
         return simulate(
-            naive_task(task, overclosing, start=start, target=target), mode="prescribed", **{"time_step": 5e-4, **settings}
+            naive_task(task, overclosing, start=start, target=target),
+            mode="prescribed",
+            **{"time_step": 5e-4, **settings},
         )
 
     def holds(one: Simulation) -> bool:

@@ -80,9 +80,7 @@ def _common_area(own, other, point: np.ndarray, normal: np.ndarray, depth: float
     """
     x, y = _across(normal)
     axes = np.column_stack([x, y, normal])
-    mine, theirs = (
-        _Flat((corners - point) @ axes, of @ axes if np.ndim(of) else of) for corners, of in (own, other)
-    )  # fmt: skip
+    mine, theirs = (_Flat((corners - point) @ axes, of @ axes if np.ndim(of) else of) for corners, of in (own, other))
     if mine.edge and theirs.edge:
         area = _abreast(mine.corners, theirs.corners)
     elif theirs.edge:
@@ -180,9 +178,10 @@ class Collider:
     def __init__(self, hand, body):
         self.notes: list[str] = []
         made = [
-            _Part(one.parentJoint, one.placement, shape) for one in hand.geometry.geometryObjects
+            _Part(one.parentJoint, one.placement, shape)
+            for one in hand.geometry.geometryObjects
             if (shape := convex(one.geometry, one.name, self.notes)) is not None
-        ]  # fmt: skip
+        ]
         self.geometry, self.hand = made, hand
         self.object = convex_object(body, self.notes)
         self.object.computeLocalAABB()
@@ -210,7 +209,9 @@ class Collider:
         return bound
 
     def collide(self, data, q: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> list[tuple]:
-        """Joint, number of the geometry, point on the object (3,), normal (3,) and depth of every overlap, the joints as in data."""
+        """Joint, number of the geometry, point on the object (3,), normal (3,) and depth of every overlap, the joints
+        as in data.
+        """
         if self.last is not None:
             q_last, R_last, p_last = self.last
             turned = rotation - R_last

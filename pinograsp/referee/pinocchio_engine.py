@@ -84,7 +84,13 @@ class PinocchioEngine:
         turning = np.tile(self.rotation @ w, (len(part), 1))
         velocity = linear + cross(angular, point) - self.velocity - cross(turning, point - self.position)
         return Touches(
-            part, np.array(geometry), point, normal, np.array(depth), velocity, ((angular - turning) * normal).sum(axis=1)
+            part,
+            np.array(geometry),
+            point,
+            normal,
+            np.array(depth),
+            velocity,
+            ((angular - turning) * normal).sum(axis=1),
         )
 
     def step(self, q, dq, feed_forward, touches: Touches, pressing: Pressing, wrench_o) -> None:
@@ -136,6 +142,7 @@ class PinocchioEngine:
 
     @property
     def object_pose(self) -> np.ndarray:
+        """Pose oMb (4, 4) of the object."""
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = self.rotation, self.position
         return pose

@@ -1,4 +1,6 @@
-"""The hand, the object and their motors as a MuJoCo model. MuJoCo's own contact forces stay off: see :mod:`pinograsp.referee.law`."""
+"""The hand, the object and their motors as a MuJoCo model. MuJoCo's own contact forces stay off: see
+:mod:`pinograsp.referee.law`.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +17,20 @@ _HAND, _OBJECT = {"contype": 1, "conaffinity": 2}, {"contype": 2, "conaffinity":
 # Contacts are found from 1 mm off and make no force: MuJoCo's soft contacts cannot judge a static grasp.
 _FOUND_ONLY = {"margin": -0.5, "gap": 0.501, "density": 0.0}
 _LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links that have none, as MuJoCo needs
-# Of links with a direction about which they have none (thin rods, point masses): part of their largest, and at least [kg m^2].
+# Of links with a direction about which they have none (thin rods, point masses): part of their largest, and at least
+# [kg m^2].
 _LEAST_SHARE, _TINY_INERTIA = 1e-6, 1e-12
 _STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
 
 
 def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_factor: float = 1.0, flat: bool = False):
-    """A compiled model and notes: bodies ``link j`` for Pinocchio's joints j, motors in the order of q, ``object`` free.
+    """A compiled model and notes: bodies ``link j`` for Pinocchio's joints j, motors in the order of q, ``object``
+    free.
 
     Args:
         servo: gains and rotors of the motors (:class:`~pinograsp.referee.settings.Servo`).
-        mass_factor: the object's mass and inertia times this. flat: whether links touch with flat areas, at several points.
+        mass_factor: the object's mass and inertia times this.
+        flat: whether links touch with flat areas, at several points.
     """
     spec = mujoco.MjSpec()
     spec.compiler.balanceinertia, spec.compiler.degree = True, False
@@ -39,7 +44,8 @@ def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_fac
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     if not flat:
-        # Its search for several points turns the normals of hulls and cylinders, by up to tens of degrees (MuJoCo 4.0.0).
+        # Its search for several points turns the normals of hulls and cylinders, by up to tens of degrees (MuJoCo
+        # 4.0.0).
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
     notes: list[str] = []
     bodies = _links(spec, hand, notes)
@@ -77,7 +83,9 @@ def _links(spec, hand: HandModel, notes: list[str]) -> dict:
         )
         raised = _set_inertia(body, inertia.mass, inertia.lever, inertia.inertia)
         if raised:
-            notes.append(f"what joint '{model.names[j]}' moves has no inertia about some axis: {raised:.2g} kg m^2 is taken")
+            notes.append(
+                f"what joint '{model.names[j]}' moves has no inertia about some axis: {raised:.2g} kg m^2 is taken"
+            )
         motion = np.array(data.joints[j].S).ravel()
         slides = hand.is_prismatic(j)
         axis = motion[:3] if slides else motion[3:]
@@ -108,8 +116,11 @@ def _quaternion(rotation) -> np.ndarray:
 def _add_geom(spec, body, shape, placement, name: str, **bits) -> None:
     kinds = mujoco.mjtGeom
     common = {
-        "pos": placement.translation, "quat": _quaternion(placement.rotation), **_FOUND_ONLY, **bits,
-    }  # fmt: skip
+        "pos": placement.translation,
+        "quat": _quaternion(placement.rotation),
+        **_FOUND_ONLY,
+        **bits,
+    }
     if isinstance(shape, coal.Sphere):
         body.add_geom(type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], **common)
     elif isinstance(shape, coal.Ellipsoid):

@@ -20,10 +20,12 @@ _SETTLING = 0.01  # [s] damping over stiffness
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Servo:
-    """Position servos of the joints: torque = stiffness (q* - q) + damping (dq* - dq) + the plan's torque, within the limits.
+    """Position servos of the joints: torque = stiffness (q* - q) + damping (dq* - dq) + the plan's torque, within the
+    limits.
 
     Attributes:
-        stiffness: (n,) [N m/rad or N/m]. damping: (n,) [N m s/rad or N s/m].
+        stiffness: (n,) [N m/rad or N/m].
+        damping: (n,) [N m s/rad or N s/m].
         rotor: the motors' own inertia, seen at the joints (n,) [kg m^2 or kg]; zero: none.
     """
 
@@ -45,13 +47,15 @@ class Servo:
     def of(cls, hand: HandModel, stiffness=None, damping=None) -> Servo:
         """Gains of a hand's servos: one number or (n,) each.
 
-        Rotors are the description's. Default: 50 N m/rad (55.6 kN/m where joints slide), settling in 10 ms. Where joints are
-        coupled, motors have a rotor (1e-4 kg m^2, 0.11 kg) and are critically damped: MuJoCo couples joints well only if damping
-        need not be implicit.
+        Rotors are the description's. Default: 50 N m/rad (55.6 kN/m where joints slide), settling in 10 ms. Where
+        joints are coupled, motors have a rotor (1e-4 kg m^2, 0.11 kg) and are critically damped: MuJoCo couples joints
+        well only if damping need not be implicit.
         """
         model = instance_of("hand", hand, HandModel).model
         slides = np.array([hand.is_prismatic(model.getJointId(name)) for name in hand.joint_names])
-        chosen = np.where(slides, _SLIDING, _TURNING) if stiffness is None else _each("servo stiffness", stiffness, hand.n)
+        chosen = (
+            np.where(slides, _SLIDING, _TURNING) if stiffness is None else _each("servo stiffness", stiffness, hand.n)
+        )
         rotor = np.array(model.armature)
         if hand.couplings:
             rotor = np.maximum(rotor, np.where(slides, _ROTOR / 0.03**2, _ROTOR))
@@ -78,7 +82,8 @@ class Push:
 
     Attributes:
         wrench_o: about its centre of mass, world axes, linear first (6,) [N, N m].
-        start: after the support of the object is gone [s]. duration: [s].
+        start: after the support of the object is gone [s].
+        duration: [s].
     """
 
     wrench_o: np.ndarray
@@ -98,11 +103,13 @@ class Disturbance:
     """What is not as planned.
 
     Attributes:
-        pushes: wrenches on the object. shake: amplitude of a sinusoidal acceleration of the whole hand from t_F on (3,)
-            [m/s^2], at ``shake_frequency`` [Hz].
-        mu: friction coefficient of all contacts [-]; None: the plan's. mass_factor: the object weighs this many times as much.
-        object_offset: displacement of the object (3,) [m], and object_turn: its rotation vector (3,) [rad], before the hand
-            comes: so the contact points are off by as much.
+        pushes: wrenches on the object.
+        shake: amplitude of a sinusoidal acceleration of the whole hand from t_F on (3,) [m/s^2], at
+            ``shake_frequency`` [Hz].
+        mu: friction coefficient of all contacts [-]; None: the plan's.
+        mass_factor: the object weighs this many times as much.
+        object_offset: displacement of the object (3,) [m], and object_turn: its rotation vector (3,) [rad], before the
+            hand comes: so the contact points are off by as much.
         start_error: of the joints at t = 0 (n,) [rad or m]; None: none.
     """
 
@@ -145,7 +152,8 @@ class Disturbance:
         told = {}
         if self.pushes:
             told["pushes"] = [
-                {"wrench_N_Nm": push.wrench_o.tolist(), "start_s": push.start, "duration_s": push.duration} for push in self.pushes
+                {"wrench_N_Nm": push.wrench_o.tolist(), "start_s": push.start, "duration_s": push.duration}
+                for push in self.pushes
             ]
         if np.any(self.shake):
             told |= {"shake_m_s2": self.shake.tolist(), "shake_Hz": self.shake_frequency}

@@ -42,20 +42,24 @@ def simulate(
 ) -> Simulation:
     """Try a plan with a free object, and say whether it holds.
 
-    The object is fixed until the grasp is complete (t_F, as in the paper), then let go. The hand has the plan's geometry
-    (exact primitives and ellipsoids, convex hulls of meshes), its masses and torque limits; every joint follows the plan's
-    trajectory by a position servo with the plan's torques on top. Contacts press by the plan's law (Eq. 4), written again in
-    :mod:`pinograsp.referee.law`.
+    The object is fixed until the grasp is complete (t_F, as in the paper), then let go. The hand has the plan's
+    geometry (exact primitives and ellipsoids, convex hulls of meshes), its masses and torque limits; every joint
+    follows the plan's trajectory by a position servo with the plan's torques on top. Contacts press by the plan's law
+    (Eq. 4), written again in :mod:`pinograsp.referee.law`.
 
     Args:
         plan: a :class:`~pinograsp.plan.GraspPlan`, a run, or the folder of one.
         hold: how long after the support is gone [s]; with the release at least a step.
         engine: ``"mujoco"`` (extra ``sim``), or ``"pinocchio"``: a second opinion with nothing else installed.
-        mode: ``"servo"``; or ``"prescribed"``: the joints are moved as commanded, whatever it takes (the paper's Adams set-up).
-        disturbance: what is not as planned. servo: gains; default :meth:`Servo.of`.
-        time_step: at most 0.05 s, and two million steps in all [s]. sample: interval between samples of the record [s].
-        release: False keeps the object fixed to the end. letting_go: how long the support that has held the object takes to
-            give way after t_F [s]; 0: it is gone at once, which doubles the load for a moment.
+        mode: ``"servo"``; or ``"prescribed"``: the joints are moved as commanded, whatever it takes (the paper's Adams
+            set-up).
+        disturbance: what is not as planned.
+        servo: gains; default :meth:`Servo.of`.
+        time_step: at most 0.05 s, and two million steps in all [s].
+        sample: interval between samples of the record [s].
+        release: False keeps the object fixed to the end.
+        letting_go: how long the support that has held the object takes to give way after t_F [s]; 0: it is gone at
+            once, which doubles the load for a moment.
         object: what is held, where the plan does not know.
 
     Raises:
@@ -75,18 +79,23 @@ def simulate(
     sample = number("sample", sample, above=0, unit="s")
     flag("release", release)
     if sample > _COARSEST:
-        raise InvalidInput(f"sample: expected at most {_COARSEST:g} s, got {sample:g} s: the verdict is read from the samples")
+        raise InvalidInput(
+            f"sample: expected at most {_COARSEST:g} s, got {sample:g} s: the verdict is read from the samples"
+        )
     longest = min(_COARSEST, task.final_time / _FEWEST_STEPS)
     if dt > longest:
         raise InvalidInput(f"time step: expected at most {longest:g} s, got {dt:g} s")
     duration = task.final_time + hold + (letting_go if release else 0.0)
     if not duration / dt <= _MOST_STEPS:
         raise InvalidInput(
-            f"hold, time step: expected at most {_MOST_STEPS} steps, got {duration / dt:.3g} ({duration:g} s in steps of {dt:g} s): "
+            f"hold, time step: expected at most {_MOST_STEPS} steps, got {duration / dt:.3g} ({duration:g} s in "
+            f"steps of {dt:g} s): "
             "hold for less, or take longer steps"
         )
     if release and hold < dt:
-        raise InvalidInput(f"hold: expected at least a step, {dt:g} s, got {hold:g} s: what is not held for a while is not held")
+        raise InvalidInput(
+            f"hold: expected at least a step, {dt:g} s, got {hold:g} s: what is not held for a while is not held"
+        )
     every = max(1, round(min(sample / dt, _MOST_STEPS)))
     servo = Servo.of(task.hand) if servo is None else servo
     wrong = Disturbance() if disturbance is None else disturbance
@@ -94,10 +103,14 @@ def simulate(
     instance_of("disturbance", wrong, Disturbance)
     hand, prescribed = task.hand, mode == "prescribed"
     if prescribed and wrong.start_error is not None:
-        raise InvalidInput("start error: expected with servos, joints that move as commanded have none (mode='prescribed')")
+        raise InvalidInput(
+            "start error: expected with servos, joints that move as commanded have none (mode='prescribed')"
+        )
     for push in wrong.pushes:
         if push.start + push.duration > hold + 0.5 * dt:
-            raise InvalidInput(f"hold: expected at least {push.start + push.duration:g} s, the end of a push, got {hold:g} s")
+            raise InvalidInput(
+                f"hold: expected at least {push.start + push.duration:g} s, the end of a push, got {hold:g} s"
+            )
 
     made = _engine(engine)(task, time_step=dt, servo=servo, mass_factor=wrong.mass_factor)
     law = _law(task, made.parts, wrong.mu)
@@ -159,8 +172,17 @@ def simulate(
         if due:
             if i == let_go:
                 samples.complete = len(samples.rows)
-            last = [t, made.q, speeds, None, made.object_pose, touches, pressing, law.slip.copy(),
-                    [0.0, 0.0, potential, law.elastic, law.damped, law.slipped, law.normal_work]]  # fmt: skip
+            last = [
+                t,
+                made.q,
+                speeds,
+                None,
+                made.object_pose,
+                touches,
+                pressing,
+                law.slip.copy(),
+                [0.0, 0.0, potential, law.elastic, law.damped, law.slipped, law.normal_work],
+            ]
         if prescribed:
             made.step_prescribed(ddq_ref[now], touches, pressing, wrench)
         else:
@@ -199,7 +221,9 @@ def _law(task: Task, parts: int, mu: float | None) -> ContactLaw:
     for joint in set(joints.tolist()):
         each[joint] = task.mu[joints == joint].mean()
     K, damping, exponent = task.law
-    return ContactLaw(K, damping, exponent, each if mu is None else np.full(parts, mu), task.torsion, TANGENTIAL, counts)
+    return ContactLaw(
+        K, damping, exponent, each if mu is None else np.full(parts, mu), task.torsion, TANGENTIAL, counts
+    )
 
 
 class _Support:
@@ -221,7 +245,9 @@ class _Support:
         pose = made.object_pose
         if self.carried is None:  # at t_F: all that keeps the object where it is
             moments = np.cross(touches.point_o - pose[:3, 3], pressing.force_o) + pressing.moment_o
-            self.carried = -(np.concatenate([pressing.force_o.sum(axis=0), moments.sum(axis=0)]) + self.weight + self.task.load)
+            self.carried = -(
+                np.concatenate([pressing.force_o.sum(axis=0), moments.sum(axis=0)]) + self.weight + self.task.load
+            )
         moved = np.concatenate([pose[:3, 3] - self.pose[:3, 3], pin.log3(pose[:3, :3] @ self.pose[:3, :3].T)])
         return (1 - since / self.duration) * (self.carried - self.spring * moved - self.damper * made.object_twist)
 
@@ -236,12 +262,16 @@ class _Samples:
         t, q, dq, torques, pose, touches, pressing, slip, energies = sample
         energies[2] += kinetic
         p = self.parts
-        force, normal, depth = np.zeros((p, 3)), np.bincount(touches.part, weights=pressing.normal, minlength=p), np.zeros(p)
+        force = np.zeros((p, 3))
+        normal = np.bincount(touches.part, weights=pressing.normal, minlength=p)
+        depth = np.zeros(p)
         np.add.at(force, touches.part, pressing.force_o)
         across = np.zeros((p, 3))
         np.add.at(across, touches.part, pressing.force_o - pressing.normal[:, None] * touches.normal_o)
         np.maximum.at(depth, touches.part, touches.depth)
-        self.rows.append((t, q, dq, torques, pose, force, normal, np.linalg.norm(across, axis=1), depth, slip, energies))
+        self.rows.append(
+            (t, q, dq, torques, pose, force, normal, np.linalg.norm(across, axis=1), depth, slip, energies)
+        )
 
     def columns(self) -> list[np.ndarray]:
         return [np.array(column) for column in zip(*self.rows)]
@@ -256,10 +286,17 @@ def _record(task, samples, made, engine, mode, dt, release, wrong, gone, elapsed
     names = ("joint_work", "load_work", "mechanical", "elastic", "damped", "slipped", "normal_work")
     values = {name: read_only(column) for name, column in zip(names, energies.T)}
     common = {
-        "times": read_only(times), "q": read_only(q), "torques": read_only(torques), "object_poses": read_only(poses),
-        "parts": labels, "normal_forces": read_only(normal[:, shown]), "depths": read_only(depths[:, shown]),
-        "slips": read_only(slips[:, shown]), "planned_forces": read_only(planned[shown]), "energies": values,
-    }  # fmt: skip
+        "times": read_only(times),
+        "q": read_only(q),
+        "torques": read_only(torques),
+        "object_poses": read_only(poses),
+        "parts": labels,
+        "normal_forces": read_only(normal[:, shown]),
+        "depths": read_only(depths[:, shown]),
+        "slips": read_only(slips[:, shown]),
+        "planned_forces": read_only(planned[shown]),
+        "energies": values,
+    }
     audited = not np.any(wrong.shake)
     released = task.final_time if release else None
     return Simulation(

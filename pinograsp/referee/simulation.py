@@ -19,13 +19,19 @@ class Verdict:
     """What came of a plan.
 
     Attributes:
-        held: whether the object stayed in the hand. reason: in words.
-        drift: of its centre of mass since the release [m]. tilt: of its upright direction [deg]. turn: about any axis [deg].
-        force_error: largest |F_n - planned| / planned at the end, by part of the hand that should touch (planned: a twentieth of
-            the largest at least). force_errors: each.
+        held: whether the object stayed in the hand.
+        reason: in words.
+        drift: of its centre of mass since the release [m].
+        tilt: of its upright direction [deg].
+        turn: about any axis [deg].
+        force_error: largest |F_n - planned| / planned at the end, by part of the hand that should touch (planned: a
+            twentieth of the largest at least).
+        force_errors: each.
         penetration_error: largest |depth - planned| when the grasp is complete [m].
-        slipped: parts that slipped by more than 0.1 mm after the release. unplanned: parts that touch without being planned.
-        limit_hits: joints beyond their position limits. saturated: joints whose motor was at its torque limit at the end.
+        slipped: parts that slipped by more than 0.1 mm after the release.
+        unplanned: parts that touch without being planned.
+        limit_hits: joints beyond their position limits.
+        saturated: joints whose motor was at its torque limit at the end.
         energy_error: what the energy audit does not account for, relative to the energy that was turned over.
     """
 
@@ -69,17 +75,26 @@ class Simulation:
     """A plan tried.
 
     Attributes:
-        verdict: held or lost, with its numbers. engine: ``"mujoco"`` or ``"pinocchio"``. mode: ``"servo"`` or ``"prescribed"``.
-        time_step: [s]. release: when the object was let go [s]; None: never.
+        verdict: held or lost, with its numbers.
+        engine: ``"mujoco"`` or ``"pinocchio"``.
+        mode: ``"servo"`` or ``"prescribed"``.
+        time_step: [s].
+        release: when the object was let go [s]; None: never.
         complete: the sample at which the grasp is complete, at t_F; drift and slip count from there.
-        times: samples (s,) [s]. q, dq, torques: (s, n), torques of the motors [N m].
-        object_poses: (s, 4, 4). parts: names of the parts of the hand that touch or should (p).
-        forces_o: on the object by part (s, p, 3) [N]. normal_forces, tangential_forces: (s, p) [N]; sums over a part's points.
-        depths: of a part's deepest point (s, p) [m]. slips: path slipped (s, p) [m].
+        times: samples (s,) [s].
+        q, dq, torques: (s, n), torques of the motors [N m].
+        object_poses: (s, 4, 4).
+        parts: names of the parts of the hand that touch or should (p).
+        forces_o: on the object by part (s, p, 3) [N].
+        normal_forces, tangential_forces: (s, p) [N]; sums over a part's points.
+        depths: of a part's deepest point (s, p) [m].
+        slips: path slipped (s, p) [m].
         planned_forces: sum of F_n by part (p,) [N].
-        energies: by name (s,) [J]: ``joint_work``, ``load_work`` (put in); ``mechanical``, ``elastic`` (held), ``damped``,
-            ``slipped`` (lost); ``normal_work``, the integral of F_n over the depth.
-        disturbance: what was not as planned. notes: where the geometry differs from the plan's. elapsed: [s].
+        energies: by name (s,) [J]: ``joint_work``, ``load_work`` (put in); ``mechanical``, ``elastic`` (held),
+            ``damped``, ``slipped`` (lost); ``normal_work``, the integral of F_n over the depth.
+        disturbance: what was not as planned.
+        notes: where the geometry differs from the plan's.
+        elapsed: [s].
         exponent: rho of the contact law.
     """
 
@@ -143,8 +158,19 @@ class Simulation:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What was sampled, for files."""
-        names = ("times", "q", "dq", "torques", "object_poses", "forces_o", "normal_forces", "tangential_forces", "depths",
-                 "slips", "planned_forces")  # fmt: skip
+        names = (
+            "times",
+            "q",
+            "dq",
+            "torques",
+            "object_poses",
+            "forces_o",
+            "normal_forces",
+            "tangential_forces",
+            "depths",
+            "slips",
+            "planned_forces",
+        )
         return {name: getattr(self, name) for name in names} | {f"energy_{k}": v for k, v in self.energies.items()}
 
     def describe(self) -> str:
@@ -156,10 +182,15 @@ class Simulation:
             f"  largest force error {100 * v.force_error:.2f} %, penetration error {1e3 * v.penetration_error:.4f} mm",
         ]
         for i, part in enumerate(self.parts):
-            lines.append(f"  {part}: F_n {self.normal_forces[-1, i]:.3f} N (planned {self.planned_forces[i]:.3f} N), "
-                         f"slipped {1e3 * self.slips[-1, i]:.3f} mm")  # fmt: skip
-        for what, which in (("touching without a plan", v.unplanned), ("beyond their limits", v.limit_hits),
-                            ("at their torque limit", v.saturated)):  # fmt: skip
+            lines.append(
+                f"  {part}: F_n {self.normal_forces[-1, i]:.3f} N (planned {self.planned_forces[i]:.3f} N), "
+                f"slipped {1e3 * self.slips[-1, i]:.3f} mm"
+            )
+        for what, which in (
+            ("touching without a plan", v.unplanned),
+            ("beyond their limits", v.limit_hits),
+            ("at their torque limit", v.saturated),
+        ):
             if which:
                 lines.append(f"  {what}: {', '.join(which)}")
         audit = "not made (the hand was shaken)" if v.energy_error is None else f"closes to {v.energy_error:.1e}"

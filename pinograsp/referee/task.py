@@ -20,13 +20,22 @@ class Task:
 
     Attributes:
         hand, object: where they are at the start.
-        times: (m,) [s]. q, dq: commanded (m, n). torques: feed-forward (m, n) [N m], and after the end
-            holding_torques (n,). torque_limit: (n,), infinity: none.
+        times: (m,) [s].
+        q, dq: commanded (m, n).
+        torques: feed-forward (m, n) [N m], and after the end holding_torques (n,).
+        torque_limit: (n,), infinity: none.
         impact_time, final_time: [s].
-        names: of the planned contacts (k). links: that touch there (k). points_o: (k, 3) [m].
-        forces_o: planned at the end, on the object (k, 3) [N]. normal_forces: (k,) [N]. depths: (k,) [m].
-        mu: (k,). torsion: largest moment about a normal per newton [m]. law: K, lambda, rho.
-        load: besides the weight, on the object about its centre of mass (6,) [N, N m]. gravity_o: (3,) [m/s^2].
+        names: of the planned contacts (k).
+        links: that touch there (k).
+        points_o: (k, 3) [m].
+        forces_o: planned at the end, on the object (k, 3) [N].
+        normal_forces: (k,) [N].
+        depths: (k,) [m].
+        mu: (k,).
+        torsion: largest moment about a normal per newton [m].
+        law: K, lambda, rho.
+        load: besides the weight, on the object about its centre of mass (6,) [N, N m].
+        gravity_o: (3,) [m/s^2].
     """
 
     hand: HandModel
@@ -70,7 +79,9 @@ class Task:
         else:
             raise InvalidInput(f"simulate: expected a grasp plan, or the folder of a run, got {shown(plan)}")
         if thing is None:
-            raise InvalidInput("simulate: this plan does not know its object's shape: give object=..., a pinograsp.objects shape")
+            raise InvalidInput(
+                "simulate: this plan does not know its object's shape: give object=..., a pinograsp.objects shape"
+            )
         if "contact_law" not in arrays:
             raise InvalidInput("simulate: this run was written by an older version: plan it again")
         links = tuple(str(link) for link in arrays["contact_links"])
@@ -78,7 +89,8 @@ class Task:
             raise InvalidInput("simulate: expected contacts of a hand; these were made without one (hand=None)")
         gravity = arrays["gravity"]
         load = np.array(arrays["load"])
-        # The weight acts on the simulated object by itself. A plan that did not know its object has the given one's in its load.
+        # The weight acts on the simulated object by itself. A plan that did not know its object has the given one's in
+        # its load.
         load[:3] -= (float(arrays["object_mass"]) or thing.mass) * gravity
         impact = int(arrays["impact"])
         return cls(

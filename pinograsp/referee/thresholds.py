@@ -23,7 +23,8 @@ class Threshold:
     """Where holding ends.
 
     Attributes:
-        lost: value that was lost; None: none was. held: value that held; None: none did.
+        lost: value that was lost; None: none was.
+        held: value that held; None: none did.
         tried: the simulations in order, (value, held).
         planned: the planner's own threshold, where it was given.
     """
@@ -118,9 +119,18 @@ def slip_threshold(
     if start <= 0:
         raise InvalidInput("slip_threshold: expected a plan with friction, its mu is 0")
     return _search(
-        SlipThreshold, task, settings, tolerance, planned, jobs, disturbance, "mu",
-        start, [0.0], [start * 2.0**i for i in range(1, _DOUBLINGS + 1)],
-    )  # fmt: skip
+        SlipThreshold,
+        task,
+        settings,
+        tolerance,
+        planned,
+        jobs,
+        disturbance,
+        "mu",
+        start,
+        [0.0],
+        [start * 2.0**i for i in range(1, _DOUBLINGS + 1)],
+    )
 
 
 def load_threshold(

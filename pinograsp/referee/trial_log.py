@@ -16,8 +16,8 @@ _SAME = 1e-6  # relative difference between a plan and the same one, planned aga
 class TrialLog:
     """Rows by error and trial, kept in ``rows`` and on disk, under a header that says what they are of.
 
-    A context: it keeps the file from other writers, and closes it. Without a path nothing is written. A last line that was cut short is
-    dropped.
+    A context: it keeps the file from other writers, and closes it. Without a path nothing is written. A last line that
+    was cut short is dropped.
 
     Raises:
         InvalidInput: the file holds something else, or rows under another header.
@@ -35,7 +35,9 @@ class TrialLog:
         try:
             with failure_told(path):
                 if lock(self.file.fileno()) is False:
-                    raise ResultsNotWritten(f"another process is writing trials to '{path}': wait for it, or give another folder")
+                    raise ResultsNotWritten(
+                        f"another process is writing trials to '{path}': wait for it, or give another folder"
+                    )
                 self.file.seek(0)
                 kept = self.file.read()
             whole = kept[: kept.rfind(b"\n") + 1]  # without a last line that was cut short

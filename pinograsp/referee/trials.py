@@ -31,7 +31,9 @@ class Outcome:
     """What came of one simulation.
 
     Attributes:
-        held: whether the object stayed. reason: in words. drift: of the object [m]; None where the simulation diverged.
+        held: whether the object stayed.
+        reason: in words.
+        drift: of the object [m]; None where the simulation diverged.
     """
 
     held: bool

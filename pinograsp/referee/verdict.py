@@ -12,8 +12,9 @@ _AT_LIMIT = 1e-6  # of a torque limit
 
 
 def verdict_of(task, joints, shown, release, audited: bool, complete: int, gone: bool, samples: dict) -> Verdict:
-    """The verdict on a task from the samples of its simulation: ``release`` [s] or None; ``complete``: the sample at t_F, before
-    which the object does not move; ``gone``: it was that far away that the simulation ended early."""
+    """The verdict on a task from the samples of its simulation: ``release`` [s] or None; ``complete``: the sample at
+    t_F, before which the object does not move; ``gone``: it was that far away that the simulation ended early.
+    """
     times, poses = samples["times"], samples["object_poses"]
     normal, planned = samples["normal_forces"], samples["planned_forces"]
     start, end = poses[complete], poses[-1]
@@ -29,7 +30,10 @@ def verdict_of(task, joints, shown, release, audited: bool, complete: int, gone:
     last = slice(min(times.size - 1, times.size - max(1, (times.size - complete) // 10)), None)
     should = planned > 0
     # Of contacts that hardly carry, an error counts against a twentieth of the largest force.
-    errors = np.abs(normal[last].mean(axis=0) - planned)[should] / np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
+    errors = (
+        np.abs(normal[last].mean(axis=0) - planned)[should]
+        / np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
+    )
     labels = [name for name, wanted in zip(samples["parts"], should) if wanted]
     depth_planned = np.zeros(len(shown))
     for i, part in enumerate(shown):
@@ -50,7 +54,9 @@ def verdict_of(task, joints, shown, release, audited: bool, complete: int, gone:
         penetration_error=float(missed.max(initial=0.0)),
         slipped=tuple(name for name, yes in zip(samples["parts"], slipped) if yes),
         unplanned=tuple(
-            name for name, wanted, found in zip(samples["parts"], should, (normal > 0).any(axis=0)) if found and not wanted
+            name
+            for name, wanted, found in zip(samples["parts"], should, (normal > 0).any(axis=0))
+            if found and not wanted
         ),
         limit_hits=tuple(name for name, yes in zip(hand.joint_names, beyond) if yes),
         saturated=tuple(name for name, yes in zip(hand.joint_names, at_limit) if yes),
@@ -76,7 +82,7 @@ def _held(times, poses, normal, drift: float, turn: float, release, gone: bool) 
 
 
 def _energy_error(energies: dict[str, np.ndarray]) -> float:
-    """Largest gap between energy put in and energy held or lost, relative to what was put in and given out altogether."""
+    """Largest gap between energy put in and energy held or lost, relative to all that was put in and given out."""
     put_in = energies["joint_work"] + energies["load_work"]
     kept = sum(energies[name] for name in ("mechanical", "elastic", "damped", "slipped"))
     turned_over = np.abs(np.array(list(energies.values()))).max()

@@ -17,20 +17,53 @@ from pinograsp.forces import ForceBatch, solve_batch
 # Columns beside index and inputs, with their kinds; empty where a row has no such figure.
 FIGURES = {
     "plan": {
-        "status": "text", "message": "text", "search": "text", "solver": "text", "impact_time_s": "number", "work_J": "number",
-        "impulse_Ns": "number", "normal_force_sum_N": "number", "normal_force_max_N": "number", "contacts": "texts",
-        "normal_forces_N": "numbers", "net_force_N": "number", "net_moment_Nm": "number", "max_penetration_m": "number",
-        "peak_torque_Nm": "number", "tracking_error_max_m": "number", "relative_gap": "number", "friction_used_max": "number",
-        "least_mu_max": "number", "slip_distance_min_N": "number", "load_factor": "number", "disturbance_any_N": "number",
-        "disturbance_force_N": "number", "disturbance_moment_Nm": "number", "force_closure": "flag", "ferrari_canny_L1": "number",
-        "min_singular_value": "number", "isotropy": "number", "elapsed_s": "number",
+        "status": "text",
+        "message": "text",
+        "search": "text",
+        "solver": "text",
+        "impact_time_s": "number",
+        "work_J": "number",
+        "impulse_Ns": "number",
+        "normal_force_sum_N": "number",
+        "normal_force_max_N": "number",
+        "contacts": "texts",
+        "normal_forces_N": "numbers",
+        "net_force_N": "number",
+        "net_moment_Nm": "number",
+        "max_penetration_m": "number",
+        "peak_torque_Nm": "number",
+        "tracking_error_max_m": "number",
+        "relative_gap": "number",
+        "friction_used_max": "number",
+        "least_mu_max": "number",
+        "slip_distance_min_N": "number",
+        "load_factor": "number",
+        "disturbance_any_N": "number",
+        "disturbance_force_N": "number",
+        "disturbance_moment_Nm": "number",
+        "force_closure": "flag",
+        "ferrari_canny_L1": "number",
+        "min_singular_value": "number",
+        "isotropy": "number",
+        "elapsed_s": "number",
     },
     "forces": {
-        "status": "text", "message": "text", "impact_time_s": "number", "work_J": "number", "impulse_Ns": "number",
-        "normal_force_sum_N": "number", "normal_force_max_N": "number", "contacts": "texts", "normal_forces_N": "numbers",
-        "objective_value": "number", "bound": "number", "residual_N": "number", "violation_N": "number", "elapsed_s": "number",
+        "status": "text",
+        "message": "text",
+        "impact_time_s": "number",
+        "work_J": "number",
+        "impulse_Ns": "number",
+        "normal_force_sum_N": "number",
+        "normal_force_max_N": "number",
+        "contacts": "texts",
+        "normal_forces_N": "numbers",
+        "objective_value": "number",
+        "bound": "number",
+        "residual_N": "number",
+        "violation_N": "number",
+        "elapsed_s": "number",
     },
-}  # fmt: skip
+}
 
 
 _LONGEST = 1.0  # [s] of a chunk: rows may take much longer than those before them
@@ -53,8 +86,9 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def run_chunk(payload: str, rows: list[tuple[int, dict]]) -> tuple[list[dict], float, list[int]]:
-    """What workers do: the rows of a chunk, given as index and inputs, the seconds they took, and the indices of those left over
-    when it had lasted for long."""
+    """What workers do: the rows of a chunk, given as index and inputs, the seconds they took, and the indices of those
+    left over when it had lasted for long.
+    """
     with _ONE_AT_A_TIME:
         base = _base(payload)
         started = time.perf_counter()
@@ -87,7 +121,8 @@ def _row(make, *args) -> dict:
     except ExtraMissing:
         raise
     except Exception as error:  # one row's failure, of whatever kind, is not the sweep's
-        status, text = status_of(error), str(error) if isinstance(error, PinograspError) else f"{type(error).__name__}: {error}"
+        status = status_of(error)
+        text = str(error) if isinstance(error, PinograspError) else f"{type(error).__name__}: {error}"
         if status == Status.INTERRUPTED:
             raise KeyboardInterrupt from error
         return {"status": status, "message": text, "elapsed_s": time.perf_counter() - started}
@@ -135,13 +170,17 @@ def _forces(base: Base, rows: list[tuple[int, dict]], started: float) -> list[di
 
 
 def _problem(base: Base, inputs: dict) -> dict:
-    """A row's problem and impact time, and what it shares with others of its batch; or that its limits leave no force."""
+    """A row's problem, impact time, and what it shares with its batch; or that its limits leave no force."""
     case = base.case(inputs)
     problem = case.problem()
     at = problem.checked_impact_time(base.impact_time(inputs))
     low, high = problem.normal_force_range(at)
     if np.any(low > high):
-        return {"status": str(Status.INFEASIBLE), "message": "the limits leave no normal force at this impact time", "impact_time_s": at}
+        return {
+            "status": str(Status.INFEASIBLE),
+            "message": "the limits leave no normal force at this impact time",
+            "impact_time_s": at,
+        }
     objective = json.dumps(problem.measure if case.objective is None else case.objective, sort_keys=True)
     return {"problem": problem, "at": at, "group": (problem.friction, problem.balance, objective)}
 
@@ -153,16 +192,23 @@ def _solved(group: list[dict], objective) -> dict[int, dict]:
     made = {}
     for i, (problem, at, status) in enumerate(zip(problems, times, answers.status)):
         made[i] = {
-            "status": str(status), "message": status.remedy or None, "impact_time_s": at, "contacts": list(problem.contacts.names),
-        }  # fmt: skip
+            "status": str(status),
+            "message": status.remedy or None,
+            "impact_time_s": at,
+            "contacts": list(problem.contacts.names),
+        }
         if status is not Status.OK:
             continue
         normal = answers.forces_c[i, : problem.k, 2]
         made[i] |= {
             "work_J": float(problem.energy(normal, at, "work").sum()),
             "impulse_Ns": float(problem.energy(normal, at, "impulse").sum()),
-            "normal_forces_N": normal.tolist(), "normal_force_sum_N": float(normal.sum()), "normal_force_max_N": float(normal.max()),
-            "objective_value": float(answers.objective[i]), "bound": float(answers.bound[i]), "residual_N": float(answers.residual[i]),
+            "normal_forces_N": normal.tolist(),
+            "normal_force_sum_N": float(normal.sum()),
+            "normal_force_max_N": float(normal.max()),
+            "objective_value": float(answers.objective[i]),
+            "bound": float(answers.bound[i]),
+            "residual_N": float(answers.residual[i]),
             "violation_N": float(answers.violation[i]),
-        }  # fmt: skip
+        }
     return made

@@ -35,8 +35,12 @@ class Sweep:
     """What came of a sweep; the rows themselves are in its folder, :meth:`table` reads them.
 
     Attributes:
-        folder: with the rows. rows: asked for. done: there, those of earlier runs included. counts: of the rows by status.
-        interrupted: whether it was stopped (Ctrl-C): the same call goes on. elapsed: of this run [s].
+        folder: with the rows.
+        rows: asked for.
+        done: there, those of earlier runs included.
+        counts: of the rows by status.
+        interrupted: whether it was stopped (Ctrl-C): the same call goes on.
+        elapsed: of this run [s].
     """
 
     folder: Path
@@ -53,9 +57,13 @@ class Sweep:
     def summary(self) -> dict:
         """As plain JSON values."""
         return {
-            "rows": self.rows, "done": self.done, "counts": dict(self.counts), "interrupted": self.interrupted,
-            "elapsed_s": self.elapsed, "folder": str(self.folder),
-        }  # fmt: skip
+            "rows": self.rows,
+            "done": self.done,
+            "counts": dict(self.counts),
+            "interrupted": self.interrupted,
+            "elapsed_s": self.elapsed,
+            "folder": str(self.folder),
+        }
 
 
 def sweep(
@@ -69,24 +77,28 @@ def sweep(
 ) -> Sweep:
     """Plan a case over ranges or random draws of its inputs, a row each; called again, it goes on where it was stopped.
 
-    Rows: ``index``, the inputs by name, ``status`` and ``message``, and figures (:data:`~pinograsp.sweep.rows.FIGURES`). A plan
-    that fails is a row as well: its status is that of the plan or its search (``infeasible``, ``joint_limit``...),
-    ``not_reached`` (a finger cannot reach its contact), ``not_found`` (no placement), ``invalid_input`` (values that cannot be
-    used) or ``failed`` (anything else), and the message says why. With ``what: forces`` only contact forces at a given impact
-    time are computed, in bulk.
+    Rows: ``index``, the inputs by name, ``status`` and ``message``, and figures
+    (:data:`~pinograsp.sweep.rows.FIGURES`). A plan that fails is a row as well: its status is that of the plan or its
+    search (``infeasible``, ``joint_limit``...), ``not_reached`` (a finger cannot reach its contact), ``not_found`` (no
+    placement), ``invalid_input`` (values that cannot be used) or ``failed`` (anything else), and the message says why.
+    With ``what: forces`` only contact forces at a given impact time are computed, in bulk.
 
     Args:
         spec: a sweep file, the same as a mapping, or what :func:`~pinograsp.cases.sweep_file.load_sweep` has read.
-        folder: for the rows: Parquet files, written every two seconds, whole or not at all; a new folder, or one of this sweep.
+        folder: for the rows: Parquet files, written every two seconds, whole or not at all; a new folder, or one of
+            this sweep.
         jobs: processes of ``"joblib"``; -1: all cores. 1: this process.
-        backend: ``"joblib"``, or ``"dask"``: the cluster of ``scheduler``, an address such as ``"tcp://10.0.0.1:8786"``; its workers
-            need this package, and the files of hands and meshes at the same paths.
+        backend: ``"joblib"``, or ``"dask"``: the cluster of ``scheduler``, an address such as
+            ``"tcp://10.0.0.1:8786"``; its workers need this package, and the files of hands and meshes at the same
+            paths.
         progress: bar on stderr: None (on a terminal), True or False.
 
     Raises:
-        CaseRejected: a sweep or case that cannot be used. InvalidInput: jobs, backend or scheduler.
+        CaseRejected: a sweep or case that cannot be used.
+        InvalidInput: jobs, backend or scheduler.
         ResultsNotWritten: the folder holds another sweep or other files, is in use, or cannot be written.
-        ExtraMissing: pyarrow (extra ``sweep``), distributed (``dask``) or, for forces alone, numba (``fast``) is not installed.
+        ExtraMissing: pyarrow (extra ``sweep``), distributed (``dask``) or, for forces alone, numba (``fast``) is not
+            installed.
         PinograspError: workers were lost; what was done is kept.
     """
     started = time.perf_counter()
@@ -104,9 +116,13 @@ def sweep(
         else:
             results, chunks.workers = _by_joblib(jobs, payload, chunks), joblib.effective_n_jobs(jobs)
         bar = tqdm(
-            total=spec.rows, initial=spec.rows - len(chunks), desc="sweep", unit="row",
-            disable=None if progress is None else not progress, leave=False,
-        )  # fmt: skip
+            total=spec.rows,
+            initial=spec.rows - len(chunks),
+            desc="sweep",
+            unit="row",
+            disable=None if progress is None else not progress,
+            leave=False,
+        )
         interrupted, saved = False, time.perf_counter()
         with bar, contextlib.closing(results), interrupts_kept() as interrupt:
             try:
@@ -125,9 +141,13 @@ def sweep(
         if not interrupted:
             store.merge()
         return Sweep(
-            folder=Path(folder), rows=spec.rows, done=store.done, counts=dict(store.counts), interrupted=interrupted,
+            folder=Path(folder),
+            rows=spec.rows,
+            done=store.done,
+            counts=dict(store.counts),
+            interrupted=interrupted,
             elapsed=time.perf_counter() - started,
-        )  # fmt: skip
+        )
 
 
 class _Chunks:
@@ -168,7 +188,9 @@ def _by_joblib(jobs: int, payload: str, chunks: _Chunks) -> Iterator[tuple[list[
                 yield from results
     except BrokenProcessPool as error:
         why = str(error).splitlines()[0]
-        raise PinograspError(f"a worker was lost, by lack of memory or a crash; what is done is kept: start again ({why})") from error
+        raise PinograspError(
+            f"a worker was lost, by lack of memory or a crash; what is done is kept: start again ({why})"
+        ) from error
 
 
 def _check_answer(scheduler: str) -> None:
@@ -176,7 +198,9 @@ def _check_answer(scheduler: str) -> None:
     scheme, _, rest = scheduler.rpartition("://")
     host, _, port = rest.rpartition(":")
     if not host or not (port.isascii() and port.isdecimal()) or not 1 <= int(port) <= 65535:
-        raise InvalidInput(f"scheduler: expected an address with a port from 1 to 65535, as tcp://10.0.0.1:8786, got '{scheduler}'")
+        raise InvalidInput(
+            f"scheduler: expected an address with a port from 1 to 65535, as tcp://10.0.0.1:8786, got '{scheduler}'"
+        )
     if scheme not in ("", "tcp", "tls"):
         return
     try:
@@ -184,7 +208,9 @@ def _check_answer(scheduler: str) -> None:
             if scheme != "tls" and not link.recv(1):  # a scheduler speaks first
                 raise OSError("what is there hangs up")
     except (OSError, UnicodeError) as error:
-        raise InvalidInput(f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})") from error
+        raise InvalidInput(
+            f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})"
+        ) from error
 
 
 def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Iterator[tuple[list[dict], float, list[int]]]:
@@ -196,7 +222,9 @@ def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Iterator[tuple[li
     try:
         client = distributed.Client(scheduler, timeout=_CONNECTED_WITHIN, set_as_default=False)
     except Exception as error:  # whatever comes of a stranger's answer
-        raise InvalidInput(f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})") from error
+        raise InvalidInput(
+            f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})"
+        ) from error
     with client:
         ahead = distributed.as_completed(loop=client.loop, with_results=True)
         try:
@@ -208,6 +236,8 @@ def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Iterator[tuple[li
                     return
                 yield next(ahead)[1]
         except distributed.scheduler.KilledWorker as error:
-            raise PinograspError(f"a worker was lost again and again; what is done is kept: start again ({error})") from error
+            raise PinograspError(
+                f"a worker was lost again and again; what is done is kept: start again ({error})"
+            ) from error
         finally:
             client.cancel([*ahead.futures])

@@ -21,11 +21,12 @@ _MERGED = 100  # parts that become one
 
 
 class Store:
-    """The rows on disk: part files of a folder, each written aside and renamed, below a manifest that says which sweep they are of.
+    """The rows on disk: part files of a folder, each written aside and renamed, below a manifest that says which sweep
+    they are of.
 
-    A context: it keeps the folder from other writers meanwhile. ``have`` (rows,) says which rows are there, ``counts`` how many
-    of each status. A part is called after the writes that it holds, ``part-<first>-<last>.parquet``: a merged one takes the place
-    of those within its range, whether or not they could still be removed.
+    A context: it keeps the folder from other writers meanwhile. ``have`` (rows,) says which rows are there, ``counts``
+    how many of each status. A part is called after the writes that it holds, ``part-<first>-<last>.parquet``: a merged
+    one takes the place of those within its range, whether or not they could still be removed.
     """
 
     def __init__(self, folder: Path, settings: dict, rows: int, kinds: dict[str, str]):
@@ -33,9 +34,13 @@ class Store:
         self.have, self.counts, self.kept, self.lock = np.zeros(rows, dtype=bool), Counter(), [], None
         text = json.dumps(settings, sort_keys=True)
         manifest = {
-            "schema": SCHEMA, "hash": hashlib.sha256(text.encode()).hexdigest(), "rows": rows, "columns": kinds, "settings": settings,
+            "schema": SCHEMA,
+            "hash": hashlib.sha256(text.encode()).hexdigest(),
+            "rows": rows,
+            "columns": kinds,
+            "settings": settings,
             "versions": {name: version(name) for name in ("pinograsp", "pin", "numpy", "pyarrow")},
-        }  # fmt: skip
+        }
         try:
             with failure_told(folder):
                 place_of(folder)
@@ -59,7 +64,8 @@ class Store:
                     found["settings"], json.loads(json.dumps(manifest["settings"]))
                 )
                 raise ResultsNotWritten(
-                    f"folder '{self.folder}' holds another sweep ({', '.join(differ[:5])}): they are not mixed, give another folder"
+                    f"folder '{self.folder}' holds another sweep ({', '.join(differ[:5])}): they are not mixed, give "
+                    "another folder"
                 )
         else:
             write_file(path, (json.dumps(manifest, indent=2) + "\n").encode())
@@ -71,7 +77,9 @@ class Store:
             table = _read(one, ["index", "status"])
             rows = table["index"].to_numpy()
             if rows.min(initial=0) < 0 or rows.max(initial=0) >= len(self.have):
-                raise InvalidInput(f"'{one}' holds rows that this sweep has not: remove it, and its own are planned again")
+                raise InvalidInput(
+                    f"'{one}' holds rows that this sweep has not: remove it, and its own are planned again"
+                )
             self.have[rows] = True
             self.counts.update(table["status"].to_pylist())
         self.next = 1 + max((_span(one)[1] for one in live), default=-1)
@@ -79,10 +87,13 @@ class Store:
     def _refuse_others(self) -> None:
         """Raise where the folder has no manifest, but something else."""
         if self.folder.exists() and not (self.folder / MANIFEST).exists():
-            foreign = sorted(one.name for one in self.folder.iterdir() if one.name != _LOCK and not one.name.startswith(ASIDE))
+            foreign = sorted(
+                one.name for one in self.folder.iterdir() if one.name != _LOCK and not one.name.startswith(ASIDE)
+            )
             if foreign:
                 raise ResultsNotWritten(
-                    f"folder '{self.folder}' holds files that no sweep wrote ({', '.join(foreign[:5])}): give another folder"
+                    f"folder '{self.folder}' holds files that no sweep wrote ({', '.join(foreign[:5])}): give another "
+                    "folder"
                 )
 
     @property
@@ -101,7 +112,9 @@ class Store:
         if not self.kept:
             return
         if not is_still(self.lock.fileno(), self.folder / _LOCK) or not (self.folder / MANIFEST).exists():
-            raise ResultsNotWritten(f"folder '{self.folder}' was removed, or another has taken its place, while a sweep was writing there")
+            raise ResultsNotWritten(
+                f"folder '{self.folder}' was removed, or another has taken its place, while a sweep was writing there"
+            )
         columns = {
             name: [_CELLS.get(kind, _plain)(row.get(name)) for row in self.kept]
             for name, kind in {"index": "whole", **self.kinds}.items()
@@ -136,11 +149,12 @@ class Store:
 
 
 def read_sweep(folder: str | Path):
-    """The rows of a sweep, in order of their index, as a ``pyarrow.Table`` (``.to_pandas()``, ``["work_J"].to_numpy()``); those of one
-    that was interrupted, or is still running, as far as they are.
+    """The rows of a sweep, in order of their index, as a ``pyarrow.Table`` (``.to_pandas()``,
+    ``["work_J"].to_numpy()``); those of one that was interrupted, or is still running, as far as they are.
 
     Raises:
-        InvalidInput: the folder holds no sweep, or a broken one. ExtraMissing: pyarrow (extra ``sweep``) is not installed.
+        InvalidInput: the folder holds no sweep, or a broken one.
+        ExtraMissing: pyarrow (extra ``sweep``) is not installed.
     """
     folder = Path(folder)
     schema = _schema(_manifest(folder)["columns"])
@@ -163,11 +177,18 @@ def _schema(kinds: dict[str, str]):
         import pyarrow as pa
         import pyarrow.parquet
     except ImportError as error:
-        raise ExtraMissing(f"sweeps are kept as Parquet, which needs pyarrow: pip install 'pinograsp[sweep]' ({error})") from error
+        raise ExtraMissing(
+            f"sweeps are kept as Parquet, which needs pyarrow: pip install 'pinograsp[sweep]' ({error})"
+        ) from error
     types = {
-        "text": pa.string(), "json": pa.string(), "number": pa.float64(), "whole": pa.int64(), "flag": pa.bool_(),
-        "numbers": pa.list_(pa.float64()), "texts": pa.list_(pa.string()),
-    }  # fmt: skip
+        "text": pa.string(),
+        "json": pa.string(),
+        "number": pa.float64(),
+        "whole": pa.int64(),
+        "flag": pa.bool_(),
+        "numbers": pa.list_(pa.float64()),
+        "texts": pa.list_(pa.string()),
+    }
     return pa.schema([("index", pa.int64()), *((name, types[kind]) for name, kind in kinds.items())])
 
 
@@ -222,7 +243,9 @@ def _read(path: Path, columns: list[str] | None = None):
         raise InvalidInput(f"'{path}' cannot be read: remove it, and its rows are planned again ({error})") from error
     missing = [name for name in columns or ("index",) if name not in table.column_names]
     if missing:
-        raise InvalidInput(f"'{path}' cannot be read: remove it, and its rows are planned again (no column {missing[0]})")
+        raise InvalidInput(
+            f"'{path}' cannot be read: remove it, and its rows are planned again (no column {missing[0]})"
+        )
     return table
 
 
@@ -238,6 +261,8 @@ def _parquet(table) -> bytes:
 def _differences(a, b, name: str = "") -> list[str]:
     """Names of the plain values that differ."""
     if isinstance(a, dict) and isinstance(b, dict):
-        inner = ((key, _differences(a.get(key), b.get(key), f"{name}.{key}" if name else key)) for key in sorted({*a, *b}))
+        inner = (
+            (key, _differences(a.get(key), b.get(key), f"{name}.{key}" if name else key)) for key in sorted({*a, *b})
+        )
         return [one for _, found in inner for one in found]
     return [] if a == b else [name]

@@ -1,4 +1,6 @@
-"""Who may look at the live page: browsers send any web page's requests to this machine, so each must say that it comes from here."""
+"""Who may look at the live page: browsers send any web page's requests to this machine, so each must say that it comes
+from here.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,10 @@ def free_port(host: str, port: int) -> int:
         InvalidInput: no address of this machine, or no free port.
     """
     try:
-        places = {(family, address[0]) for family, _, _, _, address in socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM)}
+        places = {
+            (family, address[0])
+            for family, _, _, _, address in socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM)
+        }
     except (OSError, TypeError, UnicodeError) as error:
         raise InvalidInput(f"host: expected a name or an address of this machine, got {host!r} ({error})") from error
     for one in range(port, min(port + _ATTEMPTS, 65536)):
@@ -34,14 +39,17 @@ def free_port(host: str, port: int) -> int:
             reason = error
             continue
         return one
-    raise InvalidInput(f"host, port: cannot listen on {host!r} from port {port} on ({reason}): give another port or host")
+    raise InvalidInput(
+        f"host, port: cannot listen on {host!r} from port {port} on ({reason}): give another port or host"
+    )
 
 
 def welcome(host: str, hosts: list[str], origins: list[str]) -> bool:
-    """Whether a request with these headers ``Host`` and ``Origin`` may be answered by a server that listens on ``host``.
+    """Whether a request with these headers ``Host`` and ``Origin`` may be answered by a server that listens on
+    ``host``.
 
-    Names are this machine's own: to any other one, a web page may have bound this machine's address (DNS rebinding). Addresses
-    are safe from that. A page's origin must be the server itself; programs that are no browsers send none.
+    Names are this machine's own: to any other one, a web page may have bound this machine's address (DNS rebinding).
+    Addresses are safe from that. A page's origin must be the server itself; programs that are no browsers send none.
     """
     if len(hosts) != 1 or len(origins) > 1:
         return False
@@ -70,7 +78,7 @@ def _loopback(host: str) -> bool:
 
 @contextlib.contextmanager
 def guarded(host: str):
-    """A viser server that starts within it refuses requests that are not :func:`welcome`: viser has no setting for it."""
+    """A viser server that starts within it refuses requests that are not :func:`welcome`; viser has no setting."""
     from websockets.asyncio import server
 
     serve = server.serve

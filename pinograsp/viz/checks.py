@@ -50,11 +50,18 @@ def object_motion(simulation) -> Figure:
     moved = 1e3 * (poses[start:, :3, 3] - poses[start, :3, 3])
     for i, axis in enumerate("xyz"):
         drift.plot(times[start:], moved[:, i], color=COLOURS[i], linewidth=1.4, label=axis)
-    drift.plot(times[start:], np.linalg.norm(moved, axis=1), color="0.2", linewidth=1.0, linestyle="--", label="distance")
+    drift.plot(
+        times[start:], np.linalg.norm(moved, axis=1), color="0.2", linewidth=1.0, linestyle="--", label="distance"
+    )
     drift.set(ylabel="drift of the centre of mass [mm]")
     for i, part in enumerate(simulation.parts):
-        slip.plot(times[start:], 1e3 * (simulation.slips[start:, i] - simulation.slips[start, i]),
-                  color=COLOURS[i % len(COLOURS)], linewidth=1.4, label=label_of(part))  # fmt: skip
+        slip.plot(
+            times[start:],
+            1e3 * (simulation.slips[start:, i] - simulation.slips[start, i]),
+            color=COLOURS[i % len(COLOURS)],
+            linewidth=1.4,
+            label=label_of(part),
+        )
     slip.set(ylabel="slip since then [mm]")
     for axes in (drift, slip):
         _hold(axes, simulation)
@@ -72,8 +79,14 @@ def energy_audit(simulation) -> Figure:
     for i, name in enumerate(parts):
         axes.plot(simulation.times, 1e3 * energies[name], color=COLOURS[i], linewidth=1.4, label=name)
     axes.plot(simulation.times, 1e3 * put_in, color="0.2", linewidth=2.2, label="put in")
-    axes.plot(simulation.times, 1e3 * sum(energies[name] for name in parts), color="0.75", linewidth=1.0,
-              linestyle="--", label="sum of the four")  # fmt: skip
+    axes.plot(
+        simulation.times,
+        1e3 * sum(energies[name] for name in parts),
+        color="0.75",
+        linewidth=1.0,
+        linestyle="--",
+        label="sum of the four",
+    )
     axes.set(ylabel="energy [mJ]")
     _hold(axes, simulation)
     axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)

@@ -1,4 +1,6 @@
-"""Figures of a run, as Matplotlib figures: the paper's Figs. 14 to 18 and more. They need a :class:`~pinograsp.storage.Run` only."""
+"""Figures of a run, as Matplotlib figures: the paper's Figs. 14 to 18 and more. They need a
+:class:`~pinograsp.storage.Run` only.
+"""
 
 from __future__ import annotations
 
@@ -113,10 +115,17 @@ def contact_forces(run: Run) -> Figure:
     _lines(force, times, run.arrays["normal_forces"][drawn], labels)
     # Until it is released at t_F something else carries the object: its weight counts from there.
     from_fingers = run.arrays["forces_o"].sum(axis=1)[drawn]
-    force.plot(times, np.linalg.norm(from_fingers, axis=1), color="0.2", linewidth=1.2, label="resultant of the contacts")
+    force.plot(
+        times, np.linalg.norm(from_fingers, axis=1), color="0.2", linewidth=1.2, label="resultant of the contacts"
+    )
     left = np.linalg.norm(run.arrays["net_force_o"][impact:], axis=1)
     force.plot(
-        run.arrays["times"][impact:], left, color="0.55", linewidth=1.2, linestyle=(0, (1, 1)), label="net force, load included"
+        run.arrays["times"][impact:],
+        left,
+        color="0.55",
+        linewidth=1.2,
+        linestyle=(0, (1, 1)),
+        label="net force, load included",
     )
     force.set(ylabel="force [N]")
     _lines(depth, times, 1e3 * run.arrays["depth"][drawn], labels)
@@ -129,7 +138,7 @@ def contact_forces(run: Run) -> Figure:
 
 
 def grasp_energy(run: Run) -> Figure:
-    """Grasp energy as it builds up in the grasp phase: work (Eq. 9) and impulse (Eq. 11), which have a factor rho + 1."""
+    """Grasp energy as it builds up in the grasp phase: work (Eq. 9) and impulse (Eq. 11), with a factor rho + 1."""
     instance_of("run", run, Run)
     impact, arrays = int(run.arrays["impact"]), run.arrays
     times, rates = arrays["times"][impact:], arrays["rate"][impact:]
@@ -162,8 +171,15 @@ def friction_use(run: Run) -> Figure:
     axes.text(arrays["times"][-1], 99, "slips above ", ha="right", va="top", fontsize=8, color="0.2")
     if friction["safety"] > 1:
         axes.axhline(100 / friction["safety"], color="0.4", linewidth=0.9, linestyle=":")
-        axes.text(arrays["times"][-1], 99 / friction["safety"], f"safety factor {friction['safety']:g} ", ha="right", va="top",
-                  fontsize=8, color="0.4")  # fmt: skip
+        axes.text(
+            arrays["times"][-1],
+            99 / friction["safety"],
+            f"safety factor {friction['safety']:g} ",
+            ha="right",
+            va="top",
+            fontsize=8,
+            color="0.4",
+        )
     most = np.nan_to_num(100 * share[drawn]).max(initial=0.0)
     axes.set(xlabel="time [s]", ylabel="friction used, of mu F_n [%]", ylim=(0, max(105, 1.05 * most)))
     axes.grid(alpha=0.3, linewidth=0.5)
@@ -188,12 +204,17 @@ def wrench_margin(run: Run) -> Figure:
         axes.plot(0, 0, "+", color="0.2")
         axes.set(xlabel=f"force along {plane[0]} [N]", ylabel=f"force along {plane[1]} [N]")
         axes.grid(alpha=0.3, linewidth=0.5)
-    figure.suptitle("Disturbing forces on the centre of mass that friction still holds, besides the load (gravity along -z)", fontsize=10)
+    figure.suptitle(
+        "Disturbing forces on the centre of mass that friction still holds, besides the load (gravity along -z)",
+        fontsize=10,
+    )
     return figure
 
 
 def search_over_time(run: Run) -> Figure:
-    """Grasp energy against the impact time: what is proven for each interval of t_I, the best found, and the gap as it closes."""
+    """Grasp energy against the impact time: what is proven for each interval of t_I, the best found, and the gap as it
+    closes.
+    """
     instance_of("run", run, Run)
     branches = run.arrays["branches"]
     if not len(branches):
@@ -203,11 +224,25 @@ def search_over_time(run: Run) -> Figure:
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     map_, gap = figure.subplots(1, 2)
     known = np.isfinite(bound)
-    map_.hlines(bound[known], start[known], end[known], color=COLOURS[0], linewidth=1.6, label="proven: no less in this interval")
+    map_.hlines(
+        bound[known],
+        start[known],
+        end[known],
+        color=COLOURS[0],
+        linewidth=1.6,
+        label="proven: no less in this interval",
+    )
     if (~known).any():
         floor = np.nanmin(np.where(known, bound, np.nan)) if known.any() else 0.0
-        map_.hlines(np.full((~known).sum(), floor), start[~known], end[~known], color="0.6", linewidth=3.0, alpha=0.5,
-                    label="no forces in this interval")  # fmt: skip
+        map_.hlines(
+            np.full((~known).sum(), floor),
+            start[~known],
+            end[~known],
+            color="0.6",
+            linewidth=3.0,
+            alpha=0.5,
+            label="no forces in this interval",
+        )
     final = run.summary["certificate"]["primal"]
     map_.plot(run.summary["impact_time_s"], final, "o", color=COLOURS[1], label="found")
     map_.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(run.summary['measure'])} [{unit}]")
@@ -228,8 +263,9 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
     """A value of a sweep over one or two of its inputs; where nothing holds the map stays empty.
 
     Args:
-        columns: of the sweep's table, name to values (r,). value: the column to show. x, y: columns of inputs on a grid;
-            without ``y`` a line.
+        columns: of the sweep's table, name to values (r,).
+        value: the column to show.
+        x, y: columns of inputs on a grid; without ``y`` a line.
     """
     columns = mapping_of("columns", columns, "{name: values}")
     for name in (value, x, *(() if y is None else (y,))):
@@ -270,7 +306,9 @@ def save_figures(run: Run, folder: str | Path) -> list[Path]:
         figures["search_over_time"] = search_over_time(run)
     paths = []
     for name, figure in figures.items():
-        path = Path(folder) / f"{re.sub(r'[^A-Za-z0-9_]', '_', name)[:80]}.png"  # fingers' names come from files of others
+        path = (
+            Path(folder) / f"{re.sub(r'[^A-Za-z0-9_]', '_', name)[:80]}.png"
+        )  # fingers' names come from files of others
         if path in paths:
             path = path.with_stem(f"{path.stem}_{len(paths)}")
         paths.append(path)

@@ -19,10 +19,12 @@ def save_html(run: Run, path: str | Path, *, simulation=None) -> Path:
     """Write a page that shows a run: one file, which opens from disk, without a server or a network; returns its path.
 
     Args:
-        run, simulation: as for :func:`~pinograsp.viz.viewer.view`. path: of the file; what is there is overwritten.
+        run, simulation: as for :func:`~pinograsp.viz.viewer.view`.
+        path: of the file; what is there is overwritten.
 
     Raises:
-        InvalidInput, HandNotLoaded: as there. ResultsNotWritten: the file cannot be written.
+        InvalidInput, HandNotLoaded: as there.
+        ResultsNotWritten: the file cannot be written.
     """
     return write_file(path, _page(scene_of(run, simulation)).encode())
 
@@ -101,8 +103,10 @@ def _record(scene: ViewScene) -> dict:
         "used": block.put(scene.used),
         "load": scene.load_o.tolist(),
         "com": scene.com_o.tolist(),
-        "joints": [{"name": name, "slides": bool(slides), "limit": limit}
-                   for name, slides, limit in zip(scene.joints, scene.sliding, limits)],
+        "joints": [
+            {"name": name, "slides": bool(slides), "limit": limit}
+            for name, slides, limit in zip(scene.joints, scene.sliding, limits)
+        ],
         "fingers": list(scene.fingers.items()),
         "q": block.put(scene.q),
         "torques": block.put(scene.torques),
@@ -117,7 +121,7 @@ def _record(scene: ViewScene) -> dict:
         "alone": float(scene.extent[0]) - apart,
         "sign": (alone + top * scene.extent[1]).tolist(),
         "simulated": None,
-    }  # fmt: skip
+    }
     if simulated is not None:
         record["simulated"] = {
             "held": simulated.held,

@@ -43,7 +43,10 @@ def forces(scene: ViewScene, frame: int) -> str:
     ]
     if (check := scene.simulated) is not None:
         rows = [_row("in the simulation", "normal [N]", "planned [N]", grey=True)]
-        rows += [_row(escape(part), told(check.normal_forces[frame, p]), told(check.planned[p])) for p, part in enumerate(check.parts)]
+        rows += [
+            _row(escape(part), told(check.normal_forces[frame, p]), told(check.planned[p]))
+            for p, part in enumerate(check.parts)
+        ]
         lines += [_table(rows), f"object has drifted {told(1e3 * check.drift[frame])} mm since the grasp was complete"]
     return _boxed("".join(f"<div style='margin:4px 0'>{line}</div>" for line in lines))
 
@@ -57,13 +60,18 @@ def torques(scene: ViewScene, frame: int) -> str:
             q, torque, slides, limit = scene.q[frame, i], scene.torques[frame, i], scene.sliding[i], scene.limits[i]
             share = abs(torque) / limit if np.isfinite(limit) and limit > 0 else np.nan
             position = f"{1e3 * q:.1f} mm" if slides else f"{np.degrees(q):.1f} deg"
-            rows.append(_row(escape(scene.joints[i]), position, f"{told(torque)} {'N' if slides else 'N m'}", _bar(share)))
+            rows.append(
+                _row(escape(scene.joints[i]), position, f"{told(torque)} {'N' if slides else 'N m'}", _bar(share))
+            )
     return _boxed(_table(rows))
 
 
 def foot(scene: ViewScene) -> str:
     """What does not change: margins of the grasp, and cautions."""
-    rows = [f"<tr><td>{escape(what)}</td><td style='text-align:right'>{escape(value)}</td></tr>" for what, value in scene.facts]
+    rows = [
+        f"<tr><td>{escape(what)}</td><td style='text-align:right'>{escape(value)}</td></tr>"
+        for what, value in scene.facts
+    ]
     cautions = "".join(f"<li>{escape(caution)}</li>" for caution in scene.cautions)
     return _boxed(_table(rows) + (f"<b>Cautions</b><ul>{cautions}</ul>" if cautions else ""))
 
@@ -96,7 +104,8 @@ def _bar(share: float) -> str:
         return "-"
     colour = _USED if share <= 1.0001 else _LEVELS["no"][0]
     fill = f"<span style='display:block;height:100%;width:{100 * min(share, 1.0):.1f}%;background:{colour}'></span>"
-    box = "display:inline-block;width:40px;height:8px;background:#e2e7ec;border-radius:3px;overflow:hidden;margin-right:4px"
+    box = "display:inline-block;width:40px;height:8px;background:#e2e7ec;border-radius:3px;"
+    box += "overflow:hidden;margin-right:4px"
     return f"<span style='{box}'>{fill}</span><span style='display:inline-block;width:2.9em'>{100 * share:.0f} %</span>"
 
 

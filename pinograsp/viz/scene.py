@@ -15,15 +15,40 @@ from pinograsp.spatial import tangent_frame
 from pinograsp.storage import Run, load_check
 from pinograsp.viz.figures import COLOURS
 from pinograsp.viz.scene_meshes import Links, Solid, Triangles, cloud_of, friction_cone, placed, sevens, solids_of
-from pinograsp.words import Answer, disturbance_held, does_it_hold, friction_model, friction_used, load_factor, number, shares, work
+from pinograsp.words import (
+    Answer,
+    disturbance_held,
+    does_it_hold,
+    friction_model,
+    friction_used,
+    load_factor,
+    number,
+    shares,
+    work,
+)
 
 # Instants shown in the approach, in the grasp phase, and after it: the shortest phase is the one to look at closely.
 _APPROACH, _GRASP, _HOLD = 150, 100, 150
 _ARROW = 0.3  # of the scene's size: length of the largest force's arrow, before it is rounded to a scale of 1, 2 or 5
 _ELEVATION = np.radians(22.0)  # of the camera, unless something is in the way
 _SAMPLES = 4000  # points on the hand that may hide contacts
-_NEEDED = {"times", "impact", "q", "torques", "holding_torques", "forces_o", "normal_forces", "points_o", "rotations_oc", "com_o",
-           "load", "gravity", "mu", "contact_links", "torque_limit"}  # fmt: skip
+_NEEDED = {
+    "times",
+    "impact",
+    "q",
+    "torques",
+    "holding_torques",
+    "forces_o",
+    "normal_forces",
+    "points_o",
+    "rotations_oc",
+    "com_o",
+    "load",
+    "gravity",
+    "mu",
+    "contact_links",
+    "torque_limit",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,10 +56,15 @@ class Simulated:
     """A simulation of the plan at the scene's f instants.
 
     Attributes:
-        held, reason, engine: the verdict in words. release: when the object was let go [s]; None: never.
+        held, reason, engine: the verdict in words.
+        release: when the object was let go [s]; None: never.
         link_poses: (f, l, 7), object_poses: (f, 7): position [m] and quaternion w, x, y, z.
-        parts: of the hand that touch (p). planned: F_n at t_F (p,) [N]. normal_forces: (f, p) [N]. forces_o: (f, p, 3) [N].
-        points_b: where they are drawn, in the body frame (p, 3) [m]: the mean of a part's planned contacts; NaN: not known.
+        parts: of the hand that touch (p).
+        planned: F_n at t_F (p,) [N].
+        normal_forces: (f, p) [N].
+        forces_o: (f, p, 3) [N].
+        points_b: where they are drawn, in the body frame (p, 3) [m]: the mean of a part's planned contacts; NaN: not
+            known.
         drift: of the object since t_F (f,) [m].
         beside: how far to move it so that it stands beside the plan (3,) [m].
     """
@@ -56,7 +86,9 @@ class Simulated:
     __repr__ = brief()
 
     def arrows(self, frame: int, scale: float) -> np.ndarray:
-        """Start and end of the forces' arrows (p, 2, 3) [m] at ``scale`` [m/N]; of no length where it is not known where they act."""
+        """Start and end of the forces' arrows (p, 2, 3) [m] at ``scale`` [m/N]; of no length where it is not known
+        where they act.
+        """
         pose, known = self.object_poses[frame], np.isfinite(self.points_b).all(axis=1)[:, None]
         start = Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(np.where(known, self.points_b, 0.0)) + pose[:3]
         return np.stack([start, start + scale * np.where(known, self.forces_o[frame], 0.0)], axis=1)
@@ -67,19 +99,36 @@ class ViewScene:
     """A run as geometry and numbers, at f instants.
 
     Attributes:
-        title, subtitle: of the run. answer: whether it holds. status, remedy: of the plan. facts: (what, value with its unit).
-            cautions: in words.
-        times: (f,) [s]; closer together where forces build up. touch, closed: t_I and t_F [s].
-        solids: of hand and object. link_poses: (f, l, 7), object_pose: (7,) or None: position [m], quaternion w, x, y, z.
-        contacts: names (k). colours: (k) ``#rrggbb``. points_o: (k, 3) [m]. rotations_oc: (k, 3, 3). cones: (k) triangles in the
-            contact frames, of ``cone_height`` [m]. pyramids: whether they have edges.
-        forces_o: on the object (f, k, 3) [N]. normal, tangential: (f, k) [N]. used: share of Coulomb's cone, mu F_n (f, k), NaN
-            without force. load_o: weight and other loads (3,) [N]. com_o: (3,) [m].
-        joints: names (n). fingers: joints by finger, of those that move or bear torque; each joint once. sliding: (n,).
-            q: (f, n) [rad, m]. torques: (f, n), limits: (n,), infinity: none [N m, N].
+        title, subtitle: of the run.
+        answer: whether it holds.
+        status, remedy: of the plan.
+        facts: (what, value with its unit).
+        cautions: in words.
+        times: (f,) [s]; closer together where forces build up.
+        touch, closed: t_I and t_F [s].
+        solids: of hand and object.
+        link_poses: (f, l, 7), object_pose: (7,) or None: position [m], quaternion w, x, y, z.
+        contacts: names (k).
+        colours: (k) ``#rrggbb``.
+        points_o: (k, 3) [m].
+        rotations_oc: (k, 3, 3).
+        cones: (k) triangles in the contact frames, of ``cone_height`` [m].
+        pyramids: whether they have edges.
+        forces_o: on the object (f, k, 3) [N].
+        normal, tangential: (f, k) [N].
+        used: share of Coulomb's cone, mu F_n (f, k), NaN without force.
+        load_o: weight and other loads (3,) [N].
+        com_o: (3,) [m].
+        joints: names (n).
+        fingers: joints by finger, of those that move or bear torque; each joint once.
+        sliding: (n,).
+        q: (f, n) [rad, m].
+        torques: (f, n), limits: (n,), infinity: none [N m, N].
         force_scale: length of arrows [m/N].
-        up: (3,). ground: its height along ``up`` [m]. centre: what to look at [m], from the direction ``view`` (3,); ``extent``:
-            half the size of the scene to the right, upwards and along ``view`` [m].
+        up: (3,).
+        ground: its height along ``up`` [m].
+        centre: what to look at [m], from the direction ``view`` (3,); ``extent``: half the size of the scene to the
+            right, upwards and along ``view`` [m].
         simulated: or None.
     """
 
@@ -135,7 +184,9 @@ class ViewScene:
         return int(np.abs(self.times - time).argmin())
 
     def arrows(self, frame: int, scale: float | None = None) -> np.ndarray:
-        """Start and end of the contact forces' arrows (k, 2, 3) [m] at ``scale`` [m/N]: from the contact along the force."""
+        """Start and end of the contact forces' arrows (k, 2, 3) [m] at ``scale`` [m/N]: from the contact along the
+        force.
+        """
         scale = self.force_scale if scale is None else scale
         return np.stack([self.points_o, self.points_o + scale * self.forces_o[frame]], axis=1)
 
@@ -156,7 +207,8 @@ class ViewScene:
 
 
 def scene_of(run: Run, simulation=None) -> ViewScene:
-    """The scene of a run, with a simulation of it: a :class:`~pinograsp.referee.simulation.Simulation`, or a check's folder.
+    """The scene of a run, with a simulation of it: a :class:`~pinograsp.referee.simulation.Simulation`, or a check's
+    folder.
 
     Raises:
         InvalidInput: a run without a plan or without its hand, or a simulation that is not one of this run.
@@ -165,11 +217,15 @@ def scene_of(run: Run, simulation=None) -> ViewScene:
         raise InvalidInput(f"viewer: expected a run (pinograsp.load_run, pinograsp.run_of), got {type(run).__name__}")
     if missing := sorted(_NEEDED - run.arrays.keys()):
         why = run.summary.get("status", "unknown")
-        raise InvalidInput(f"viewer: expected a run with a plan, got one without {', '.join(missing)} (status {why}): plan it again")
+        raise InvalidInput(
+            f"viewer: expected a run with a plan, got one without {', '.join(missing)} (status {why}): plan it again"
+        )
     hand, thing = run.hand(), run.object() if run.scene.get("object") is not None else None
     arrays, layout = run.arrays, run.layout
     if arrays["q"].shape[1] != hand.n or len(layout["contacts"]) != len(arrays["points_o"]):
-        raise InvalidInput(f"viewer: expected a run whose arrays are those of its hand ({hand.n} joints): plan it again")
+        raise InvalidInput(
+            f"viewer: expected a run whose arrays are those of its hand ({hand.n} joints): plan it again"
+        )
     try:
         facts = tuple(_facts(run))
     except (KeyError, TypeError) as error:
@@ -186,10 +242,12 @@ def scene_of(run: Run, simulation=None) -> ViewScene:
 
     gravity = arrays["gravity"]
     up = -gravity / np.linalg.norm(gravity) if np.any(gravity) else np.array([0.0, 0.0, 1.0])
-    cloud = np.concatenate([
-        cloud_of(solids, link_poses[i], object_pose) for i in np.linspace(0, len(times) - 1, 8).astype(int)
-    ])  # fmt: skip
-    view = _view(up, arrays["points_o"], arrays["rotations_oc"][:, :, 2], _spread(solids, link_poses[-1]), arrays["com_o"])
+    cloud = np.concatenate(
+        [cloud_of(solids, link_poses[i], object_pose) for i in np.linspace(0, len(times) - 1, 8).astype(int)]
+    )
+    view = _view(
+        up, arrays["points_o"], arrays["rotations_oc"][:, :, 2], _spread(solids, link_poses[-1]), arrays["com_o"]
+    )
     size = float(np.ptp(cloud, axis=0).max())
     right = np.cross(up, view) / np.linalg.norm(np.cross(up, view))
     simulated = None
@@ -278,16 +336,21 @@ def _instants(arrays, check) -> tuple[np.ndarray, np.ndarray]:
 def _view(up, points, normals, samples, com) -> np.ndarray:
     """Unit direction (3,) towards the camera.
 
-    Of a ring of directions the one from which the hand hides the least around the contacts, and from which normals are seen
-    from the side: there arrows and cones are long.
+    Of a ring of directions the one from which the hand hides the least around the contacts, and from which normals are
+    seen from the side: there arrows and cones are long.
 
     Args:
-        up: (3,). points: of the contacts (k, 3). normals: (k, 3). samples: points spread evenly over the hand's surface (s, 3),
-            and the area each stands for [m^2]. com: of the object (3,).
+        up: (3,).
+        points: of the contacts (k, 3).
+        normals: (k, 3).
+        samples: points spread evenly over the hand's surface (s, 3), and the area each stands for [m^2].
+        com: of the object (3,).
     """
     on_hand, area = samples
     x, y = tangent_frame(up, np.zeros(3)).T[:2]
-    turn, lift = (part.ravel()[:, None] for part in np.meshgrid(np.radians(np.arange(0, 360, 10)), np.radians([10.0, 22.0, 35.0])))
+    turn, lift = (
+        part.ravel()[:, None] for part in np.meshgrid(np.radians(np.arange(0, 360, 10)), np.radians([10.0, 22.0, 35.0]))
+    )
     views = np.cos(lift) * (np.cos(turn) * x + np.sin(turn) * y) + np.sin(lift) * up
     targets = np.vstack([points, com])
     radius = 0.06 * np.ptp(on_hand, axis=0).max(initial=1e-3)
@@ -368,7 +431,9 @@ def _check_of(simulation, n: int) -> dict:
     elif hasattr(simulation, "summary") and hasattr(simulation, "arrays"):
         summary, arrays = simulation.summary(), simulation.arrays()
     else:
-        raise InvalidInput(f"simulation: expected a simulation or the folder of a check, got {type(simulation).__name__}")
+        raise InvalidInput(
+            f"simulation: expected a simulation or the folder of a check, got {type(simulation).__name__}"
+        )
     check = {**summary, **arrays}
     parts = len(check.get("planned_forces_N", ()))
     wanted = {"q": (n,), "object_poses": (4, 4), "normal_forces": (parts,), "forces_o": (parts, 3)}
@@ -376,7 +441,8 @@ def _check_of(simulation, n: int) -> dict:
     for name, shape in wanted.items():
         if samples == 0 or np.shape(check.get(name)) != (samples, *shape):
             raise InvalidInput(
-                f"simulation: expected one of this run's hand ({name} of shape {(samples, *shape)}), got {np.shape(check.get(name))}"
+                f"simulation: expected one of this run's hand ({name} of shape {(samples, *shape)}), got "
+                f"{np.shape(check.get(name))}"
             )
     return check
 

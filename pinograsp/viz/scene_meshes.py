@@ -31,8 +31,11 @@ class Solid:
     """A part that moves as a whole.
 
     Attributes:
-        name: for people. link: index into ``ViewScene.link_poses``; None: the object.
-        vertices: (n, 3) in the frame that moves it [m]. faces: (m, 3). colour: ``#rrggbb``.
+        name: for people.
+        link: index into ``ViewScene.link_poses``; None: the object.
+        vertices: (n, 3) in the frame that moves it [m].
+        faces: (m, 3).
+        colour: ``#rrggbb``.
     """
 
     name: str
@@ -56,7 +59,9 @@ class Links:
 
     def poses(self, q: np.ndarray) -> np.ndarray:
         """(f, l, 7) at q (f, n)."""
-        return sevens(np.array([self.hand.frame_placements(one, self.names) for one in q]).reshape(len(q), -1, 4, 4) @ self.back)
+        return sevens(
+            np.array([self.hand.frame_placements(one, self.names) for one in q]).reshape(len(q), -1, 4, 4) @ self.back
+        )
 
 
 def sevens(poses: np.ndarray) -> np.ndarray:
@@ -66,16 +71,22 @@ def sevens(poses: np.ndarray) -> np.ndarray:
 
 
 def solids_of(hand: HandModel, thing, links: Links, touching: dict[str, str]) -> tuple[Solid, ...]:
+    """Triangles and colours of the hand's links and of the object."""
     solids = []
     for one in hand.geometry.geometryObjects:
         vertices, faces = triangles_of(one.geometry)
         frame = hand.model.frames[one.parentFrame]
         colour = LINK if one.parentJoint else PALM
         colour = _mixed(colour, touching[frame.name]) if frame.name in touching else colour
-        solids.append(Solid(
-            name=one.name, link=links.index[one.parentJoint], faces=faces, colour=colour,
-            vertices=vertices @ one.placement.rotation.T + one.placement.translation,
-        ))  # fmt: skip
+        solids.append(
+            Solid(
+                name=one.name,
+                link=links.index[one.parentJoint],
+                faces=faces,
+                colour=colour,
+                vertices=vertices @ one.placement.rotation.T + one.placement.translation,
+            )
+        )
     if thing is not None:
         vertices, faces = triangles_of(thing.collision_geometry)
         solids.append(Solid(name="object", link=None, vertices=vertices, faces=faces, colour=OBJECT))
@@ -88,6 +99,7 @@ def _mixed(colour: str, other: str) -> str:
 
 
 def rgb(colour: str) -> np.ndarray:
+    """A colour such as ``#0072B2`` as three integers (3,)."""
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
 
 
@@ -111,8 +123,8 @@ def cloud_of(solids, link_poses: np.ndarray, object_pose) -> np.ndarray:
 def triangles_of(shape) -> Triangles:
     """Vertices (n, 3) [m] and faces (m, 3), outwards, of a shape of coal in its own frame.
 
-    Vertices at creases are repeated, so that normals averaged over the faces at a vertex shade smooth parts smoothly and
-    edges sharply. Shapes are told by the names of their classes.
+    Vertices at creases are repeated, so that normals averaged over the faces at a vertex shade smooth parts smoothly
+    and edges sharply. Shapes are told by the names of their classes.
 
     Raises:
         InvalidInput: a shape without a surface that is known.
@@ -142,7 +154,8 @@ def friction_cone(mu: float, height: float, edges: int | None = None) -> Triangl
     """The directions that friction can bear, apex at the origin, about +z; open at the far end.
 
     Args:
-        mu: friction coefficient; the half-angle is atan(mu). height: along z [m].
+        mu: friction coefficient; the half-angle is atan(mu).
+        height: along z [m].
         edges: of a pyramid, which is inscribed in the cone with its first edge at 45 deg from x; None: a cone.
     """
     angles = 2 * np.pi * np.arange(edges or _AROUND) / (edges or _AROUND) + (np.pi / 4 if edges else 0.0)
@@ -154,7 +167,9 @@ def friction_cone(mu: float, height: float, edges: int | None = None) -> Triangl
 
 def arrow() -> tuple[Triangles, Triangles]:
     """Shaft and head of an arrow along +z, each from z = 0 to 1 and of radius 1, to be scaled."""
-    return creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0])), creased(*_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
+    return creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0])), creased(
+        *_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    )
 
 
 def creased(vertices: np.ndarray, faces: np.ndarray, crease: float = _CREASE) -> Triangles:
@@ -178,10 +193,13 @@ def creased(vertices: np.ndarray, faces: np.ndarray, crease: float = _CREASE) ->
     first, second = first[smooth], second[smooth]
     after = np.roll(corner, -1, axis=1).ravel()
     same = start[first] == start[second]  # faces that are wound alike run along their edge in opposite directions
-    links = np.concatenate([first, after[first]]), np.concatenate(
-        [np.where(same, second, after[second]), np.where(same, after[second], second)]
+    links = (
+        np.concatenate([first, after[first]]),
+        np.concatenate([np.where(same, second, after[second]), np.where(same, after[second], second)]),
     )
-    count, label = connected_components(coo_array((np.ones(len(links[0])), links), shape=(3 * m, 3 * m)), directed=False)
+    count, label = connected_components(
+        coo_array((np.ones(len(links[0])), links), shape=(3 * m, 3 * m)), directed=False
+    )
     split = np.empty((count, 3))
     split[label] = vertices[start]
     return split, label.reshape(m, 3)

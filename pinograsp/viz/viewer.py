@@ -21,8 +21,16 @@ from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, rgb
 __all__ = ["Viewer", "save_html", "view"]
 
 _RATE = 30.0  # instants a second while it plays
-_LAYERS = {"hand": "hand", "object": "object", "frames": "contact frames", "cones": "friction cones", "forces": "forces",
-           "labels": "labels", "ground": "ground", "simulation": "simulation"}  # fmt: skip
+_LAYERS = {
+    "hand": "hand",
+    "object": "object",
+    "frames": "contact frames",
+    "cones": "friction cones",
+    "forces": "forces",
+    "labels": "labels",
+    "ground": "ground",
+    "simulation": "simulation",
+}
 _FOV = np.radians(35.0)
 
 
@@ -30,10 +38,12 @@ def view(run: Run, *, simulation=None, port: int = 8080, host: str = "localhost"
     """Show a run on a live page, in a browser on this machine.
 
     Args:
-        run: of a plan, fresh (:func:`~pinograsp.storage.run_of`) or read back. simulation: of it, to stand beside it: a
-            :class:`~pinograsp.referee.simulation.Simulation`, or the folder of a check.
-        port: the first one to try. host: ``"0.0.0.0"`` lets other machines look on as well, by this one's address or name. Web
-            pages from elsewhere are refused.
+        run: of a plan, fresh (:func:`~pinograsp.storage.run_of`) or read back.
+        simulation: of it, to stand beside it: a :class:`~pinograsp.referee.simulation.Simulation`, or the folder of a
+            check.
+        port: the first one to try.
+        host: ``"0.0.0.0"`` lets other machines look on as well, by this one's address or name. Web pages from elsewhere
+            are refused.
         open_browser: whether to open the page; its address is ``viewer.url``.
 
     Raises:
@@ -158,17 +168,30 @@ class Viewer:
         aside = 0.25 * width * np.cross(scene.up, scene.view) / np.linalg.norm(np.cross(scene.up, scene.view))
         camera.look_at, camera.position = scene.centre + aside, scene.centre + aside + distance * scene.view
         reach, cell = float(8 * scene.extent.max()), scene.cell
-        self._keep("ground", world.add_grid(
-            "/ground", width=reach, height=reach, cell_size=cell, section_size=5 * cell, cell_color=(214, 220, 227),
-            section_color=(160, 170, 181), fade_distance=3 * reach, shadow_opacity=0.2,
-            wxyz=_turn(tangent_frame(scene.up, np.zeros(3))), position=scene.centre + (scene.ground - scene.up @ scene.centre) * scene.up,
-        ))  # fmt: skip
+        self._keep(
+            "ground",
+            world.add_grid(
+                "/ground",
+                width=reach,
+                height=reach,
+                cell_size=cell,
+                section_size=5 * cell,
+                cell_color=(214, 220, 227),
+                section_color=(160, 170, 181),
+                fade_distance=3 * reach,
+                shadow_opacity=0.2,
+                wxyz=_turn(tangent_frame(scene.up, np.zeros(3))),
+                position=scene.centre + (scene.ground - scene.up @ scene.centre) * scene.up,
+            ),
+        )
 
     def _add_bodies(self) -> None:
         scene, world = self.scene, self.server.scene
         sets = [("plan", scene.link_poses, scene.object_pose is not None, "hand", "object", np.zeros(3))]
         if scene.simulated is not None:
-            sets.append(("simulation", scene.simulated.link_poses, True, "simulation", "simulation", scene.simulated.beside))
+            sets.append(
+                ("simulation", scene.simulated.link_poses, True, "simulation", "simulation", scene.simulated.beside)
+            )
         self._links, self._bodies, self._root, self._ghost = [], [], None, []
         for name, poses, body, hand_layer, body_layer, shift in sets:
             root = world.add_frame(f"/{name}", show_axes=False, position=shift)
@@ -194,17 +217,31 @@ class Viewer:
         thin = {name: 0.42 * value for name, value in thick.items()}
         ends = scene.points_o[:, None] + 0.6 * scene.cone_height * np.moveaxis(scene.rotations_oc, 1, 2)
         points = np.stack([np.repeat(scene.points_o[:, None], 3, axis=1), ends], axis=2).reshape(-1, 2, 3)
-        self._keep("frames", world.add_arrows("/contacts/frames", points, np.array([_dark(c) for c in AXES] * k), **thin))
+        self._keep(
+            "frames", world.add_arrows("/contacts/frames", points, np.array([_dark(c) for c in AXES] * k), **thin)
+        )
         outside = scene.points_o - 0.5 * scene.cone_height * scene.rotations_oc[:, :, 2]
         self._arrows, self._labels = [], []
         for i, name in enumerate(scene.colours):
             colour, dark = _colour(name), _dark(name)
             vertices, faces = scene.cones[i]
             at = {"wxyz": _turn(scene.rotations_oc[i]), "position": scene.points_o[i]}
-            self._keep("cones", world.add_mesh_simple(
-                f"/contacts/cone{i}", vertices, faces, color=colour, opacity=0.3, side="double", cast_shadow=False, **at,
-            ))  # fmt: skip
-            self._arrows.append(world.add_arrows(f"/contacts/force{i}", scene.arrows(self._frame)[i : i + 1], dark, **thick))
+            self._keep(
+                "cones",
+                world.add_mesh_simple(
+                    f"/contacts/cone{i}",
+                    vertices,
+                    faces,
+                    color=colour,
+                    opacity=0.3,
+                    side="double",
+                    cast_shadow=False,
+                    **at,
+                ),
+            )
+            self._arrows.append(
+                world.add_arrows(f"/contacts/force{i}", scene.arrows(self._frame)[i : i + 1], dark, **thick)
+            )
             self._labels.append(world.add_label(f"/contacts/label{i}", "", position=outside[i], anchor="bottom-center"))
         self._load = world.add_arrows("/contacts/load", np.zeros((1, 2, 3)), _dark(LOAD), **thick)
         self._head, self._pressing = thick["head_length"], []
@@ -227,9 +264,21 @@ class Viewer:
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.add_html(head(scene))
         last = len(scene.times) - 1
-        marks = {0: "0 s", last: f"{scene.times[-1]:.3g} s", scene.frame_at(scene.touch): "touch", scene.frame_at(scene.closed): "t_F"}
-        self._slider = gui.add_slider("time", min=0, max=max(last, 1), step=1, initial_value=self._frame, marks=tuple(marks.items()),
-                                      hint="from instant to instant: they are closer together where forces build up")  # fmt: skip
+        marks = {
+            0: "0 s",
+            last: f"{scene.times[-1]:.3g} s",
+            scene.frame_at(scene.touch): "touch",
+            scene.frame_at(scene.closed): "t_F",
+        }
+        self._slider = gui.add_slider(
+            "time",
+            min=0,
+            max=max(last, 1),
+            step=1,
+            initial_value=self._frame,
+            marks=tuple(marks.items()),
+            hint="from instant to instant: they are closer together where forces build up",
+        )
         self._play = gui.add_button("Play")
         self._forces = gui.add_html("")
         with gui.add_folder("Show"):
@@ -240,8 +289,13 @@ class Viewer:
             if scene.simulated is not None:
                 beside = gui.add_checkbox("simulation beside", True)
                 beside.on_update(lambda _: self._set_beside(bool(beside.value)))
-            arrows = gui.add_slider("arrows [mm/N]", min=1e2 * scene.force_scale, max=1e4 * scene.force_scale, step=10 * scene.force_scale,
-                                    initial_value=1e3 * scene.force_scale)  # fmt: skip
+            arrows = gui.add_slider(
+                "arrows [mm/N]",
+                min=1e2 * scene.force_scale,
+                max=1e4 * scene.force_scale,
+                step=10 * scene.force_scale,
+                initial_value=1e3 * scene.force_scale,
+            )
             self._speed = gui.add_slider("play speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
         with gui.add_folder("Margins of the grasp"):
             gui.add_html(foot(scene))

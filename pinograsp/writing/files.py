@@ -20,7 +20,8 @@ _LONGEST = 255  # bytes of a name
 
 
 def write_file(path: str | Path, content: bytes) -> Path:
-    """One file, whole or not at all: written next to its place, then renamed; returns its path. Symbolic links are followed.
+    """One file, whole or not at all: written next to its place, then renamed; returns its path. Symbolic links are
+    followed.
 
     Raises:
         ResultsNotWritten: it cannot be written.
@@ -49,7 +50,8 @@ def write_file(path: str | Path, content: bytes) -> Path:
 
 
 def list_in(folder: str | Path, *paths: str | Path) -> None:
-    """Tell in a folder's list that files, or folders with lists of their own (their paths end with '/'), are written here as well.
+    """Tell in a folder's list that files, or folders with lists of their own (their paths end with '/'), are written
+    here as well.
 
     Those elsewhere are left out, and nothing is done for a folder without a list.
 
@@ -71,11 +73,13 @@ def safe_name(text: str) -> str:
 
 
 def cut(text: str, longest: int) -> str:
+    """At most so many bytes of a text."""
     return text.encode(errors="replace")[:longest].decode(errors="ignore")
 
 
 @contextlib.contextmanager
 def failure_told(path: str | Path) -> Iterator[None]:
+    """Errors of the system become :class:`~pinograsp.errors.ResultsNotWritten`."""
     try:
         yield
     except OSError as error:
@@ -91,7 +95,8 @@ def place_of(path: str | Path) -> Path:
         raise ResultsNotWritten(f"cannot write {str(path)!r}: {error}") from error
     if len(longest) > _LONGEST:
         raise ResultsNotWritten(
-            f"cannot write '{cut(os.fsdecode(longest), 30)}...': expected names of at most {_LONGEST} bytes, got {len(longest)}"
+            f"cannot write '{cut(os.fsdecode(longest), 30)}...': expected names of at most {_LONGEST} bytes, got "
+            f"{len(longest)}"
         )
     return place
 
@@ -112,7 +117,9 @@ def flush(path: Path) -> None:
 
 
 def listing_of(folder: Path) -> set[str] | None:
-    """Files that a folder lists as written here, and folders, with '/' at their end, that list their own; None without a list."""
+    """Files that a folder lists as written here, and folders, with '/' at their end, that list their own; None without
+    a list.
+    """
     try:
         header, *names = (folder / LISTING).read_text(encoding="utf-8").split("\n")
     except (OSError, UnicodeDecodeError):
@@ -121,11 +128,14 @@ def listing_of(folder: Path) -> set[str] | None:
 
 
 def write_listing(folder: Path, names: set[str]) -> None:
+    """Write down which files of a folder were written here."""
     write_file(folder / LISTING, "\n".join([_HEADER, *sorted(names), ""]).encode())
 
 
 def entries(folder: Path) -> Iterator[tuple[Path, bool]]:
-    """All within a folder and whether it was written here: what is in folders of ours before them, others' folders as one."""
+    """All within a folder and whether it was written here: what is in folders of ours before them, others' folders as
+    one.
+    """
     listed = listing_of(folder)
     yield from _within(folder, "", listed or set())
     if os.path.lexists(folder / LISTING):

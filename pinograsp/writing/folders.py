@@ -25,23 +25,27 @@ from pinograsp.writing.files import (
     place_of,
     safe_name,
     write_listing,
-)  # fmt: skip
+)
 from pinograsp.writing.locks import ASIDE, alive, locked, staged, sweep
 
-_RETIRED = ".pinograsp.old-"  # begins the name of what is being replaced, where two folders cannot change places at once
+_RETIRED = (
+    ".pinograsp.old-"  # begins the name of what is being replaced, where two folders cannot change places at once
+)
 _EXCHANGE = 2  # Linux: RENAME_EXCHANGE
 _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR)
 
 
 class NewFolder:
-    """A folder that is to be written whole or not at all. A context: it keeps the name from other writers from the start.
+    """A folder that is to be written whole or not at all. A context: it keeps the name from other writers from the
+    start.
 
     Args:
-        folder: a new or an empty one; symbolic links are followed. force: or one that was written here and holds nothing else.
+        folder: a new or an empty one; symbolic links are followed.
+        force: or one that was written here and holds nothing else.
 
     Raises:
-        ResultsNotWritten: it exists and ``force`` is off, it holds files that were not written here, another process is writing it, or
-            the place cannot be written.
+        ResultsNotWritten: it exists and ``force`` is off, it holds files that were not written here, another process is
+            writing it, or the place cannot be written.
     """
 
     def __init__(self, folder: str | Path, *, force: bool = False):
@@ -53,7 +57,9 @@ class NewFolder:
 
     @classmethod
     def fresh(cls, name: str, beside: Path) -> NewFolder:
-        """One that does not exist and that nobody is writing: ``name``, ``name-2``, ... with letters that are safe in names."""
+        """One that does not exist and that nobody is writing: ``name``, ``name-2``, ... with letters that are safe in
+        names.
+        """
         for count in itertools.count(1):
             folder = beside / (safe_name(name) if count == 1 else f"{safe_name(name)}-{count}")
             if not os.path.lexists(folder):
@@ -65,8 +71,8 @@ class NewFolder:
         """Write what ``fill(path)`` writes; once. Returns the folder.
 
         Raises:
-            ResultsNotWritten: it cannot be written; or somebody has put files there meanwhile, then the message names the folder beside
-                it where the results are.
+            ResultsNotWritten: it cannot be written; or somebody has put files there meanwhile, then the message names
+                the folder beside it where the results are.
         """
         with failure_told(self.path):
             fill(self.staging)
@@ -91,20 +97,29 @@ class NewFolder:
         if not place.is_dir():
             raise ResultsNotWritten(f"'{self.path}' is a file: give a folder that does not exist yet")
         if place.is_mount():
-            raise ResultsNotWritten(f"folder '{self.path}' is a mount point, which nothing can take the place of: give one within it")
+            raise ResultsNotWritten(
+                f"folder '{self.path}' is a mount point, which nothing can take the place of: give one within it"
+            )
         if place in (here := Path.cwd(), *here.parents):
-            raise ResultsNotWritten(f"folder '{self.path}' is the one you are in: give another --out, or call from elsewhere")
+            raise ResultsNotWritten(
+                f"folder '{self.path}' is the one you are in: give another --out, or call from elsewhere"
+            )
         if not any(place.iterdir()):
             return
         if not self.force:
             raise _Taken(f"folder '{self.path}' already exists: choose another --out, or overwrite it with --force")
         foreign = [path for path, ours in entries(place) if not ours]
         if any(path.name.startswith(ASIDE) for path in foreign):
-            raise ResultsNotWritten(f"another process is writing into folder '{self.path}': wait for it, or choose another --out")
-        if foreign:
-            names = ", ".join(f"{path.relative_to(place)}" + "/" * path.is_dir() for path in foreign[:5]) + ", ..." * (len(foreign) > 5)
             raise ResultsNotWritten(
-                f"folder '{self.path}' holds files that no run wrote ({names}): it is not overwritten, choose another --out"
+                f"another process is writing into folder '{self.path}': wait for it, or choose another --out"
+            )
+        if foreign:
+            names = ", ".join(f"{path.relative_to(place)}" + "/" * path.is_dir() for path in foreign[:5]) + ", ..." * (
+                len(foreign) > 5
+            )
+            raise ResultsNotWritten(
+                f"folder '{self.path}' holds files that no run wrote ({names}): it is not overwritten, choose another "
+                "--out"
             )
 
     def _moved(self) -> bool:
@@ -158,7 +173,8 @@ def write_folder(folder: str | Path | NewFolder, fill: Callable[[Path], None], *
 
 
 def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
-    """Files that ``fill(path)`` writes, moved into a folder one by one and added to its list; they replace earlier ones.
+    """Files that ``fill(path)`` writes, moved into a folder one by one and added to its list; they replace earlier
+    ones.
 
     Raises:
         ResultsNotWritten: the folder cannot be written, or another process is writing there.
@@ -183,7 +199,9 @@ class _Taken(ResultsNotWritten):
 
 
 def _claimed(place: Path, made: list[Path], check: Callable[[], None] = lambda: None) -> tuple[Path, int]:
-    """A new folder aside for ``place``, and the handle that keeps it; ``made`` gets the folders that were made on the way."""
+    """A new folder aside for ``place``, and the handle that keeps it; ``made`` gets the folders that were made on the
+    way.
+    """
     parent = place.parent
     made += [one for one in (parent, *parent.parents) if not one.exists()]
     try:
@@ -203,7 +221,9 @@ def _claimed(place: Path, made: list[Path], check: Callable[[], None] = lambda: 
                 if _is_claimed(place):
                     raise _Taken(f"another process is writing '{place}': wait for it, or choose another folder")
                 if listing_of(parent) is not None and _is_claimed(parent):
-                    raise ResultsNotWritten(f"another process is writing '{parent}': wait for it, or choose another folder")
+                    raise ResultsNotWritten(
+                        f"another process is writing '{parent}': wait for it, or choose another folder"
+                    )
                 check()
                 return staged(parent / f"{ASIDE}{_mark(place)}", folder=True)
     except BaseException:
@@ -234,7 +254,9 @@ def _is_claimed(place: Path) -> bool:
 
 
 def _exchange(one: Path, other: Path) -> None:
-    """Two folders change places: at once on Linux, elsewhere one after the other, which :func:`_restore` repairs after a kill."""
+    """Two folders change places: at once on Linux, elsewhere one after the other, which :func:`_restore` repairs after
+    a kill.
+    """
     try:
         renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
     except AttributeError:
@@ -257,7 +279,7 @@ def _exchange(one: Path, other: Path) -> None:
 
 
 def _restore(place: Path) -> None:
-    """What a writer that was killed between two renames has left: back in its place, or away if the new one got there."""
+    """What a writer killed between two renames has left: back in its place, or away if the new one got there."""
     for retired in place.parent.glob(f"{_RETIRED}{_mark(place)}*"):
         if place.exists():
             discard(retired)

@@ -1,4 +1,6 @@
-"""Who is writing: entries put aside until they are whole, and locks of files and folders themselves, which leave nothing behind."""
+"""Who is writing: entries put aside until they are whole, and locks of files and folders themselves, which leave
+nothing behind.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ def sweep(folder: Path, remove: Callable[[Path], None]) -> None:
 
 
 def _do_if_left_over(path: Path, do: Callable[[Path], None]) -> bool | None:
-    """Whether nobody is writing what was put aside, and ``do(path)`` has been done; None where there is nothing to tell it."""
+    """Whether nobody is writing what was put aside, and ``do(path)`` has been done; None where there is nothing to tell
+    it.
+    """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:  # gone, or not ours

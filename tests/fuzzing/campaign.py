@@ -41,7 +41,9 @@ def main() -> int:
             if result.failure:
                 failures.append(result)
                 bar.set_postfix(failures=len(failures))
-                bar.write(f"seed {options.seed} index {result.index}: {result.failure}: {_gist(result, bool(options.only))}")
+                bar.write(
+                    f"seed {options.seed} index {result.index}: {result.failure}: {_gist(result, bool(options.only))}"
+                )
             else:
                 labels[result.label] += 1
     except KeyboardInterrupt:

@@ -1,4 +1,6 @@
-"""Command lines: words, options and values of all commands, mixed, on small runs, cases and files; a few as real processes."""
+"""Command lines: words, options and values of all commands, mixed, on small runs, cases and files; a few as real
+processes.
+"""
 
 from __future__ import annotations
 
@@ -18,26 +20,171 @@ from fuzzing.case_file import pick
 EXIT_CODES = (0, 2, 3)
 OBJECT, AT = "sphere:radius=0.02,mass=0.1", "0,0,0.105"
 STARTS = [
-    ["plan", "case.yaml"], ["plan", "case.yaml", "--set", "object.mass=1.1", "--json"], ["plan", "--hand", "panda", "--object", OBJECT, "--at", AT],
-    ["close", "--hand", "panda", "--object", OBJECT, "--at", AT], ["check", "run", "--hold", "0.02", "--time-step", "0.002"], ["hands", "panda"],
-    ["hands", "panda", "--root", "panda_leftfinger", "--json"], ["report", "run"], ["view", "run", "--html", "page.html"], ["sweep", "sweep.yaml", "--jobs", "1"],
-    ["--version"], ["--help"], ["--quiet", "hands", "panda"], ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--push", "0,0,-1@0+0.01"],
-]  # fmt: skip
+    ["plan", "case.yaml"],
+    ["plan", "case.yaml", "--set", "object.mass=1.1", "--json"],
+    ["plan", "--hand", "panda", "--object", OBJECT, "--at", AT],
+    ["close", "--hand", "panda", "--object", OBJECT, "--at", AT],
+    ["check", "run", "--hold", "0.02", "--time-step", "0.002"],
+    ["hands", "panda"],
+    ["hands", "panda", "--root", "panda_leftfinger", "--json"],
+    ["report", "run"],
+    ["view", "run", "--html", "page.html"],
+    ["sweep", "sweep.yaml", "--jobs", "1"],
+    ["--version"],
+    ["--help"],
+    ["--quiet", "hands", "panda"],
+    ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--push", "0,0,-1@0+0.01"],
+]
 OPTIONS = [
-    "--json", "--quiet", "-q", "--verbose", "-v", "-h", "--help", "--version", "--force", "--wrap", "--hulls", "--prescribed", "--no-browser", "--", "-", "",
-    "--hold", "--push", "--shake", "--mu", "--mass", "--offset", "--turn", "--start-error", "--engine", "--time-step", "--seed", "--out", "--set",
-    "--safety", "--friction", "--search", "--balance", "--measure", "--solver", "--hand", "--object", "--at", "--root", "--jobs", "--backend",
-    "--scheduler", "--contacts", "--port", "--html", "--check", "--samples", "--monte-carlo", "--nothing", "run", "case.yaml", "sweep.yaml", "paper",
-]  # fmt: skip
+    "--json",
+    "--quiet",
+    "-q",
+    "--verbose",
+    "-v",
+    "-h",
+    "--help",
+    "--version",
+    "--force",
+    "--wrap",
+    "--hulls",
+    "--prescribed",
+    "--no-browser",
+    "--",
+    "-",
+    "",
+    "--hold",
+    "--push",
+    "--shake",
+    "--mu",
+    "--mass",
+    "--offset",
+    "--turn",
+    "--start-error",
+    "--engine",
+    "--time-step",
+    "--seed",
+    "--out",
+    "--set",
+    "--safety",
+    "--friction",
+    "--search",
+    "--balance",
+    "--measure",
+    "--solver",
+    "--hand",
+    "--object",
+    "--at",
+    "--root",
+    "--jobs",
+    "--backend",
+    "--scheduler",
+    "--contacts",
+    "--port",
+    "--html",
+    "--check",
+    "--samples",
+    "--monte-carlo",
+    "--nothing",
+    "run",
+    "case.yaml",
+    "sweep.yaml",
+    "paper",
+]
 VALUES = [
-    "0", "-0", "-1", "1", "2", "0.5", "1e-3", "1e308", "-1e308", "1e-320", "nan", "inf", "-inf", "99999999999999999999", "1" + "0" * 400, "", " ", "x",
-    "0,0,0", "0,0,1", "1,2", "nan,0,0", "0,0,1e308", "1e308,1e308,1e308", "0,0,-1@0.5+0.2", "0,0,-1@nan+1", "@", "0,0,1@", "0,0,1@1e308", ",,", "a=1", "a.b=1", "=",
-    "object.mass=nan", "object.mass=1e308", "friction.mu=[", "contacts.0.point_mm=[1,2]", "mujoco", "pinocchio", "cone", "soft", "pyramid", "glue", "convex",
-    "hybrid", "paper", "paper+qp", "wrench", "force", "work", "impulse", "daqp", "clarabel", "quadprog", "gurobi", "panda", "humanoid", "nobody", "ä☃", "\x1b[2J",
-    "\udcff", "a" * 300, "a/" * 3000, "..", ".", "../up", "run", "run/check", "case.yaml", "new", "new/deep/er", "pipe", "empty", "damaged", OBJECT, AT, "0,0,0.1,0,0,45",
-    "sphere:radius=nan,mass=1", "sphere:radius=1e-300,mass=1", "box:size=1x2,mass=1", "box:size=0.03x0.03x0.05,mass=0.1", "mesh:path=nothing.stl,mass=1",
-    "cylinder:radius=0.02,height=1e308,mass=0.1", "sphere:", ":", "tcp://127.0.0.1:99999", "nonsense", "joblib", "dask", "page.html", "-5", "1000000000", "3",
-]  # fmt: skip
+    "0",
+    "-0",
+    "-1",
+    "1",
+    "2",
+    "0.5",
+    "1e-3",
+    "1e308",
+    "-1e308",
+    "1e-320",
+    "nan",
+    "inf",
+    "-inf",
+    "99999999999999999999",
+    "1" + "0" * 400,
+    "",
+    " ",
+    "x",
+    "0,0,0",
+    "0,0,1",
+    "1,2",
+    "nan,0,0",
+    "0,0,1e308",
+    "1e308,1e308,1e308",
+    "0,0,-1@0.5+0.2",
+    "0,0,-1@nan+1",
+    "@",
+    "0,0,1@",
+    "0,0,1@1e308",
+    ",,",
+    "a=1",
+    "a.b=1",
+    "=",
+    "object.mass=nan",
+    "object.mass=1e308",
+    "friction.mu=[",
+    "contacts.0.point_mm=[1,2]",
+    "mujoco",
+    "pinocchio",
+    "cone",
+    "soft",
+    "pyramid",
+    "glue",
+    "convex",
+    "hybrid",
+    "paper",
+    "paper+qp",
+    "wrench",
+    "force",
+    "work",
+    "impulse",
+    "daqp",
+    "clarabel",
+    "quadprog",
+    "gurobi",
+    "panda",
+    "humanoid",
+    "nobody",
+    "ä☃",
+    "\x1b[2J",
+    "\udcff",
+    "a" * 300,
+    "a/" * 3000,
+    "..",
+    ".",
+    "../up",
+    "run",
+    "run/check",
+    "case.yaml",
+    "new",
+    "new/deep/er",
+    "pipe",
+    "empty",
+    "damaged",
+    OBJECT,
+    AT,
+    "0,0,0.1,0,0,45",
+    "sphere:radius=nan,mass=1",
+    "sphere:radius=1e-300,mass=1",
+    "box:size=1x2,mass=1",
+    "box:size=0.03x0.03x0.05,mass=0.1",
+    "mesh:path=nothing.stl,mass=1",
+    "cylinder:radius=0.02,height=1e308,mass=0.1",
+    "sphere:",
+    ":",
+    "tcp://127.0.0.1:99999",
+    "nonsense",
+    "joblib",
+    "dask",
+    "page.html",
+    "-5",
+    "1000000000",
+    "3",
+]
 _KEPT: dict[str, Path] = {}
 
 
@@ -53,7 +200,10 @@ def prepare() -> None:
     (folder / "case.yaml").write_bytes(case_file.text_of(case_file.CONVEX))
     before = os.getcwd()
     os.chdir(folder)
-    for line in (["plan", "case.yaml", "--out", "run", "--quiet"], ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--quiet"]):
+    for line in (
+        ["plan", "case.yaml", "--out", "run", "--quiet"],
+        ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--quiet"],
+    ):
         _run(line)
     os.chdir(before)
     _KEPT["run"] = folder / "run"
@@ -89,8 +239,13 @@ def _long(line: list[str]) -> bool:
     """Whether a line starts other processes, serves a page, or plans the whole case of the paper: not for here."""
     words = set(line)
     places = "--hand" in words and "--at" not in words
-    return bool(places or words & {"--monte-carlo", "--thresholds", "--install-completion", "--show-completion"}
-                or ("view" in words and "--html" not in words) or ("sweep" in words and "--jobs" not in words) or "--scheduler" in words)  # fmt: skip
+    return bool(
+        places
+        or words & {"--monte-carlo", "--thresholds", "--install-completion", "--show-completion"}
+        or ("view" in words and "--html" not in words)
+        or ("sweep" in words and "--jobs" not in words)
+        or "--scheduler" in words
+    )
 
 
 def run(case) -> str:

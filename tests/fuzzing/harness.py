@@ -1,16 +1,16 @@
 """Runs the inputs of a kind in worker processes, and tells what no input may bring about.
 
-A kind is a module with ``make(rng, folder)``, which writes one input into the empty ``folder`` and returns a case, and ``run(case) -> str``,
-which uses it as a user would and returns a short label. It may also have
+A kind is a module with ``make(rng, folder)``, which writes one input into the empty ``folder`` and returns a case, and
+``run(case) -> str``, which uses it as a user would and returns a short label. It may also have
 
 - ``prepare()``: called once in every worker, without watching (imports, compiling); without it all public names are imported;
 - ``EXIT_CODES``: exit codes with which ``run`` may end, by ``SystemExit``;
 - ``LOOPBACK = True``: sockets on this machine are fine.
 
-Failures are: an exception other than a ``PinograspError``, a traceback printed, a crash of the interpreter, more than 20 s, a process started,
-a socket, and a file opened, listed or changed elsewhere than in the case's folder, a folder for temporary files and (for reading) the installed
-Python code. Files that compiled libraries open by themselves are not seen.
-"""
+Failures are: an exception other than a ``PinograspError``, a traceback printed, a crash of the interpreter, more than
+20 s, a process started, a socket, and a file opened, listed or changed elsewhere than in the case's folder, a folder
+for temporary files and (for reading) the installed Python code. Files that compiled libraries open by themselves are
+not seen."""
 
 from __future__ import annotations
 
@@ -58,7 +58,12 @@ def kinds() -> list[Path]:
 
 
 def campaign(
-    kind: Path, seed: int, indices: Iterable[int], jobs: int = 2, keep: Path | None = None, time_limit: float = TIME_LIMIT
+    kind: Path,
+    seed: int,
+    indices: Iterable[int],
+    jobs: int = 2,
+    keep: Path | None = None,
+    time_limit: float = TIME_LIMIT,
 ) -> Iterator[Result]:
     """The results of the inputs ``indices``, as they come. Folders of those that fail go to ``keep``."""
     waiting = iter(indices)
@@ -110,7 +115,9 @@ class _Worker:
         self.said = tempfile.TemporaryFile(dir=root)  # noqa: SIM115 - lives as long as the process
         path = os.pathsep.join([str(HERE.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
         # One thread per worker: the time of an input is then the same on any number of cores.
-        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        threads = dict.fromkeys(
+            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+        )
         self.process = subprocess.Popen(
             [sys.executable, "-m", "fuzzing.harness", str(far.fileno()), str(kind), str(seed)],
             pass_fds=[far.fileno()],
@@ -285,18 +292,38 @@ def _shortened(text: str) -> str:
 
 
 class _Watch:
-    """An audit hook: notes and refuses processes, sockets, and files outside of the folders allowed while an input runs."""
+    """An audit hook: notes and refuses processes, sockets, and files outside of the folders allowed while an input
+    runs.
+    """
 
-    PROCESSES = ("os.system", "os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn", "pty.spawn", "subprocess.Popen")
+    PROCESSES = (
+        "os.system",
+        "os.exec",
+        "os.fork",
+        "os.forkpty",
+        "os.posix_spawn",
+        "os.spawn",
+        "pty.spawn",
+        "subprocess.Popen",
+    )
     SOCKETS = ("socket.connect", "socket.bind", "socket.sendto", "socket.getaddrinfo", "socket.gethostbyname")
     # Event: places of its paths, places of the folders' descriptors that go with them, whether something is changed.
     FILES: ClassVar[dict] = {
-        "os.listdir": ((0,), (), False), "os.scandir": ((0,), (), False), "os.chdir": ((0,), (), False),
-        "os.remove": ((0,), (1,), True), "os.rmdir": ((0,), (1,), True), "os.mkdir": ((0,), (2,), True),
-        "os.rename": ((0, 1), (2, 3), True), "os.link": ((0, 1), (2, 3), True), "os.symlink": ((1,), (2,), True),
-        "os.truncate": ((0,), (), True), "os.chmod": ((0,), (2,), True), "os.chown": ((0,), (3,), True), "os.utime": ((0,), (3,), True),
+        "os.listdir": ((0,), (), False),
+        "os.scandir": ((0,), (), False),
+        "os.chdir": ((0,), (), False),
+        "os.remove": ((0,), (1,), True),
+        "os.rmdir": ((0,), (1,), True),
+        "os.mkdir": ((0,), (2,), True),
+        "os.rename": ((0, 1), (2, 3), True),
+        "os.link": ((0, 1), (2, 3), True),
+        "os.symlink": ((1,), (2,), True),
+        "os.truncate": ((0,), (), True),
+        "os.chmod": ((0,), (2,), True),
+        "os.chown": ((0,), (3,), True),
+        "os.utime": ((0,), (3,), True),
         "shutil.rmtree": ((0,), (1,), True),
-    }  # fmt: skip
+    }
 
     def __init__(self, loopback: bool, kind: Path):
         import pinograsp
@@ -306,12 +333,26 @@ class _Watch:
         self.readable = [
             os.path.realpath(path)
             for path in (
-                *installed, *filter(None, sys.path), Path(pinograsp.__file__).parent, Path(pinograsp.__file__).parent.parent / "urdf", HERE, kind,
-                "~/.cache/matplotlib", "~/.config/matplotlib", "/usr/lib", "/usr/share/fonts", "/proc", "/sys/devices/system/cpu", "/sys/fs/cgroup",
-                "/dev/null", "/dev/urandom", "/etc/localtime", "/usr/share/zoneinfo",
+                *installed,
+                *filter(None, sys.path),
+                Path(pinograsp.__file__).parent,
+                Path(pinograsp.__file__).parent.parent / "urdf",
+                HERE,
+                kind,
+                "~/.cache/matplotlib",
+                "~/.config/matplotlib",
+                "/usr/lib",
+                "/usr/share/fonts",
+                "/proc",
+                "/sys/devices/system/cpu",
+                "/sys/fs/cgroup",
+                "/dev/null",
+                "/dev/urandom",
+                "/etc/localtime",
+                "/usr/share/zoneinfo",
             )
             for path in [os.path.expanduser(path)]
-        ]  # fmt: skip
+        ]
         self.seen: list[tuple[str, str]] = []
         self.writable: list[str] = []
         self.on = False

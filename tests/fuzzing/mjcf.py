@@ -1,4 +1,6 @@
-"""Hands as MJCF: bodies, defaults, includes, meshes, actuators and couplings, mutated in structure, numbers, names, counts and bytes."""
+"""Hands as MJCF: bodies, defaults, includes, meshes, actuators and couplings, mutated in structure, numbers, names,
+counts and bytes.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +13,65 @@ from fuzzing import urdf
 from fuzzing.urdf import pick
 
 TAGS = [
-    "mujoco", "compiler", "default", "worldbody", "body", "joint", "freejoint", "geom", "inertial", "frame", "site", "asset", "mesh", "include",
-    "equality", "actuator", "motor", "position", "general", "tendon", "fixed", "replicate", "option", "contact",
-]  # fmt: skip
+    "mujoco",
+    "compiler",
+    "default",
+    "worldbody",
+    "body",
+    "joint",
+    "freejoint",
+    "geom",
+    "inertial",
+    "frame",
+    "site",
+    "asset",
+    "mesh",
+    "include",
+    "equality",
+    "actuator",
+    "motor",
+    "position",
+    "general",
+    "tendon",
+    "fixed",
+    "replicate",
+    "option",
+    "contact",
+]
 INCLUDES = [
-    "part.xml", "hand.xml", "sub/part.xml", "../case/part.xml", "/etc/hostname", "/dev/zero", "pipe.stl", "gone.xml", "fan0.xml", "link.stl", "x" * 5000,
-    "", "sub", "sub/../part.xml", "folder.stl", "loop.stl", "nul\u2400", "../../../etc/passwd", "box.stl",
-]  # fmt: skip
+    "part.xml",
+    "hand.xml",
+    "sub/part.xml",
+    "../case/part.xml",
+    "/etc/hostname",
+    "/dev/zero",
+    "pipe.stl",
+    "gone.xml",
+    "fan0.xml",
+    "link.stl",
+    "x" * 5000,
+    "",
+    "sub",
+    "sub/../part.xml",
+    "folder.stl",
+    "loop.stl",
+    "nul\u2400",
+    "../../../etc/passwd",
+    "box.stl",
+]
 GEOMS = [
-    '<geom type="box" size="0.01 0.01 0.02"/>', '<geom type="capsule" size="0.008 0.02"/>', '<geom type="sphere" size="0.01" mass="0.01"/>',
-    '<geom type="cylinder" fromto="0 0 0 0 0 0.04" size="0.008"/>', '<geom type="mesh" mesh="m0"/>', '<geom type="ellipsoid" size="0.01 0.008 0.02"/>',
-    '<geom class="pad" pos="0 0 0.02"/>', '<geom type="plane" size="1 1 1"/>', '<geom type="mesh" mesh="m1" mass="0.01"/>',
-    '<geom type="box" size="0.01 0.01 0.02" euler="10 20 30"/>', '<geom type="capsule" size="0.01 0.01" xyaxes="1 0 0 0 1 0"/>',
-]  # fmt: skip
+    '<geom type="box" size="0.01 0.01 0.02"/>',
+    '<geom type="capsule" size="0.008 0.02"/>',
+    '<geom type="sphere" size="0.01" mass="0.01"/>',
+    '<geom type="cylinder" fromto="0 0 0 0 0 0.04" size="0.008"/>',
+    '<geom type="mesh" mesh="m0"/>',
+    '<geom type="ellipsoid" size="0.01 0.008 0.02"/>',
+    '<geom class="pad" pos="0 0 0.02"/>',
+    '<geom type="plane" size="1 1 1"/>',
+    '<geom type="mesh" mesh="m1" mass="0.01"/>',
+    '<geom type="box" size="0.01 0.01 0.02" euler="10 20 30"/>',
+    '<geom type="capsule" size="0.01 0.01" xyaxes="1 0 0 0 1 0"/>',
+]
 
 
 def make(rng: np.random.Generator, folder: Path) -> dict:
@@ -35,8 +83,17 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
             urdf.mutate(rng, root, TAGS)
     urdf.write_meshes(rng, folder)
     (folder / "sub").mkdir()
-    part = pick(rng, ["<mujocoinclude/>", '<mujocoinclude><default><joint damping="1"/></default></mujocoinclude>', "<mujoco><body/></mujoco>",
-                      '<mujocoinclude><include file="part.xml"/></mujocoinclude>', "<a" * 1000, '<x><include file="../hand.xml"/></x>'])  # fmt: skip
+    part = pick(
+        rng,
+        [
+            "<mujocoinclude/>",
+            '<mujocoinclude><default><joint damping="1"/></default></mujocoinclude>',
+            "<mujoco><body/></mujoco>",
+            '<mujocoinclude><include file="part.xml"/></mujocoinclude>',
+            "<a" * 1000,
+            '<x><include file="../hand.xml"/></x>',
+        ],
+    )
     for name in ("part.xml", "sub/part.xml"):
         (folder / name).write_bytes(urdf.damaged(rng, part.encode()))
     levels, width = pick(rng, [(7, 50), (3, 3), (2, 900), (30, 1)])
@@ -62,23 +119,55 @@ def _base(rng) -> str:
         chain = ""
         for k in reversed(range(rng.integers(1, 4))):
             kind = pick(rng, ["", 'type="hinge"', 'type="slide"', 'ref="0.1"', 'pos="0 0 0.01"', 'class="soft"'])
-            inertial = '<inertial pos="0 0 0.01" mass="0.02" diaginertia="1e-5 1e-5 1e-5"/>' if rng.random() < 0.4 else ""
+            inertial = (
+                '<inertial pos="0 0 0.01" mass="0.02" diaginertia="1e-5 1e-5 1e-5"/>' if rng.random() < 0.4 else ""
+            )
             frame = ("<frame pos='0 0 0.001'>", "</frame>") if rng.random() < 0.2 else ("", "")
             geoms = "".join([pick(rng, GEOMS[:3]), *(pick(rng, GEOMS) for _ in range(rng.integers(0, 2)))])
-            chain = (f'<body name="f{i}{k}" pos="{0.03 * i - 0.03 if not k else 0} 0 0.04">{inertial}{frame[0]}<joint name="j{i}{k}" {kind} axis="0 1 0" '
-                     f'range="-0.5 1.2"/>{geoms}{frame[1]}{chain}</body>')  # fmt: skip
-            actuators.append(pick(rng, [f'<motor joint="j{i}{k}" ctrlrange="-1 1" gear="2"/>', f'<position joint="j{i}{k}" kp="3" forcerange="-2 2"/>',
-                                        f'<general joint="j{i}{k}"/>', f'<motor tendon="t{i}"/>', ""]))  # fmt: skip
+            chain = (
+                f'<body name="f{i}{k}" pos="{0.03 * i - 0.03 if not k else 0} 0 0.04">{inertial}{frame[0]}<joint '
+                f'name="j{i}{k}" {kind} axis="0 1 0" '
+                f'range="-0.5 1.2"/>{geoms}{frame[1]}{chain}</body>'
+            )
+            actuators.append(
+                pick(
+                    rng,
+                    [
+                        f'<motor joint="j{i}{k}" ctrlrange="-1 1" gear="2"/>',
+                        f'<position joint="j{i}{k}" kp="3" forcerange="-2 2"/>',
+                        f'<general joint="j{i}{k}"/>',
+                        f'<motor tendon="t{i}"/>',
+                        "",
+                    ],
+                )
+            )
             if k and rng.random() < 0.4:
                 ties.append(f'<joint joint1="j{i}{k}" joint2="j{i}0" polycoef="0.1 {rng.uniform(-2, 2):.2f} 0 0 0"/>')
         fingers.append(chain)
-    angle = pick(rng, ['angle="radian"', 'angle="degree"', 'autolimits="true"', 'meshdir="."', 'eulerseq="XYZ"', 'inertiafromgeom="true"'])
+    angle = pick(
+        rng,
+        [
+            'angle="radian"',
+            'angle="degree"',
+            'autolimits="true"',
+            'meshdir="."',
+            'eulerseq="XYZ"',
+            'inertiafromgeom="true"',
+        ],
+    )
     defaults = "<default><default class='pad'><geom type='box' size='0.01 0.01 0.01'/></default><default class='soft'><joint damping='1'/></default></default>"
-    meshes = "".join(f'<mesh name="m{i}" file="{urdf.mesh_name(rng)}" scale="1 1 {pick(rng, ["1", "-1", urdf.number(rng).strip() or "1"])}"/>'
-                     for i in range(2)).replace("&", "")  # fmt: skip
-    return (f'<mujoco model="hand"><compiler {angle}/>{defaults}<asset>{meshes}</asset><worldbody><body name="palm">'
-            f'<geom type="box" size="0.03 0.03 0.01" mass="0.1"/>{"".join(fingers)}</body></worldbody><actuator>{"".join(actuators)}</actuator>'
-            f'<equality>{"".join(ties)}</equality><tendon><fixed name="t0"><joint joint="j00" coef="0.5"/></fixed></tendon></mujoco>')  # fmt: skip
+    meshes = "".join(
+        f'<mesh name="m{i}" file="{urdf.mesh_name(rng)}" scale="1 1 '
+        f'{pick(rng, ["1", "-1", urdf.number(rng).strip() or "1"])}"/>'
+        for i in range(2)
+    ).replace("&", "")
+    return (
+        f'<mujoco model="hand"><compiler {angle}/>{defaults}<asset>{meshes}</asset><worldbody><body name="palm">'
+        '<geom type="box" size="0.03 0.03 0.01" '
+        f'mass="0.1"/>{"".join(fingers)}</body></worldbody><actuator>{"".join(actuators)}</actuator>'
+        f'<equality>{"".join(ties)}</equality><tendon><fixed name="t0"><joint joint="j00" '
+        'coef="0.5"/></fixed></tendon></mujoco>'
+    )
 
 
 def _mutate(rng, root) -> None:
@@ -89,13 +178,51 @@ def _mutate(rng, root) -> None:
         for _ in range(pick(rng, [1, 1, 3, 100])):
             one.insert(0, ElementTree.Element("include", {"file": pick(rng, INCLUDES)}))
     elif kind == 1:
-        inner = pick(rng, [element for element in elements if element.tag in ("default", "worldbody", "mujoco")] or elements)
+        inner = pick(
+            rng, [element for element in elements if element.tag in ("default", "worldbody", "mujoco")] or elements
+        )
         for i in range(pick(rng, [3, 50, 150])):
             inner = ElementTree.SubElement(inner, "default", {"class": pick(rng, [f"c{i}", "main", "pad"])})
         ElementTree.SubElement(inner, "joint", {pick(rng, ["range", "axis", "type", "ref"]): urdf.number(rng)})
     elif kind == 2:
-        one.set(pick(rng, ["class", "childclass", "type", "quat", "euler", "axisangle", "fromto", "size", "mesh", "file", "meshdir", "polycoef", "range", "mass"]),
-                pick(rng, [*urdf.NUMBERS, *urdf.NAMES, "pad", "soft", "hinge", "ball", "free", "0 0 0 0", "1 0 0 0", "1 1", "../", "/"]))  # fmt: skip
+        one.set(
+            pick(
+                rng,
+                [
+                    "class",
+                    "childclass",
+                    "type",
+                    "quat",
+                    "euler",
+                    "axisangle",
+                    "fromto",
+                    "size",
+                    "mesh",
+                    "file",
+                    "meshdir",
+                    "polycoef",
+                    "range",
+                    "mass",
+                ],
+            ),
+            pick(
+                rng,
+                [
+                    *urdf.NUMBERS,
+                    *urdf.NAMES,
+                    "pad",
+                    "soft",
+                    "hinge",
+                    "ball",
+                    "free",
+                    "0 0 0 0",
+                    "1 0 0 0",
+                    "1 1",
+                    "../",
+                    "/",
+                ],
+            ),
+        )
     elif kind == 3:
         inner = pick(rng, [element for element in elements if element.tag in ("body", "worldbody")] or elements)
         for _ in range(pick(rng, [3, 90, 150])):
@@ -106,9 +233,18 @@ def _mutate(rng, root) -> None:
         equality = ElementTree.SubElement(root, "equality")
         joints = [element.get("name", "") for element in elements if element.tag == "joint"] or [""]
         for _ in range(pick(rng, [1, 3, 300])):
-            ElementTree.SubElement(equality, "joint", {"joint1": pick(rng, joints), "joint2": pick(rng, joints),
-                                                       "polycoef": f"{urdf.number(rng)} {urdf.number(rng)}"})  # fmt: skip
+            ElementTree.SubElement(
+                equality,
+                "joint",
+                {
+                    "joint1": pick(rng, joints),
+                    "joint2": pick(rng, joints),
+                    "polycoef": f"{urdf.number(rng)} {urdf.number(rng)}",
+                },
+            )
     else:
         compiler = root.find("compiler")
-        (root if compiler is None else compiler).set(pick(rng, ["angle", "meshdir", "assetdir", "strippath", "eulerseq", "autolimits", "inertiagrouprange"]),
-                                                     pick(rng, [*urdf.NAMES, "sub", "..", "true", "xYz", "0 1", "1e308 nan"]))  # fmt: skip
+        (root if compiler is None else compiler).set(
+            pick(rng, ["angle", "meshdir", "assetdir", "strippath", "eulerseq", "autolimits", "inertiagrouprange"]),
+            pick(rng, [*urdf.NAMES, "sub", "..", "true", "xYz", "0 1", "1e308 nan"]),
+        )

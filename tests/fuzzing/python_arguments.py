@@ -1,8 +1,8 @@
-"""Calls of the public functions with one to three arguments spoiled: they succeed with finite results, or say what is wrong.
+"""Calls of the public functions with one to three arguments spoiled: they succeed with finite results, or say what is
+wrong.
 
-Every entry of ``CALLS`` is a valid call on small things. Where an argument is spoiled with what can never be meant (a text or a truth value
-for a number, a masked array, a set...) success is a failure, too.
-"""
+Every entry of ``CALLS`` is a valid call on small things. Where an argument is spoiled with what can never be meant (a
+text or a truth value for a number, a masked array, a set...) success is a failure, too."""
 
 from __future__ import annotations
 
@@ -38,7 +38,9 @@ class Case:
     spoiled: tuple[str, ...]
 
     def __repr__(self) -> str:
-        return f"{self.call}, spoiled: " + ", ".join(f"{name}={reprlib.repr(self.arguments[name])}" for name in self.spoiled)
+        return f"{self.call}, spoiled: " + ", ".join(
+            f"{name}={reprlib.repr(self.arguments[name])}" for name in self.spoiled
+        )
 
 
 def prepare() -> None:
@@ -56,7 +58,9 @@ def prepare() -> None:
     w.torques = pg.torque_limits(w.hand, w.contacts, w.q, limit=2.0)
     w.batch = pg.ForceBatch.of([w.problem, w.problem], impact_times=0.9)
     w.loads = pg.LoadSet.around(w.problem.load, mass_range=(0.9, 1.1))
-    w.grid = pg.GridSpec(impact_times=[0.9], accelerations=np.linspace(0.1, 0.9, 9), multipliers=np.linspace(-0.9, 0.9, 5))
+    w.grid = pg.GridSpec(
+        impact_times=[0.9], accelerations=np.linspace(0.1, 0.9, 9), multipliers=np.linspace(-0.9, 0.9, 5)
+    )
     w.paper = pg.load_case("paper").make_problem(w.hand)
     w.simulation = pg.simulate(w.plan, hold=0.01, time_step=2e-3)
     w.online = pg.OnlineForces(w.problem, hand=w.hand, q=w.q)
@@ -89,15 +93,32 @@ def _fill() -> None:
     call(pg.Box, size=box, **weight)
     call(pg.Ellipsoid, semi_axes=box, **weight)
     call(pg.Mesh, **tetrahedron, **weight, convex=False)
-    for body in (w.ball, w.pen, pg.Box(size=box, mass=0.1), pg.Ellipsoid(semi_axes=box, mass=0.1), pg.Mesh(**tetrahedron, mass=0.1)):
+    for body in (
+        w.ball,
+        w.pen,
+        pg.Box(size=box, mass=0.1),
+        pg.Ellipsoid(semi_axes=box, mass=0.1),
+        pg.Mesh(**tetrahedron, mass=0.1),
+    ):
         name = type(body).__name__
         for method in ("project", "curvature"):
-            call(getattr(body, method), f"{name}.{method}", points_o=np.array([[0.011, 0.002, 0.003], [0.001, 0.032, 0.001]]))
+            call(
+                getattr(body, method),
+                f"{name}.{method}",
+                points_o=np.array([[0.011, 0.002, 0.003], [0.001, 0.032, 0.001]]),
+            )
         call(body.placed, f"{name}.placed", pose=eye)
     call(pg.object_from, spec="cylinder:radius=0.02,height=0.12,mass=0.2")
 
     call(pg.Compliance, stiffness=5e4, damping=100.0, exponent=1.5)
-    call(pg.Compliance.hertz, young=(1e9, 2e9), poisson=(0.3, 0.4), curvatures=[[10.0, 20.0], [30.0, 40.0]], angle=0.1, damping=1.0)
+    call(
+        pg.Compliance.hertz,
+        young=(1e9, 2e9),
+        poisson=(0.3, 0.4),
+        curvatures=[[10.0, 20.0], [30.0, 40.0]],
+        angle=0.1,
+        damping=1.0,
+    )
     call(w.problem.compliance.normal_force, depth=[1e-3, 2e-3], rate=0.1)
     call(w.problem.compliance.depth, force=[1.0, 2.0])
     point = {"point_o": np.array([0.01, 0.0, 0.0]), "rotation_oc": np.eye(3), "length": 0.03, "distance": 0.0}
@@ -121,16 +142,30 @@ def _fill() -> None:
     for method in ("depth", "rate"):
         call(getattr(w.solution.profile, method), t=[0.85, 0.95])
     call(
-        pg.contacts_at, hand=w.hand, object=w.pen, points=w.points, links={"thumb": [w.contacts[0].link]}, lengths={"thumb": [0.03]},
-        gravity_o=(0.0, 0.0, -9.81), tolerance=1e-3,
-    )  # fmt: skip
+        pg.contacts_at,
+        hand=w.hand,
+        object=w.pen,
+        points=w.points,
+        links={"thumb": [w.contacts[0].link]},
+        lengths={"thumb": [0.03]},
+        gravity_o=(0.0, 0.0, -9.81),
+        tolerance=1e-3,
+    )
     call(pg.contacts_at, "contacts_at of an array", hand=None, object=w.pen, points=w.contacts.points_o, tolerance=1e-3)
     opened = {finger.name: np.zeros(len(finger.dofs)) for finger in w.hand.fingers}
     posture = {finger.name: w.q[finger.dofs] for finger in w.hand.fingers}
     call(
-        pg.close_hand, hand=w.hand, object=w.pen, start=opened, target=np.array(w.hand.upper), palm=True, fingers=["thumb", "index"],
-        wrap=False, fixed=False, friction=0.5,
-    )  # fmt: skip
+        pg.close_hand,
+        hand=w.hand,
+        object=w.pen,
+        start=opened,
+        target=np.array(w.hand.upper),
+        palm=True,
+        fingers=["thumb", "index"],
+        wrap=False,
+        fixed=False,
+        friction=0.5,
+    )
     call(w.closure.contacts, gravity_o=(0.0, 0.0, -9.81), palm=True, patches=True)
     call(contacts.check_geometry, hand=w.hand)
     call(contacts.clearance, hand=w.hand, object=w.pen, q=w.q)
@@ -144,17 +179,34 @@ def _fill() -> None:
     call(quality.grasp_volume, contacts=w.contacts, mu=0.7, **settings)
     call(quality.grasp_map_metrics, contacts=w.contacts, moment_length=0.03, balance="wrench")
     call(
-        quality.grasp_stiffness, contacts=w.contacts, compliance=w.problem.compliance, normal_forces=w.solution.normal_forces,
-        tangential_ratio=0.66, moment_length=0.03,
-    )  # fmt: skip
+        quality.grasp_stiffness,
+        contacts=w.contacts,
+        compliance=w.problem.compliance,
+        normal_forces=w.solution.normal_forces,
+        tangential_ratio=0.66,
+        moment_length=0.03,
+    )
     call(quality.manipulability, jacobians=w.torques.jacobian[:, :3])
 
     problem = {
-        "load": np.array(w.problem.load), "mu": np.array([0.7, 0.7, 0.7]), "compliance": pg.Compliance(), "balance": "wrench",
-        "measure": "work", "final_time": 1.0, "impact_time_range": (0.8, 0.95), "acceleration_range": (0.01, 1.0), "max_speed": 2.0,
-        "max_depth": 5e-3, "moment_length": 0.03, "gravity_o": (0.0, 0.0, -9.81), "friction": pg.Friction(model="cone"),
-        "max_normal_force": 15.0, "torques": w.torques, "shape": shape.linear(1.0, 0.5), "object": w.pen,
-    }  # fmt: skip
+        "load": np.array(w.problem.load),
+        "mu": np.array([0.7, 0.7, 0.7]),
+        "compliance": pg.Compliance(),
+        "balance": "wrench",
+        "measure": "work",
+        "final_time": 1.0,
+        "impact_time_range": (0.8, 0.95),
+        "acceleration_range": (0.01, 1.0),
+        "max_speed": 2.0,
+        "max_depth": 5e-3,
+        "moment_length": 0.03,
+        "gravity_o": (0.0, 0.0, -9.81),
+        "friction": pg.Friction(model="cone"),
+        "max_normal_force": 15.0,
+        "torques": w.torques,
+        "shape": shape.linear(1.0, 0.5),
+        "object": w.pen,
+    }
     call(pg.ForceProblem, contacts=w.contacts, **problem)
     held = {name: problem[name] for name in ("mu", "balance", "gravity_o", "friction", "max_normal_force")}
     call(pg.ForceProblem.holding, object=w.pen, contacts=w.contacts, **held)
@@ -176,7 +228,13 @@ def _fill() -> None:
     call(w.problem.residual, forces_c=np.ones((3, 3)), torsion=np.zeros(3))
     call(w.problem.scaled_norm, wrench=np.ones(6))
     call(w.problem.support, direction=np.ones(6))
-    call(pg.TorqueLimits, jacobian=w.torques.jacobian, bias=w.torques.bias, limit=w.torques.limit, joints=w.torques.joints)
+    call(
+        pg.TorqueLimits,
+        jacobian=w.torques.jacobian,
+        bias=w.torques.bias,
+        limit=w.torques.limit,
+        joints=w.torques.joints,
+    )
     call(w.torques.torques, forces_o=np.ones((3, 3)), moments_o=np.zeros((3, 3)))
     call(pg.torque_limits, hand=w.hand, contacts=w.contacts, q=w.q, depth=1e-3, limit=2.0, gravity_o=(0.0, 0.0, -9.81))
     call(pg.GridSpec, impact_times=[0.9], accelerations=[0.1, 0.3], multipliers=[-0.5, 0.0, 0.5], net_force_limit=0.1)
@@ -187,12 +245,31 @@ def _fill() -> None:
     call(pg.refine_multipliers, problem=w.paper, normal_forces=[9.8, 6.3, 4.7], solver="daqp")
     call(forces.MultiplierQP, problem=w.paper, normal_forces=[9.8, 6.3, 4.7])
     call(forces.MultiplierQP(w.paper, [9.8, 6.3, 4.7]).solve, load=problem["load"])
-    call(pg.optimize_forces, problem=w.problem, impact_time=0.9, objective={"work": 1.0, "least_squares": 1e-4}, solver="auto")
-    call(pg.optimize_forces, "optimize_forces by name", problem=w.problem, impact_time=0.9, objective="peak", solver="clarabel")
+    call(
+        pg.optimize_forces,
+        problem=w.problem,
+        impact_time=0.9,
+        objective={"work": 1.0, "least_squares": 1e-4},
+        solver="auto",
+    )
+    call(
+        pg.optimize_forces,
+        "optimize_forces by name",
+        problem=w.problem,
+        impact_time=0.9,
+        objective="peak",
+        solver="clarabel",
+    )
     call(pg.optimize_grasp, problem=w.problem, objective="work", solver="auto", gap=1e-3, progress=False)
     call(pg.diagnose, problem=w.problem, impact_time=0.9)
     call(pg.grasp_margins, solution=w.solution, tolerance=1e-2)
-    call(pg.load_margin, problem=w.problem, direction=problem["load"], normal_forces=w.solution.normal_forces, impact_time=None)
+    call(
+        pg.load_margin,
+        problem=w.problem,
+        direction=problem["load"],
+        normal_forces=w.solution.normal_forces,
+        impact_time=None,
+    )
     call(pg.load_margin, "load_margin at a time", problem=w.problem, direction=problem["load"], impact_time=0.9)
     call(pg.force_closure, contacts=w.contacts, mu=0.7, friction=pg.Friction(), balance="wrench")
     call(pg.min_weight, contacts=w.contacts, mu=0.7, edges=8, balance="wrench")
@@ -200,26 +277,58 @@ def _fill() -> None:
     call(pg.LoadSet.around, load=problem["load"], box=[0.1, 0.1, 0.1, 0, 0, 0], ball=0.1, mass_range=(0.9, 1.1))
     call(pg.optimize_robust, problem=w.problem, loads=w.loads, impact_time=0.85, mu_range=(0.65, 0.8), objective="work")
     call(
-        forces.holding_probability, problem=w.problem, impact_time=0.9, normal_forces=np.array(w.solution.normal_forces), friction=0.1,
-        load=0.1, wrench=np.zeros(6), points=1e-3, normals=0.05, count=20, seed=0,
-    )  # fmt: skip
+        forces.holding_probability,
+        problem=w.problem,
+        impact_time=0.9,
+        normal_forces=np.array(w.solution.normal_forces),
+        friction=0.1,
+        load=0.1,
+        wrench=np.zeros(6),
+        points=1e-3,
+        normals=0.05,
+        count=20,
+        seed=0,
+    )
     reliability = forces.holding_probability(w.problem, 0.9, count=50)
     call(reliability.squeeze, share=0.9)
     call(forces.force_sensitivity, solution=w.solution)
     call(
-        forces.optimize_contacts, problem=w.problem, object=w.pen, impact_time=0.9, objective="work", reach=1e-3, tolerance=1e-2,
+        forces.optimize_contacts,
+        problem=w.problem,
+        object=w.pen,
+        impact_time=0.9,
+        objective="work",
+        reach=1e-3,
+        tolerance=1e-2,
         solver="auto",
-    )  # fmt: skip
+    )
     k = len(w.contacts)
     call(
-        pg.ForceBatch, points=np.tile(w.contacts.points_o - w.contacts.com_o, (2, 1, 1)), rotations=np.tile(w.contacts.rotations_oc, (2, 1, 1, 1)),
-        loads=np.tile(w.problem.load, (2, 1)), mu=0.7, low=np.zeros((2, k)), high=20.0, counts=np.array([k, k]), friction=pg.Friction(),
-        balance="wrench", moment_lengths=np.array([0.03, 0.03]), energies={"work": np.array([[0.1, 1.5]])},
-    )  # fmt: skip
+        pg.ForceBatch,
+        points=np.tile(w.contacts.points_o - w.contacts.com_o, (2, 1, 1)),
+        rotations=np.tile(w.contacts.rotations_oc, (2, 1, 1, 1)),
+        loads=np.tile(w.problem.load, (2, 1)),
+        mu=0.7,
+        low=np.zeros((2, k)),
+        high=20.0,
+        counts=np.array([k, k]),
+        friction=pg.Friction(),
+        balance="wrench",
+        moment_lengths=np.array([0.03, 0.03]),
+        energies={"work": np.array([[0.1, 1.5]])},
+    )
     call(pg.ForceBatch.of, problems=[w.problem, w.problem], impact_times=[0.9, 0.85])
     call(pg.solve_batch, batch=w.batch, objective="work", threads=1)
 
-    call(pg.MotionSpec, posture=posture, start=posture, spread=0.05, samples=5, time_step=1e-3, acceleration_at_start="rest")
+    call(
+        pg.MotionSpec,
+        posture=posture,
+        start=posture,
+        spread=0.05,
+        samples=5,
+        time_step=1e-3,
+        acceleration_at_start="rest",
+    )
     call(pg.contact_postures, hand=w.hand, contacts=w.contacts, reference=posture, spread=0.05, samples=3)
     spec = pg.MotionSpec(samples=3, time_step=0.01)
     call(pg.plan_motion, hand=w.hand, solution=w.solution, spec=spec)
@@ -227,23 +336,77 @@ def _fill() -> None:
     def moved(**settings):
         return pg.plan_motion(w.hand, w.solution, pg.MotionSpec(**settings))
 
-    call(moved, "MotionSpec, plan_motion", posture=posture, start=posture, spread=0.05, samples=3, time_step=0.01, acceleration_at_start="rest")
     call(
-        pg.OnlineForces, problem=w.problem, hand=w.hand, q=w.q, normal_forces=(0.1, 20.0), max_rate=100.0, ramp=0.1, period=1e-3, max_steps=50,
-    )  # fmt: skip
+        moved,
+        "MotionSpec, plan_motion",
+        posture=posture,
+        start=posture,
+        spread=0.05,
+        samples=3,
+        time_step=0.01,
+        acceleration_at_start="rest",
+    )
+    call(
+        pg.OnlineForces,
+        problem=w.problem,
+        hand=w.hand,
+        q=w.q,
+        normal_forces=(0.1, 20.0),
+        max_rate=100.0,
+        ramp=0.1,
+        period=1e-3,
+        max_steps=50,
+    )
     call(pg.OnlineForces.of, plan=w.plan, max_rate=200.0, ramp=0.1)
     call(w.online.step, wrench=problem["load"], q=w.q, poses=_poses(w.contacts), mu=np.array([0.7, 0.7, 0.7]))
     call(w.online.engage, contact="thumb", touches=True)
     call(
-        pg.plan_grasp, hand=w.hand, problem=w.problem, grid=None, search="convex", solver="auto", objective="work", torque_limit=None,
-        motion=spec, progress=False,
-    )  # fmt: skip
-    call(pg.plan_grasp, "plan_grasp on a grid", hand=w.hand, problem=w.paper, grid=w.grid, search="hybrid", solver="daqp", motion=spec)
-    call(pg.plan_grasp, "plan_grasp of a closure", hand=w.hand, problem=w.closure, search="convex", motion=spec, mu=0.7, friction=friction)
+        pg.plan_grasp,
+        hand=w.hand,
+        problem=w.problem,
+        grid=None,
+        search="convex",
+        solver="auto",
+        objective="work",
+        torque_limit=None,
+        motion=spec,
+        progress=False,
+    )
     call(
-        placement.find_placements, hand=w.hand, object=w.ball, count=1, seed=0, margin=1.2, torque_limit="effort", impact_time=0.9,
-        wrap=False, jobs=1, progress=False, mu=0.7, friction=friction,
-    )  # fmt: skip
+        pg.plan_grasp,
+        "plan_grasp on a grid",
+        hand=w.hand,
+        problem=w.paper,
+        grid=w.grid,
+        search="hybrid",
+        solver="daqp",
+        motion=spec,
+    )
+    call(
+        pg.plan_grasp,
+        "plan_grasp of a closure",
+        hand=w.hand,
+        problem=w.closure,
+        search="convex",
+        motion=spec,
+        mu=0.7,
+        friction=friction,
+    )
+    call(
+        placement.find_placements,
+        hand=w.hand,
+        object=w.ball,
+        count=1,
+        seed=0,
+        margin=1.2,
+        torque_limit="effort",
+        impact_time=0.9,
+        wrap=False,
+        jobs=1,
+        progress=False,
+        mu=0.7,
+        friction=friction,
+    )
     call(placement.hold, closure=w.closure, torque_limit=2.0, impact_time=0.9, mu=0.7)
     call(w.plan.margins_around)
     hand = w.hand
@@ -258,9 +421,16 @@ def _fill() -> None:
     call(hand.with_limits, limits={hand.joint_names[0]: (-0.5, 0.5)})
     call(hand.fingers[0].joint_of, link=hand.fingers[0].links[0])
     call(
-        pg.load_hand, source="panda", pose=eye, root=None, palm=None, fingers=None, limits={"panda_finger_joint1": (0.0, 0.03)}, hulls=False,
+        pg.load_hand,
+        source="panda",
+        pose=eye,
+        root=None,
+        palm=None,
+        fingers=None,
+        limits={"panda_finger_joint1": (0.0, 0.03)},
+        hulls=False,
         trusted=False,
-    )  # fmt: skip
+    )
     link = {"joint": "j", "link": "l", "d": 0.0, "a": 0.03, "alpha": 0.0, "lower": -1.0, "upper": 1.0, "phalanx": None}
     call(dh.Link, **link)
     finger = dh.FingerDescription(name="f", base=eye, links=(dh.Link(**link),))
@@ -290,20 +460,46 @@ def _fill() -> None:
     push = referee.Push(wrench_o=[0, 0, -0.5, 0, 0, 0], start=0.01, duration=0.01)
     call(referee.Push, wrench_o=[0, 0, -0.5, 0, 0, 0], start=0.2, duration=0.1)
     disturbance = {
-        "pushes": (push,), "shake": [0.1, 0.0, 0.0], "shake_frequency": 3.0, "mu": 0.65, "mass_factor": 1.1, "object_offset": [1e-4, 0.0, 0.0],
-        "object_turn": [0.0, 0.01, 0.0], "start_error": np.zeros(hand.n),
-    }  # fmt: skip
+        "pushes": (push,),
+        "shake": [0.1, 0.0, 0.0],
+        "shake_frequency": 3.0,
+        "mu": 0.65,
+        "mass_factor": 1.1,
+        "object_offset": [1e-4, 0.0, 0.0],
+        "object_turn": [0.0, 0.01, 0.0],
+        "start_error": np.zeros(hand.n),
+    }
     call(referee.Disturbance, **disturbance)
     call(referee.Disturbance(**disturbance).wrench, since_release=0.01)
     call(referee.Servo, stiffness=np.ones(hand.n), damping=np.ones(hand.n), rotor=np.zeros(hand.n))
     call(referee.Servo.of, hand=hand, stiffness=50.0, damping=0.5)
     call(referee.Errors, position=2e-3, rotation=0.03, friction=(0.05, 0.1), mass=0.1, posture=0.01, push=0.2)
     call(
-        pg.simulate, plan=w.plan, hold=0.01, engine="mujoco", mode="servo", disturbance=referee.Disturbance(), servo=referee.Servo.of(hand),
-        time_step=2e-3, sample=5e-3, release=True, letting_go=0.01, object=w.pen,
-    )  # fmt: skip
+        pg.simulate,
+        plan=w.plan,
+        hold=0.01,
+        engine="mujoco",
+        mode="servo",
+        disturbance=referee.Disturbance(),
+        servo=referee.Servo.of(hand),
+        time_step=2e-3,
+        sample=5e-3,
+        release=True,
+        letting_go=0.01,
+        object=w.pen,
+    )
     quick = {"hold": 0.01, "time_step": 2e-3, "engine": "mujoco"}
-    call(referee.monte_carlo, plan=w.plan, count=1, seed=0, errors=referee.Errors(), jobs=1, progress=False, folder=None, **quick | {"hold": 0.31})
+    call(
+        referee.monte_carlo,
+        plan=w.plan,
+        count=1,
+        seed=0,
+        errors=referee.Errors(),
+        jobs=1,
+        progress=False,
+        folder=None,
+        **quick | {"hold": 0.31},
+    )
     for threshold in (referee.slip_threshold, referee.load_threshold):
         call(threshold, plan=w.plan, tolerance=1.0, planned=0.7, jobs=1, disturbance=None, **quick)
 
@@ -318,7 +514,12 @@ def _fill() -> None:
     for figure in (figures.joint_angles, figures.contact_forces, figures.friction_use, figures.wrench_margin):
         call(figure, run=w.run)
     call(figures.joint_torques, run=w.run, finger="thumb")
-    table = {"mu": [0.6, 0.6, 0.7, 0.7], "mass": [1.0, 2.0, 1.0, 2.0], "energy": [1.0, 2.0, 3.0, 4.0], "status": ["ok"] * 4}
+    table = {
+        "mu": [0.6, 0.6, 0.7, 0.7],
+        "mass": [1.0, 2.0, 1.0, 2.0],
+        "energy": [1.0, 2.0, 3.0, 4.0],
+        "status": ["ok"] * 4,
+    }
     call(figures.sweep_map, columns=table, value="energy", x="mu", y="mass")
     for figure in (checks.forces_beside_plan, checks.object_motion):
         call(figure, simulation=w.simulation)
@@ -396,44 +597,250 @@ def _itself() -> list:
 
 
 NUMBERS = [
-    0, -1, 1, 2, 3, 7, 0.0, -0.0, -1.0, 0.5, 1.0, 1e-320, 1e-12, 1e12, 1e150, 1e308, -1e308, math.nan, math.inf, -math.inf, 10**30, 2**63, -(2**63),
-    10**400, -(10**400), fractions.Fraction(1, 3), fractions.Fraction(10**400, 3), np.float32(0.5), np.float64("nan"), np.int8(-3), np.uint64(2**63),
-    np.longdouble("1e4000"), Number(0.5), Level.LOW, np.array(0.5), np.float16(65504),
-]  # fmt: skip
+    0,
+    -1,
+    1,
+    2,
+    3,
+    7,
+    0.0,
+    -0.0,
+    -1.0,
+    0.5,
+    1.0,
+    1e-320,
+    1e-12,
+    1e12,
+    1e150,
+    1e308,
+    -1e308,
+    math.nan,
+    math.inf,
+    -math.inf,
+    10**30,
+    2**63,
+    -(2**63),
+    10**400,
+    -(10**400),
+    fractions.Fraction(1, 3),
+    fractions.Fraction(10**400, 3),
+    np.float32(0.5),
+    np.float64("nan"),
+    np.int8(-3),
+    np.uint64(2**63),
+    np.longdouble("1e4000"),
+    Number(0.5),
+    Level.LOW,
+    np.array(0.5),
+    np.float16(65504),
+]
 # Never a number, nor numbers in an array.
 NOT_NUMBERS = [
-    True, False, np.True_, 1j, 1 + 0j, np.complex128(2), "abc", "", "0.5", "nan", "1", Text("0.5"), b"0.5", bytearray(b"1"), "x" * 100_000, "\0", "é…",
-    datetime.datetime(2020, 1, 1), datetime.timedelta(1), np.datetime64("2020-01-01"), np.timedelta64(5, "s"), np.datetime64("NaT"), object(), object,
-    float, len, Ellipsis, NotImplemented, types, Shy(), Path("x"), {1.0}, frozenset({1.0, 2.0}), set(), {}, {"a": 1.0}, {0: 1.0, 1: 2.0},
-    UserDict(a=1), OrderedDict(b=2), types.MappingProxyType({"c": 3}), ValueError("x"), np.ma.masked, slice(3), memoryview(b"abc"), np.dtype(float),
-    np.array("0.5"), np.array(1j), np.array(True), np.array(None), np.array("2020-01-01", dtype="M8[D]"), np.str_("1"), Shy, math, print,
-]  # fmt: skip
+    True,
+    False,
+    np.True_,
+    1j,
+    1 + 0j,
+    np.complex128(2),
+    "abc",
+    "",
+    "0.5",
+    "nan",
+    "1",
+    Text("0.5"),
+    b"0.5",
+    bytearray(b"1"),
+    "x" * 100_000,
+    "\0",
+    "é…",
+    datetime.datetime(2020, 1, 1),
+    datetime.timedelta(1),
+    np.datetime64("2020-01-01"),
+    np.timedelta64(5, "s"),
+    np.datetime64("NaT"),
+    object(),
+    object,
+    float,
+    len,
+    Ellipsis,
+    NotImplemented,
+    types,
+    Shy(),
+    Path("x"),
+    {1.0},
+    frozenset({1.0, 2.0}),
+    set(),
+    {},
+    {"a": 1.0},
+    {0: 1.0, 1: 2.0},
+    UserDict(a=1),
+    OrderedDict(b=2),
+    types.MappingProxyType({"c": 3}),
+    ValueError("x"),
+    np.ma.masked,
+    slice(3),
+    memoryview(b"abc"),
+    np.dtype(float),
+    np.array("0.5"),
+    np.array(1j),
+    np.array(True),
+    np.array(None),
+    np.array("2020-01-01", dtype="M8[D]"),
+    np.str_("1"),
+    Shy,
+    math,
+    print,
+]
 # Neither a number nor, by their values, an array of finite numbers.
 NOT_ARRAYS = [
-    np.ones(3, dtype=complex), np.ones((3, 3)) * 1j, np.array(["1", "2", "3"]), np.array([b"1", b"2"]), np.array([True, False, True]),
-    np.array([None, 1.0, 2.0]), np.array(["2020", "2021", "2022"], dtype="M8[Y]"), np.zeros(3, dtype="m8[s]"), np.zeros(3, dtype="i4,f8"),
-    np.full(3, np.nan), np.array([1.0, np.inf, 2.0]), np.ma.masked_array([1.0, 2.0, 3.0], mask=[0, 1, 0]), [1.0, "a", 2.0], ["1", "2", "3"], [[1, 2], [3]],
-    [None, None, None], [{}], [1j, 2, 3], [object()] * 3, _nested(70), _nested(5000), _itself(), ["x" * 1000] * 1000, [10**400, 1, 2],
-    [True, False, True], [1.0, [2.0, 3.0]], [datetime.date(2020, 1, 1)] * 3, Column(["a", "b", "c"]), Column([1j, 2, 3]), [Shy()] * 3,
-    [decimal.Decimal("NaN")] * 3, Column([np.nan] * 3), [np.nan] * 6, np.full((3, 3), np.inf),
-]  # fmt: skip
+    np.ones(3, dtype=complex),
+    np.ones((3, 3)) * 1j,
+    np.array(["1", "2", "3"]),
+    np.array([b"1", b"2"]),
+    np.array([True, False, True]),
+    np.array([None, 1.0, 2.0]),
+    np.array(["2020", "2021", "2022"], dtype="M8[Y]"),
+    np.zeros(3, dtype="m8[s]"),
+    np.zeros(3, dtype="i4,f8"),
+    np.full(3, np.nan),
+    np.array([1.0, np.inf, 2.0]),
+    np.ma.masked_array([1.0, 2.0, 3.0], mask=[0, 1, 0]),
+    [1.0, "a", 2.0],
+    ["1", "2", "3"],
+    [[1, 2], [3]],
+    [None, None, None],
+    [{}],
+    [1j, 2, 3],
+    [object()] * 3,
+    _nested(70),
+    _nested(5000),
+    _itself(),
+    ["x" * 1000] * 1000,
+    [10**400, 1, 2],
+    [True, False, True],
+    [1.0, [2.0, 3.0]],
+    [datetime.date(2020, 1, 1)] * 3,
+    Column(["a", "b", "c"]),
+    Column([1j, 2, 3]),
+    [Shy()] * 3,
+    [decimal.Decimal("NaN")] * 3,
+    Column([np.nan] * 3),
+    [np.nan] * 6,
+    np.full((3, 3), np.inf),
+]
 ARRAYS = [
-    [], (), [[]], np.zeros(0), np.zeros((0, 3)), np.zeros((3, 0)), np.zeros((2, 0, 3)), np.ones(1), np.ones(3), np.ones(6), np.zeros(3), np.zeros(6), np.ones((3, 3)),
-    np.ones((2, 3)), np.ones((3, 2)), np.ones((4, 4)), np.eye(4), -np.eye(4), np.eye(3)[::-1], np.full(3, 1e308), np.full(6, 1e308), np.full(3, 1e-320),
-    np.full(6, -1e200), np.full((3, 3), 1e308), np.ones((1, 1, 1, 1, 1)), np.arange(20.0), np.zeros(20), [1, 2], [1, 2, 3], (1.0, 2.0), (2.0, 1.0), (0.0, 0.0),
-    (-1.0, 1.0), [2**63, 1, 1], [10**30, 1, 1], range(3), range(0), array.array("d", [1, 2, 3]), Pair(1.0, 2.0), Column([1.0, 2.0, 3.0]), Column([]),
-    np.ones(3).view(Numbers), np.asmatrix(np.ones((1, 3))), np.ma.masked_array([1.0, 2.0, 3.0]), np.ones(3, dtype=np.float16), np.ones(3, dtype=">f8"),
-    np.broadcast_to(1.0, (3,)), np.ones((6, 2))[:, 0], np.ones(10_000), [decimal.Decimal("0.5")] * 3, [fractions.Fraction(1, 2)] * 3, np.arange(3, dtype=np.int8),
-    np.broadcast_to(1.0, (1000, 3)), np.ones((100, 100)),
-]  # fmt: skip
-STREAMS = [lambda: (float(i) for i in range(3)), lambda: iter([1.0, 2.0]), lambda: map(float, [1, 2, 3]), lambda: {"a": 1}.keys(), lambda: zip([1], [2])]
-WORDS = ["abc", "", "wrench", "work", "daqp", "thumb", "THUMB", "thumb ", "index", "cone", "x" * 5000, "\0", "\x1b[31m", "ñandú", "a\nb", "None", "0", "paper", "auto"]
+    [],
+    (),
+    [[]],
+    np.zeros(0),
+    np.zeros((0, 3)),
+    np.zeros((3, 0)),
+    np.zeros((2, 0, 3)),
+    np.ones(1),
+    np.ones(3),
+    np.ones(6),
+    np.zeros(3),
+    np.zeros(6),
+    np.ones((3, 3)),
+    np.ones((2, 3)),
+    np.ones((3, 2)),
+    np.ones((4, 4)),
+    np.eye(4),
+    -np.eye(4),
+    np.eye(3)[::-1],
+    np.full(3, 1e308),
+    np.full(6, 1e308),
+    np.full(3, 1e-320),
+    np.full(6, -1e200),
+    np.full((3, 3), 1e308),
+    np.ones((1, 1, 1, 1, 1)),
+    np.arange(20.0),
+    np.zeros(20),
+    [1, 2],
+    [1, 2, 3],
+    (1.0, 2.0),
+    (2.0, 1.0),
+    (0.0, 0.0),
+    (-1.0, 1.0),
+    [2**63, 1, 1],
+    [10**30, 1, 1],
+    range(3),
+    range(0),
+    array.array("d", [1, 2, 3]),
+    Pair(1.0, 2.0),
+    Column([1.0, 2.0, 3.0]),
+    Column([]),
+    np.ones(3).view(Numbers),
+    np.asmatrix(np.ones((1, 3))),
+    np.ma.masked_array([1.0, 2.0, 3.0]),
+    np.ones(3, dtype=np.float16),
+    np.ones(3, dtype=">f8"),
+    np.broadcast_to(1.0, (3,)),
+    np.ones((6, 2))[:, 0],
+    np.ones(10_000),
+    [decimal.Decimal("0.5")] * 3,
+    [fractions.Fraction(1, 2)] * 3,
+    np.arange(3, dtype=np.int8),
+    np.broadcast_to(1.0, (1000, 3)),
+    np.ones((100, 100)),
+]
+STREAMS = [
+    lambda: (float(i) for i in range(3)),
+    lambda: iter([1.0, 2.0]),
+    lambda: map(float, [1, 2, 3]),
+    lambda: {"a": 1}.keys(),
+    lambda: zip([1], [2]),
+]
+WORDS = [
+    "abc",
+    "",
+    "wrench",
+    "work",
+    "daqp",
+    "thumb",
+    "THUMB",
+    "thumb ",
+    "index",
+    "cone",
+    "x" * 5000,
+    "\0",
+    "\x1b[31m",
+    "ñandú",
+    "a\nb",
+    "None",
+    "0",
+    "paper",
+    "auto",
+]
 
 
 def _strange(rng) -> object:
     w = WORLD
-    ours = [w.hand, w.pen, w.ball, w.contacts, w.problem, w.solution, w.plan, w.closure, w.run, w.batch, w.loads, w.grid, w.case, pg.Friction(),
-            pg.Compliance(), w.torques, w.simulation, pg.Status.OK, pg.MotionSpec(), pg.Friction, pg.Sphere, w.contacts[0], w.contacts.contacts]  # fmt: skip
+    ours = [
+        w.hand,
+        w.pen,
+        w.ball,
+        w.contacts,
+        w.problem,
+        w.solution,
+        w.plan,
+        w.closure,
+        w.run,
+        w.batch,
+        w.loads,
+        w.grid,
+        w.case,
+        pg.Friction(),
+        pg.Compliance(),
+        w.torques,
+        w.simulation,
+        pg.Status.OK,
+        pg.MotionSpec(),
+        pg.Friction,
+        pg.Sphere,
+        w.contacts[0],
+        w.contacts.contacts,
+    ]
     pools = [NUMBERS, NOT_NUMBERS, NOT_ARRAYS, ARRAYS, WORDS, ours, STREAMS, [None]]
     pool = pools[rng.choice(len(pools), p=[0.25, 0.2, 0.15, 0.15, 0.08, 0.1, 0.03, 0.04])]
     value = pool[rng.integers(len(pool))]
@@ -442,9 +849,25 @@ def _strange(rng) -> object:
 
 def _number_like(rng, value: float):
     return [
-        -value, 0.0, value * 1e6, value * 1e-6, value * 1e300, value + 1, float("nan"), np.float32(value), np.array(value), [value], str(value),
-        complex(value), np.array([value]), int(value), value * 1e30, bool(value), np.ma.masked_array(value, mask=True), decimal.Decimal(value),
-    ][rng.integers(18)]  # fmt: skip
+        -value,
+        0.0,
+        value * 1e6,
+        value * 1e-6,
+        value * 1e300,
+        value + 1,
+        float("nan"),
+        np.float32(value),
+        np.array(value),
+        [value],
+        str(value),
+        complex(value),
+        np.array([value]),
+        int(value),
+        value * 1e30,
+        bool(value),
+        np.ma.masked_array(value, mask=True),
+        decimal.Decimal(value),
+    ][rng.integers(18)]
 
 
 def _array_like(rng, value):
@@ -459,14 +882,46 @@ def _array_like(rng, value):
         return b
 
     turns = [
-        lambda: changed(np.nan), lambda: changed(np.inf), lambda: changed(-flat[at] if a.size else 0), lambda: changed(1e308), lambda: changed(1e-320),
-        lambda: changed(0.0), lambda: a * 1e200, lambda: a * 1e-200, lambda: -a, lambda: 0 * a, lambda: a + 0.1, lambda: a.T, lambda: a[None], lambda: a[:-1],
-        lambda: a[..., :-1], lambda: a[..., None], lambda: np.concatenate([a, a]), lambda: a.astype(complex), lambda: a.astype(str), lambda: a.astype(object),
-        lambda: a.astype(bool), lambda: a.astype(int), lambda: np.ma.masked_array(a, mask=np.arange(a.size).reshape(a.shape) == at), lambda: a.tolist(),
-        lambda: a.astype("f4"), lambda: np.asfortranarray(a), lambda: a.view(Numbers), lambda: a[::-1], lambda: a.astype("S8"), lambda: a.ravel(),
-        lambda: np.full(a.shape, None), lambda: Column(a) if a.ndim else a, lambda: changed(10.0**rng.uniform(-12, 12)), lambda: a[:0], lambda: a.astype(">f8"),
-        lambda: a + rng.normal(size=a.shape), lambda: a + 1e-3 * rng.normal(size=a.shape), lambda: a.tolist() + ["x"] if a.ndim else a, lambda: a[0] if a.ndim else a,
-    ]  # fmt: skip
+        lambda: changed(np.nan),
+        lambda: changed(np.inf),
+        lambda: changed(-flat[at] if a.size else 0),
+        lambda: changed(1e308),
+        lambda: changed(1e-320),
+        lambda: changed(0.0),
+        lambda: a * 1e200,
+        lambda: a * 1e-200,
+        lambda: -a,
+        lambda: 0 * a,
+        lambda: a + 0.1,
+        lambda: a.T,
+        lambda: a[None],
+        lambda: a[:-1],
+        lambda: a[..., :-1],
+        lambda: a[..., None],
+        lambda: np.concatenate([a, a]),
+        lambda: a.astype(complex),
+        lambda: a.astype(str),
+        lambda: a.astype(object),
+        lambda: a.astype(bool),
+        lambda: a.astype(int),
+        lambda: np.ma.masked_array(a, mask=np.arange(a.size).reshape(a.shape) == at),
+        lambda: a.tolist(),
+        lambda: a.astype("f4"),
+        lambda: np.asfortranarray(a),
+        lambda: a.view(Numbers),
+        lambda: a[::-1],
+        lambda: a.astype("S8"),
+        lambda: a.ravel(),
+        lambda: np.full(a.shape, None),
+        lambda: Column(a) if a.ndim else a,
+        lambda: changed(10.0 ** rng.uniform(-12, 12)),
+        lambda: a[:0],
+        lambda: a.astype(">f8"),
+        lambda: a + rng.normal(size=a.shape),
+        lambda: a + 1e-3 * rng.normal(size=a.shape),
+        lambda: [*a.tolist(), "x"] if a.ndim else a,
+        lambda: a[0] if a.ndim else a,
+    ]
     return turns[rng.integers(len(turns))]()
 
 
@@ -485,7 +940,13 @@ def _mapping_like(rng, value: Mapping):
     elif turn == 7:
         return [UserDict(changed), types.MappingProxyType(changed), OrderedDict(changed)][rng.integers(3)]
     else:
-        return [list(changed), list(changed.items()), list(changed.values()), tuple(changed), set(changed)][rng.integers(5)] if _plain(changed) else list(changed)
+        return (
+            [list(changed), list(changed.items()), list(changed.values()), tuple(changed), set(changed)][
+                rng.integers(5)
+            ]
+            if _plain(changed)
+            else list(changed)
+        )
     return changed
 
 
@@ -494,7 +955,23 @@ def _plain(mapping) -> bool:
 
 
 def _strange_key(rng):
-    return ["nobody", "", 0, 1.5, None, (), b"thumb", True, math.nan, "thumb", "x" * 1000, Path("a"), frozenset(), Shy(), "little"][rng.integers(15)]
+    return [
+        "nobody",
+        "",
+        0,
+        1.5,
+        None,
+        (),
+        b"thumb",
+        True,
+        math.nan,
+        "thumb",
+        "x" * 1000,
+        Path("a"),
+        frozenset(),
+        Shy(),
+        "little",
+    ][rng.integers(15)]
 
 
 def _items_like(rng, value):
@@ -507,7 +984,7 @@ def _items_like(rng, value):
     if turn == 2 and items:
         items[rng.integers(len(items))] = _strange(rng)
     elif turn == 3:
-        return items + [_strange(rng)]
+        return [*items, _strange(rng)]
     elif turn == 4:
         return iter(items)
     elif turn == 5 and items:
@@ -526,9 +1003,25 @@ def _spoiled(rng, value):
     if isinstance(value, bool):
         return [0, 1, "no", "False", None, np.False_, 0.0, [], np.array([True, False])][rng.integers(9)]
     if isinstance(value, (int, float)):
-        return _number_like(rng, float(value)) if rng.random() < 0.7 else [value + 1, value - 1, -value, 10**9, 10**6, float(value)][rng.integers(6)]
+        return (
+            _number_like(rng, float(value))
+            if rng.random() < 0.7
+            else [value + 1, value - 1, -value, 10**9, 10**6, float(value)][rng.integers(6)]
+        )
     if isinstance(value, str):
-        turns = [value.upper(), value + " ", value[:-1], value * 1000, value.encode(), Text(value), Path(value), [value], np.str_(value), value + "\0", value[::-1]]
+        turns = [
+            value.upper(),
+            value + " ",
+            value[:-1],
+            value * 1000,
+            value.encode(),
+            Text(value),
+            Path(value),
+            [value],
+            np.str_(value),
+            value + "\0",
+            value[::-1],
+        ]
         return turns[rng.integers(len(turns))]
     if isinstance(value, np.ndarray) or _is_numbers(value):
         return _array_like(rng, value)
@@ -540,9 +1033,12 @@ def _spoiled(rng, value):
 
 
 def _is_numbers(value) -> bool:
-    return isinstance(value, (list, tuple)) and bool(value) and np.asarray(value, dtype=object).dtype == object and all(
-        isinstance(v, (int, float)) or _is_numbers(v) for v in value
-    )  # fmt: skip
+    return (
+        isinstance(value, (list, tuple))
+        and bool(value)
+        and np.asarray(value, dtype=object).dtype == object
+        and all(isinstance(v, (int, float)) or _is_numbers(v) for v in value)
+    )
 
 
 def _never_meant(valid, value) -> bool:
@@ -556,7 +1052,9 @@ def _never_meant(valid, value) -> bool:
             return True
         if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
             return True
-        return _among(value, NOT_NUMBERS[:30]) or isinstance(value, (str, bytes, bool, np.bool_, complex, np.datetime64, np.timedelta64, set, np.str_))
+        return _among(value, NOT_NUMBERS[:30]) or isinstance(
+            value, (str, bytes, bool, np.bool_, complex, np.datetime64, np.timedelta64, set, np.str_)
+        )
     if isinstance(valid, np.ndarray) or _is_numbers(valid):
         if isinstance(value, np.ndarray) and value.size:
             if value.dtype.kind in "cSUbMmV" or np.ma.is_masked(value):
@@ -574,15 +1072,31 @@ def _among(value, pool) -> bool:
 
 # The kind.
 
-# Where infinity stands for something; and the settings of a closure that has too few contacts for anything to be asked of them.
-MEANT = {("TorqueLimits", "limit"), ("torque_limits", "limit"), ("hold", "mu"), ("hold", "torque_limit"), ("hold", "impact_time"), ("OnlineForces.engage", "contact")}
+# Where infinity stands for something; and the settings of a closure that has too few contacts for anything to be asked
+# of them.
+MEANT = {
+    ("TorqueLimits", "limit"),
+    ("torque_limits", "limit"),
+    ("hold", "mu"),
+    ("hold", "torque_limit"),
+    ("hold", "impact_time"),
+    ("OnlineForces.engage", "contact"),
+}
 
 
 # Calls that take a second: fewer of them.
 SLOW = {
-    "holding_probability", "plan_grasp", "simulate", "monte_carlo", "slip_threshold", "load_threshold", "GraspPlan.margins_around", "run_of",
-    "OnlineForces", "find_placements",
-}  # fmt: skip
+    "holding_probability",
+    "plan_grasp",
+    "simulate",
+    "monte_carlo",
+    "slip_threshold",
+    "load_threshold",
+    "GraspPlan.margins_around",
+    "run_of",
+    "OnlineForces",
+    "find_placements",
+}
 
 
 def make(rng: np.random.Generator, folder: Path) -> Case:
@@ -591,7 +1105,7 @@ def make(rng: np.random.Generator, folder: Path) -> Case:
     name = names[rng.integers(len(names))]
     if name in SLOW and rng.random() < 0.7:
         name = names[rng.integers(len(names))]
-    function, valid = CALLS[name]
+    _function, valid = CALLS[name]
     arguments = dict(valid)
     if any(isinstance(value, str) and value.startswith("kept/") for value in valid.values()):
         (folder / "kept").mkdir()
@@ -660,7 +1174,7 @@ def _look(value, where: str, depth: int) -> None:
         for field in fields(value):
             if not field.name.startswith("_"):
                 _look(getattr(value, field.name), f"{where}.{field.name}", depth - 1)
-        for name, kind in inspect.getmembers(type(value), lambda member: isinstance(member, property)):
+        for name, _kind in inspect.getmembers(type(value), lambda member: isinstance(member, property)):
             if not name.startswith("_"):
                 try:
                     _look(getattr(value, name), f"{where}.{name}", depth - 1)

@@ -1,4 +1,6 @@
-"""Damaged and hostile folders of runs and simulations: what ``pinograsp plan`` and ``pinograsp check`` write, changed by strangers."""
+"""Damaged and hostile folders of runs and simulations: what ``pinograsp plan`` and ``pinograsp check`` write, changed
+by strangers.
+"""
 
 from __future__ import annotations
 
@@ -28,14 +30,78 @@ _KINDS = {
     "force": {"forces.balance": "force"},
 }
 _NAMES = [
-    "", " ", "x" * 5000, "tip ![x](plan.json)", "tip ![x](/etc/hostname)", "$x^2$", "$\\frac{1}{0", "a|b", "<script>alert(1)</script>",
-    "=1+1", "@x", "\t=1", "_hidden", "a\nb", "a\x00b", "a\x1b[31mb", "../../up", "/", "..", "\u202egnp", "名前", "\U0001f600", "\ud800",
-    "a/b", "-->", "]]>", "&amp;", "`code`", "**b**", "# h", "1. x", "{x}", "%s %d", "\\", "'", '"', "a" * 300 + "/b", "nan", "None", "$" * 9,
-]  # fmt: skip
+    "",
+    " ",
+    "x" * 5000,
+    "tip ![x](plan.json)",
+    "tip ![x](/etc/hostname)",
+    "$x^2$",
+    "$\\frac{1}{0",
+    "a|b",
+    "<script>alert(1)</script>",
+    "=1+1",
+    "@x",
+    "\t=1",
+    "_hidden",
+    "a\nb",
+    "a\x00b",
+    "a\x1b[31mb",
+    "../../up",
+    "/",
+    "..",
+    "\u202egnp",
+    "名前",
+    "\U0001f600",
+    "\ud800",
+    "a/b",
+    "-->",
+    "]]>",
+    "&amp;",
+    "`code`",
+    "**b**",
+    "# h",
+    "1. x",
+    "{x}",
+    "%s %d",
+    "\\",
+    "'",
+    '"',
+    "a" * 300 + "/b",
+    "nan",
+    "None",
+    "$" * 9,
+]
 _NUMBERS = [
-    0, -0.0, 1, -1, 2, 3, 0.5, 1e-320, 5e-324, 1e-30, 1e-9, -1e-9, 1e9, 1e30, -1e30, 1e31, 1e100, 1e308, -1e308, 10**18, 10**30, 10**400, 2**63,
-    -(2**63), 1.0000000001, 100, 1000, 90.0, 0.1,
-]  # fmt: skip
+    0,
+    -0.0,
+    1,
+    -1,
+    2,
+    3,
+    0.5,
+    1e-320,
+    5e-324,
+    1e-30,
+    1e-9,
+    -1e-9,
+    1e9,
+    1e30,
+    -1e30,
+    1e31,
+    1e100,
+    1e308,
+    -1e308,
+    10**18,
+    10**30,
+    10**400,
+    2**63,
+    -(2**63),
+    1.0000000001,
+    100,
+    1000,
+    90.0,
+    0.1,
+]
 _files: dict[str, dict[str, bytes]] = {}
 
 
@@ -57,9 +123,13 @@ def prepare() -> None:
         try:
             case.plan()
         except GraspInfeasible as error:
-            save_run(run_of_failure(error, {"hand": "humanoid", "contacts": ["thumb"]}, case.settings()), Path(root) / "none")
+            save_run(
+                run_of_failure(error, {"hand": "humanoid", "contacts": ["thumb"]}, case.settings()), Path(root) / "none"
+            )
         for folder in Path(root).iterdir():
-            _files[folder.name] = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+            _files[folder.name] = {
+                str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+            }
         run = pg.load_run(Path(root) / "soft")  # what is made on first use is made before the clock runs
         figures = save_figures(run, Path(root))
         write_report(run, Path(root), figures)
@@ -71,7 +141,22 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
     files = dict(_files[kind])
     deeds = []
     for _ in range(int(rng.choice([1, 1, 1, 2, 3, 5]))):
-        deed = rng.choice(["json", "json", "json", "json", "arrays", "arrays", "arrays", "archive", "bytes", "rename", "rename", "file"])
+        deed = rng.choice(
+            [
+                "json",
+                "json",
+                "json",
+                "json",
+                "arrays",
+                "arrays",
+                "arrays",
+                "archive",
+                "bytes",
+                "rename",
+                "rename",
+                "file",
+            ]
+        )
         names = [name for name, content in files.items() if name != "files.txt" and content is not None]
         if not names:
             break
@@ -91,8 +176,17 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
         path.parent.mkdir(parents=True, exist_ok=True)
         if content is not None:
             path.write_bytes(content)
-    use = str(rng.choice(["report", "figures", "page", "scene", "simulate", "handover"], p=[0.45, 0.04, 0.08, 0.25, 0.08, 0.1]))
-    return {"folder": str(folder / "run"), "use": use, "engine": str(rng.choice(["mujoco", "pinocchio"])), "deeds": deeds}
+    use = str(
+        rng.choice(
+            ["report", "figures", "page", "scene", "simulate", "handover"], p=[0.45, 0.04, 0.08, 0.25, 0.08, 0.1]
+        )
+    )
+    return {
+        "folder": str(folder / "run"),
+        "use": use,
+        "engine": str(rng.choice(["mujoco", "pinocchio"])),
+        "deeds": deeds,
+    }
 
 
 def run(case: dict) -> str:
@@ -167,7 +261,11 @@ def _json(rng, content: bytes) -> bytes:
         elif deed == "value":
             holder[key] = _value(rng)
         elif deed == "number":
-            holder[key] = holder[key] * float(rng.choice([-1, 0, 1e-6, 0.5, 2, 1e6])) if isinstance(holder[key], float) else _number(rng)
+            holder[key] = (
+                holder[key] * float(rng.choice([-1, 0, 1e-6, 0.5, 2, 1e6]))
+                if isinstance(holder[key], float)
+                else _number(rng)
+            )
         elif deed == "key" and isinstance(holder, dict):
             holder[_name(rng)] = holder.pop(key)
         elif deed == "copy":
@@ -186,7 +284,11 @@ def _json(rng, content: bytes) -> bytes:
 
 
 def _number(rng):
-    return _NUMBERS[int(rng.integers(len(_NUMBERS)))] if rng.random() < 0.9 else float(rng.choice([np.nan, np.inf, -np.inf]))
+    return (
+        _NUMBERS[int(rng.integers(len(_NUMBERS)))]
+        if rng.random() < 0.9
+        else float(rng.choice([np.nan, np.inf, -np.inf]))
+    )
 
 
 def _name(rng) -> str:
@@ -197,7 +299,21 @@ def _value(rng):
     nested: list = []
     for _ in range(int(rng.choice([1, 20, 39, 60]))):
         nested = [nested]
-    choices = [None, True, False, [], {}, [1.0], [None], {"a": 1}, nested, _number(rng), _name(rng), [_number(rng)] * 3, {_name(rng): _number(rng)}]
+    choices = [
+        None,
+        True,
+        False,
+        [],
+        {},
+        [1.0],
+        [None],
+        {"a": 1},
+        nested,
+        _number(rng),
+        _name(rng),
+        [_number(rng)] * 3,
+        {_name(rng): _number(rng)},
+    ]
     return choices[int(rng.integers(len(choices)))]
 
 
@@ -251,9 +367,19 @@ def _arrays(rng, content: bytes) -> bytes:
                 break
             continue
         if deed == "shape":
-            array = [array.ravel(), array[None], array.reshape(array.shape[::-1]), array.T, np.zeros((0, *array.shape[1:]))][int(rng.integers(5))]
+            array = [
+                array.ravel(),
+                array[None],
+                array.reshape(array.shape[::-1]),
+                array.T,
+                np.zeros((0, *array.shape[1:])),
+            ][int(rng.integers(5))]
         elif deed == "cut" and array.ndim:
-            array = array[: int(rng.integers(0, len(array) + 1))] if rng.random() < 0.7 else np.concatenate([array, array[-1:]])
+            array = (
+                array[: int(rng.integers(0, len(array) + 1))]
+                if rng.random() < 0.7
+                else np.concatenate([array, array[-1:]])
+            )
         elif deed == "entry" and numeric and array.size:
             array = array.astype(float) if rng.random() < 0.8 and array.dtype.kind == "f" else array
             flat = array.reshape(-1)
@@ -314,7 +440,11 @@ def _archive(rng, content: bytes) -> bytes:
             np.lib.format.write_array(member, array, allow_pickle=False)
             data = member.getvalue()
             if key == name and deed == "huge":
-                shape = str(rng.choice(["(1000000000000,)", "(100000000,)", "(-1,)", "(0, 10000000000000)", "(1,) * 9", "(1e9,)"]))
+                shape = str(
+                    rng.choice(
+                        ["(1000000000000,)", "(100000000,)", "(-1,)", "(0, 10000000000000)", "(1,) * 9", "(1e9,)"]
+                    )
+                )
                 kind = str(rng.choice(["<f8", "<U1000000000", "|V0", "|S0", "<U0", "|O"]))
                 header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}".encode()
                 data = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(100)
@@ -348,12 +478,21 @@ def _bytes(rng, content: bytes) -> bytes:
         elif deed == "insert":
             data[at:at] = rng.bytes(size)
         else:
-            data[at : at + size] = data[: size]
+            data[at : at + size] = data[:size]
     return bytes(data)
 
 
 def _file(rng, content: bytes):
     """None: no such file."""
-    return [None, b"", b"[]", b"{}", b"null", b"\xff\xfe\x00", rng.bytes(100), b"[" * 100000, b'{"a":' * 100000, content * 2][int(rng.integers(10))]
-
-
+    return [
+        None,
+        b"",
+        b"[]",
+        b"{}",
+        b"null",
+        b"\xff\xfe\x00",
+        rng.bytes(100),
+        b"[" * 100000,
+        b'{"a":' * 100000,
+        content * 2,
+    ][int(rng.integers(10))]

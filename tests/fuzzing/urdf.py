@@ -1,4 +1,6 @@
-"""Hands as URDF, with meshes beside them and an object to grasp: mutated in structure, numbers, names, counts and bytes."""
+"""Hands as URDF, with meshes beside them and an object to grasp: mutated in structure, numbers, names, counts and
+bytes.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +15,89 @@ import numpy as np
 import own_hands
 
 NUMBERS = [
-    "0", "-0.0", "1", "-1", "nan", "inf", "-inf", "1e308", "-1e308", "1e-320", "1e-12", "1e6", "6e12", "1e3", "999", "1e-6", "0x10", "1_0",
-    "1e99999", "9" * 400, "9" * 5000, "", " ", "1,2", "1 2", "1 2 3 4 5 6 7", "one", "3.14159", "1e-9", "-1e-9", "2e-9", "\u0661", "1.5.2", "1e",
-]  # fmt: skip
+    "0",
+    "-0.0",
+    "1",
+    "-1",
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "-1e308",
+    "1e-320",
+    "1e-12",
+    "1e6",
+    "6e12",
+    "1e3",
+    "999",
+    "1e-6",
+    "0x10",
+    "1_0",
+    "1e99999",
+    "9" * 400,
+    "9" * 5000,
+    "",
+    " ",
+    "1,2",
+    "1 2",
+    "1 2 3 4 5 6 7",
+    "one",
+    "3.14159",
+    "1e-9",
+    "-1e-9",
+    "2e-9",
+    "\u0661",
+    "1.5.2",
+    "1e",
+]
 NAMES = [
-    "", " ", "a", "palm", "base", "universe", "world", "root", "tip", "x" * 5000, "../../etc/passwd", "/dev/zero", "nul\u2400", "\u00e4\U0001f590\u202e",
-    "'; --", "a b\tc", "${1}", "$(find x)", "%s%n", "0001 a", "a/b", "-1", "[]", "joint\u0301", "&lt;", "None", "\ufeff",
-]  # fmt: skip
+    "",
+    " ",
+    "a",
+    "palm",
+    "base",
+    "universe",
+    "world",
+    "root",
+    "tip",
+    "x" * 5000,
+    "../../etc/passwd",
+    "/dev/zero",
+    "nul\u2400",
+    "\u00e4\U0001f590\u202e",
+    "'; --",
+    "a b\tc",
+    "${1}",
+    "$(find x)",
+    "%s%n",
+    "0001 a",
+    "a/b",
+    "-1",
+    "[]",
+    "joint\u0301",
+    "&lt;",
+    "None",
+    "\ufeff",
+]
 MESHES = ["box.stl", "box.obj", "box.ply", "box.off", "box.glb", "box.dae", "ascii.stl", "unit_sphere.stl"]
 PLACES = [
-    "{}", "./{}", "../{}", "package://x/{}", "file://{}", "file:///{}", "/dev/zero", "pipe.stl", "folder.stl", "link.stl", "%2e%2e/{}", "{}\\x",
-    "package://{}", "http://localhost/{}", "{}#x", "loop.stl",
-]  # fmt: skip
+    "{}",
+    "./{}",
+    "../{}",
+    "package://x/{}",
+    "file://{}",
+    "file:///{}",
+    "/dev/zero",
+    "pipe.stl",
+    "folder.stl",
+    "link.stl",
+    "%2e%2e/{}",
+    "{}\\x",
+    "package://{}",
+    "http://localhost/{}",
+    "{}#x",
+    "loop.stl",
+]
 
 
 def make(rng: np.random.Generator, folder: Path) -> dict:
@@ -87,9 +160,13 @@ def options(rng) -> dict:
     if rng.random() < 0.1:
         chosen["fingers"] = {pick(rng, NAMES): pick(rng, [*NAMES, "left_tip", "right_tip"]) for _ in range(2)}
     return {
-        "options": chosen, "object": pick(rng, ["ball", "mesh", "mesh"]), "scale": float(pick(rng, [1.0, 1.0, 0.001, 1e3, 1e-12])),
-        "convex": bool(rng.random() < 0.5), "wrap": bool(rng.random() < 0.2), "fixed": bool(rng.random() < 0.2),
-    }  # fmt: skip
+        "options": chosen,
+        "object": pick(rng, ["ball", "mesh", "mesh"]),
+        "scale": float(pick(rng, [1.0, 1.0, 0.001, 1e3, 1e-12])),
+        "convex": bool(rng.random() < 0.5),
+        "wrap": bool(rng.random() < 0.2),
+        "fixed": bool(rng.random() < 0.2),
+    }
 
 
 def _base(rng) -> str:
@@ -109,9 +186,19 @@ def _base(rng) -> str:
                 name = f"f{i}{k}"
                 kind = pick(rng, ["revolute", "revolute", "prismatic"])
                 mimic = f"j{i}0 {rng.uniform(-2, 2):.3f} 0.1" if k and rng.random() < 0.4 else ""
-                parts += [own_hands.link(name, 0.01, pick(rng, shapes), "0 0 0.02"),
-                          own_hands.joint(f"j{i}{k}", parent, name, f"{0.03 * i - 0.03} {0.01 * k} 0.04", pick(rng, ["0 1 0", "1 0 0", "0 0 -1"]),
-                                          "-0.5 1.2 1 1", kind=kind, mimic=mimic)]  # fmt: skip
+                parts += [
+                    own_hands.link(name, 0.01, pick(rng, shapes), "0 0 0.02"),
+                    own_hands.joint(
+                        f"j{i}{k}",
+                        parent,
+                        name,
+                        f"{0.03 * i - 0.03} {0.01 * k} 0.04",
+                        pick(rng, ["0 1 0", "1 0 0", "0 0 -1"]),
+                        "-0.5 1.2 1 1",
+                        kind=kind,
+                        mimic=mimic,
+                    ),
+                ]
                 parent = name
         return own_hands.robot("small", *parts)
     return own_hands.HANDS[pick(rng, list(own_hands.HANDS))]
@@ -120,9 +207,30 @@ def _base(rng) -> str:
 # -- what every kind of description shares -----------------------------------------------------------------------------
 
 URDF_TAGS = [
-    "robot", "link", "joint", "inertial", "origin", "mass", "inertia", "collision", "geometry", "box", "sphere", "cylinder", "mesh", "limit",
-    "mimic", "axis", "parent", "child", "visual", "dynamics", "capsule", "ellipsoid", "transmission",
-]  # fmt: skip
+    "robot",
+    "link",
+    "joint",
+    "inertial",
+    "origin",
+    "mass",
+    "inertia",
+    "collision",
+    "geometry",
+    "box",
+    "sphere",
+    "cylinder",
+    "mesh",
+    "limit",
+    "mimic",
+    "axis",
+    "parent",
+    "child",
+    "visual",
+    "dynamics",
+    "capsule",
+    "ellipsoid",
+    "transmission",
+]
 
 
 def pick(rng, choices):
@@ -143,7 +251,12 @@ def mutate(rng, root, tags: list[str]) -> None:
     kind = int(rng.integers(14))
     keys = list(one.attrib)
     if kind <= 3:  # a number
-        with_numbers = [(element, key) for element in elements for key, value in element.attrib.items() if value and value[0] in "-0123456789"]
+        with_numbers = [
+            (element, key)
+            for element in elements
+            for key, value in element.attrib.items()
+            if value and value[0] in "-0123456789"
+        ]
         if with_numbers:
             element, key = pick(rng, with_numbers)
             values = element.get(key).split()
@@ -167,7 +280,12 @@ def mutate(rng, root, tags: list[str]) -> None:
             element, key = pick(rng, ends)
             element.set(key, pick(rng, named))
     elif kind == 10:
-        one.append(ElementTree.Element(pick(rng, tags), {pick(rng, ["name", "value", "xyz", "size", "type", "link"]): pick(rng, [*NAMES, *NUMBERS])}))
+        one.append(
+            ElementTree.Element(
+                pick(rng, tags),
+                {pick(rng, ["name", "value", "xyz", "size", "type", "link"]): pick(rng, [*NAMES, *NUMBERS])},
+            )
+        )
     elif kind == 11 and one in parents and other is not one and one not in other.iter() and other not in one.iter():
         parents[one].remove(one)
         other.append(one)
@@ -202,7 +320,10 @@ def with_meshes(rng, root) -> None:
                 geometry.remove(child)
             mesh = ElementTree.SubElement(geometry, "mesh", filename=mesh_name(rng))
             if rng.random() < 0.7:
-                mesh.set("scale", " ".join(number(rng) if rng.random() < 0.2 else pick(rng, ["1", "0.3", "-1"]) for _ in range(3)))
+                mesh.set(
+                    "scale",
+                    " ".join(number(rng) if rng.random() < 0.2 else pick(rng, ["1", "0.3", "-1"]) for _ in range(3)),
+                )
 
 
 def mesh_name(rng) -> str:
@@ -241,7 +362,23 @@ def _lying(rng, content: bytes) -> bytes:
     words = content.split(b" ")
     for _ in range(rng.integers(1, 4)):
         i = int(rng.integers(len(words)))
-        words[i] = pick(rng, [b"-1", b"99999999", b"nan", b"inf", b"1e300", b"4294967295", b"0", b"400000000000", b"", b"\n", b"2000000", b"f"])
+        words[i] = pick(
+            rng,
+            [
+                b"-1",
+                b"99999999",
+                b"nan",
+                b"inf",
+                b"1e300",
+                b"4294967295",
+                b"0",
+                b"400000000000",
+                b"",
+                b"\n",
+                b"2000000",
+                b"f",
+            ],
+        )
     return b" ".join(words)
 
 
@@ -270,10 +407,22 @@ def encoded(rng, text: str) -> bytes:
     text = text.encode("utf-8", "replace").decode()
     if rng.random() < 0.9:
         return text.encode()
-    encoding, declared = pick(rng, [
-        ("utf-8-sig", "utf-8"), ("utf-16", "utf-16"), ("utf-16-le", "utf-16"), ("latin-1", "iso-8859-1"), ("utf-8", "punycode"),
-        ("utf-8", "utf-7"), ("utf-8", "nonsense"), ("cp1252", "cp1252"), ("utf-32", "utf-32"), ("utf-8", "rot13"), ("utf-8", "zip"),
-    ])  # fmt: skip
+    encoding, declared = pick(
+        rng,
+        [
+            ("utf-8-sig", "utf-8"),
+            ("utf-16", "utf-16"),
+            ("utf-16-le", "utf-16"),
+            ("latin-1", "iso-8859-1"),
+            ("utf-8", "punycode"),
+            ("utf-8", "utf-7"),
+            ("utf-8", "nonsense"),
+            ("cp1252", "cp1252"),
+            ("utf-32", "utf-32"),
+            ("utf-8", "rot13"),
+            ("utf-8", "zip"),
+        ],
+    )
     return f'<?xml version="1.0" encoding="{declared}"?>{text}'.encode(encoding, "replace")
 
 
@@ -282,9 +431,18 @@ def with_bombs(rng, text: str) -> str:
     if rng.random() > 0.05 or text.startswith("<?xml"):
         return text
     name = text[1:].split(">")[0].split()[0] if text.startswith("<") else "robot"
-    doctype = pick(rng, [
-        "<!DOCTYPE x>", "<!DOCTYPE x SYSTEM '/etc/hostname'>", "<!DOCTYPE x [<!ENTITY e SYSTEM 'file:///etc/hostname'>]>",
-        "<!DOCTYPE x [<!ENTITY a0 'aaaaaaaaaa'>" + "".join(f"<!ENTITY a{i + 1} '{f'&a{i};' * 10}'>" for i in range(9)) + "]>",
-        "<!DOCTYPE x [<!ENTITY % p SYSTEM 'http://localhost/x'> %p;]>",
-    ])  # fmt: skip
-    return doctype.replace("x", name, 1).replace(f"DOCTYPE{name}", f"DOCTYPE {name}") + text.replace("</", pick(rng, ["</", "&a9;</", "&e;</"]), 1)
+    doctype = pick(
+        rng,
+        [
+            "<!DOCTYPE x>",
+            "<!DOCTYPE x SYSTEM '/etc/hostname'>",
+            "<!DOCTYPE x [<!ENTITY e SYSTEM 'file:///etc/hostname'>]>",
+            "<!DOCTYPE x [<!ENTITY a0 'aaaaaaaaaa'>"
+            + "".join(f"<!ENTITY a{i + 1} '{f'&a{i};' * 10}'>" for i in range(9))
+            + "]>",
+            "<!DOCTYPE x [<!ENTITY % p SYSTEM 'http://localhost/x'> %p;]>",
+        ],
+    )
+    return doctype.replace("x", name, 1).replace(f"DOCTYPE{name}", f"DOCTYPE {name}") + text.replace(
+        "</", pick(rng, ["</", "&a9;</", "&e;</"]), 1
+    )

@@ -1,4 +1,6 @@
-"""Hands as xacro files that nobody trusts: expressions, macros, properties, includes and comments that try for more than arithmetic."""
+"""Hands as xacro files that nobody trusts: expressions, macros, properties, includes and comments that try for more
+than arithmetic.
+"""
 
 from __future__ import annotations
 
@@ -15,26 +17,171 @@ from fuzzing.urdf import pick
 NAMESPACE = "http://www.ros.org/wiki/xacro"
 SYSTEM = "[c for c in ().__class__.__base__.__subclasses__() if c.__name__ == '_wrap_close'][0].__init__.__globals__['system']('touch ran')"
 HARMFUL = [
-    SYSTEM, "().__class__", "load_yaml('secret.yaml')", "load_yaml('/etc/passwd')", "xacro.load_yaml('secret.yaml')", "open('/etc/passwd')",
-    "python.map(str, [1])", "__import__('os').system('touch ran')", "9**9**9", "9**9**9 > 1", "factorial(10**8)", "1 << 10**9", "'a' * 10**9",
-    "[0] * 10**9", "comb(10**9, 10**8)", "perm(10**7)", "round(1, -10**9)", "'%1000000000d' % 1", "'%c' % 36", "(lambda: 1)()", "[x for x in [1]]",
-    "xacro.print_location()", "xacro.fatal('x')", "math.__dict__", "f'{1}'", "{1: 2}", "a := 1", "exec('1')", "-" * 3000 + "1", "(" * 300 + "1" + ")" * 300,
-    "1+" * 4000 + "1", "'x'.join(['a'])", "prod([10**300] * 9000)", "lcm(10**300, 3**600)", "list(map(str, [1]))", "sorted([2, 1])", "range(10**9)",
-    "str(1) * 9999", "[[1] * 9000] * 9000", "vars()", "type(1)", "getattr(1, 'real')", "_", "__builtins__", "None", "Ellipsis", "1j", "b'x'", "1 if 2 else 3",
-    "len", "sin", "math", "int('9' * 5000)", "float('nan')", "1/0", "a", "n + 1", "\u0661 + 1", "1 +", "", " ", "10**400", "2.0**5000",
-]  # fmt: skip
+    SYSTEM,
+    "().__class__",
+    "load_yaml('secret.yaml')",
+    "load_yaml('/etc/passwd')",
+    "xacro.load_yaml('secret.yaml')",
+    "open('/etc/passwd')",
+    "python.map(str, [1])",
+    "__import__('os').system('touch ran')",
+    "9**9**9",
+    "9**9**9 > 1",
+    "factorial(10**8)",
+    "1 << 10**9",
+    "'a' * 10**9",
+    "[0] * 10**9",
+    "comb(10**9, 10**8)",
+    "perm(10**7)",
+    "round(1, -10**9)",
+    "'%1000000000d' % 1",
+    "'%c' % 36",
+    "(lambda: 1)()",
+    "[x for x in [1]]",
+    "xacro.print_location()",
+    "xacro.fatal('x')",
+    "math.__dict__",
+    "f'{1}'",
+    "{1: 2}",
+    "a := 1",
+    "exec('1')",
+    "-" * 3000 + "1",
+    "(" * 300 + "1" + ")" * 300,
+    "1+" * 4000 + "1",
+    "'x'.join(['a'])",
+    "prod([10**300] * 9000)",
+    "lcm(10**300, 3**600)",
+    "list(map(str, [1]))",
+    "sorted([2, 1])",
+    "range(10**9)",
+    "str(1) * 9999",
+    "[[1] * 9000] * 9000",
+    "vars()",
+    "type(1)",
+    "getattr(1, 'real')",
+    "_",
+    "__builtins__",
+    "None",
+    "Ellipsis",
+    "1j",
+    "b'x'",
+    "1 if 2 else 3",
+    "len",
+    "sin",
+    "math",
+    "int('9' * 5000)",
+    "float('nan')",
+    "1/0",
+    "a",
+    "n + 1",
+    "\u0661 + 1",
+    "1 +",
+    "",
+    " ",
+    "10**400",
+    "2.0**5000",
+]
 TEXTS = [
-    "${{{}}}", "${{{}}}{{}}", "$${{{}}}", "${{ ${{{}}} }}", "$({})", "$(arg {})", "$(env HOME)", "$(optenv HOME x)", "$(eval {})", "$(find x)", "$(dirname)",
-    "$(cwd)", "$", "$$", "$$$", "${{", "$(", "}}", "${{'$'}}{{{}}}", "^|${{{}}}", "x$y", "$(arg n)", "${{n}}", "${{a}}${{a}}", "${{{}}}" * 50, "${{{}}}" * 2000,
-]  # fmt: skip
-TAGS = [f"{{{NAMESPACE}}}{name}" for name in (
-    "property", "macro", "if", "unless", "include", "insert_block", "arg", "call", "element", "attribute", "m", "n", "ns.m", "unknown")]  # fmt: skip
-ATTRIBUTES = ["name", "value", "default", "scope", "lazy_eval", "remove", "params", "filename", "ns", "optional", "macro", "x", "y",
-              f"{{{NAMESPACE}}}name", f"{{{NAMESPACE}}}x"]  # fmt: skip
-PARAMS = ["x y", "x:=1", "x:=${%s}", "x:=^|2", "x:=^", "*b", "**b", "x:='%s'", "x:=" + "a" * 3000 + "'", "x:=$(arg n)", "x x", ":=", "x:=\"a b\" *b **c",
-          "x:=" + "'a' " * 500, "=" * 500]  # fmt: skip
-FILES = ["part.xacro", "hand.xacro", "sub/part.xacro", "../case/part.xacro", "/etc/hostname", "/dev/zero", "pipe.stl", "*.xacro", "${a}.xacro", "gone.xacro",
-         "$(find x)/a.xacro", "sub/../part.xacro", "link.stl", "x" * 5000, "", "sub", "[p]art.xacro", "latin.xacro"]  # fmt: skip
+    "${{{}}}",
+    "${{{}}}{{}}",
+    "$${{{}}}",
+    "${{ ${{{}}} }}",
+    "$({})",
+    "$(arg {})",
+    "$(env HOME)",
+    "$(optenv HOME x)",
+    "$(eval {})",
+    "$(find x)",
+    "$(dirname)",
+    "$(cwd)",
+    "$",
+    "$$",
+    "$$$",
+    "${{",
+    "$(",
+    "}}",
+    "${{'$'}}{{{}}}",
+    "^|${{{}}}",
+    "x$y",
+    "$(arg n)",
+    "${{n}}",
+    "${{a}}${{a}}",
+    "${{{}}}" * 50,
+    "${{{}}}" * 2000,
+]
+TAGS = [
+    f"{{{NAMESPACE}}}{name}"
+    for name in (
+        "property",
+        "macro",
+        "if",
+        "unless",
+        "include",
+        "insert_block",
+        "arg",
+        "call",
+        "element",
+        "attribute",
+        "m",
+        "n",
+        "ns.m",
+        "unknown",
+    )
+]
+ATTRIBUTES = [
+    "name",
+    "value",
+    "default",
+    "scope",
+    "lazy_eval",
+    "remove",
+    "params",
+    "filename",
+    "ns",
+    "optional",
+    "macro",
+    "x",
+    "y",
+    f"{{{NAMESPACE}}}name",
+    f"{{{NAMESPACE}}}x",
+]
+PARAMS = [
+    "x y",
+    "x:=1",
+    "x:=${%s}",
+    "x:=^|2",
+    "x:=^",
+    "*b",
+    "**b",
+    "x:='%s'",
+    "x:=" + "a" * 3000 + "'",
+    "x:=$(arg n)",
+    "x x",
+    ":=",
+    'x:="a b" *b **c',
+    "x:=" + "'a' " * 500,
+    "=" * 500,
+]
+FILES = [
+    "part.xacro",
+    "hand.xacro",
+    "sub/part.xacro",
+    "../case/part.xacro",
+    "/etc/hostname",
+    "/dev/zero",
+    "pipe.stl",
+    "*.xacro",
+    "${a}.xacro",
+    "gone.xacro",
+    "$(find x)/a.xacro",
+    "sub/../part.xacro",
+    "link.stl",
+    "x" * 5000,
+    "",
+    "sub",
+    "[p]art.xacro",
+    "latin.xacro",
+]
 
 
 def prepare() -> None:
@@ -69,7 +216,9 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
     (folder / "secret.yaml").write_text("key: hidden")
     part = f'<robot xmlns:xacro="{NAMESPACE}">{pick(rng, ["", "<link name=" + repr(_text(rng)).replace("<", "") + "/>", _bomb(rng)])}</robot>'
     for name in ("part.xacro", "sub/part.xacro", "latin.xacro"):
-        (folder / name).write_bytes(urdf.damaged(rng, part.encode("latin-1" if name == "latin.xacro" else "utf-8", "replace")))
+        (folder / name).write_bytes(
+            urdf.damaged(rng, part.encode("latin-1" if name == "latin.xacro" else "utf-8", "replace"))
+        )
     arguments = {"n": pick(rng, ["1", "${a}", "$(env HOME)", "$", *urdf.NUMBERS])} if rng.random() < 0.3 else {}
     return {"hand": str(path), "mesh": str(folder / "box.stl"), **urdf.options(rng), "arguments": arguments}
 
@@ -96,7 +245,9 @@ def _base(rng) -> str:
     text = text.split("?>", 1)[1].strip().replace("<robot name=", head, 1)
     first = text.index(">") + 1
     text = text[:first] + front + text[first:]
-    return text.replace('mass value="0.03"', 'mass value="${0.03 + 0*l[2][1]}"').replace('xyz="0 0 0.05"', 'xyz="0 0 ${0.05 + 0*cos(b)}"')
+    return text.replace('mass value="0.03"', 'mass value="${0.03 + 0*l[2][1]}"').replace(
+        'xyz="0 0 0.05"', 'xyz="0 0 ${0.05 + 0*cos(b)}"'
+    )
 
 
 def _text(rng) -> str:
@@ -109,7 +260,21 @@ def _spice(rng, root) -> None:
     for element in root.iter():
         for key, value in element.attrib.items():
             if rng.random() < 0.03 and re.fullmatch(r"-?[\d.]+", value):
-                element.set(key, "${" + pick(rng, [f"{value}*1", f"max({value}, {value})", f"{value} if a > 0 else 1", f"sqrt({value}**2)", f"0 + {value}"]) + "}")
+                element.set(
+                    key,
+                    "${"
+                    + pick(
+                        rng,
+                        [
+                            f"{value}*1",
+                            f"max({value}, {value})",
+                            f"{value} if a > 0 else 1",
+                            f"sqrt({value}**2)",
+                            f"0 + {value}",
+                        ],
+                    )
+                    + "}",
+                )
 
 
 def _mutate(rng, root) -> None:
@@ -121,16 +286,43 @@ def _mutate(rng, root) -> None:
     elif kind == 1:
         one.text = _text(rng)
     elif kind == 2:
-        one.insert(0, ElementTree.Element(TAGS[4], {"filename": pick(rng, FILES), **({"ns": "ns"} if rng.random() < 0.2 else {})}))
+        one.insert(
+            0,
+            ElementTree.Element(
+                TAGS[4], {"filename": pick(rng, FILES), **({"ns": "ns"} if rng.random() < 0.2 else {})}
+            ),
+        )
     elif kind == 3:
-        values = [*urdf.NAMES, *urdf.NUMBERS, "a", "n", "m", "x", "xacro:include", "xacro:m", "global", "parent", "true", "false", _text(rng), _text(rng)]
+        values = [
+            *urdf.NAMES,
+            *urdf.NUMBERS,
+            "a",
+            "n",
+            "m",
+            "x",
+            "xacro:include",
+            "xacro:m",
+            "global",
+            "parent",
+            "true",
+            "false",
+            _text(rng),
+            _text(rng),
+        ]
         attributes = {pick(rng, ATTRIBUTES): pick(rng, values) for _ in range(rng.integers(0, 4))}
         one.insert(int(rng.integers(len(one) + 1)), ElementTree.Element(pick(rng, TAGS), attributes))
     elif kind == 4:
         params = pick(rng, PARAMS)
         params = params % pick(rng, HARMFUL) if "%s" in params else params
-        macro = ElementTree.Element(TAGS[1], {"name": pick(rng, ["m", "n", "call", "a.b", "xacro:m", ""]), "params": params})
-        macro.extend([ElementTree.Element(pick(rng, TAGS), {"name": "b"} if rng.random() < 0.5 else {}) for _ in range(rng.integers(0, 4))])
+        macro = ElementTree.Element(
+            TAGS[1], {"name": pick(rng, ["m", "n", "call", "a.b", "xacro:m", ""]), "params": params}
+        )
+        macro.extend(
+            [
+                ElementTree.Element(pick(rng, TAGS), {"name": "b"} if rng.random() < 0.5 else {})
+                for _ in range(rng.integers(0, 4))
+            ]
+        )
         one.insert(0, macro)
     elif kind == 5:
         holder = ElementTree.fromstring(f'<r xmlns:xacro="{NAMESPACE}">{_bomb(rng)}</r>')
@@ -140,7 +332,10 @@ def _mutate(rng, root) -> None:
         for element in pick(rng, [[one], elements]):
             for key in list(element.attrib):
                 if rng.random() < 0.2:
-                    element.set(key, element.get(key).replace("${", pick(rng, ["${", "$${", "${ ", "$(arg n)${", "${-", "${1*"])))
+                    element.set(
+                        key,
+                        element.get(key).replace("${", pick(rng, ["${", "$${", "${ ", "$(arg n)${", "${-", "${1*"])),
+                    )
 
 
 def _bomb(rng) -> str:
@@ -149,13 +344,27 @@ def _bomb(rng) -> str:
     kind = int(rng.integers(5))
     if kind == 0:
         calls = [f"<xacro:b{i + 1}/>" * 2 if i < n else "<link name='z'/>" for i in range(n + 1)]
-        return "".join(f"<xacro:macro name='b{i}' params=''>{call}</xacro:macro>" for i, call in enumerate(calls)) + "<xacro:b0/>"
+        return (
+            "".join(f"<xacro:macro name='b{i}' params=''>{call}</xacro:macro>" for i, call in enumerate(calls))
+            + "<xacro:b0/>"
+        )
     if kind == 1:
-        return ("<xacro:property name='p0' value='" + "x" * 50 + "'/>"
-                + "".join(f"<xacro:property name='p{i + 1}' value='${{p{i}}}${{p{i}}}'/>" for i in range(n)) + f"<link name='${{p{n}}}'/>")  # fmt: skip
+        return (
+            "<xacro:property name='p0' value='"
+            + "x" * 50
+            + "'/>"
+            + "".join(f"<xacro:property name='p{i + 1}' value='${{p{i}}}${{p{i}}}'/>" for i in range(n))
+            + f"<link name='${{p{n}}}'/>"
+        )
     if kind == 2:
-        macro = "<xacro:macro name='d' params='*b'><g><xacro:insert_block name='b'/><xacro:insert_block name='b'/></g></xacro:macro>"
+        macro = (
+            "<xacro:macro name='d' params='*b'><g><xacro:insert_block name='b'/><xacro:insert_block "
+            "name='b'/></g></xacro:macro>"
+        )
         return macro + "<xacro:d>" * n + "<g/>" + "</xacro:d>" * n
     if kind == 3:
-        return "<xacro:macro name='r' params='x'><xacro:unless value='${x > 5000}'><xacro:r x='${x + 1}'/></xacro:unless></xacro:macro><xacro:r x='0'/>"
+        return (
+            "<xacro:macro name='r' params='x'><xacro:unless value='${x > 5000}'><xacro:r x='${x + "
+            "1}'/></xacro:unless></xacro:macro><xacro:r x='0'/>"
+        )
     return "<xacro:property name='u' value='${v}'/><xacro:property name='v' value='${u}'/><link name='${u}'/>"
