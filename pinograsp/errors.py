@@ -59,7 +59,8 @@ class HandNotLoaded(InvalidInput):
     def __init__(self, source: str, problems: list[str] | str):
         self.source = str(source)
         self.problems = [problems] if isinstance(problems, str) else list(problems)
-        super().__init__(f"hand '{self.source}' could not be loaded: " + "; ".join(self.problems))
+        name = self.source if len(self.source) <= 300 else f"{self.source[:297]}..."
+        super().__init__(f"hand '{name}' could not be loaded: " + "; ".join(self.problems))
 
 
 class CaseRejected(InvalidInput):

@@ -293,6 +293,13 @@ def test_whatever_is_in_a_record_the_error_is_ours(gripper):
     assert several > 500
 
 
+def test_errors_of_long_names_are_short(gripper):
+    gripper["source"], gripper["description"] = "x" * 5000, "<robot>"
+    with pytest.raises(HandNotLoaded, match=r"xxx\.\.\.' could not be loaded") as caught:
+        hand_of(gripper)
+    assert len(str(caught.value)) < 600 and len(caught.value.source) == 5000
+
+
 def test_descriptions_that_would_harm(gripper):
     links = "".join(f'<link name="l{i}"/>' for i in range(6000))
     joints = "".join(
