@@ -9,7 +9,7 @@ import own_hands
 import pinocchio as pin
 import pytest
 from own_hands import joint, link, robot
-from test_catalogue import loaded, oracle
+from shipped_hands import loaded, oracle
 from urdf_oracle import Description
 
 from pinograsp.errors import HandNotLoaded

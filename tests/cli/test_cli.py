@@ -582,7 +582,7 @@ def on_a_terminal(folder, *arguments) -> list[str]:
 
 def test_commands_of_the_readme_judge_the_run_that_they_name():
     """In every block: what is checked is what the block has planned, whatever was planned before."""
-    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     blocks = [
         block for block in re.findall(r"^```\w*\n(.*?)^```$", text, re.M | re.S) if "pinograsp check runs/" in block
     ]

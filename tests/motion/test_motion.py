@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from conftest import POINTS
-from test_hand import allegro
 
 from pinograsp.contacts import Friction, PenetrationProfile, contacts_at
 from pinograsp.errors import ContactNotReached, InvalidInput, Status
 from pinograsp.forces import ForceProblem, GridSpec, grid_search
 from pinograsp.hands import load_hand
+from pinograsp.hands.catalogue import file_of
 from pinograsp.motion import MotionSpec, contact_postures, plan_motion
 from pinograsp.motion.approach import approach
 from pinograsp.motion.grasp_ik import press
@@ -158,7 +158,7 @@ def test_bad_references_are_refused(hand, contacts):
 
 def test_fingers_of_any_hand_reach_their_points(contact_set):
     """The Allegro: its fingers are planar (first joint about the finger's own axis), its thumb is not."""
-    hand = load_hand(allegro("right"), fingers={"thumb": "link_15.0", "index": "link_3.0", "ring": "link_11.0"})
+    hand = load_hand(file_of("allegro_right"), fingers={"thumb": "link_15.0", "index": "link_3.0", "ring": "link_11.0"})
     rng = np.random.default_rng(0)
     methods = {}
     for finger in hand.fingers:
@@ -470,7 +470,9 @@ def test_a_finger_with_three_contacts_does_what_it_can(hand, contact_set):
 
 def test_an_allegro_hand_holds_a_ball(contact_set):
     """Any hand from a plain URDF: thumb and three fingertips around a sphere."""
-    hand = load_hand(allegro("right"), fingers={"index": "link_3.0", "middle": "link_7.0", "thumb": "link_15.0"})
+    hand = load_hand(
+        file_of("allegro_right"), fingers={"index": "link_3.0", "middle": "link_7.0", "thumb": "link_15.0"}
+    )
     posture = {"index": [0.0, 0.9, 0.8, 0.7], "middle": [0.0, 0.9, 0.8, 0.7], "thumb": [1.2, 0.3, 0.6, 0.8]}
     q = hand.configuration(posture)
     tips = {name: hand.frame_placements(q, [hand.finger(name).tip])[0][:3, 3] for name in posture}

@@ -15,7 +15,7 @@ import own_hands
 import pinocchio as pin
 import pytest
 import trimesh
-from test_catalogue import loaded
+from shipped_hands import loaded
 
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import HandModel, load_hand

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -11,28 +10,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from urdf_oracle import Description
+from shipped_hands import loaded, oracle
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import catalogue, load_hand
 from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.spatial import pose_of
-
-loaded = functools.cache(load_hand)
-
-
-def repaired(joint, followed):
-    """The file of the Psyonic hands names mimic joints without the side; everything else is as it says."""
-    return followed if not joint.startswith(("Left_", "Right_")) else f"{joint.split('_')[0]}_{followed}"
-
-
-@functools.cache
-def described(file, root):
-    return Description(file, root, repaired)
-
-
-def oracle(name):
-    return described(file_of(name), CATALOGUE[name].root)
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -151,7 +134,7 @@ def test_the_readme_lists_the_catalogue():
     """Names, joints, masses, fingers and efforts, as the hands have them."""
     from pinograsp.hands.summary import cells, overview
 
-    text = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
     table = text[text.index("| name | hand | joints |") :].split("\n\n")[0].splitlines()[2:]
     ours = {row["name"]: cells(row) for row in overview()[0]}
     listed = []

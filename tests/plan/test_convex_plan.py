@@ -174,7 +174,7 @@ def test_decelerations_and_caps_of_a_case():
 
 
 def test_readme_python_runs(tmp_path, monkeypatch, capsys):
-    text = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
     assert len(blocks) >= 2
     monkeypatch.chdir(tmp_path)
