@@ -63,8 +63,7 @@ import qpsolvers
 from matplotlib.figure import Figure
 from results import header, write_rows
 from scipy.optimize import Bounds, linprog, minimize
-from scipy.sparse import csc_matrix
-from scipy.sparse import eye as identity
+from scipy.sparse import csc_matrix, eye as identity
 from tqdm import tqdm
 
 import pinograsp as pg

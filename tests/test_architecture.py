@@ -7,6 +7,8 @@ import functools
 import graphlib
 import importlib
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -209,8 +211,31 @@ def test_public_names_resolve():
     for name in pinograsp.__all__:
         assert getattr(pinograsp, name) is not None
         assert name in dir(pinograsp)
-    with pytest.raises(AttributeError, match="no attribute"):
+    with pytest.raises(AttributeError, match="attribute no_such_name"):
         pinograsp.no_such_name  # noqa: B018
+
+
+CHECKED = """
+import pinograsp as pg
+
+hand: int = pg.load_hand("allegro_right")
+ball = pg.Sphere(radius=0.03, mas=0.2)
+pg.no_such_name
+"""
+
+
+@pytest.mark.slow
+def test_type_checkers_see_the_public_names(tmp_path):
+    """Types and misspelt names of a user's script."""
+    (tmp_path / "script.py").write_text(CHECKED, encoding="utf-8")
+    mypy = [sys.executable, "-m", "mypy", "script.py"]
+    done = subprocess.run(mypy, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    found = [line.split(": ", 1) for line in done.stdout.splitlines()]
+    assert [place for place, *_ in found[:-1]] == ["script.py:4", "script.py:5", "script.py:6"], (
+        done.stdout + done.stderr
+    )
+    for (_, message), part in zip(found, ('has type "HandModel"', 'argument "mas" for "Sphere"', "no_such_name")):
+        assert part in message
 
 
 def test_readme_equation_table_names_things_that_exist():

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 from conftest import POINTS
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.integrate import quad
 
 from pinograsp.contacts import Compliance, PenetrationProfile, contacts_at, impulse_energy, work_energy

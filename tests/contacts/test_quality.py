@@ -10,9 +10,7 @@ from dataclasses import fields, replace
 import cvxpy as cp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings as examples
-from hypothesis import strategies as st
+from hypothesis import given, settings as examples, strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 

@@ -8,14 +8,21 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from conftest import PUBLISHED_FORCES
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.optimize import lsq_linear
 
 from pinograsp.contacts import Compliance, contacts_at
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import SOLVERS, ForceProblem, GridSpec, grid_search, grid_values, pruned, refine_multipliers
-from pinograsp.forces import multipliers as multipliers_module
+from pinograsp.forces import (
+    SOLVERS,
+    ForceProblem,
+    GridSpec,
+    grid_search,
+    grid_values,
+    multipliers as multipliers_module,
+    pruned,
+    refine_multipliers,
+)
 from pinograsp.forces.lattice import first_on_lattice
 from pinograsp.forces.solvers import TOLERANCES, solve_qp
 from pinograsp.objects import Cylinder, Sphere

@@ -12,8 +12,14 @@ from random_grasps import contact_set_of
 
 from pinograsp.contacts import DecelerationShape, Friction
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import ForceProblem, TorqueLimits, grid_search, optimize_forces, optimize_grasp
-from pinograsp.forces import global_optimum as module
+from pinograsp.forces import (
+    ForceProblem,
+    TorqueLimits,
+    global_optimum as module,
+    grid_search,
+    optimize_forces,
+    optimize_grasp,
+)
 
 
 def least_peak(problem) -> float:

@@ -7,8 +7,7 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
-from random_grasps import FAMILIES, Model, normal_force_range, random_grasp
-from random_grasps import solve as solve_oracle
+from random_grasps import FAMILIES, Model, normal_force_range, random_grasp, solve as solve_oracle
 from scipy.optimize import linprog
 
 from pinograsp.contacts import Friction, contacts_at

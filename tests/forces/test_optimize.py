@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from conftest import POINTS
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from random_grasps import (
     DEGENERATE,
     FAMILIES,

@@ -21,8 +21,7 @@ import pinograsp as pg
 from pinograsp.cases import load_case
 from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten, status_of
 from pinograsp.forces import optimize_forces
-from pinograsp.sweep import load_sweep, read_sweep, run, sweep
-from pinograsp.sweep import rows as rows_module
+from pinograsp.sweep import load_sweep, read_sweep, rows as rows_module, run, sweep
 from pinograsp.sweep.rows import kind_of
 from pinograsp.sweep.store import Store
 

@@ -1,0 +1,71 @@
+"""What ``pinograsp`` offers by name; each is loaded on first use, for which this file is read."""
+
+from .cases import (
+    load_case as load_case,
+)
+from .contacts import (
+    Compliance as Compliance,
+    Contact as Contact,
+    ContactSet as ContactSet,
+    DecelerationShape as DecelerationShape,
+    Friction as Friction,
+    PenetrationProfile as PenetrationProfile,
+    close_hand as close_hand,
+    contacts_at as contacts_at,
+)
+from .errors import (
+    PinograspError as PinograspError,
+    Status as Status,
+)
+from .forces import (
+    ForceBatch as ForceBatch,
+    ForceProblem as ForceProblem,
+    ForceSolution as ForceSolution,
+    GridSpec as GridSpec,
+    LoadSet as LoadSet,
+    TorqueLimits as TorqueLimits,
+    diagnose as diagnose,
+    force_closure as force_closure,
+    grasp_margins as grasp_margins,
+    grid_search as grid_search,
+    load_margin as load_margin,
+    min_weight as min_weight,
+    optimize_forces as optimize_forces,
+    optimize_grasp as optimize_grasp,
+    optimize_robust as optimize_robust,
+    refine_multipliers as refine_multipliers,
+    solve_batch as solve_batch,
+    warm_up as warm_up,
+)
+from .hands import (
+    HandModel as HandModel,
+    load_hand as load_hand,
+)
+from .motion import (
+    MotionSpec as MotionSpec,
+    OnlineForces as OnlineForces,
+    contact_postures as contact_postures,
+    plan_motion as plan_motion,
+    torque_limits as torque_limits,
+)
+from .objects import (
+    Box as Box,
+    Capsule as Capsule,
+    Cylinder as Cylinder,
+    Ellipsoid as Ellipsoid,
+    Mesh as Mesh,
+    Sphere as Sphere,
+    object_from as object_from,
+)
+from .plan import (
+    GraspPlan as GraspPlan,
+    plan_grasp as plan_grasp,
+)
+from .referee import (
+    simulate as simulate,
+)
+from .storage import (
+    load_run as load_run,
+    run_of as run_of,
+    save_run as save_run,
+)
