@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TypeAlias
 
-# Below this, a direction's projection on a tangent plane is taken as vanished: far above rounding
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# The arrays of the package: numbers, indices and counts, answers.
+Array: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.integer]
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+# Below this, a direction's projection on a tangent plane counts as zero: far above rounding
 # (1e-16), far below any angle at which the tangent direction would matter in practice.
 _VANISHED = 1e-6
 
@@ -12,7 +20,7 @@ _VANISHED = 1e-6
 FARTHEST = 1e3
 
 
-def skew(v: np.ndarray) -> np.ndarray:
+def skew(v: ArrayLike) -> Array:
     """Cross-product matrices, shape (..., 3, 3), of vectors (..., 3): ``skew(a) @ b == cross(a, b)``."""
     v = np.asarray(v, dtype=float)
     out = np.zeros((*v.shape[:-1], 3, 3))
@@ -22,7 +30,7 @@ def skew(v: np.ndarray) -> np.ndarray:
     return out
 
 
-def tangent_frame(normal_o: np.ndarray, gravity_o: np.ndarray = (0.0, 0.0, -9.81)) -> np.ndarray:
+def tangent_frame(normal_o: ArrayLike, gravity_o: ArrayLike = (0.0, 0.0, -9.81)) -> Array:
     """Contact frame R_oc (3, 3) with columns x, y, z for a unit inward normal [-].
 
     z is the normal (into the object); x is the direction opposite to gravity projected on the tangent plane,
@@ -45,7 +53,7 @@ def tangent_frame(normal_o: np.ndarray, gravity_o: np.ndarray = (0.0, 0.0, -9.81
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def rotation_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
+def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Rotation (3, 3) from fixed-axis roll, pitch, yaw [rad], the URDF convention Rz(yaw) Ry(pitch) Rx(roll)."""
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
     return np.array(
@@ -57,7 +65,7 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
-def pose_of(position=(0.0, 0.0, 0.0), rotation=None) -> np.ndarray:
+def pose_of(position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None) -> Array:
     """Homogeneous placement aMb (4, 4) from a position [m] and a rotation (3, 3)."""
     pose = np.eye(4)
     pose[:3, 3] = position

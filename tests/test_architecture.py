@@ -20,11 +20,11 @@ PACKAGE, TESTS = ROOT / "pinograsp", ROOT / "tests"
 # The way of the data: a room imports only from itself and from rooms before it.
 ROOMS = [
     "errors",
+    "spatial",
     "checks",
     "words",
     "interrupts",
     "writing",
-    "spatial",
     "hands",
     "objects",
     "contacts",
