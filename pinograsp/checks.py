@@ -8,41 +8,52 @@ import math
 import operator
 import os
 import reprlib
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import fields
 from enum import Enum
 from numbers import Real
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pinograsp.errors import InvalidInput
+from pinograsp.spatial import Array, BoolArray
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+_Kind = TypeVar("_Kind")
+_Value = TypeVar("_Value")
+_Text = TypeVar("_Text", bound=str)
 
 _LONGEST_REPR = 280  # characters
 
 
-def read_only(array: np.ndarray) -> np.ndarray:
+def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
     """A private, C-contiguous, read-only copy: records must not change under their owner."""
     copy = np.array(array, order="C")
     copy.setflags(write=False)
     return copy
 
 
-def frozen(array: np.ndarray) -> np.ndarray:
-    """``array`` itself, made read-only: for arrays that nobody else holds."""
+def frozen(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """``array`` itself, set read-only: for arrays that nobody else holds."""
     array.setflags(write=False)
     return array
 
 
-def record_of(kind, values: dict):
+def record_of(kind: type[_Kind], values: Mapping[str, object]) -> _Kind:
     """A frozen record (without slots) from all its values at once: several times faster than its constructor."""
     record = object.__new__(kind)
     record.__dict__.update(values)
     return record
 
 
-def rebuilt(record) -> tuple:
-    """What ``__reduce__`` of a record returns that is made again from its arguments, without what it has kept since."""
+def rebuilt(record: DataclassInstance) -> tuple[Callable[[], DataclassInstance], tuple[()]]:
+    """For ``__reduce__``: a record is rebuilt from its constructor's arguments, without what it has cached since."""
     arguments = {field.name: getattr(record, field.name) for field in fields(record) if field.init}
     return functools.partial(type(record), **arguments), ()
 
@@ -51,7 +62,7 @@ _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
 
-def shown(value) -> str:
+def shown(value: object) -> str:
     """``value`` for a message: on one line, and shortened."""
     try:
         return " ".join(_SHORT.repr(value).split())
@@ -60,20 +71,21 @@ def shown(value) -> str:
 
 
 def one_line(error: BaseException, most: int = 300) -> str:
-    """The text of an error of somebody else's on one line, shortened; with its kind, where the text may need that."""
+    """The text of another library's error on one line, shortened; with its type, where the text may need that."""
     kind = "" if type(error) is ValueError or isinstance(error, InvalidInput) else f"{type(error).__name__}: "
     text = " ".join(f"{kind}{error}".split())
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def brief(*names: str):
+def brief(*names: str) -> Callable[[DataclassInstance], str]:
     """A ``__repr__`` of a record that fits a terminal: its class and the attributes ``names``, by default its fields.
 
-    Arrays and other records within it are told by shape, name or number.
+    Arrays and other records within it are shown by shape, name or number.
     """
 
-    def __repr__(self) -> str:
-        parts, size = [], len(type(self).__name__) + 2
+    def __repr__(self: DataclassInstance) -> str:
+        parts: list[str] = []
+        size = len(type(self).__name__) + 2
         for name in names or [field.name for field in fields(self) if field.repr]:
             part = f"{name}={_brief(getattr(self, name))}"
             size += len(part) + 2
@@ -86,7 +98,7 @@ def brief(*names: str):
     return __repr__
 
 
-def _brief(value) -> str:
+def _brief(value: object) -> str:
     if isinstance(value, np.ndarray):
         if value.size > 6 or value.dtype.kind not in "fiub":
             return f"array{value.shape}"
@@ -100,15 +112,15 @@ def _brief(value) -> str:
     if isinstance(value, str):
         return repr(value if len(value) <= 60 else f"{value[:57]}...")
     if isinstance(value, dict | tuple | list):
-        named = [getattr(one, "name", one) for one in value]
-        if len(named) <= 6 and all(isinstance(one, str) for one in named) and sum(map(len, named)) <= 80:
-            return f"({', '.join(named)})"
+        names = [name for one in value if isinstance(name := getattr(one, "name", one), str)]
+        if len(names) == len(value) <= 6 and sum(map(len, names)) <= 80:
+            return f"({', '.join(names)})"
         return f"{len(value)} entries"
     name = getattr(value, "name", None)
     return type(value).__name__ + (f" {name[:40]!r}" if isinstance(name, str) else "")
 
 
-def array_of(name: str, value, shape: tuple[int | None, ...]) -> np.ndarray:
+def array_of(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
     """``value`` as a finite float array of ``shape`` (``None`` = any size), or :class:`InvalidInput`."""
     if type(value) is np.ndarray and value.dtype is _FLOAT:
         array = np.array(value, order="C")
@@ -128,7 +140,7 @@ _FLOAT, _EYE = np.dtype(float), np.eye(3)
 _MOST_JOBS = 1000
 
 
-def floats_of(name: str, value, wanted: str = "numbers") -> np.ndarray:
+def floats_of(name: str, value: object, wanted: str = "numbers") -> Array:
     """``value`` as a float array of any shape: no texts, truth values, complex numbers, dates or masks. Infinity and
     NaN are left.
     """
@@ -147,7 +159,7 @@ def floats_of(name: str, value, wanted: str = "numbers") -> np.ndarray:
         raise InvalidInput(f"{name}: expected {wanted}, got {shown(value)}") from None
 
 
-def finite_of(name: str, value) -> np.ndarray:
+def finite_of(name: str, value: object) -> Array:
     """``value`` as a finite float array of any shape, or :class:`InvalidInput`."""
     array = value if type(value) is np.ndarray and value.dtype is _FLOAT else floats_of(name, value)
     if not np.isfinite(array).all():
@@ -155,7 +167,7 @@ def finite_of(name: str, value) -> np.ndarray:
     return array
 
 
-def at_least_zero(name: str, value) -> np.ndarray:
+def at_least_zero(name: str, value: object) -> Array:
     """``value`` as a finite float array of any shape without negative numbers, or :class:`InvalidInput`."""
     array = finite_of(name, value)
     if array.size and array.min() < 0:
@@ -163,7 +175,7 @@ def at_least_zero(name: str, value) -> np.ndarray:
     return array
 
 
-def alike(names: str, *arrays: np.ndarray) -> None:
+def alike(names: str, *arrays: Array) -> None:
     """:class:`InvalidInput` unless the arrays can be computed with together, element by element."""
     try:
         np.broadcast_shapes(*(array.shape for array in arrays))
@@ -172,17 +184,17 @@ def alike(names: str, *arrays: np.ndarray) -> None:
         raise InvalidInput(f"{names}: expected shapes that go together, got {shapes}") from None
 
 
-def each_of(name: str, value, k: int) -> np.ndarray:
+def each_of(name: str, value: object, k: int) -> Array:
     """``value`` as a finite float array (k,): one number applies to all."""
     one = isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0)
     return frozen(np.full(k, number(name, value))) if one else array_of(name, value, (k,))
 
 
-def _words(shape) -> str:
+def _words(shape: tuple[int | None, ...]) -> str:
     return "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
 
 
-def placement_of(name: str, value) -> np.ndarray:
+def placement_of(name: str, value: object) -> Array:
     """``value`` as a placement (4, 4) with an orthonormal right-handed rotation, or :class:`InvalidInput`."""
     pose = array_of(name, value, (4, 4))
     if not are_rotations(pose[:3, :3]):
@@ -190,16 +202,17 @@ def placement_of(name: str, value) -> np.ndarray:
     return pose
 
 
-def are_rotations(matrices: np.ndarray) -> np.ndarray:
+def are_rotations(matrices: Array) -> BoolArray:
     """Which of the matrices (..., 3, 3) are orthonormal and right-handed (...,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs(matrices @ matrices.swapaxes(-1, -2) - _EYE).max(axis=(-1, -2))
-        return (off <= 1e-6) & (np.linalg.det(matrices) > 0)
+        proper: BoolArray = (off <= 1e-6) & (np.linalg.det(matrices) > 0)
+    return proper
 
 
 def number(
     name: str,
-    value,
+    value: object,
     *,
     above: float | None = None,
     at_least: float | None = None,
@@ -221,7 +234,7 @@ def number(
     return result
 
 
-def _real(value) -> float:
+def _real(value: object) -> float:
     if type(value) is not float:
         if isinstance(value, np.ndarray) and value.ndim == 0 and not isinstance(value, np.ma.MaskedArray):
             value = value[()]
@@ -230,19 +243,19 @@ def _real(value) -> float:
     return float(value)
 
 
-def _wanted(above, at_least, at_most, unit) -> str:
+def _wanted(above: float | None, at_least: float | None, at_most: float | None, unit: str) -> str:
     bounds = [
         f"{sign} {bound:g}" for sign, bound in ((">", above), (">=", at_least), ("<=", at_most)) if bound is not None
     ]
     return f"a finite number{' ' if bounds else ''}{' and '.join(bounds)}" + (f" [{unit}]" if unit else "")
 
 
-def integer(name: str, value, *, at_least: int | None = None, at_most: int | None = None) -> int:
+def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
     """``value`` as an int within the bounds, or :class:`InvalidInput`."""
     try:
         if isinstance(value, bool | np.bool_ | np.ma.MaskedArray):
             raise TypeError
-        result = operator.index(value)
+        result = operator.index(value)  # type: ignore[arg-type]  # raises TypeError for what is no integer
     except (TypeError, ValueError):
         result = None
     if result is None or (at_least is not None and result < at_least) or (at_most is not None and result > at_most):
@@ -253,7 +266,7 @@ def integer(name: str, value, *, at_least: int | None = None, at_most: int | Non
     return result
 
 
-def processes(jobs) -> int:
+def processes(jobs: object) -> int:
     """``jobs`` as joblib takes it, -1 for all cores, or :class:`InvalidInput`."""
     if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or not (jobs == -1 or 1 <= jobs <= _MOST_JOBS):
         raise InvalidInput(
@@ -262,28 +275,28 @@ def processes(jobs) -> int:
     return int(jobs)
 
 
-def flag(name: str, value) -> bool:
+def flag(name: str, value: object) -> bool:
     """``value`` as True or False, or :class:`InvalidInput`: a text or a number is neither."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidInput(f"{name}: expected True or False, got {shown(value)}")
     return bool(value)
 
 
-def text_of(name: str, value) -> str:
+def text_of(name: str, value: object) -> str:
     """``value`` if it is a text, or :class:`InvalidInput`."""
     if not isinstance(value, str):
         raise InvalidInput(f"{name}: expected a text, got {shown(value)}")
     return value
 
 
-def path_of(name: str, value) -> Path:
+def path_of(name: str, value: object) -> Path:
     """``value`` as a path, or :class:`InvalidInput`."""
     if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not str(value):
         raise InvalidInput(f"{name}: expected a path, got {shown(value)}")
     return Path(value)
 
 
-def instance_of(name: str, value, *kinds: type):
+def instance_of(name: str, value: object, *kinds: type[_Kind]) -> _Kind:
     """``value`` if it is of one of the kinds, or :class:`InvalidInput`."""
     if not isinstance(value, kinds):
         names = [kind.__name__ for kind in kinds if kind is not type(None)] + ["None"] * (type(None) in kinds)
@@ -296,15 +309,17 @@ def _listed(names: list[str]) -> str:
     return " or ".join([first, *names[1:]])
 
 
-def mapping_of(name: str, value, wanted: str = "a mapping with names as keys") -> dict:
+def mapping_of(
+    name: str, value: Mapping[str, _Value], wanted: str = "a mapping with names as keys"
+) -> dict[str, _Value]:
     """``value`` as a dict whose keys are texts, or :class:`InvalidInput`."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise InvalidInput(f"{name}: expected {wanted}, got {shown(value)}")
     return dict(value)
 
 
-def items_of(name: str, value, *kinds: type) -> tuple:
-    """``value`` as a tuple of things of those kinds, or :class:`InvalidInput`."""
+def items_of(name: str, value: object, *kinds: type[_Kind]) -> tuple[_Kind, ...]:
+    """``value`` as a tuple of items of those kinds, or :class:`InvalidInput`."""
     wanted = " or ".join(kind.__name__ for kind in kinds)
     one = isinstance(value, np.ndarray) and value.ndim == 0
     if one or isinstance(value, str | bytes | Mapping | Set) or not isinstance(value, Iterable):
@@ -316,11 +331,11 @@ def items_of(name: str, value, *kinds: type) -> tuple:
     return items
 
 
-def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
+def one_of(name: str, value: object, allowed: Iterable[_Text]) -> _Text:
     """``value`` if it is one of ``allowed``; otherwise :class:`InvalidInput` with the nearest spelling."""
     allowed = list(allowed)
     if isinstance(value, str) and value in allowed:
-        return value
+        return allowed[allowed.index(value)]
     near = difflib.get_close_matches(value[:100], allowed, n=1) if isinstance(value, str) else ()
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise InvalidInput(f"{name}: expected one of {', '.join(allowed) or '(none)'}, got {shown(value)}{hint}")

@@ -1,6 +1,6 @@
 """Exceptions and status values of the package.
 
-Two families of failure reach the caller: the *input* was wrong (:class:`InvalidInput`, also a ``ValueError``)
+Two families of failure reach the caller: the *input* could not be used (:class:`InvalidInput`, also a ``ValueError``)
 or the input was fine and *no grasp* exists (:class:`NoGrasp`). Inside a stage a failure is a :class:`Status`
 on the returned record; only the top level raises.
 """
@@ -8,6 +8,7 @@ on the returned record; only the top level raises.
 from __future__ import annotations
 
 from enum import Enum
+from typing import Any
 
 
 class Status(str, Enum):
@@ -94,21 +95,21 @@ class GraspInfeasible(NoGrasp):
     """No forces were found that hold the object. ``solution`` is the record of the search, with its rejection
     histogram.
 
-    Its ``status`` tells whether that there are none is known (``infeasible``: proven, or no point of the grid), or not
+    Its ``status`` says whether it is known that there are none (``infeasible``: proven, or no point of the grid) or not
     (``inaccurate``, ``interrupted``).
     """
 
-    def __init__(self, message: str, solution=None):
-        self.solution = solution
+    def __init__(self, message: str, solution: Any = None):
+        self.solution = solution  # Any: this room comes before the records of forces
         super().__init__(message)
 
 
 class PlacementNotFound(NoGrasp):
     """No sampled placement of the palm holds the object. Carries the ``search`` with the outcomes of its samples."""
 
-    def __init__(self, message: str, search):
+    def __init__(self, message: str, search: Any):
         super().__init__(message)
-        self.search = search
+        self.search = search  # Any: this room comes before the records of a search
 
 
 class GeometryFailed(PinograspError):
@@ -136,8 +137,8 @@ class SimulationDiverged(PinograspError):
         )
 
 
-# What an exception is called in tables and JSON, and the exit code of the command line: the first kind that fits.
-_MEANINGS = (
+# What an exception is called in tables and JSON, and the exit code of the command line: the first type that fits.
+_MEANINGS: tuple[tuple[type[BaseException], str, int], ...] = (
     (KeyboardInterrupt, "interrupted", 130),
     (PlacementNotFound, "not_found", 3),
     (GraspInfeasible, "infeasible", 3),

@@ -1,4 +1,4 @@
-"""Ctrl-C in long work: heard once, and not lost."""
+"""Ctrl-C in long work: handled once, and not lost."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from types import FrameType
+from typing import TypeVar
+
+_Result = TypeVar("_Result")
 
 
 @contextlib.contextmanager
@@ -14,12 +18,12 @@ def interrupts_kept() -> Iterator[Callable[[], None]]:
     """Ctrl-C raises ``KeyboardInterrupt`` at once, or, where that would be lost, in the next call of what this gives.
 
     Python prints exceptions raised in destructors, of finished progress bars for instance, and goes on: a Ctrl-C in
-    that moment would not stop anything. Outside the main thread, and under a handler of somebody else's, nothing
+    that moment would not stop anything. Outside the main thread, and under another handler, nothing
     changes.
     """
     waiting = False
 
-    def hear(number, frame) -> None:
+    def hear(number: int, frame: FrameType | None) -> None:
         nonlocal waiting
         waiting = True
         while frame is not None:
@@ -44,10 +48,12 @@ def interrupts_kept() -> Iterator[Callable[[], None]]:
 
 
 @contextlib.contextmanager
-def parallel_results(function: Callable, arguments: Iterable[tuple], jobs: int, **settings) -> Iterator[Iterator]:
-    """What ``function`` makes of each of the ``arguments``, in ``jobs`` processes; ``settings`` are joblib's.
+def parallel_results(
+    function: Callable[..., _Result], arguments: Iterable[tuple[object, ...]], jobs: int, **settings: object
+) -> Iterator[Iterator[_Result]]:
+    """The results of ``function`` for each of the ``arguments``, in ``jobs`` processes; ``settings`` are joblib's.
 
-    The processes do not hear Ctrl-C, which goes to all that a terminal runs: they end with the block.
+    The processes ignore Ctrl-C, which goes to all that a terminal runs: they end with the block.
     """
     import joblib  # slow to import
     from joblib.externals.loky.backend import resource_tracker

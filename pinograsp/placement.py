@@ -35,7 +35,7 @@ from pinograsp.hands import HandModel
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of, torque_limits
 from pinograsp.objects.body import Body
-from pinograsp.writing import failure_told
+from pinograsp.writing import write_errors
 
 _ALIGNED = 0.7  # share of the samples whose object axes are aligned with the hand's
 _TILT = 0.15  # [rad] noise on aligned orientations
@@ -205,7 +205,7 @@ def _handed_over(case: tuple, path: Path) -> str:
         raise InvalidInput(
             f"find_placements: hand, object or settings cannot go to other processes ({error}): use jobs=1"
         ) from None
-    with failure_told(path):
+    with write_errors(path):
         path.write_bytes(whole)
     return str(path)
 

@@ -22,7 +22,7 @@ from pinograsp.words import (
     shares,
     work,
 )
-from pinograsp.writing import failure_told, place_of
+from pinograsp.writing import place_of, write_errors
 
 _LONGEST = 2000  # characters of a line that someone else wrote
 
@@ -370,7 +370,7 @@ def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = 
         ]
     else:
         text = failure(run)
-    with failure_told(folder):
+    with write_errors(folder):
         place_of(folder)  # refuses names that no file system takes
         (folder / "report.md").write_text(text, encoding="utf-8")
         (folder / "report.html").write_text(page(text, [folder / name for name in names], levels), encoding="utf-8")

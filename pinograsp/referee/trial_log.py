@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 
 from pinograsp.errors import InvalidInput, ResultsNotWritten
-from pinograsp.writing import failure_told, lock, place_of
+from pinograsp.writing import lock, place_of, write_errors
 
 _SAME = 1e-6  # relative difference between a plan and the same one, planned again
 
@@ -29,11 +29,11 @@ class TrialLog:
         if path is None:
             return
         self.head = _line(header)
-        with failure_told(path):
+        with write_errors(path):
             place_of(path).parent.mkdir(parents=True, exist_ok=True)
             self.file = path.open("a+b", buffering=0)
         try:
-            with failure_told(path):
+            with write_errors(path):
                 if lock(self.file.fileno()) is False:
                     raise ResultsNotWritten(
                         f"another process is writing trials to '{path}': wait for it, or give another folder"
@@ -42,7 +42,7 @@ class TrialLog:
                 kept = self.file.read()
             whole = kept[: kept.rfind(b"\n") + 1]  # without a last line that was cut short
             self._read(whole, kept, header)
-            with failure_told(path):
+            with write_errors(path):
                 self.file.truncate(len(whole))
         except BaseException:
             self.file.close()
@@ -80,7 +80,7 @@ class TrialLog:
         if self.file is not None:
             # Not before the first row: settings that cannot be simulated leave nothing behind.
             line = (b"" if self.size else self.head) + _line(row)
-            with failure_told(self.path):
+            with write_errors(self.path):
                 try:
                     written = 0
                     while written < len(line):

@@ -19,7 +19,7 @@ from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.referee.settings import Disturbance, Servo
 from pinograsp.referee.simulate import simulate
 from pinograsp.referee.task import Task
-from pinograsp.writing import failure_told
+from pinograsp.writing import write_errors
 
 # "object" belongs to the task, and what is never let go always holds.
 _OTHERS = ("plan", "object", "release", "disturbance")
@@ -74,7 +74,7 @@ def handed_over(task: Task, settings: dict, jobs: int) -> Iterator[tuple[Task, d
         return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "task.pickle"
-        with failure_told(path):
+        with write_errors(path):
             path.write_bytes(cloudpickle.dumps((task, settings)))
         yield str(path)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
-from pinograsp.writing import ASIDE, discard, failure_told, is_still, lock, place_of, sweep, write_file
+from pinograsp.writing import ASIDE, discard, is_still, lock, place_of, sweep, write_errors, write_file
 
 # pyarrow's and other readers of whole folders pass over names that begin like these.
 SCHEMA, MANIFEST, _LOCK = "pinograsp.sweep/1", "_manifest.json", ".lock"
@@ -42,7 +42,7 @@ class Store:
             "versions": {name: version(name) for name in ("pinograsp", "pin", "numpy", "pyarrow")},
         }
         try:
-            with failure_told(folder):
+            with write_errors(folder):
                 place_of(folder)
                 self._open(manifest)
         except BaseException:
@@ -135,7 +135,7 @@ class Store:
         if len(small) < 2:
             return
         path = self.folder / f"part-{_span(small[0])[0]:06d}-{_span(small[-1])[1]:06d}.parquet"
-        with failure_told(path):
+        with write_errors(path):
             write_file(path, _parquet(pa.concat_tables([_read(one) for one in small])))
             for one in small:
                 one.unlink()

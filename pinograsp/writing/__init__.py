@@ -1,11 +1,11 @@
-"""Files and folders on disk, written whole or not at all.
+"""Files and folders on disk, written completely or not at all.
 
-What is being written lies in a hidden entry next to its place (``.pinograsp-...``), locked as long as its writer lives.
-An entry that nobody has locked was left by a writer that was killed: the next one there removes it. Every folder lists
-what was written into it (``files.txt``), and what is not listed is never removed.
+What is being written lies in a hidden entry next to its place (``.pinograsp-...``), locked as long as its writer runs.
+An entry without a lock was left by a writer that was killed: the next one there removes it. Every folder lists what was
+written into it (``files.txt``), and what is not listed is never removed.
 """
 
-from pinograsp.writing.files import discard, failure_told, list_in, place_of, safe_name, write_file
+from pinograsp.writing.files import discard, list_in, place_of, safe_name, write_errors, write_file
 from pinograsp.writing.folders import NewFolder, add_files, write_folder
 from pinograsp.writing.locks import ASIDE, is_still, lock, sweep
 
@@ -14,13 +14,13 @@ __all__ = [
     "NewFolder",
     "add_files",
     "discard",
-    "failure_told",
     "is_still",
     "list_in",
     "lock",
     "place_of",
     "safe_name",
     "sweep",
+    "write_errors",
     "write_file",
     "write_folder",
 ]

@@ -20,7 +20,7 @@ _LONGEST = 255  # bytes of a name
 
 
 def write_file(path: str | Path, content: bytes) -> Path:
-    """One file, whole or not at all: written next to its place, then renamed; returns its path. Symbolic links are
+    """Write one file, completely or not at all: next to its place, then renamed; returns its path. Symbolic links are
     followed.
 
     Raises:
@@ -28,10 +28,10 @@ def write_file(path: str | Path, content: bytes) -> Path:
     """
     path = path_of("path", path)
     instance_of("content", content, bytes)
-    with failure_told(path):
+    with write_errors(path):
         place = place_of(path)
         if place.exists() and not place.is_file():
-            raise ResultsNotWritten(f"cannot write '{path}': expected the place of a file, and what is there is none")
+            raise ResultsNotWritten(f"cannot write '{path}': expected the path of a file, and it is something else")
         place.parent.mkdir(parents=True, exist_ok=True)
         sweep(place.parent, discard)
         staging, handle = staged(place.parent / ASIDE, folder=False)
@@ -50,15 +50,14 @@ def write_file(path: str | Path, content: bytes) -> Path:
 
 
 def list_in(folder: str | Path, *paths: str | Path) -> None:
-    """Tell in a folder's list that files, or folders with lists of their own (their paths end with '/'), are written
-    here as well.
+    """Add files, or folders with lists of their own (their paths end with '/'), to a folder's list.
 
-    Those elsewhere are left out, and nothing is done for a folder without a list.
+    Paths outside the folder are left out, and a folder without a list is left alone.
 
     Raises:
         ResultsNotWritten: the list cannot be written.
     """
-    with failure_told(folder):
+    with write_errors(folder):
         folder = place_of(folder)
         places = [(place_of(path), "/" if str(path).endswith("/") else "") for path in paths]
         inner = {place.relative_to(folder).as_posix() + end for place, end in places if place.is_relative_to(folder)}
@@ -73,13 +72,13 @@ def safe_name(text: str) -> str:
 
 
 def cut(text: str, longest: int) -> str:
-    """At most so many bytes of a text."""
+    """The beginning of a text, at most ``longest`` bytes."""
     return text.encode(errors="replace")[:longest].decode(errors="ignore")
 
 
 @contextlib.contextmanager
-def failure_told(path: str | Path) -> Iterator[None]:
-    """Errors of the system become :class:`~pinograsp.errors.ResultsNotWritten`."""
+def write_errors(path: str | Path) -> Iterator[None]:
+    """Errors of the operating system become :class:`~pinograsp.errors.ResultsNotWritten`."""
     try:
         yield
     except OSError as error:
@@ -91,7 +90,7 @@ def place_of(path: str | Path) -> Path:
     try:
         place = Path(os.path.realpath(path))
         longest = max((os.fsencode(part) for part in place.parts), key=len)
-    except ValueError as error:  # a NUL, or letters that are none
+    except ValueError as error:  # a NUL, or characters that cannot be encoded
         raise ResultsNotWritten(f"cannot write {str(path)!r}: {error}") from error
     if len(longest) > _LONGEST:
         raise ResultsNotWritten(
@@ -133,8 +132,8 @@ def write_listing(folder: Path, names: set[str]) -> None:
 
 
 def entries(folder: Path) -> Iterator[tuple[Path, bool]]:
-    """All within a folder and whether it was written here: what is in folders of ours before them, others' folders as
-    one.
+    """Everything within a folder and whether it was written here: our folders after their contents, foreign ones as one
+    entry.
     """
     listed = listing_of(folder)
     yield from _within(folder, "", listed or set())
@@ -161,7 +160,7 @@ def _within(folder: Path, prefix: str, listed: set[str]) -> Iterator[tuple[Path,
 
 
 def discard(path: Path) -> None:
-    """Remove what was put aside: a file, a half-written folder, or a whole one as far as it was written here."""
+    """Remove what was put aside: a file, a half-written folder, or a complete one as far as it was written here."""
     if path.is_symlink() or not path.is_dir():
         path.unlink(missing_ok=True)
         return

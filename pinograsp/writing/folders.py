@@ -1,4 +1,4 @@
-"""Folders that appear whole or not at all, and never in the place of what somebody else has put there."""
+"""Folders written completely or not at all, never in the place of anything that was not written here."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from pinograsp.writing.files import (
     cut,
     discard,
     entries,
-    failure_told,
     flush,
     list_in,
     listing_of,
     place_of,
     safe_name,
+    write_errors,
     write_listing,
 )
 from pinograsp.writing.locks import ASIDE, alive, locked, staged, sweep
@@ -36,8 +36,7 @@ _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR)
 
 
 class NewFolder:
-    """A folder that is to be written whole or not at all. A context: it keeps the name from other writers from the
-    start.
+    """A folder to be written completely or not at all. A context: it reserves the name from the start.
 
     Args:
         folder: a new or an empty one; symbolic links are followed.
@@ -49,11 +48,12 @@ class NewFolder:
     """
 
     def __init__(self, folder: str | Path, *, force: bool = False):
-        self.path, self.force, self.made = path_of("folder", folder), flag("force", force), []
-        with failure_told(self.path):
+        self.path, self.force = path_of("folder", folder), flag("force", force)
+        self.created: list[Path] = []
+        with write_errors(self.path):
             self.place = place_of(self.path)
             self._check(self.place)
-            self.staging, self.handle = _claimed(self.place, self.made, lambda: self._check(self.place))
+            self.staging, self.handle = _claimed(self.place, self.created, lambda: self._check(self.place))
 
     @classmethod
     def fresh(cls, name: str, beside: Path) -> NewFolder:
@@ -71,10 +71,10 @@ class NewFolder:
         """Write what ``fill(path)`` writes; once. Returns the folder.
 
         Raises:
-            ResultsNotWritten: it cannot be written; or somebody has put files there meanwhile, then the message names
+            ResultsNotWritten: it cannot be written, or files have been put there meanwhile: then the message names
                 the folder beside it where the results are.
         """
-        with failure_told(self.path):
+        with write_errors(self.path):
             fill(self.staging)
             files = [path for path in self.staging.rglob("*") if not path.is_dir()]
             write_listing(self.staging, {path.relative_to(self.staging).as_posix() for path in files})
@@ -160,12 +160,12 @@ class NewFolder:
     def __enter__(self) -> NewFolder:
         return self
 
-    def __exit__(self, *_) -> None:
-        _given_up(self.staging, self.handle, self.made)
+    def __exit__(self, *_: object) -> None:
+        _given_up((self.staging, self.handle), self.created)
 
 
 def write_folder(folder: str | Path | NewFolder, fill: Callable[[Path], None], *, force: bool = False) -> Path:
-    """A folder with what ``fill(path)`` writes, whole or not at all; arguments and errors as for :class:`NewFolder`."""
+    """Write a folder by ``fill(path)``, completely or not at all; arguments and errors as for :class:`NewFolder`."""
     if isinstance(folder, NewFolder):
         return folder.write(fill)
     with NewFolder(folder, force=force) as new:
@@ -179,9 +179,10 @@ def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
     Raises:
         ResultsNotWritten: the folder cannot be written, or another process is writing there.
     """
-    with failure_told(folder):
+    with write_errors(folder):
         place = place_of(folder)
-        staging, handle = _claimed(place / LISTING, made := [])
+        created: list[Path] = []
+        claim = staging, _ = _claimed(place / LISTING, created)
         try:
             fill(staging)
             new = sorted(staging.iterdir())
@@ -191,26 +192,24 @@ def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
             for path in new:
                 path.replace(place / path.name)
         finally:
-            _given_up(staging, handle, made)
+            _given_up(claim, created)
 
 
 class _Taken(ResultsNotWritten):
-    """Another name may do."""
+    """The name is taken: another one may be free."""
 
 
-def _claimed(place: Path, made: list[Path], check: Callable[[], None] = lambda: None) -> tuple[Path, int]:
-    """A new folder aside for ``place``, and the handle that keeps it; ``made`` gets the folders that were made on the
-    way.
-    """
+def _claimed(place: Path, created: list[Path], check: Callable[[], None] = lambda: None) -> tuple[Path, int]:
+    """A new staging folder for ``place``, and the handle that locks it; folders created on the way join ``created``."""
     parent = place.parent
-    made += [one for one in (parent, *parent.parents) if not one.exists()]
+    created += [one for one in (parent, *parent.parents) if not one.exists()]
     try:
         for attempt in itertools.count():
             with contextlib.ExitStack() as locks:
                 try:
                     parent.mkdir(parents=True, exist_ok=True)
                     locks.enter_context(locked(parent))
-                except FileNotFoundError:  # its maker has just removed it again
+                except FileNotFoundError:  # another writer has just removed it again
                     if attempt == 100:
                         raise
                     continue
@@ -227,25 +226,26 @@ def _claimed(place: Path, made: list[Path], check: Callable[[], None] = lambda: 
                 check()
                 return staged(parent / f"{ASIDE}{_mark(place)}", folder=True)
     except BaseException:
-        _given_up(None, None, made)
+        _given_up(None, created)
         raise
     raise AssertionError
 
 
-def _given_up(staging: Path | None, handle: int | None, made: list[Path]) -> None:
-    """The end of a claim: what was not moved into its place goes."""
-    if staging is not None:
+def _given_up(claim: tuple[Path, int] | None, created: list[Path]) -> None:
+    """The end of a claim: what was not moved into its place is removed."""
+    if claim is not None:
+        staging, handle = claim
         with contextlib.suppress(OSError):
             if staging.exists():
                 discard(staging)
         os.close(handle)
-    for folder in made:
+    for folder in created:
         with contextlib.suppress(OSError):  # there is something in it
             folder.rmdir()
 
 
 def _mark(place: Path) -> str:
-    """What tells a name in those of entries put aside for it, however long it is."""
+    """What stands for a name in those of its staging entries, however long it is."""
     return f"{hashlib.sha256(os.fsencode(place.name)).hexdigest()[:12]}-"
 
 

@@ -1,6 +1,4 @@
-"""Who is writing: entries put aside until they are whole, and locks of files and folders themselves, which leave
-nothing behind.
-"""
+"""Who is writing: staging entries, and locks of files and folders themselves, which leave nothing behind."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ from pathlib import Path
 
 from pinograsp.errors import ResultsNotWritten
 
-ASIDE = ".pinograsp-"  # how the name of an entry begins until it is whole
+ASIDE = ".pinograsp-"  # how the name of an entry begins until it is complete
 _PATIENCE = 10.0  # [s] for another writer's last step, which takes milliseconds
 _NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL, errno.EBADF, errno.EISDIR)
 
@@ -39,7 +37,7 @@ def staged(start: Path, folder: bool) -> tuple[Path, int]:
 
 
 def alive(path: Path) -> bool | None:
-    """Whether somebody is writing what was put aside; None where nobody can tell."""
+    """Whether a staging entry is being written; None where that cannot be known."""
     for _ in range(10):
         locked = _do_if_left_over(path, lambda path: None)
         if locked is not False:
@@ -55,9 +53,7 @@ def sweep(folder: Path, remove: Callable[[Path], None]) -> None:
 
 
 def _do_if_left_over(path: Path, do: Callable[[Path], None]) -> bool | None:
-    """Whether nobody is writing what was put aside, and ``do(path)`` has been done; None where there is nothing to tell
-    it.
-    """
+    """Whether a staging entry has no writer, so that ``do(path)`` was called; None where that cannot be known."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:  # gone, or not ours
@@ -73,7 +69,7 @@ def _do_if_left_over(path: Path, do: Callable[[Path], None]) -> bool | None:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Alone in a folder, for a moment."""
+    """Hold the lock of a folder, for a moment."""
     end = time.monotonic() + _PATIENCE
     while True:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

@@ -157,7 +157,7 @@ def test_places_that_nothing_can_take_the_place_of(tmp_path, monkeypatch):
     with pytest.raises(ResultsNotWritten, match="mount point"):
         write_folder("/", filling("1"), force=True)
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(ResultsNotWritten, match="expected the place of a file"):
+    with pytest.raises(ResultsNotWritten, match="expected the path of a file"):
         write_file(tmp_path / "pipe", b"1")
     for name in ("a" * 300, "ü" * 200, "a\0b", "\ud800"):
         with pytest.raises(ResultsNotWritten, match="cannot write"):
