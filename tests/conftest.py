@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import importlib.util
+import os
 import secrets
 import signal
 import subprocess
@@ -8,6 +12,7 @@ import sys
 import numpy as np
 import pytest
 from hypothesis import settings
+from test_architecture import ROOMS, TESTS
 
 from pinograsp.cases import load_case
 from pinograsp.cases.published import AS_PUBLISHED
@@ -26,6 +31,10 @@ settings.load_profile("deterministic")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# In parallel tests every process has one core to itself: that is what "all cores" means there.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
+
 
 def pytest_addoption(parser):
     parser.addoption(
@@ -41,6 +50,41 @@ def pytest_report_header(config):
     return (
         f"hostile inputs: --fuzz-seed {config.getoption('--fuzz-seed')} --fuzz-count {config.getoption('--fuzz-count')}"
     )
+
+
+def height(item) -> int:
+    """Where the room of a test stands in the order of rooms; tests of no single room stand above all."""
+    place = item.path.relative_to(TESTS).parts[0]
+    room = place.removeprefix("test_").removesuffix(".py")
+    return ROOMS.index(room) if room in ROOMS else len(ROOMS)
+
+
+def pytest_collection_modifyitems(items):
+    """The upper rooms first: their tests take longest. In parallel runs one process compiles for all of these.
+
+    The second process begins in the middle, with rooms that need nothing compiled.
+    """
+    items.sort(key=height, reverse=True)
+    for item in items:
+        if height(item) >= ROOMS.index("forces"):
+            item.fixturenames.insert(0, "compiled_solvers")
+
+
+@pytest.fixture(scope="session")
+def compiled_solvers(request, tmp_path_factory):
+    """Compiled by one process while the others wait: two at once would compile the same twice."""
+    if not hasattr(request.config, "workerinput") or importlib.util.find_spec("numba") is None:
+        return
+    folder = tmp_path_factory.getbasetemp().parent  # of all processes of this run
+    with (folder / "compiled.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with contextlib.suppress(FileExistsError):
+            (folder / "compiled").touch(exist_ok=False)
+            # In a process that is not measured: what is counted is not made slower.
+            plain = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE_")}
+            subprocess.run(
+                [sys.executable, "-c", "import pinograsp; pinograsp.warm_up()"], cwd=folder, env=plain, check=True
+            )
 
 
 # The paper's printed contact points, written out again: tests do not share the package's tables.

@@ -491,7 +491,7 @@ def test_a_run_folder_gives_the_same_simulation(plan, tmp_path):
 
 def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
     folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
-    code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "5e-4")
+    code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "1e-3")
     assert code == 0 and "HELD" in out
     assert {path.name for path in (folder / "check").iterdir()} == {
         "check.json",
@@ -510,7 +510,7 @@ def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
         "--hold",
         "0.3",
         "--time-step",
-        "5e-4",
+        "1e-3",
         "--mu",
         "0.2",
         "--push",

@@ -34,6 +34,7 @@ from pinograsp.referee.trial_log import TrialLog
 
 G, MU, SAFETY = 9.81, 0.6, 1.5
 QUICK = {"hold": 0.6, "time_step": 5e-4}
+STUDY = QUICK | {"time_step": 1e-3}
 OFF = {"position": 0, "rotation": 0, "friction": 0, "mass": 0, "posture": 0, "push": 0}
 
 
@@ -197,12 +198,12 @@ ROUGH = Errors(**OFF | {"position": 5e-4, "friction": 0.5, "mass": 0.5})
 @pytest.fixture(scope="module")
 def study(task, tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
-    return folder, monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=2, folder=folder, **QUICK)
+    return folder, monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=2, folder=folder, **STUDY)
 
 
 def test_trials_do_not_depend_on_jobs(task, study):
     _, many = study
-    one = monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=1, progress=False, **QUICK)
+    one = monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=1, progress=False, **STUDY)
     assert one.rows == many.rows
     assert {name: (held.trials, held.held) for name, held in one.held.items()} == {
         name: (held.trials, held.held) for name, held in many.held.items()
@@ -241,21 +242,21 @@ def test_resumed_from_a_cut_file(task, study, tmp_path, cut):
     }[cut]
     file = tmp_path / "monte_carlo.jsonl"
     file.write_bytes(text[:at])
-    again = monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=2, folder=tmp_path, **QUICK)
+    again = monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=2, folder=tmp_path, **STUDY)
     assert again.rows == whole.rows
     rows = [json.loads(line) for line in file.read_bytes().split(b"\n")[1:-1]]
     assert len(rows) == len({(row["error"], row["trial"]) for row in rows}) == 8
     assert sorted(map(json.dumps, rows)) == sorted(map(json.dumps, whole.rows))
     if cut == "nowhere":
         assert file.read_bytes() == text
-        fewer = monte_carlo(task, count=1, seed=5, errors=ROUGH, jobs=1, folder=tmp_path, **QUICK)
+        fewer = monte_carlo(task, count=1, seed=5, errors=ROUGH, jobs=1, folder=tmp_path, **STUDY)
         assert fewer.rows == tuple(row for row in whole.rows if row["trial"] < 1)
         assert file.read_bytes() == text
 
 
 def test_other_settings_are_refused(task, study):
     folder, _ = study
-    same = {"count": 2, "seed": 5, "errors": ROUGH, "jobs": 1, "folder": folder, **QUICK}
+    same = {"count": 2, "seed": 5, "errors": ROUGH, "jobs": 1, "folder": folder, **STUDY}
     before = (folder / "monte_carlo.jsonl").read_bytes()
     for change, named in (
         ({"seed": 6}, "seed"),
@@ -291,8 +292,8 @@ def test_files_of_others_are_left_alone(task, tmp_path):
 
 
 def test_without_errors_every_trial_is_the_undisturbed_run(plan):
-    calm = simulate(plan, **QUICK).verdict
-    none = monte_carlo(plan, count=2, errors=Errors(**OFF), jobs=1, **QUICK)
+    calm = simulate(plan, **STUDY).verdict
+    none = monte_carlo(plan, count=2, errors=Errors(**OFF), jobs=1, **STUDY)
     assert list(none.held) == ["together"]
     assert [(row["held"], row["drift_m"], row["reason"], row["drawn"]) for row in none.rows] == 2 * [
         (calm.held, calm.drift, calm.reason, {})
@@ -326,9 +327,9 @@ def test_wrong_input_is_refused(task, tmp_path):
         ({"sample": "often"}, "sample"),
     ):
         with pytest.raises(InvalidInput, match=match):
-            monte_carlo(task, **{"jobs": 1, "folder": tmp_path, **QUICK, **settings})
+            monte_carlo(task, **{"jobs": 1, "folder": tmp_path, **STUDY, **settings})
     # Nothing that was refused stands in the way of what is not.
-    done = monte_carlo(task, count=1, errors=Errors(**OFF), jobs=1, folder=tmp_path, **QUICK)
+    done = monte_carlo(task, count=1, errors=Errors(**OFF), jobs=1, folder=tmp_path, **STUDY)
     assert done.held["together"].held == 1
     for values, match in (
         ({"position": -1e-3}, "position"),
@@ -506,7 +507,7 @@ def test_on_a_full_disk_the_trials_are_kept_and_resumed(task, study, small_disk)
         more["trial"] += 100
         text += json.dumps(more).encode() + b"\n"
     (disk / "monte_carlo.jsonl").write_bytes(text[:4096])
-    same = {"count": 2, "seed": 5, "errors": ROUGH, "jobs": 1, "folder": disk, **QUICK}
+    same = {"count": 2, "seed": 5, "errors": ROUGH, "jobs": 1, "folder": disk, **STUDY}
     with pytest.raises(ResultsNotWritten, match="No space left"):
         monte_carlo(task, **same)
     kept = (disk / "monte_carlo.jsonl").read_bytes()

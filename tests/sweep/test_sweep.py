@@ -358,16 +358,16 @@ def draws(count: int) -> dict:
     return {**BASE, "samples": {"count": count, **mixed}}
 
 
-def killed_twice_and_resumed(tmp_path, count: int, every: float) -> None:
+def killed_twice_and_resumed(tmp_path, count: int, every: float, jobs: int) -> None:
     write(tmp_path, draws(count))
-    first = sweep(tmp_path / "sweep.yaml", tmp_path / "whole", jobs=2, progress=False)
+    first = sweep(tmp_path / "sweep.yaml", tmp_path / "whole", jobs=jobs, progress=False)
     before = 0
-    for share, jobs in ((0.2, "2"), (0.5, "1")):
-        code, _, _ = stopped_after(tmp_path, int(share * count), signal.SIGKILL, "--jobs", jobs, every=every)
+    for share, processes in ((0.2, "2"), (0.5, "1")):
+        code, _, _ = stopped_after(tmp_path, int(share * count), signal.SIGKILL, "--jobs", processes, every=every)
         kept = rows_on_disk(tmp_path / "out")
         assert code == -signal.SIGKILL and before < kept < count
         before = kept
-    process = start(tmp_path, "--jobs", "2", "--json", every=every)
+    process = start(tmp_path, "--jobs", str(jobs), "--json", every=every)
     out, err = process.communicate(timeout=1200)
     assert process.returncode == 0 and err == ""
     document = json.loads(out)
@@ -379,12 +379,12 @@ def killed_twice_and_resumed(tmp_path, count: int, every: float) -> None:
 
 
 def test_killed_twice_and_resumed_nothing_is_lost_or_doubled(tmp_path):
-    killed_twice_and_resumed(tmp_path, 80, 0.05)
+    killed_twice_and_resumed(tmp_path, 30, 0.05, jobs=1)
 
 
 @pytest.mark.slow
 def test_two_thousand_plans_killed_twice_and_resumed(tmp_path):
-    killed_twice_and_resumed(tmp_path, 2000, 2.0)
+    killed_twice_and_resumed(tmp_path, 2000, 2.0, jobs=2)
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
@@ -870,7 +870,7 @@ def test_a_dask_cluster_finds_the_same(grid, tmp_path, command):
     ) as cluster:
         done = sweep(GRID, tmp_path / "a", backend="dask", scheduler=cluster.scheduler_address, progress=False)
         assert done.counts == {"ok": 6} and same(done.table(), grid.table())
-        write(tmp_path, draws(40))
+        write(tmp_path, draws(16))
         args = (
             "sweep",
             "sweep.yaml",
@@ -883,8 +883,8 @@ def test_a_dask_cluster_finds_the_same(grid, tmp_path, command):
             "b",
         )
         code, out, _ = command(*args)
-        assert code == 0 and json.loads(out)["done"] == 40
-    again = sweep(tmp_path / "sweep.yaml", tmp_path / "c", jobs=2, progress=False)
+        assert code == 0 and json.loads(out)["done"] == 16
+    again = sweep(tmp_path / "sweep.yaml", tmp_path / "c", jobs=1, progress=False)
     assert same(read_sweep(tmp_path / "b"), again.table())
 
 
