@@ -553,7 +553,7 @@ def certified(case: Case, load: np.ndarray, objective: str) -> float | None:
             proofs.append(found.certificate)
     if not proofs:
         return None
-    primal, dual = min(p.primal for p in proofs), max(p.dual for p in proofs)
+    primal, dual = min(p.objective for p in proofs), max(p.lower_bound for p in proofs)
     return (primal + dual) / 2 if primal - dual <= 0.1 * TOLERANCE * primal else None
 
 

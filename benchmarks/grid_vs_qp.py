@@ -67,7 +67,7 @@ def main() -> None:
     rows, ratios = [], []
     for n_A, n_k, limit in SIZES:
         grid = GridSpec(
-            accelerations=np.linspace(0.01, 1, n_A), multipliers=np.linspace(-1, 1, n_k), net_force_limit=limit
+            accelerations=np.linspace(0.01, 1, n_A), multipliers=np.linspace(-1, 1, n_k), residual_limit=limit
         )
         results = {}
         for name, search, method in SEARCHES:
@@ -80,7 +80,7 @@ def main() -> None:
                     "search": name,
                     "A_values": n_A,
                     "k_values": n_k,
-                    "net_force_limit_N": limit,
+                    "residual_limit_N": limit,
                     "points": f"{grid.points(problem.k):.3e}",
                     "status": str(found.status),
                     "median_s": f"{median:.6f}",
@@ -88,7 +88,7 @@ def main() -> None:
                     "peak_MB": "" if method == "brute" else f"{peak / 1e6:.1f}",
                     "impulse_Ns": f"{found.impulse:.6f}" if found.found else "",
                     "work_mJ": f"{1e3 * found.work:.4f}" if found.found else "",
-                    "residual_N": f"{found.residual:.3e}" if found.found else "",
+                    "residual_N": f"{found.residual_norm:.3e}" if found.found else "",
                     "same_as_brute": "",
                     "brute_over_this": "",
                 }

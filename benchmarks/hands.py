@@ -84,11 +84,11 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
         "forces": str(plan.forces.status),
         "contacts": plan.problem.k,
         "links": len({contact.link for contact in plan.problem.contacts}),
-        "energy_Ns": f"{certificate.primal:.4g}",
+        "energy_Ns": f"{certificate.objective:.4g}",
         "gap": f"{certificate.relative_gap:.1e}",
-        "balance_N": f"{certificate.balance_force:.1e}",
-        "balance_Nm": f"{certificate.balance_moment:.1e}",
-        "load_margin": f"{best.load_margin:.2f}",
+        "residual_N": f"{certificate.residual_force:.1e}",
+        "residual_Nm": f"{certificate.residual_moment:.1e}",
+        "load_factor": f"{best.load_factor:.2f}",
         "squeeze_bears": "" if bears is None or np.isinf(bears) else f"{bears:.3f}",
         "effort_used": f"{share.max():.3f}" if share.size else "no limits",
         "seconds": f"{time.perf_counter() - started:.1f}",
@@ -112,7 +112,7 @@ def table(rows: list[dict]) -> str:
                 size = "" if one["size"] == 1 else f" at {one['size']:g} of the size"
                 bears = one["squeeze_bears"] and f"{float(one['squeeze_bears']):.2f}"
                 cells.append(
-                    f"{one['contacts']} contacts, {bears or 'any'}, {float(one['load_margin']):.0f}{size}{motion}"
+                    f"{one['contacts']} contacts, {bears or 'any'}, {float(one['load_factor']):.0f}{size}{motion}"
                 )
             else:
                 cells.append(f"none: {one['status']}")
@@ -141,9 +141,9 @@ def main() -> None:
         "links",
         "energy_Ns",
         "gap",
-        "balance_N",
-        "balance_Nm",
-        "load_margin",
+        "residual_N",
+        "residual_Nm",
+        "load_factor",
         "squeeze_bears",
         "effort_used",
         "seconds",

@@ -41,7 +41,7 @@ import pinograsp as pg
 from pinograsp.contacts.clearance import HandPart
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import PinograspError, Status
-from pinograsp.forces import load_margin
+from pinograsp.forces import load_factor
 from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.placement import find_placements
 from pinograsp.referee import Disturbance
@@ -135,7 +135,7 @@ def attempt(kind: str, name: str, rng) -> dict | None:
 
 def attempt_at(case: dict, kind: str, target: float, placement, body, limit) -> dict | None:
     closure = placement.closure
-    mass = body.mass * placement.load_margin / target
+    mass = body.mass * placement.load_factor / target
     real = replace(body, mass=mass, density=None)
     planned_for = real if kind == "feasible" else replace(body, mass=0.98 * target * mass, density=None)
     held = pg.ForceProblem.holding(planned_for, closure.contacts(), **settings(case, SAFETIES[-1]))
@@ -163,7 +163,7 @@ def attempt_at(case: dict, kind: str, target: float, placement, body, limit) -> 
     problem = replace(
         plan.problem, friction=replace(plan.problem.friction, safety=1.0), max_depth=_ANY_DEPTH, object=None
     )
-    largest = 1.0 + load_margin(problem, problem.load, impact_time=IMPACT)
+    largest = load_factor(problem, impact_time=IMPACT)
     margin = largest * planned_for.mass / real.mass
     if (kind == "feasible") != (margin >= 1.1) or (kind == "infeasible") != (margin <= 0.9):
         return None

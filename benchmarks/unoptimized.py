@@ -115,7 +115,7 @@ def catalogue(name: str, shape: str) -> dict:
     body = replace(objects(0.9 * width(hand))[shape], density=DENSITY, mass=None)
     settings = {"mu": 0.7, "friction": pg.Friction(model="cone")}
     best = find_placements(hand, body, count=16, seed=0, progress=False, **settings).best
-    body = replace(body, mass=LOADED * best.load_margin * body.mass, density=None)
+    body = replace(body, mass=LOADED * best.load_factor * body.mass, density=None)
     closure = replace(best.closure, object=body)
 
     def plan_with(safety: float):

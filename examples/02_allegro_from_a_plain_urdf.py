@@ -11,7 +11,7 @@ ball = pg.Sphere(radius=0.03, mass=0.2)
 friction = pg.Friction(model="cone", safety=1.2)
 found = find_placements(hand, ball, mu=0.7, friction=friction, count=12, seed=0)
 best = found.best
-print(f"{len(found.placements)} of {found.tried} placements hold; the best {best.load_margin:.1f} times the load")
+print(f"{len(found.placements)} of {found.tried} placements hold; the best {best.load_factor:.1f} times the load")
 
 plan = pg.plan_grasp(best.closure.hand, best.closure, mu=0.7, friction=friction)
 print(plan.status, plan.problem.contacts.names, plan.forces.normal_forces.round(3), "N")

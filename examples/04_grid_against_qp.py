@@ -12,11 +12,11 @@ for search in ("paper", "paper+qp", "hybrid"):
     begun = time.perf_counter()
     found = pg.grid_search(problem, search=search, progress=False)
     spent = time.perf_counter() - begun
-    print(f"{search:>10} {1e3 * found.work:10.3f} {found.net_force:14.2e} {1e3 * spent:10.1f}")
+    print(f"{search:>10} {1e3 * found.work:10.3f} {found.residual_force:14.2e} {1e3 * spent:10.1f}")
 begun = time.perf_counter()
 best = pg.optimize_grasp(problem)
 spent = time.perf_counter() - begun
 print(
-    f"{'convex':>10} {1e3 * best.work:10.3f} {best.net_force:14.2e} {1e3 * spent:10.1f}   gap "
+    f"{'convex':>10} {1e3 * best.work:10.3f} {best.residual_force:14.2e} {1e3 * spent:10.1f}   gap "
     f"{best.certificate.relative_gap:.0e}"
 )

@@ -30,7 +30,7 @@ from pinograsp.contacts import (
     open_and_closed,
 )
 from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
-from pinograsp.forces import ForceProblem, ForceSolution, load_margin, optimize_forces
+from pinograsp.forces import ForceProblem, ForceSolution, load_factor, optimize_forces
 from pinograsp.hands import HandModel
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of, torque_limits
@@ -53,14 +53,14 @@ class Placement:
         closure: the hand closed there.
         forces: certified least-cost forces, at the impact time of the search.
         energy: their objective.
-        load_margin: largest multiple of the load that can be held at that impact time.
+        load_factor: largest multiple of the load that can be held at that impact time.
     """
 
     pose: np.ndarray
     closure: Closure
     forces: ForceSolution
     energy: float
-    load_margin: float
+    load_factor: float
 
     __repr__ = brief()
 
@@ -171,7 +171,7 @@ def find_placements(
             raise PinograspError(why) from None
     bar.close()
     found.sort(
-        key=lambda one: (one.load_margin < margin, one.energy if one.load_margin >= margin else -one.load_margin)
+        key=lambda one: (one.load_factor < margin, one.energy if one.load_factor >= margin else -one.load_factor)
     )
     return PlacementSearch(placements=tuple(found), tried=tried, outcomes=outcomes, interrupted=interrupted)
 
@@ -264,8 +264,8 @@ def hold(closure: Closure, *, torque_limit=None, impact_time=0.9, **settings) ->
         pose=closure.hand.pose,
         closure=closure,
         forces=forces,
-        energy=forces.certificate.primal,
-        load_margin=1.0 + load_margin(problem, problem.load, impact_time=impact_time),
+        energy=forces.certificate.objective,
+        load_factor=load_factor(problem, impact_time=impact_time),
     )
 
 

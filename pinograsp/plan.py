@@ -19,10 +19,10 @@ from pinograsp.forces import (
     ForceSolution,
     GridSpec,
     diagnose,
+    disturbance_margin,
     force_closure,
     grasp_margins,
     grid_search,
-    load_margin,
     optimize_grasp,
 )
 from pinograsp.hands import HandModel
@@ -147,8 +147,8 @@ class GraspPlan:
             "accelerations_m_s2": dict(zip(names, forces.acceleration.tolist())),
             "work_J": forces.work,
             "impulse_Ns": forces.impulse,
-            "net_force_N": forces.net_force,
-            "net_moment_Nm": forces.net_moment,
+            "residual_N": forces.residual_force,
+            "residual_Nm": forces.residual_moment,
             "max_penetration_m": float(forces.profile.final_depth.max()),
             "joint_torque_max_Nm": {
                 finger: {phase: values.tolist() for phase, values in phases.items()}
@@ -157,11 +157,13 @@ class GraspPlan:
             "peak_torque_Nm": self.motion.peak_torque,
             "tracking_error_m": dict(zip(names, self.motion.tracking_error.tolist())),
             "postures_tried": self.motion.postures,
-            "grid": {
-                "points": forces.points,
-                "cells": forces.cells,
-                "rejections": forces.rejections,
-                "qp_solves": forces.qp_solves,
+            "grid": None
+            if forces.grid is None
+            else {
+                "points": forces.grid.points,
+                "cells": forces.grid.cells,
+                "rejections": forces.grid.rejections,
+                "qp_solves": forces.grid.qp_solves,
             },
             "certificate": self._certificate(),
             "margins": self._margins(),
@@ -177,13 +179,11 @@ class GraspPlan:
         if certificate is None:
             return None
         return {
-            "objective": dict(self.forces.objective),
-            "primal": certificate.primal,
-            "dual": certificate.dual,
+            "weights": dict(self.forces.weights),
+            "objective": certificate.objective,
+            "lower_bound": certificate.lower_bound,
             "relative_gap": certificate.relative_gap,
-            "balance_N": certificate.balance_force,
-            "balance_Nm": certificate.balance_moment if self.problem.balance == "wrench" else None,
-            "limit_violation_N": certificate.limit_violation,
+            "violation_N": certificate.violation,
             "active": list(certificate.active(self.problem.contacts.names)),
             "branches": len(self.forces.branches),
         }
@@ -226,7 +226,9 @@ class GraspPlan:
         problem = replace(self.problem, friction=replace(self.problem.friction, safety=1.0))
 
         def margin(direction) -> float:
-            held = load_margin(problem, np.append(direction, np.zeros(3)), normal_forces=self.forces.normal_forces)
+            held = disturbance_margin(
+                problem, np.append(direction, np.zeros(3)), normal_forces=self.forces.normal_forces
+            )
             return max(0.0, held)  # forces on their limits leave nothing, and rounding of that may be less than nothing
 
         reach = {(axis, sign): margin(sign * np.eye(3)[axis]) for axis in range(3) for sign in (1.0, -1.0)}
@@ -258,7 +260,7 @@ class GraspPlan:
             "depth": depth,
             "rate": rate,
             "normal_forces": compliance.normal_force(depth, rate),
-            "net_force_o": motion.forces_o.sum(axis=1) + self.problem.load[:3],
+            "residual_force_o": motion.forces_o.sum(axis=1) + self.problem.load[:3],
             "points_o": contacts.points_o,
             "rotations_oc": contacts.rotations_oc,
             "com_o": contacts.com_o,

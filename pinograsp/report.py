@@ -89,7 +89,7 @@ def answer(run: Run, check: dict | None = None) -> list[tuple[str, str]]:
         ("multipliers k1, k2", multipliers),
         ("grasp energy (work)", _work(run)),
         ("grasp energy (impulse)", f"{s['impulse_Ns']:.4f} N s by Eq. (11)"),
-        ("net force, net moment", f"{s['net_force_N']:.2e} N, {s['net_moment_Nm']:.2e} N m"),
+        ("net force, net moment", f"{s['residual_N']:.2e} N, {s['residual_Nm']:.2e} N m"),
         ("largest penetration", f"{1e3 * s['max_penetration_m']:.3f} mm"),
         ("peak joint torque", f"{s['peak_torque_Nm']:.4f} N m"),
         ("postures tried", ", ".join(f"{name} {count}" for name, count in s["postures_tried"].items())),
@@ -106,7 +106,7 @@ def _work(run: Run) -> str:
 
 
 def _objective(s: dict) -> str:
-    weights = s["certificate"]["objective"] if s["certificate"] else {s["measure"]: 1.0}
+    weights = s["certificate"]["weights"] if s["certificate"] else {s["measure"]: 1.0}
     parts = [name if weight == 1.0 else f"{weight:g} {name}" for name, weight in weights.items() if weight]
     return " + ".join(parts)
 
@@ -115,7 +115,8 @@ def _proof(s: dict) -> list[tuple[str, str]]:
     certificate = s["certificate"]
     if certificate is None:
         return []
-    gap = f"no forces cost less than {number(certificate['dual'], 7)} (ours {number(certificate['primal'], 7)}), "
+    gap = f"no forces cost less than {number(certificate['lower_bound'], 7)} "
+    gap += f"(ours {number(certificate['objective'], 7)}), "
     gap += f"gap {certificate['relative_gap']:.1e}"
     return [("proven", gap), ("active limits", "; ".join(certificate["active"]) or "none")]
 
@@ -217,13 +218,13 @@ def markdown(run: Run, figures: list[str] | None = None, check: dict | None = No
             for phase, values in phases.items()
         ],
     )
-    if s["grid"]["points"] == 0:
+    if s["grid"] is None:
         lines += [
             "## Search",
             "",
-            f"Branch and bound over t_I: {s['certificate']['branches']} intervals. Net wrench left: "
-            f"{s['certificate']['balance_N']:.1e} N; largest violation of a limit: "
-            f"{s['certificate']['limit_violation_N']:.1e} N.",
+            f"Branch and bound over t_I: {s['certificate']['branches']} intervals. Left over: "
+            f"{s['residual_N']:.1e} N, {s['residual_Nm']:.1e} N m; largest violation of a limit: "
+            f"{s['certificate']['violation_N']:.1e} N.",
             "",
         ]
     else:

@@ -53,13 +53,11 @@ class FrictionPart(Part):
 class CertificatePart(Part):
     """``certificate`` of a plan."""
 
-    objective: Annotated[Numbers, Field(min_length=1)]
-    primal: Number
-    dual: Number
+    weights: Annotated[Numbers, Field(min_length=1)]
+    objective: Number
+    lower_bound: Number
     relative_gap: Number
-    balance_N: Number
-    balance_Nm: Number | None
-    limit_violation_N: Number
+    violation_N: Number
     active: Texts
     branches: Count
 
@@ -151,14 +149,14 @@ class PlanDocument(Part):
     accelerations_m_s2: Numbers
     work_J: Number
     impulse_Ns: Number
-    net_force_N: NotNegative
-    net_moment_Nm: NotNegative
+    residual_N: NotNegative
+    residual_Nm: NotNegative
     max_penetration_m: Number
     joint_torque_max_Nm: dict[StrictStr, dict[StrictStr, list[Number]]]
     peak_torque_Nm: NotNegative
     tracking_error_m: Numbers
     postures_tried: dict[StrictStr, Count]
-    grid: GridPart
+    grid: GridPart | None
     certificate: CertificatePart | None
     margins: MarginsPart
     cautions: Texts
@@ -218,7 +216,7 @@ _PLAN = {
     "depth": "mk",
     "rate": "mk",
     "normal_forces": "mk",
-    "net_force_o": "m3",
+    "residual_force_o": "m3",
     "points_o": "k3",
     "rotations_oc": "k33",
     "com_o": "3",
@@ -331,7 +329,7 @@ def _check_plan(document: dict, arrays: dict) -> None:
         file,
         "certificate",
         "one for a search without a grid",
-        document["certificate"] is not None or grid["points"] > 0,
+        document["certificate"] is not None or grid is not None,
     )
 
     file = "plan.npz"

@@ -21,7 +21,7 @@ from pinograsp.objects.record import object_of, object_record
 from pinograsp.run_files import read_check, read_document, read_plan
 from pinograsp.writing import NewFolder, write_folder
 
-SCHEMA = "pinograsp.plan/1"
+SCHEMA = "pinograsp.plan/2"
 SCENE = "pinograsp.scene/1"
 
 
@@ -117,7 +117,7 @@ def run_of_failure(error, layout: dict, settings: dict | None = None) -> Run:
             "margin_N": proof.margin,
             "direction": proof.direction.tolist(),
             "at_torque_limit": list(proof.at_torque),
-            "net_wrench": proof.net_wrench.tolist(),
+            "residual": proof.residual.tolist(),
         }
     return Run(summary=summary, arrays={}, layout=layout, settings=settings or {}, versions=_versions(solution.solver))
 

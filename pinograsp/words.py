@@ -67,7 +67,7 @@ def does_it_hold(summary: Values, check: Values | None = None) -> Answer:
         text = f"The plan is not complete ({status}): {summary['remedy']}"
         return Answer("no", text) if check is None else Answer("caution", f"{text}{tried}")
     if status == Status.UNBALANCED.value:
-        left = f"{number(summary['net_force_N'], 3)} N and {number(summary['net_moment_Nm'], 3)} N m"
+        left = f"{number(summary['residual_N'], 3)} N and {number(summary['residual_Nm'], 3)} N m"
         return Answer("caution", f"Almost: {_LOAD} but for {left}.{tried}")
     if summary["balance"] == "force":
         return Answer(

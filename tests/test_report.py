@@ -320,7 +320,7 @@ def test_friction_figure_agrees_with_the_forces(run):
         assert line.get_ydata()[-1] == pytest.approx(100 * np.hypot(*force[:2]) / (mu * force[2]), rel=1e-6)
 
 
-def test_margin_figure_shows_what_load_margin_says(run):
+def test_margin_figure_shows_what_disturbance_margin_says(run):
     case = pg.load_case("paper", CHANGES)
     plan = case.plan()
     problem = replace(plan.problem, friction=replace(plan.problem.friction, safety=1.0))
@@ -329,7 +329,7 @@ def test_margin_figure_shows_what_load_margin_says(run):
     for plane in range(3):
         for i in (0, 7, 20):
             wrench = np.append(directions[plane, i], np.zeros(3))
-            held = pg.load_margin(problem, wrench, normal_forces=plan.forces.normal_forces)
+            held = pg.disturbance_margin(problem, wrench, normal_forces=plan.forces.normal_forces)
             assert margins[plane, i] == pytest.approx(max(0.0, held), abs=1e-6)
     panels = figures.wrench_margin(run).axes
     assert len(panels) == 3 and np.hypot(*panels[0].get_lines()[0].get_data()).max() == pytest.approx(margins[0].max())
@@ -340,7 +340,7 @@ def test_margin_figure_shows_what_load_margin_says(run):
 
 def test_search_figure_brackets_the_optimum(run):
     _, gap = figures.search_over_time(run).axes
-    assert gap.get_lines()[0].get_ydata()[-1] == pytest.approx(run.summary["certificate"]["primal"], rel=1e-6)
+    assert gap.get_lines()[0].get_ydata()[-1] == pytest.approx(run.summary["certificate"]["objective"], rel=1e-6)
     with pytest.raises(InvalidInput, match="convex"):
         figures.search_over_time(replace(run, arrays=run.arrays | {"branches": np.zeros((0, 4))}))
 

@@ -206,7 +206,7 @@ class GridSection(Section):
     impact_times: Steps | Several = Steps(start=0.80, stop=0.95, step=0.05)
     accelerations: Steps | Several = Steps(start=0.01, stop=1.0, step=0.005)
     multipliers: Steps | Several = Steps(start=-1.0, stop=1.0, step=0.1)
-    net_force_limit: NotNegative = 0.1
+    residual_limit: NotNegative = 0.1
 
     @model_validator(mode="after")
     def _not_too_many(self):
@@ -361,7 +361,7 @@ class Case(Section):
             impact_times=values(self.grid.impact_times),
             accelerations=values(self.grid.accelerations),
             multipliers=values(self.grid.multipliers),
-            net_force_limit=self.grid.net_force_limit,
+            residual_limit=self.grid.residual_limit,
         )
 
     def make_motion(self) -> MotionSpec:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinograsp.forces.answers import Answer
 from pinograsp.forces.program import Program
 from pinograsp.forces.solvers import solve_rows
 
@@ -23,8 +24,8 @@ _PATIENCE = 5  # steps before the first look at the gap
 _SETTLED = 1e-6  # step in x, relative: the next error is about its square
 
 
-def solve_dense(program: Program, solver: str) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """x (k d,), balance multipliers y (rows,), torque multipliers w (m,); None where the solver finds no solution.
+def solve_dense(program: Program, solver: str) -> Answer | None:
+    """The solver's answer; None where it finds no solution.
 
     On cones the answer need not have converged: like every answer it is certified by the caller.
     """
@@ -66,11 +67,11 @@ def solve_dense(program: Program, solver: str) -> tuple[np.ndarray, np.ndarray, 
             return best
         new, lam = found
         step = float(np.abs(new - x).max())
-        best = (new[:n], lam[-equalities:], lam[rows])
+        best = Answer(new[:n], lam[-equalities:], lam[rows])
         done = step <= _SETTLED * max(1.0, float(np.abs(new).max()))
         if done or (cones is None and not curved and not proximal):
             break
-        if count >= _PATIENCE and _closed(program, *best):
+        if count >= _PATIENCE and _closed(program, best):
             break
         if cones is not None:
             cones.learn(lam[size:])
@@ -113,11 +114,11 @@ class _Cones:
         self.weight = np.maximum(lam[: self.k * self.facets].reshape(self.k, -1).sum(axis=1), 0.0)
 
 
-def _closed(program: Program, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> bool:
+def _closed(program: Program, answer: Answer) -> bool:
     """Whether x is already as good as a certificate asks: nearly linear objectives wander between equal optima."""
-    value = program.value(x)
-    gap = value - program.lower_bound(x, y, w, refine=False)
-    return gap <= 1e-7 * abs(value) and program.violations(x)[0] <= 1e-9
+    value = program.value(answer.x)
+    gap = value - program.lower_bound(answer.x, answer.y, answer.w, refine=False)
+    return gap <= 1e-7 * abs(value) and program.violations(answer.x)[0] <= 1e-9
 
 
 def _descended(program: Program, x: np.ndarray, new: np.ndarray, value: float) -> tuple[np.ndarray, float]:

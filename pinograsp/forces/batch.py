@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,8 +27,8 @@ from pinograsp.checks import (
 )
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.infeasibility import forces_of
-from pinograsp.forces.optimize import solve_certified
+from pinograsp.forces.backends import solve_certified
+from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
 from pinograsp.forces.problem import BALANCES, MEASURES, ForceProblem
 from pinograsp.forces.program import Program, assemble, weights_of
 from pinograsp.forces.solvers import compiled_solvers
@@ -194,9 +194,12 @@ class BatchSolution:
         status: (N,) of :class:`~pinograsp.errors.Status`: ``OK``, ``INFEASIBLE`` (proven) or ``INACCURATE``.
         forces_c: (N, k, 3) [N].
         torsion: moments about the normals (N, k) [N m].
-        objective: (N,), and its proven lower bound (N,).
-        residual: of the balance (N,) [N, moments over the moment length].
+        objective: (N,).
+        lower_bound: of the objective, proven (N,).
+        residual_norm: of what forces and load leave over (N,) [N, moments over the moment length].
         violation: of friction and bounds (N,) [N].
+        load_size: size of the load, or of the least F_n without one (N,) [N].
+        force_size: ``load_size`` or the largest F_n, whichever is more (N,) [N].
         general: how many were left to the general methods.
         elapsed: [s].
     """
@@ -205,9 +208,11 @@ class BatchSolution:
     forces_c: np.ndarray
     torsion: np.ndarray
     objective: np.ndarray
-    bound: np.ndarray
-    residual: np.ndarray
+    lower_bound: np.ndarray
+    residual_norm: np.ndarray
     violation: np.ndarray
+    load_size: np.ndarray
+    force_size: np.ndarray
     general: int
     elapsed: float
 
@@ -217,6 +222,20 @@ class BatchSolution:
     def ok(self) -> np.ndarray:
         """Which have forces (N,) bool."""
         return self.status == Status.OK
+
+    def is_optimal(self, tolerance: Tolerance = TOLERANCE) -> np.ndarray:
+        """Which forces are optimal (N,) bool: the rule of :meth:`Certificate.is_optimal
+        <pinograsp.forces.certificate.Certificate.is_optimal>`, the gap relative to the objective.
+        """
+        return self.ok & is_optimal(
+            residual_norm=self.residual_norm,
+            load_size=self.load_size,
+            violation=self.violation,
+            force_size=self.force_size,
+            gap=self.objective - self.lower_bound,
+            objective_size=np.abs(self.objective),
+            tolerance=tolerance,
+        )
 
 
 def solve_batch(
@@ -284,22 +303,44 @@ def solve_batch(
         with ThreadPoolExecutor(threads) as pool:
             for _ in pool.map(solve, starts):  # the compiled code lets go of Python's lock
                 pass
-    left = np.flatnonzero(codes == kernels.STALLED)
     kinds = np.empty(3, dtype=object)  # one by one: assigned at once they would become plain text
     kinds[kernels.CONVERGED], kinds[kernels.STALLED] = Status.OK, Status.INACCURATE
     kinds[kernels.INFEASIBLE] = Status.INFEASIBLE
-    status = kinds[codes]
+    found = _solution(batch, kinds[codes], forces, torsion, answers, started)
+    left = np.flatnonzero((codes == kernels.STALLED) | (found.ok & ~found.is_optimal()))
+    if not len(left):
+        return found
     for i in left:
-        status[i] = _by_itself(batch, int(i), weights, forces, torsion, answers)
+        found.status[i] = _by_itself(batch, int(i), weights, forces, torsion, answers)
+    return replace(_solution(batch, found.status, forces, torsion, answers, started), general=len(left))
+
+
+def _solution(
+    batch: ForceBatch,
+    status: np.ndarray,
+    forces: np.ndarray,
+    torsion: np.ndarray,
+    answers: np.ndarray,
+    started: float,
+) -> BatchSolution:
+    """The record of forces (N, k, 3), torsion (N, k) and answers (N, 4), see :func:`pinograsp.forces.kernels.many`."""
+    used = np.arange(batch.mu.shape[1]) < batch.counts[:, None]
+    scaled = batch.loads.copy()
+    scaled[:, 3:] = scaled[:, 3:] / batch.moment_lengths[:, None] if batch.balance == "wrench" else 0.0
+    size = np.sqrt(np.einsum("nr,nr->n", scaled, scaled))
+    least = np.where(used, batch.low, 0.0).max(axis=1)
+    load_size = np.where(size > 0, size, np.where(least > 0, least, 1.0))
     return BatchSolution(
         status=status,
         forces_c=forces,
         torsion=torsion,
         objective=answers[:, 0],
-        bound=answers[:, 1],
-        residual=answers[:, 2],
+        lower_bound=answers[:, 1],
+        residual_norm=answers[:, 2],
         violation=answers[:, 3],
-        general=len(left),
+        load_size=load_size,
+        force_size=np.maximum(load_size, forces[:, :, 2].max(axis=1)),
+        general=0,
         elapsed=time.perf_counter() - started,
     )
 
@@ -335,9 +376,14 @@ def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple
 def _by_itself(batch: ForceBatch, i: int, weights, forces, torsion, answers) -> Status:
     """One problem by the general methods: its status; forces, torsion and answers get its row."""
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
-    x, status, certificate, _, _ = solve_certified(problem, program, "auto")
-    if status is Status.OK:
-        forces[i, :own], torsion[i, :own] = forces_of(problem, x, program.force_scale)
-        off = np.hypot(certificate.balance_force, certificate.balance_moment / problem.moment_length)
-        answers[i] = certificate.primal, certificate.dual, off, certificate.limit_violation
-    return status
+    found = solve_certified(problem, program, "auto")
+    if found.status is Status.OK:
+        certificate = found.forces.certificate
+        forces[i, :own], torsion[i, :own] = found.forces.forces_c, found.forces.torsion
+        answers[i] = (
+            certificate.objective,
+            certificate.lower_bound,
+            certificate.residual_norm,
+            certificate.violation,
+        )
+    return found.status

@@ -8,10 +8,13 @@ compare the two. What this path cannot take or certify goes to the general one.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from pinograsp.checks import frozen
+from pinograsp.checks import frozen, record_of
+from pinograsp.forces.answers import Answer, Checks
+from pinograsp.forces.certificate import TOLERANCE, Certificate, objective_size_of
 from pinograsp.forces.kernels import (
     CONVERGED,
     answer,
@@ -24,7 +27,7 @@ from pinograsp.forces.kernels import (
     whole,
 )
 from pinograsp.forces.problem import ForceProblem, kept
-from pinograsp.forces.program import BALANCE, GAP, NEAR, VIOLATION, Program, energy_terms_at, gap_size
+from pinograsp.forces.program import Program, energy_terms_at
 
 _KEPT = 16  # impact times and objectives kept per problem
 
@@ -98,7 +101,7 @@ class Template:
                 self.counts,
             )
             numbers = (
-                (self.constant, self.largest, problem.moment_length, NEAR),
+                (self.constant, self.largest, problem.moment_length, TOLERANCE.active),
                 A,
                 limits,
                 self.rows,
@@ -153,12 +156,8 @@ def template_of(program: Program) -> Template:
     return found
 
 
-def solve_program(program: Program, name: str) -> tuple | None:
-    """x (k d,), multipliers y (m,) and w (r,), and the checks of an answer by a compiled solver; None where it has
-    none.
-
-    The checks are the largest violation, gauges (k,), balance residual (m,), objective and proven bound.
-    """
+def solve_program(program: Program, name: str) -> Answer | None:
+    """The answer of a compiled solver with its checks; None where it has none."""
     fixed = template_of(program)
     newton = name == "newton"
     if not (fixed.separates if newton else fixed.applies) or np.any(program.hi - program.lo <= 1e-9 * program.hi):
@@ -197,7 +196,27 @@ def solve_program(program: Program, name: str) -> tuple | None:
         return None
     w = np.empty(len(program.R))
     w[fixed.order] = y[m:]
-    return x.ravel(), y[:m], w, (violation, gauge, residual, value, bound)
+    return Answer(x.ravel(), y[:m], w, Checks(violation, gauge, residual, value, bound))
+
+
+class CompiledForces(NamedTuple):
+    """Certified forces of one compiled call.
+
+    Attributes:
+        solver: ``"newton"`` or ``"interior"``.
+        certificate: of the forces.
+        forces_c: contact forces (k, 3) [N].
+        torsion: moments about the contact normals (k,) [N m].
+        multipliers: (k1, k2) (k, 2).
+        acceleration: A (k,) [m/s^2].
+    """
+
+    solver: str
+    certificate: Certificate
+    forces_c: np.ndarray
+    torsion: np.ndarray
+    multipliers: np.ndarray
+    acceleration: np.ndarray
 
 
 class Prepared:
@@ -229,52 +248,45 @@ class Prepared:
         self.at = _joined((limits, np.full(self.k, np.inf) if caps is None else caps, powers), float)
         self.moment_length = problem.moment_length
 
-    def forces(self, load: np.ndarray) -> tuple | None:
-        """Forces for a load (6,), read-only; None where there is no certified answer.
-
-        Returns:
-            whether by Newton's method (else interior points); primal, dual, size (see
-            :class:`~pinograsp.forces.optimize.Certificate`), net force [N], net moment [N m], violation [N]; and
-            read-only net wrench (6,), forces (k, 3) [N], torsion (k,) [N m], multipliers (k, 2), acceleration
-            (k,) [m/s^2], and active limits: at friction, least and largest F_n (k,), torque rows (r,).
-        """
+    def forces(self, load: np.ndarray) -> CompiledForces | None:
+        """Forces for a load (6,), read-only; None where there is no certified answer."""
         k = self.k
         out, active = np.empty(6 + 7 * k), np.empty(3 * k + len(self.joints), np.bool_)
         code, newton, violation, most, value, bound, constant, force, moment, scale, unit = whole(
             self.sizes, self.numbers, self.at, load, out, active
         )
-        bound = max(bound, -constant)  # no objective is negative
-        size = gap_size(value + constant, constant)
-        certified = (
-            code == CONVERGED
-            and math.hypot(force, moment) <= BALANCE
-            and violation <= VIOLATION * max(1.0, most)
-            and -math.inf < value - bound <= GAP * size
-        )
-        if not certified:
-            return None
+        # No objective is negative; and a bound from multipliers that are exact to rounding can exceed the value by
+        # rounding.
+        lower_bound = min(max(bound, -constant), value)
         out.flags.writeable = active.flags.writeable = False
-        numbers = (
-            (value + constant) * unit,
-            (min(bound, value) + constant) * unit,
-            size * unit,
-            force * scale,
-            moment * scale * self.moment_length,
-            max(violation, 0.0) * scale,
-        )
         end = 6 + 3 * k
-        arrays = (
-            out[:6],
-            out[6:end].reshape(k, 3),
-            out[end : end + k],
-            out[end + k : end + 3 * k].reshape(k, 2),
-            out[end + 3 * k :],
-            active[:k],
-            active[k : 2 * k],
-            active[2 * k : 3 * k],
-            active[3 * k :],
+        certificate = record_of(
+            Certificate,
+            {
+                "objective": (value + constant) * unit,
+                "lower_bound": (lower_bound + constant) * unit,
+                "residual": out[:6],
+                "residual_norm": math.hypot(force, moment) * scale,
+                "violation": max(violation, 0.0) * scale,
+                "load_size": scale,
+                "force_size": max(1.0, most) * scale,
+                "objective_size": objective_size_of(value + constant, constant) * unit,
+                "at_friction": active[:k],
+                "at_least": active[k : 2 * k],
+                "at_most": active[2 * k : 3 * k],
+                "at_torque": tuple(self.joints[row] for row in active[3 * k :].nonzero()[0]) if self.joints else (),
+            },
         )
-        return newton, numbers, arrays
+        if code != CONVERGED or not math.isfinite(bound) or not certificate.is_optimal():
+            return None
+        return CompiledForces(
+            solver="newton" if newton else "interior",
+            certificate=certificate,
+            forces_c=out[6:end].reshape(k, 3),
+            torsion=out[end : end + k],
+            multipliers=out[end + k : end + 3 * k].reshape(k, 2),
+            acceleration=out[end + 3 * k :],
+        )
 
 
 def prepare(problem: ForceProblem, weights, impact_time: float, solver: str, key) -> Prepared | None:
@@ -330,7 +342,16 @@ def compile_now() -> None:
         np.zeros(m),
     )
     sizes = (k, d, m, m, m, 2, m, 0, 1, 0), components[2], touched, counts
-    numbers = (0.0, 1.0, 1.0, NEAR), *components[:2], B, P, q, radii, correction, np.ones(k * d + 18 * k + 3 * k + k)
+    numbers = (
+        (0.0, 1.0, 1.0, TOLERANCE.active),
+        *components[:2],
+        B,
+        P,
+        q,
+        radii,
+        correction,
+        np.ones(k * d + 18 * k + 3 * k + k),
+    )
     at = (0.0, 0.1, 1.0, 1.0, 1.0, 1.0), ones, (1.0, 1.0)
     whole(
         _joined(sizes, np.int64),

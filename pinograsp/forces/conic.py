@@ -10,6 +10,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
+from pinograsp.forces.answers import Answer
 from pinograsp.forces.program import Program
 
 _SETTINGS = {
@@ -111,8 +112,8 @@ def solve_linear(
     return z, dual[: len(equal_b)], dual[at : at + m] - dual[at + m : at + 2 * m]
 
 
-def solve_conic(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """x (k d,), balance multipliers y (rows,), torque multipliers w (m,); None where no finite answer comes back."""
+def solve_conic(program: Program) -> Answer | None:
+    """The interior-point method's answer; None where it is not finite."""
     k, n = program.k, program.k * program.d
     powers = [(c, p) for c, p in program.powers if p != 1]
     parts = program.cache.get("conic")
@@ -147,7 +148,7 @@ def solve_conic(program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray] |
     x, z = np.array(found.x), np.array(found.z)
     if not (np.isfinite(x).all() and np.isfinite(z).all()):
         return None
-    return x[:n], z[:at], z[rows : rows + m] - z[rows + m : rows + 2 * m]
+    return Answer(x[:n], z[:at], z[rows : rows + m] - z[rows + m : rows + 2 * m])
 
 
 def _matrices(program: Program, powers):

@@ -12,41 +12,23 @@ from __future__ import annotations
 import heapq
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from tqdm import tqdm
 
 from pinograsp.checks import instance_of, number, one_of
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.optimize import FORCE_SOLVERS, record, solve_certified
+from pinograsp.forces.answers import CertifiedForces
+from pinograsp.forces.backends import FORCE_SOLVERS, Outcome, solve_certified
+from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import assemble, energy_terms_at, weights_of
-from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.program import Program, assemble, energy_terms_at, weights_of
+from pinograsp.forces.solution import Branch, ForceSolution, solution_of
 
 _NARROWEST = 1e-10  # intervals of t_I [s] that the certificates' accuracy no longer separates
 # Intervals that are split, and of these that no solver decided: at the limit of feasibility halves are as undecided as
 # the whole.
 _MOST, _UNDECIDED = 2000, 30
-
-
-@dataclass(frozen=True, slots=True)
-class Branch:
-    """One interval of impact times of the search.
-
-    Attributes:
-        start, end: [s].
-        lower_bound: proven for every t_I in it, in the objective's unit; infinite where no t_I in it admits forces
-            (proven).
-        best: objective of the best forces found when it was visited.
-        fate: ``"split"``, ``"infeasible"``, ``"bounded"`` (cannot hold anything better than ``best`` less the gap) or
-            ``"unresolved"``.
-    """
-
-    start: float
-    end: float
-    lower_bound: float
-    best: float
-    fate: str
 
 
 def optimize_grasp(
@@ -66,10 +48,11 @@ def optimize_grasp(
         progress: progress bar on stderr: None (long searches on a terminal), True or False.
 
     Returns:
-        The optimum: its ``certificate.dual`` bounds *every* impact time, so ``certificate.relative_gap`` is the global
-        gap; ``branches`` is the log. ``INFEASIBLE``: every interval is proven infeasible, ``infeasibility`` is the
-        proof of the one that came closest. ``INACCURATE``: some interval was not decided, or the gap not reached,
-        within 2000 intervals or 30 undecided ones. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound reached.
+        The optimum: its ``certificate.lower_bound`` bounds *every* impact time, so ``certificate.relative_gap`` is
+        the global gap; ``branches`` is the log. ``INFEASIBLE``: every interval is proven infeasible, ``infeasibility``
+        is the proof of the one that came closest. ``INACCURATE``: some interval was not decided, or the gap not
+        reached, within 2000 intervals or 30 undecided ones. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound
+        reached.
 
     Raises:
         InvalidInput: unknown objective or solver, or a gap below 1e-9.
@@ -101,11 +84,13 @@ class _Search:
     def __init__(self, problem: ForceProblem, weights: dict[str, float], solver: str):
         self.problem, self.weights, self.solver = problem, weights, solver
         self.first = solver  # the one to ask first: with "auto" the one that answered last
-        self.best, self.best_value, self.best_time = None, float("inf"), None
+        self.best: CertifiedForces | None = None
+        self.best_value, self.best_time, self.best_solver = float("inf"), self.problem.impact_time_range[0], ""
         self.open: list[tuple[float, int, float, float]] = []
         self.closed_bound = float("inf")  # least bound of intervals set aside
         self.log: list[Branch] = []
-        self.proof, self.proof_time, self.unresolved = None, None, False
+        self.proof: Infeasibility | None = None
+        self.unresolved = False
         self.undecided = 0  # relaxations with neither forces nor a proof
 
     def run(self, gap: float, bar) -> None:
@@ -141,27 +126,26 @@ class _Search:
 
     def size(self) -> float:
         """What the gap is relative to: as in the incumbent's certificate."""
-        return self.best[2].size if self.best else 0.0
+        return self.best.certificate.objective_size if self.best else 0.0
 
     def visit(self, t: float) -> None:
         """Best forces at one impact time; they become the incumbent if they are the cheapest so far."""
         terms = energy_terms_at(self.problem, self.weights, t)
         program = assemble(self.problem, self.weights, terms, *self.problem.normal_force_range(t))
-        x, status, certificate, proof, solver = self.solved(program)
-        if status is Status.OK and certificate.primal < self.best_value:
-            self.best, self.best_value, self.best_time = (program, x, certificate, solver), certificate.primal, t
-        self.note(proof, t)
+        found = self.solved(program)
+        if found.status is Status.OK and found.forces.certificate.objective < self.best_value:
+            self.best, self.best_value = found.forces, found.forces.certificate.objective
+            self.best_time, self.best_solver = t, found.solver
 
-    def solved(self, program):
-        answer = solve_certified(self.problem, program, self.first)
-        if self.solver == "auto" and answer[1] is Status.OK:
-            self.first = answer[4]
-        return answer
-
-    def note(self, proof, t: float) -> None:
-        """Keep the proof that came closest to feasibility."""
+    def solved(self, program: Program) -> Outcome:
+        """The outcome of a program; of the proofs the one that came closest to feasibility is kept."""
+        found = solve_certified(self.problem, program, self.first)
+        if self.solver == "auto" and found.status is Status.OK:
+            self.first = found.solver
+        proof = found.infeasibility
         if proof is not None and (self.proof is None or proof.margin < self.proof.margin):
-            self.proof, self.proof_time = proof, t
+            self.proof = proof
+        return found
 
     def relaxed(self, a: float, b: float, parent: float) -> float:
         """Proven lower bound of the objective over t_I in [a, b]; infinite: the relaxation is proven infeasible."""
@@ -170,12 +154,11 @@ class _Search:
         terms = {m: tuple((min(one, two), power) for (one, power), (two, _) in zip(early[m], late[m])) for m in early}
         (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
         program = assemble(problem, self.weights, terms, lo, hi)
-        _, status, certificate, proof, _ = self.solved(program)
-        self.undecided += status is Status.INACCURATE
-        if status is Status.INFEASIBLE:
-            self.note(proof, a)
+        found = self.solved(program)
+        self.undecided += found.status is Status.INACCURATE
+        if found.status is Status.INFEASIBLE:
             return float("inf")
-        return parent if certificate is None else max(parent, certificate.dual)
+        return parent if found.forces is None else max(parent, found.forces.certificate.lower_bound)
 
     def keep(self, a: float, b: float, bound: float) -> None:
         if bound == float("inf"):
@@ -184,44 +167,23 @@ class _Search:
             heapq.heappush(self.open, (bound, len(self.log), a, b))
 
     def solution(self, gap: float, interrupted: bool, started: float) -> ForceSolution:
-        details = {"branches": tuple(self.log)}
         if self.best is None:
-            status = (
-                Status.INTERRUPTED
-                if interrupted
-                else Status.INACCURATE
-                if self.unresolved or self.open
-                else Status.INFEASIBLE
+            undecided = Status.INACCURATE if self.unresolved or self.open else Status.INFEASIBLE
+            outcome = Outcome(
+                status=Status.INTERRUPTED if interrupted else undecided, solver=self.solver, infeasibility=self.proof
             )
-            return record(
-                self.problem,
-                None,
-                self.proof_time,
-                None,
-                status,
-                None,
-                self.proof,
-                self.solver,
-                self.weights,
-                started,
-                **details,
-            )
-        program, x, certificate, solver = self.best
-        left = min([self.closed_bound, self.best_value, *(bound for bound, *_ in self.open)])
-        certificate = replace(certificate, dual=left)
-        status = Status.INTERRUPTED if interrupted else Status.OK
-        if not interrupted and certificate.relative_gap > gap * (1 + 1e-9):
-            status = Status.INACCURATE
-        return record(
+        else:
+            left = min([self.closed_bound, self.best_value, *(bound for bound, *_ in self.open)])
+            certificate = replace(self.best.certificate, lower_bound=left)
+            closed = certificate.relative_gap <= gap * (1 + 1e-9)
+            status = Status.INTERRUPTED if interrupted else Status.OK if closed else Status.INACCURATE
+            forces = replace(self.best, certificate=certificate)
+            outcome = Outcome(status=status, solver=self.best_solver, forces=forces)
+        return solution_of(
             self.problem,
-            program,
-            self.best_time,
-            x,
-            status,
-            certificate,
-            None,
-            solver,
-            self.weights,
-            started,
-            **details,
+            outcome,
+            impact_time=self.best_time,
+            weights=self.weights,
+            started=started,
+            branches=tuple(self.log),
         )

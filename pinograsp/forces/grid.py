@@ -16,7 +16,7 @@ from tqdm import tqdm
 from pinograsp.checks import array_of, brief, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import BY_ACCELERATION, BY_DEPTH, BY_SPEED, ForceProblem
-from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solution import ForceSolution, GridLog
 
 BY_TIME = "impact time range (Eq. 14)"
 BY_BALANCE = "balance, whatever the multipliers (Eqs. 15, 16)"
@@ -37,13 +37,14 @@ class GridSpec:
         impact_times: t_I (nt,) [s].
         accelerations: A (na,) [m/s^2], increasing.
         multipliers: k1 and k2 (nk,) in [-1, 1], increasing.
-        net_force_limit: largest net force accepted as balance on the grid [N] (moments over the moment length).
+        residual_limit: largest norm of the residual that counts as balance on the grid [N] (moments over the moment
+            length).
     """
 
     impact_times: np.ndarray = field(default_factory=lambda: grid_values(0.80, 0.95, 0.05))
     accelerations: np.ndarray = field(default_factory=lambda: grid_values(0.01, 1.0, 0.005))
     multipliers: np.ndarray = field(default_factory=lambda: grid_values(-1.0, 1.0, 0.1))
-    net_force_limit: float = 0.1
+    residual_limit: float = 0.1
 
     __repr__ = brief()
 
@@ -59,9 +60,7 @@ class GridSpec:
             raise InvalidInput(f"grid multipliers: expected values in [-1, 1], got {shown(self.multipliers.tolist())}")
         if self.accelerations[0] <= 0:
             raise InvalidInput(f"grid accelerations: expected values > 0 [m/s^2], got {self.accelerations[0]:g}")
-        object.__setattr__(
-            self, "net_force_limit", number("net force limit", self.net_force_limit, at_least=0, unit="N")
-        )
+        object.__setattr__(self, "residual_limit", number("residual limit", self.residual_limit, at_least=0, unit="N"))
 
     def cells(self, k: int) -> int:
         """Points in (t_I, A) for k contacts."""
@@ -180,7 +179,7 @@ def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None 
             for first in range(0, table.cost.size**k, batch):
                 flat = np.arange(first, min(first + batch, table.cost.size**k))
                 cells = np.stack(np.unravel_index(flat, shape), axis=1)
-                hits = _first_hits(table.normal_force[cells], units, load, grid.net_force_limit, combinations)
+                hits = _first_hits(table.normal_force[cells], units, load, grid.residual_limit, combinations)
                 costs = table.cost[cells].sum(axis=1)
                 rejections[BY_LATTICE] += int(np.sum(hits < 0))
                 rejections[BY_MEASURE] += int(np.sum(hits >= 0))
@@ -193,14 +192,15 @@ def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None 
         interrupted = True
     progress_bar.close()
     status = Status.INTERRUPTED if interrupted else Status.OK if best else Status.INFEASIBLE
-    cell = None
+    cell: Cell | None = None
     if best:
         rejections[BY_MEASURE] -= 1
         _, table, indices, combination = best
         pairs = np.array(np.unravel_index(combination, (per_contact,) * k))
         chosen = np.stack(np.unravel_index(pairs, (grid.multipliers.size,) * 2), axis=1)
-        cell = (table, indices, grid.multipliers[chosen])
-    return grid_solution(problem, grid, cell, status=status, search="paper", rejections=rejections, started=started)
+        cell = Cell(table=table, indices=indices, multipliers=grid.multipliers[chosen])
+    log = grid_log(problem, grid, cell, rejections)
+    return grid_solution(problem, cell, status=status, search="paper", log=log, started=started)
 
 
 def _first_hits(normal_forces, units, load, limit: float, combinations: int) -> np.ndarray:
@@ -220,30 +220,62 @@ def _first_hits(normal_forces, units, load, limit: float, combinations: int) -> 
     return hits
 
 
-def grid_solution(
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cell:
+    """A point of the grid in (t_I, A) with multipliers.
+
+    Attributes:
+        table: of its impact time.
+        indices: of each contact's deceleration in the table (k,).
+        multipliers: (k1, k2) (k, 2).
+        residual_bound: certified least norm of the residual of any multipliers there [N]; 0 where none is computed.
+    """
+
+    table: TimeTable
+    indices: np.ndarray
+    multipliers: np.ndarray
+    residual_bound: float = 0.0
+
+
+def grid_log(
     problem: ForceProblem,
     grid: GridSpec,
-    cell: tuple[TimeTable, np.ndarray, np.ndarray] | None,
+    cell: Cell | None,
+    rejections: dict[str, int],
+    *,
+    qp_solves: int = 0,
+    cuts: int = 0,
+) -> GridLog:
+    """The log of a finished search."""
+    return GridLog(
+        points=grid.points(problem.k),
+        cells=grid.cells(problem.k),
+        qp_solves=qp_solves,
+        cuts=cuts,
+        rejections=rejections,
+        residual_bound=0.0 if cell is None else cell.residual_bound,
+    )
+
+
+def grid_solution(
+    problem: ForceProblem,
+    cell: Cell | None,
     *,
     status: Status,
     search: str,
-    rejections: dict[str, int],
+    log: GridLog,
     started: float,
     solver: str = "",
-    lower_bound: float = 0.0,
     closest: np.ndarray | None = None,
-    qp_solves: int = 0,
-    cuts: int = 0,
 ) -> ForceSolution:
-    """The record of a finished search; ``cell`` is (table, index of A per contact, multipliers (k, 2)) or None."""
+    """The record of a finished search; ``closest`` is the least residual seen (6,) where there is no cell."""
     if cell is None:
-        impact_time, acceleration = None, np.zeros(0)
-        multipliers, forces, wrench = np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(6) if closest is None else closest
+        impact_time, acceleration, multipliers, forces = None, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3))
+        residual = np.zeros(6) if closest is None else closest
     else:
-        table, indices, multipliers = cell
-        impact_time, acceleration = table.impact_time, table.acceleration[indices]
-        forces = problem.forces(table.normal_force[indices], multipliers)
-        wrench = problem.residual(forces)
+        impact_time, acceleration = cell.table.impact_time, cell.table.acceleration[cell.indices]
+        multipliers, forces = cell.multipliers, problem.forces(cell.table.normal_force[cell.indices], cell.multipliers)
+        residual = problem.residual(forces)
     return ForceSolution(
         status=status,
         problem=problem,
@@ -254,12 +286,7 @@ def grid_solution(
         multipliers=read_only(multipliers),
         forces_c=read_only(forces),
         torsion=read_only(np.zeros(len(forces))),
-        net_wrench=read_only(wrench),
-        lower_bound=lower_bound,
-        points=grid.points(problem.k),
-        cells=grid.cells(problem.k),
-        qp_solves=qp_solves,
-        cuts=cuts,
-        rejections=rejections,
+        residual=read_only(residual),
+        grid=log,
         elapsed=time.perf_counter() - started,
     )

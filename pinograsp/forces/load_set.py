@@ -13,23 +13,23 @@ from pinograsp.errors import InvalidInput
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadSet:
-    """Loads on the object that must all be held: the convex hull of wrenches, and a ball around it.
+    """Loads on the object that must all be held: the convex hull of some, and a ball around it.
 
     Attributes:
-        wrenches: (s, 6) external wrenches, linear first, about the centre of mass, world axes [N, N m].
+        loads: (s, 6) external wrenches, linear first, about the centre of mass, world axes [N, N m].
         ball: radius of disturbances in any direction on top [N; moments over the problem's moment length].
     """
 
-    wrenches: np.ndarray
+    loads: np.ndarray
     ball: float = 0.0
 
     __repr__ = brief()
 
     def __post_init__(self):
-        wrenches = array_of("loads", self.wrenches, (None, 6))
-        if len(wrenches) == 0:
-            raise InvalidInput("loads: expected at least one wrench, got none")
-        object.__setattr__(self, "wrenches", wrenches)
+        loads = array_of("loads", self.loads, (None, 6))
+        if len(loads) == 0:
+            raise InvalidInput("loads: expected at least one, got none")
+        object.__setattr__(self, "loads", loads)
         object.__setattr__(self, "ball", number("ball of disturbances", self.ball, at_least=0, unit="N"))
 
     @classmethod
@@ -51,4 +51,4 @@ class LoadSet:
         corners = itertools.product(*[(-h, h) if h > 0 else (0.0,) for h in half])
         offsets = np.array(list(corners))
         scales = (low, high) if high > low else (low,)
-        return cls(wrenches=np.concatenate([scale * load + offsets for scale in scales]), ball=ball)
+        return cls(loads=np.concatenate([scale * load + offsets for scale in scales]), ball=ball)

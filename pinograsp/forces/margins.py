@@ -10,18 +10,21 @@ from dataclasses import dataclass, replace
 import clarabel
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, instance_of, number, read_only, shown
 from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
+from pinograsp.forces.certificate import TOLERANCE
 from pinograsp.forces.conic import solve, solve_linear
 from pinograsp.forces.infeasibility import extreme_multiple, holds, missed
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, columns_of, feasibility
 from pinograsp.forces.solution import ForceSolution
 
-_HELD = 1e-7  # of the load: optimal forces keep their friction limits to 1e-8, and their balance to 1e-9
+# Of the load: optimal forces keep their friction limits to a tenth of it, and their balance to a hundredth.
+_HELD = 10 * TOLERANCE.violation
 _NEGLIGIBLE = 1e-5  # of the load: optimal forces lie *on* their friction limits, so margins near zero are common
 
 
@@ -102,11 +105,39 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspM
     )
 
 
-def load_margin(problem: ForceProblem, direction, *, normal_forces=None, impact_time: float | None = None) -> float:
-    """Largest s [-] for which the load plus s times ``direction`` (6,) [N, N m] can be held.
+def load_factor(
+    problem: ForceProblem, *, normal_forces: ArrayLike | None = None, impact_time: float | None = None
+) -> float:
+    """Largest multiple of the load that can be held [-]: 1 is just the load, 0 where even that cannot be held.
 
-    Either with ``normal_forces`` (k,) [N] fixed, friction alone reacting, or with the forces free within their limits
-    for an impact at ``impact_time`` [s]. Returns -1 where even the load alone cannot be held.
+    Args:
+        problem: contacts, load, friction, limits.
+        normal_forces: F_n (k,) [N], fixed: friction alone reacts.
+        impact_time: t_I [s]; the forces are free within their limits there. Either this or ``normal_forces``.
+
+    Raises:
+        InvalidInput: no load, both or neither of the two.
+    """
+    return 1.0 + disturbance_margin(problem, problem.load, normal_forces=normal_forces, impact_time=impact_time)
+
+
+def disturbance_margin(
+    problem: ForceProblem,
+    direction: ArrayLike,
+    *,
+    normal_forces: ArrayLike | None = None,
+    impact_time: float | None = None,
+) -> float:
+    """Largest s [-] for which the load plus s times ``direction`` can be held; -1 where even the load cannot.
+
+    Args:
+        problem: contacts, load, friction, limits.
+        direction: of the disturbance (6,) [N, N m].
+        normal_forces: F_n (k,) [N], fixed: friction alone reacts.
+        impact_time: t_I [s]; the forces are free within their limits there. Either this or ``normal_forces``.
+
+    Raises:
+        InvalidInput: a direction of nothing, both or neither of the two.
     """
     instance_of("problem", problem, ForceProblem)
     direction = array_of("direction", direction, (6,))
@@ -114,7 +145,7 @@ def load_margin(problem: ForceProblem, direction, *, normal_forces=None, impact_
     if not np.any(scaled):
         raise InvalidInput("direction: expected a wrench that is not zero in the balance rows")
     if (normal_forces is None) == (impact_time is None):
-        raise InvalidInput("load margin: expected normal_forces (fixed) or impact_time (forces free), one of them")
+        raise InvalidInput("margin: expected normal_forces (fixed) or impact_time (forces free), one of them")
     if impact_time is None:
         normal = array_of("normal forces", normal_forces, (problem.k,))
         if np.any(normal < 0):

@@ -1,6 +1,6 @@
 """QP over the friction-pyramid multipliers (k1, k2): the equilibrium residual driven to zero, or to its true minimum.
 
-With the normal forces fixed, the net wrench is affine in the multipliers, r(k) = H k + b (Eqs. 15, 27, 28), so
+With the normal forces fixed, the residual is affine in the multipliers, r(k) = H k + b (Eqs. 15, 27, 28), so
 
     minimise 1/2 ||H k + b||^2 + eps/2 ||k||^2   over   -1 <= k <= 1
 
@@ -14,15 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import array_of, brief, instance_of, one_of, read_only, shown
+from pinograsp.checks import array_of, brief, frozen, instance_of, one_of, read_only, shown
 from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solvers import SOLVERS, compiled_solvers, solve_qp
 
-BALANCED = 1e-9  # net wrench [N, moments over the moment length] that counts as equilibrium
-# A minimum counts as certified where bound and residual agree to this: relative to the largest force in play,
-# ten times what the least exact supported solver leaves at its tolerance above.
-_GAP = 1e-6
 # Weight of ||k||^2 against ||r||^2 (normalised by the largest column): picks the least-norm multipliers. Below 1e-10
 # active-set solvers fail on the nearly singular Hessian; at 1e-9 the residual is off by 1e-8 of the forces at most.
 _LEAST_NORM = 1e-9
@@ -34,35 +31,27 @@ class MultiplierSolution:
     """Multipliers for given normal forces.
 
     Attributes:
-        status: ``OK`` (balance below 1e-9 N), ``UNBALANCED`` (certified minimum above that) or ``INACCURATE``.
+        status: ``OK`` (balanced), ``UNBALANCED`` (no multipliers leave less) or ``INACCURATE``.
         multipliers: (k1, k2) per contact (k, 2), in [-1, 1].
         forces_c: contact forces (k, 3) [N].
-        residual: net force [N] in the balance rows, moments divided by the problem's moment length.
-        lower_bound: certified least residual of any multipliers [N].
         direction: y (rows,), the unit direction of the residual (zeros at balance): the part of the load not held.
-        net_wrench: (6,) [N, N m].
+        certificate: its objective is the norm of the residual [N], moments over the moment length; the gap counts
+            relative to the largest tangential force.
         solver: which one ran.
     """
 
     status: Status
     multipliers: np.ndarray
     forces_c: np.ndarray
-    residual: float
-    lower_bound: float
     direction: np.ndarray
-    net_wrench: np.ndarray
+    certificate: Certificate
     solver: str
 
     __repr__ = brief()
 
-    @property
-    def gap(self) -> float:
-        """Residual less its certified lower bound [N]."""
-        return self.residual - self.lower_bound
-
 
 def refine_multipliers(problem: ForceProblem, normal_forces, *, solver: str = "daqp") -> MultiplierSolution:
-    """Multipliers (k1, k2) that leave the smallest net wrench at fixed ``normal_forces`` (k,) [N]; least norm of them.
+    """Multipliers (k1, k2) that leave the smallest residual at fixed ``normal_forces`` (k,) [N]; least norm of them.
 
     Raises:
         InvalidInput: negative or non-finite normal forces, or an unknown solver.
@@ -88,16 +77,21 @@ def refine_multipliers(problem: ForceProblem, normal_forces, *, solver: str = "d
         found = solve_qp(solver, P, H.T @ b - _LEAST_NORM * k, lb=-bound, ub=bound)
         k = k if found is None else np.clip(found, -1.0, 1.0)
         solution = _certified(problem, normal, k.reshape(-1, 2), solver, scale)
-        if found is None or solution.status is not Status.INACCURATE or solution.lower_bound <= BALANCED:
+        if found is None or solution.status is not Status.INACCURATE or _may_balance(solution):
             break
-    if solution.lower_bound <= BALANCED:
+    if _may_balance(solution):
         # Balance is not excluded: ask for it outright, free of the small bias that the weight on ||k|| leaves.
         exact = _exact_balance(solver, H, b, bound)
         if exact is not None:
             candidate = _certified(problem, normal, exact.reshape(-1, 2), solver, scale)
-            if candidate.residual <= max(solution.residual, BALANCED):
+            if candidate.status is Status.OK or candidate.certificate.objective <= solution.certificate.objective:
                 solution = candidate
     return solution
+
+
+def _may_balance(solution: MultiplierSolution) -> bool:
+    """Whether the bound does not exclude balance."""
+    return solution.certificate.lower_bound <= TOLERANCE.residual * solution.certificate.load_size
 
 
 def _exact_balance(solver: str, H: np.ndarray, b: np.ndarray, bound: np.ndarray) -> np.ndarray | None:
@@ -109,27 +103,39 @@ def _exact_balance(solver: str, H: np.ndarray, b: np.ndarray, bound: np.ndarray)
     return None if k is None else np.clip(k, -1.0, 1.0)
 
 
-def _certified(problem: ForceProblem, normal, multipliers, solver: str, scale: float) -> MultiplierSolution:
+def _certified(
+    problem: ForceProblem, normal: np.ndarray, multipliers: np.ndarray, solver: str, scale: float
+) -> MultiplierSolution:
     forces = problem.forces(normal, multipliers)
-    wrench = problem.residual(forces)
-    scaled = np.concatenate([wrench[:3], wrench[3:] / problem.moment_length])[: problem.rows]
-    residual = float(np.linalg.norm(scaled))
-    direction = scaled / residual if residual > 0 else np.zeros(problem.rows)
+    residual = problem.residual(forces)
+    scaled = np.concatenate([residual[:3], residual[3:] / problem.moment_length])[: problem.rows]
+    size, load_size = float(np.linalg.norm(scaled)), load_size_of(problem.scaled_load, normal)
+    direction = scaled / size if size > 0 else np.zeros(problem.rows)
     lower = max(0.0, float(normal @ problem.support(direction) + direction @ problem.scaled_load))
-    if residual <= BALANCED:
+    no_limits = frozen(np.zeros(problem.k, dtype=bool))
+    certificate = Certificate(
+        objective=size,
+        lower_bound=min(lower, size),
+        residual=frozen(residual),
+        residual_norm=size,
+        violation=0.0,
+        load_size=load_size,
+        force_size=max(load_size, float(normal.max())),
+        objective_size=max(scale, 1e-12),
+        at_friction=frozen(np.abs(multipliers).max(axis=1) >= 1 - TOLERANCE.active),
+        at_least=no_limits,
+        at_most=no_limits,
+    )
+    if size <= TOLERANCE.residual * load_size:
         status = Status.OK
-    elif residual - lower <= _GAP * max(scale, 1e-12):
-        status = Status.UNBALANCED
     else:
-        status = Status.INACCURATE
+        status = Status.UNBALANCED if certificate.relative_gap <= TOLERANCE.gap else Status.INACCURATE
     return MultiplierSolution(
         status=status,
         multipliers=read_only(multipliers),
-        forces_c=read_only(forces),
-        residual=residual,
-        lower_bound=min(lower, residual),
-        direction=read_only(direction),
-        net_wrench=read_only(wrench),
+        forces_c=frozen(forces),
+        direction=frozen(direction),
+        certificate=certificate,
         solver=solver,
     )
 
@@ -165,7 +171,7 @@ class MultiplierQP:
         self.solve(np.zeros(6))
 
     def solve(self, load) -> np.ndarray:
-        """Multipliers (k, 2) that leave the smallest net wrench under ``load`` (6,) [N, N m]; least norm of them.
+        """Multipliers (k, 2) that leave the smallest residual under ``load`` (6,) [N, N m]; least norm of them.
 
         Raises:
             InvalidInput: a load that is not six finite numbers.

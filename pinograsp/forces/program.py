@@ -25,26 +25,11 @@ import numpy as np
 from pinograsp.checks import instance_of, number, one_of, shown
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput
+from pinograsp.forces.certificate import load_size_of
 from pinograsp.forces.problem import MEASURES, ForceProblem, kept
 
 OBJECTIVES = (*MEASURES, "least_squares", "peak", "motor_heat")
-# Accepted answers: relative to the load (forces) and to the objective (gap).
-BALANCE = 1e-9
-VIOLATION = 1e-8
-GAP = 1e-6
-NEAR = 1e-6  # a limit met to this share is active
-# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the
-# load, or none at all, cost the gap is measured against the other.
-_NOTHING, _VANISHING = 1e-5, 1e-2
 _OBJECTIVES = 8  # whose matrices are kept with the contacts: some 90 kB each for 30 contacts
-_WEIGHTLESS = 1e-6  # of the least normal force
-
-
-def gap_size(total: float, constant: float) -> float:
-    """What the gap of an objective ``total`` with that constant is measured against: itself, unless it vanishes."""
-    usual = max(1.0, abs(constant))
-    total = abs(total)
-    return _VANISHING * usual if total < _NOTHING * usual else total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -292,9 +277,7 @@ def assemble(
     k, d = problem.k, problem.friction.d
     stored = problem._assembled
     A, load = columns_of(problem), problem.scaled_load
-    # A load of next to nothing says nothing of the forces.
-    scale = max(float(np.sqrt(load @ load)), _WEIGHTLESS * float(lo.max())) if np.any(load) else float(lo.max())
-    scale = scale or 1.0
+    scale = load_size_of(load, lo)
     powers = [(weights[m] * c * scale**e, e) for m in MEASURES if weights.get(m) for c, e in terms[m]]
     P, q, constant, largest, cache = kept(
         stored["objectives"], tuple(weights.items()), lambda: _quadratic(problem, weights), _OBJECTIVES

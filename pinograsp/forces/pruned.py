@@ -14,15 +14,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from tqdm import tqdm
 
 from pinograsp.checks import one_of
 from pinograsp.errors import Status
 from pinograsp.forces import grid as g
-from pinograsp.forces.grid import GridSpec, TimeTable, grid_solution, options, tabulate
+from pinograsp.forces.certificate import TOLERANCE, load_size_of
+from pinograsp.forces.grid import Cell, GridSpec, TimeTable, grid_solution, options, tabulate
 from pinograsp.forces.lattice import first_on_lattice
-from pinograsp.forces.multipliers import BALANCED, MultiplierSolution, refine_multipliers
+from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.forces.solvers import SOLVERS
@@ -36,7 +39,7 @@ def pruned_search(
 ) -> ForceSolution:
     """The paper's grid search with the same optimum as :func:`~pinograsp.forces.grid.brute_force`, ties included.
 
-    A cell that no continuous multipliers balance within ``grid.net_force_limit`` is cut off; of the others the
+    A cell that no continuous multipliers balance within ``grid.residual_limit`` is cut off; of the others the
     multiplier grid is searched. ``solver`` only computes bounds, each of which is valid by itself: it can change the
     time taken, not the result.
     """
@@ -46,11 +49,11 @@ def pruned_search(
     def accept(table: TimeTable, cell: np.ndarray, refined: MultiplierSolution):
         normal = table.normal_force[cell]
         found = first_on_lattice(
-            units, normal, problem.scaled_load, grid.multipliers, columns * normal[None, :, None], grid.net_force_limit
+            units, normal, problem.scaled_load, grid.multipliers, columns * normal[None, :, None], grid.residual_limit
         )
         return None if found is None else grid.multipliers[found]
 
-    return _search(problem, grid, grid.net_force_limit, accept, "paper", solver, progress)
+    return _search(problem, grid, grid.residual_limit, accept, "paper", solver, progress)
 
 
 def hybrid_search(
@@ -61,21 +64,48 @@ def hybrid_search(
     def accept(table: TimeTable, cell: np.ndarray, refined: MultiplierSolution):
         return refined.multipliers if refined.status is Status.OK else None
 
-    return _search(problem, grid, BALANCED, accept, "hybrid", solver, progress)
+    return _search(problem, grid, None, accept, "hybrid", solver, progress)
+
+
+Accept = Callable[[TimeTable, np.ndarray, MultiplierSolution], np.ndarray | None]
+
+
+class _Closest(NamedTuple):
+    """The least residual seen (6,) and its norm [N]."""
+
+    norm: float
+    residual: np.ndarray
+
+
+class _Best(NamedTuple):
+    """The best cell so far; its cost and the index of its impact time order it."""
+
+    cost: int
+    index: int
+    cell: Cell
 
 
 class _Search:
-    """State of one search: cuts learnt, cells counted, the least wrench seen, the best cell so far."""
+    """State of one search: cuts learnt, cells counted, the least residual seen, the best cell so far."""
 
-    def __init__(self, problem: ForceProblem, limit: float, accept: Callable, solver: str, rejections, progress_bar):
+    def __init__(
+        self,
+        problem: ForceProblem,
+        limit: float,
+        exact: bool,
+        accept: Accept,
+        solver: str,
+        rejections: dict[str, int],
+        progress_bar: tqdm,
+    ):
         self.problem, self.limit, self.accept, self.solver = problem, limit, accept, solver
         self.rejections, self.bar = rejections, progress_bar
-        self.lattice = g.BY_LATTICE if limit > BALANCED else g.BY_BALANCE
+        self.lattice = g.BY_BALANCE if exact else g.BY_LATTICE
         self.cuts: list[tuple[np.ndarray, float]] = []  # (support per contact, offset): rejected where sum > limit
         self.qp_solves = 0
         self.uncertain = False
-        self.closest = (np.inf, np.zeros(6))
-        self.best: tuple | None = None  # (cost, time index, table, cell, multipliers, lower bound)
+        self.closest = _Closest(np.inf, np.zeros(6))
+        self.best: _Best | None = None
 
     def reject(self, reason: str, count: int):
         self.rejections[reason] += count
@@ -85,7 +115,7 @@ class _Search:
         """All cells of one impact time whose first indices are ``lead``, split until a block fits in memory."""
         m, left = table.cost.size, self.problem.k - len(lead)
         cost = int(table.cost[list(lead)].sum()) + left * int(table.cost[0])
-        if self.best is not None and (cost, table.index) >= self.best[:2]:
+        if self.best is not None and (cost, table.index) >= (self.best.cost, self.best.index):
             self.reject(g.BY_MEASURE, m**left)
             return
         forces = table.normal_force
@@ -131,12 +161,12 @@ class _Search:
         while True:
             j = int(np.argmin(following))
             cost = int(following[j])
-            if cost == _NEVER or (self.best is not None and (cost, table.index) >= self.best[:2]):
+            if cost == _NEVER or (self.best is not None and (cost, table.index) >= (self.best.cost, self.best.index)):
                 break
             cell = np.array([*lead, *np.unravel_index(j, (m,) * free), lo[j]], dtype=int)
             refined = self._refine(table, cell)
             learnt = (self.problem.support(refined.direction), float(refined.direction @ self.problem.scaled_load))
-            if refined.lower_bound > self.limit:
+            if refined.certificate.lower_bound > self.limit:
                 self.cuts.append(learnt)
                 cut(*learnt)
                 if lo[j] == cell[-1] and hi[j] > lo[j]:  # rounding kept the very cell the bound rejects
@@ -149,7 +179,9 @@ class _Search:
             if multipliers is not None:
                 if self.best is not None:
                     self.reject(g.BY_MEASURE, 1)
-                self.best = (cost, table.index, table, cell, multipliers, refined.lower_bound)
+                bound = refined.certificate.lower_bound
+                found = Cell(table=table, indices=cell, multipliers=multipliers, residual_bound=bound)
+                self.best = _Best(cost, table.index, found)
                 self.bar.update(1)
                 break
             self.uncertain |= refined.status is Status.INACCURATE
@@ -160,8 +192,8 @@ class _Search:
     def _refine(self, table: TimeTable, cell: np.ndarray) -> MultiplierSolution:
         self.qp_solves += 1
         refined = refine_multipliers(self.problem, table.normal_force[cell], solver=self.solver)
-        if refined.residual < self.closest[0]:
-            self.closest = (refined.residual, refined.net_wrench)
+        if refined.certificate.objective < self.closest.norm:
+            self.closest = _Closest(refined.certificate.objective, refined.certificate.residual)
         return refined
 
 
@@ -173,12 +205,25 @@ def _outer_sum(terms: list[np.ndarray]) -> np.ndarray:
     return total
 
 
-def _search(problem, grid, limit, accept, name, solver, progress) -> ForceSolution:
+def _search(
+    problem: ForceProblem,
+    grid: GridSpec,
+    limit: float | None,
+    accept: Accept,
+    name: str,
+    solver: str,
+    progress: bool | None,
+) -> ForceSolution:
+    """``limit``: largest norm of the residual that counts as balance [N]; None: the exact one."""
     started = time.perf_counter()
     one_of("solver", solver, SOLVERS)
     tables, rejections = tabulate(problem, grid)
     progress_bar = g.bar(sum(t.cost.size**problem.k for t in tables), f"{name} search", progress)
-    search = _Search(problem, limit, accept, solver, rejections, progress_bar)
+    least, _ = problem.normal_force_range(problem.impact_time_range[1])
+    balanced = TOLERANCE.residual * load_size_of(problem.scaled_load, least)
+    limit = balanced if limit is None else limit
+    exact = limit <= balanced
+    search = _Search(problem, limit, exact, accept, solver, rejections, progress_bar)
     interrupted = False
     try:
         # The impact time that can be cheapest first: its optimum then prunes the others.
@@ -187,27 +232,21 @@ def _search(problem, grid, limit, accept, name, solver, progress) -> ForceSoluti
     except KeyboardInterrupt:
         interrupted = True
     progress_bar.close()
-    cell, lower_bound = None, 0.0
     if interrupted:
         status = Status.INTERRUPTED
     elif search.best is not None:
         status = Status.OK
     else:
-        status = Status.INACCURATE if search.uncertain and limit <= BALANCED else Status.INFEASIBLE
-    if search.best is not None:
-        _, _, table, indices, multipliers, lower_bound = search.best
-        cell = (table, indices, multipliers)
+        status = Status.INACCURATE if search.uncertain and exact else Status.INFEASIBLE
+    cell = None if search.best is None else search.best.cell
+    log = g.grid_log(problem, grid, cell, rejections, qp_solves=search.qp_solves, cuts=len(search.cuts))
     return grid_solution(
         problem,
-        grid,
         cell,
         status=status,
         search=name,
-        rejections=rejections,
+        log=log,
         started=started,
         solver=solver if name == "hybrid" else "",
-        lower_bound=lower_bound,
-        closest=search.closest[1],
-        qp_solves=search.qp_solves,
-        cuts=len(search.cuts),
+        closest=search.closest.residual,
     )

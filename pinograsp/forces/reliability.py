@@ -69,7 +69,7 @@ def holding_probability(
     normal_forces=None,
     friction: float = 0.1,
     load: float = 0.1,
-    wrench=None,
+    disturbance=None,
     points: float = 1e-3,
     normals: float = 0.05,
     count: int = 10_000,
@@ -86,7 +86,7 @@ def holding_probability(
             adapts, within the problem's range of F_n.
         friction: relative standard deviation of each contact's mu, never below zero.
         load: that of the load's size.
-        wrench: standard deviations (6,) of a wrench on top [N, N m]; default: none.
+        disturbance: standard deviations (6,) of a wrench on top [N, N m]; default: none.
         points: standard deviation of the contact points in their tangent planes [m].
         normals: of the normals [rad].
         count: samples.
@@ -101,9 +101,9 @@ def holding_probability(
     friction, load = number("error of friction", friction, at_least=0), number("error of load", load, at_least=0)
     points = number("error of points", points, at_least=0, unit="m")
     normals = number("error of normals", normals, at_least=0)
-    spread = np.zeros(6) if wrench is None else array_of("error of the wrench", wrench, (6,))
+    spread = np.zeros(6) if disturbance is None else array_of("disturbance", disturbance, (6,))
     if np.any(spread < 0):
-        raise InvalidInput(f"error of the wrench: expected six standard deviations >= 0, got {shown(spread.tolist())}")
+        raise InvalidInput(f"disturbance: expected six standard deviations >= 0, got {shown(spread.tolist())}")
     if problem.torques is not None:
         raise InvalidInput("holding_probability: torque limits are not part of it; give normal_forces that keep them")
     rng, contacts, k = np.random.default_rng(seed), problem.contacts, problem.k

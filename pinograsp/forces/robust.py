@@ -24,16 +24,18 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import nnls
 
-from pinograsp.checks import array_of, brief, instance_of, read_only
+from pinograsp.checks import array_of, brief, frozen, instance_of, read_only
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.answers import Answer, Checks, certify
+from pinograsp.forces.backends import Outcome
+from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, objective_size_of
 from pinograsp.forces.conic import cone_rows, solve
-from pinograsp.forces.infeasibility import Infeasibility, prove
+from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.load_set import LoadSet
-from pinograsp.forces.optimize import record
 from pinograsp.forces.problem import MEASURES, ForceProblem
 from pinograsp.forces.program import Program, assemble, energy_terms_at, feasibility, weights_of
-from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solution import ForceSolution, solution_of
 
 _EDGES_FOR_BALLS = 16
 _FRICTION_ONLY = (*MEASURES, "peak")  # objectives that depend on the common F_n alone
@@ -46,43 +48,33 @@ class RobustForces:
     Attributes:
         status: ``OK``, ``INFEASIBLE`` or ``INACCURATE``.
         problem: as solved (least mu; polyhedral friction for a ball).
-        loads: the set.
+        load_set: what is held.
         impact_time: t_I [s].
         normal_forces: F_n (k,) [N], common to all loads; empty without a solution.
         balanced: the loads (s, rows) that ``forces_c`` belongs to, as scaled wrenches in the balance rows [N].
         forces_c: contact forces per load (s, k, 3) [N]; torsion (s, k) [N m].
         response: change of the scaled tangential forces per unit of disturbance (k, d - 1, rows), or None without a
             ball.
-        primal, dual: objective, and proven lower bound of any normal forces that hold the set (for a ball: among affine
-            reactions, by the solver's dual).
-        balance: largest net wrench left over all loads [N].
-        violation: largest violation of friction, bounds or torque limits [N].
+        certificate: residual and limits under the worst of the loads; the lower bound is of any normal forces that hold
+            the set (for a ball: among affine reactions, by the solver's dual). None without a solution.
         infeasibility: proof for a single load that cannot be held at all, or None.
         elapsed: [s].
     """
 
     status: Status
     problem: ForceProblem
-    loads: LoadSet
+    load_set: LoadSet
     impact_time: float
     normal_forces: np.ndarray
     balanced: np.ndarray
     forces_c: np.ndarray
     torsion: np.ndarray
     response: np.ndarray | None
-    primal: float
-    dual: float
-    balance: float
-    violation: float
+    certificate: Certificate | None
     infeasibility: Infeasibility | None
     elapsed: float
 
     __repr__ = brief()
-
-    @property
-    def gap(self) -> float:
-        """primal - dual, in the objective's unit."""
-        return self.primal - self.dual
 
     def under(self, load=None) -> ForceSolution:
         """The forces under one load of the set (6,) [N, N m]: the common normal forces, and friction's reaction to that
@@ -99,16 +91,16 @@ class RobustForces:
             raise InvalidInput(f"robust forces: expected some that hold their loads, got status '{self.status}'")
         given = problem.load if load is None else array_of("load", load, (6,))
         size = float(np.linalg.norm(self.balanced, axis=1).max())
-        held = self.loads.ball + 1e-7 * size
+        held = self.load_set.ball + 1e-7 * size
         shares, rest = self._shares(given)
         if load is None and np.linalg.norm(rest) > held:
-            given = self.loads.wrenches.mean(axis=0)
+            given = self.load_set.loads.mean(axis=0)
             shares, rest = self._shares(given)
         if np.linalg.norm(rest) > held:
             raise InvalidInput(
                 f"load: expected one of the set that these forces hold, got {given.tolist()}: "
                 f"{np.linalg.norm(rest):.4g} N (moments "
-                f"over the moment length) from its wrenches, where a ball of {self.loads.ball:g} N is held"
+                f"over the moment length) from its wrenches, where a ball of {self.load_set.ball:g} N is held"
             )
         problem, friction = problem.with_load(given), problem.friction
         u = np.zeros((problem.k, friction.d - 1))
@@ -120,7 +112,13 @@ class RobustForces:
             u += self.response @ rest
         program = feasibility(problem, self.normal_forces, self.normal_forces)
         x = np.column_stack([u, self.normal_forces]).ravel() / program.force_scale
-        found = record(problem, program, self.impact_time, x, self.status, None, None, "clarabel", {}, started)
+        violation, gauge, residual = program.violations(x)
+        y, w = np.zeros(len(program.b)), np.zeros(len(program.R))
+        bound = program.lower_bound(x, y, w)
+        checks = Checks(violation, gauge, residual, program.value(x), bound)
+        forces = certify(problem, program, Answer(x, y, w, checks))
+        outcome = Outcome(status=self.status, solver="clarabel", forces=forces)
+        found = solution_of(problem, outcome, impact_time=self.impact_time, weights={}, started=started)
         return replace(found, search="robust")
 
     def _shares(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -135,13 +133,15 @@ class RobustForces:
 
     def explain(self) -> str:
         """The outcome in words."""
-        what = f"{len(self.balanced)} loads" + (f" and a ball of {self.loads.ball:g} N" if self.loads.ball else "")
+        what = f"{len(self.balanced)} loads" + (
+            f" and a ball of {self.load_set.ball:g} N" if self.load_set.ball else ""
+        )
         if self.status is Status.OK:
             return f"normal forces {np.round(self.normal_forces, 4).tolist()} N hold all of {what}"
         if self.infeasibility is not None:
             return (
                 f"no forces hold all of {what}: one of the loads cannot be held by itself, at least "
-                f"{self.infeasibility.margin:.4g} N of net wrench is left; diagnose() that load"
+                f"{self.infeasibility.margin:.4g} N of the residual is left; diagnose() that load"
             )
         if self.status is Status.INFEASIBLE:
             return (
@@ -153,7 +153,7 @@ class RobustForces:
 
 def optimize_robust(
     problem: ForceProblem,
-    loads: LoadSet,
+    load_set: LoadSet,
     impact_time: float,
     *,
     mu_range: tuple[float, float] | None = None,
@@ -163,7 +163,7 @@ def optimize_robust(
 
     Args:
         problem: contacts, friction, limits (its own load plays no part).
-        loads: see :class:`LoadSet`.
+        load_set: see :class:`LoadSet`.
         impact_time: t_I [s].
         mu_range: least and largest friction coefficient, for all contacts; default: the problem's mu.
         objective: ``"impulse"``, ``"work"``, ``"peak"`` or weights of them (they depend on F_n alone); default: the
@@ -174,7 +174,7 @@ def optimize_robust(
     """
     started = time.perf_counter()
     instance_of("problem", problem, ForceProblem)
-    instance_of("loads", loads, LoadSet)
+    instance_of("load set", load_set, LoadSet)
     impact_time = problem.checked_impact_time(impact_time)
     weights = weights_of(objective, problem)
     other = [name for name, weight in weights.items() if weight and name not in _FRICTION_ONLY]
@@ -187,18 +187,18 @@ def optimize_robust(
         if not 0 <= low <= high:
             raise InvalidInput(f"mu range: expected 0 <= least <= largest, got {low:g} and {high:g}")
         problem = replace(problem, mu=low)
-    if loads.ball and not problem.friction.polyhedral:
+    if load_set.ball and not problem.friction.polyhedral:
         if problem.friction.model == "soft":
             raise InvalidInput("a ball of disturbances: expected friction 'pyramid' or 'cone', got 'soft'; use a box")
         inscribed = Friction(edges=_EDGES_FOR_BALLS, torsion=problem.friction.torsion, safety=problem.friction.safety)
         problem = replace(problem, friction=inscribed)
     terms = energy_terms_at(problem, weights, impact_time)
     lo, hi = problem.normal_force_range(impact_time)
-    largest = loads.wrenches[np.argmax([problem.scaled_norm(w) for w in loads.wrenches])]
+    largest = load_set.loads[np.argmax([problem.scaled_norm(w) for w in load_set.loads])]
     program = assemble(replace(problem, load=largest), weights, terms, lo, hi)
-    scaled = np.array([_scaled(problem, wrench) for wrench in loads.wrenches])
+    scaled = np.array([_scaled(problem, wrench) for wrench in load_set.loads])
     targets = np.unique(-scaled / program.force_scale, axis=0)  # in force balance loads may differ by moments alone
-    return _Robust(problem, program, targets, loads, impact_time).solved(started)
+    return _Robust(problem, program, targets, load_set, impact_time).solved(started)
 
 
 def _scaled(problem: ForceProblem, wrench: np.ndarray) -> np.ndarray:
@@ -209,11 +209,14 @@ def _scaled(problem: ForceProblem, wrench: np.ndarray) -> np.ndarray:
 class _Robust:
     """Columns: F (k), u per load (s, k, d - 1), L (k, d - 1, rows) with a ball, one t per power and contact, peak."""
 
-    def __init__(self, problem, program: Program, targets, loads, impact_time):
-        self.problem, self.program, self.targets, self.loads, self.t = problem, program, targets, loads, impact_time
+    def __init__(
+        self, problem: ForceProblem, program: Program, targets: np.ndarray, load_set: LoadSet, impact_time: float
+    ):
+        self.problem, self.program, self.targets, self.t = problem, program, targets, impact_time
+        self.load_set = load_set
         self.k, self.e, self.s = program.k, program.d - 1, len(targets)
         self.rows = len(program.b)
-        self.radius = loads.ball / program.force_scale
+        self.radius = load_set.ball / program.force_scale
         self.per_load = self.k * self.e
         self.L = self.k + self.s * self.per_load
         self.curved = [(c, p) for c, p in program.powers if p != 1]
@@ -250,7 +253,7 @@ class _Robust:
         return self.record(Status.INFEASIBLE if proven else Status.INACCURATE, None, -np.inf, started)
 
     def proven_infeasible(self, A, b, cones) -> bool:
-        """Phase one over all loads: the least net wrenches and torque excesses give a certificate, checked in closed
+        """Phase one over all loads: the least residuals and torque excesses give a certificate, checked in closed
         form.
         """
         m, per_load = len(self.program.R), self.facets + 2 * len(self.program.R)
@@ -270,7 +273,7 @@ class _Robust:
         y = z[: self.equalities].reshape(self.s, self.rows) / size
         w = z[self.equalities :].reshape(self.s, m) / size
         s, total = self.shared(y, w)
-        return total + self.program.least(s) > 1e-9
+        return total + self.program.least(s) > TOLERANCE.proof
 
     def block(self, rows: np.ndarray, load: int | None) -> sp.spmatrix:
         """Rows on x = (u, F) of one load as rows on all columns; without a load they concern F alone."""
@@ -374,19 +377,15 @@ class _Robust:
         p, problem = self.program, self.problem
         forces, torsion = np.zeros((0, self.k, 3)), np.zeros((0, self.k))
         normal, response, proof = np.zeros(0), None, None
-        primal, balance, violation = np.inf, 0.0, 0.0
+        certificate = None
         if z is not None:
             F = z[: self.k]
-            u = z[self.k : self.L].reshape(self.s, self.k, self.e)
+            u = self.settled(z[self.k : self.L].reshape(self.s, self.k, self.e), F)
             x = np.concatenate([u, np.broadcast_to(F[None, :, None], (self.s, self.k, 1))], axis=2)
-            primal = p.value(x[0].ravel())
-            residuals = np.linalg.norm(x.reshape(self.s, -1) @ p.A.T - self.targets, axis=1)
-            violation = max(p.violations(one.ravel())[0] for one in x)
-            balance = float(residuals.max())
             if self.radius:
                 response = z[self.L : self.extra].reshape(self.k, self.e, self.rows)
-                violation = max(violation, self.ball_violation(u, F, response))
-            if balance > 1e-8 or violation > 1e-7 or primal - bound > 1e-6 * max(abs(primal), 1e-12):
+            certificate = self.certificate(x.reshape(self.s, -1), bound, response)
+            if not certificate.is_optimal():
                 status = Status.INACCURATE
             scale = problem.friction.scale(problem.mu) * p.force_scale
             forces = np.concatenate(
@@ -403,24 +402,62 @@ class _Robust:
         return RobustForces(
             status=status,
             problem=problem,
-            loads=self.loads,
+            load_set=self.load_set,
             impact_time=self.t,
             normal_forces=read_only(normal),
             balanced=read_only(-self.targets * p.force_scale),
             forces_c=read_only(forces),
             torsion=read_only(torsion),
             response=None if response is None else read_only(response),
-            primal=primal * p.objective_scale,
-            dual=min(bound, primal) * p.objective_scale,
-            balance=balance * p.force_scale,
-            violation=violation * p.force_scale,
+            certificate=certificate,
             infeasibility=proof,
             elapsed=time.perf_counter() - started,
         )
 
+    def settled(self, u: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """u (s, k, d - 1) with the balance's residuals removed by the least changes of the tangential forces alone."""
+        columns = self.program.A.reshape(self.rows, self.k, -1)
+        tangential = columns[:, :, :-1].reshape(self.rows, -1)
+        residual = u.reshape(self.s, -1) @ tangential.T + columns[:, :, -1] @ F - self.targets
+        return u - (residual @ np.linalg.pinv(tangential, rcond=1e-10).T).reshape(u.shape)
+
+    def certificate(self, x: np.ndarray, bound: float, response: np.ndarray | None) -> Certificate:
+        """Of all loads at once, x (s, k d); ``response`` to the ball where there is one."""
+        p, unit, force = self.program, self.program.objective_scale, self.program.force_scale
+        F, objective = x[0, p.d - 1 :: p.d], p.value(x[0])
+        residuals = x @ p.A.T - self.targets
+        norms = np.linalg.norm(residuals, axis=1)
+        worst, residual = int(np.argmax(norms)), np.zeros(6)
+        residual[: self.rows] = residuals[worst] * force
+        residual[3:] *= self.problem.moment_length
+        checks = [p.violations(one) for one in x]
+        violation = max(violation for violation, _, _ in checks)
+        if response is not None:
+            violation = max(violation, self.ball_violation(x.reshape(self.s, self.k, p.d)[:, :, :-1], F, response))
+        gauge = np.max([gauge for _, gauge, _ in checks], axis=0)
+        meets, joints = np.zeros(0, dtype=bool), ()
+        if self.problem.torques is not None:
+            joints = self.problem.torques.limited_joints
+            torque = x @ p.R.T
+            meets = np.any((torque >= p.R_hi - TOLERANCE.active) | (torque <= p.R_lo + TOLERANCE.active), axis=0)
+        return Certificate(
+            objective=objective * unit,
+            lower_bound=min(bound, objective) * unit,
+            residual=frozen(residual),
+            residual_norm=float(norms[worst]) * force,
+            violation=violation * force,
+            load_size=force,
+            force_size=max(1.0, float(F.max())) * force,
+            objective_size=objective_size_of(objective, 0.0) * unit,
+            at_friction=frozen(gauge >= F * (1 - TOLERANCE.active)),
+            at_least=frozen(p.lo * (1 + TOLERANCE.active) >= F),
+            at_most=frozen(p.hi * (1 - TOLERANCE.active) <= F),
+            at_torque=tuple(joint for joint, meet in zip(joints, meets) if meet),
+        )
+
     def suspects(self) -> list[ForceProblem]:
         """The loads one by one; with the compiled solvers loaded, those that cannot be held by themselves alone."""
-        singles = [replace(self.problem, load=wrench) for wrench in self.loads.wrenches]
+        singles = [replace(self.problem, load=wrench) for wrench in self.load_set.loads]
         low, high = self.problem.normal_force_range(self.t)
         if "pinograsp.forces.compiled" not in sys.modules or self.problem.torques is not None or np.any(low > high):
             return singles

@@ -79,8 +79,11 @@ def refined(solution: ForceSolution, solver: str = "daqp") -> ForceSolution:
         solver=solver,
         multipliers=refinement.multipliers,
         forces_c=refinement.forces_c,
-        net_wrench=refinement.net_wrench,
-        lower_bound=refinement.lower_bound,
-        qp_solves=solution.qp_solves + 1,
+        residual=refinement.certificate.residual,
+        grid=replace(
+            solution.grid,
+            residual_bound=refinement.certificate.lower_bound,
+            qp_solves=solution.grid.qp_solves + 1,
+        ),
         elapsed=solution.elapsed + time.perf_counter() - started,
     )

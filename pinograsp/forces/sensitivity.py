@@ -44,25 +44,25 @@ class Sensitivity:
 
     Attributes:
         unique: whether the forces are determined by their cost, and their active limits beyond doubt. Where they are
-            not determined (energies say nothing of tangential forces), only ``cost_wrench`` means something: add a
+            not determined (energies say nothing of tangential forces), only ``cost_load`` means something: add a
             little ``least_squares`` to the objective for the others. Where a limit is about to bind derivatives have a
             kink.
-        forces_wrench: (k, 3, 6) of contact forces [N] by the load.
+        forces_load: (k, 3, 6) of contact forces [N] by the load.
         forces_mu: (k, 3, k).
         forces_points: (k, 3, k, 3) [N/m].
         forces_turns: (k, 3, k, 3) [N/rad]; the frames the forces are in turn along.
-        cost_wrench (6,), cost_mu (k,), cost_points (k, 3), cost_turns (k, 3): of the objective, in its unit. Zeros by a
+        cost_load (6,), cost_mu (k,), cost_points (k, 3), cost_turns (k, 3): of the objective, in its unit. Zeros by a
             mu of 0.
         multipliers: of the balance (6,): what a newton or newton metre of load costs; zeros for moments in force
             balance.
     """
 
     unique: bool
-    forces_wrench: np.ndarray
+    forces_load: np.ndarray
     forces_mu: np.ndarray
     forces_points: np.ndarray
     forces_turns: np.ndarray
-    cost_wrench: np.ndarray
+    cost_load: np.ndarray
     cost_mu: np.ndarray
     cost_points: np.ndarray
     cost_turns: np.ndarray
@@ -79,11 +79,11 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     """
     instance_of("solution", solution, ForceSolution)
     problem, friction = solution.problem, solution.problem.friction
-    if solution.status is not Status.OK or solution.certificate is None:
+    if solution.status is not Status.OK or not solution.weights:
         raise InvalidInput(
             f"sensitivity: expected a certified optimum of optimize_forces, got status '{solution.status}'"
         )
-    if problem.torques is not None or solution.objective.get("peak") or not friction.separates:
+    if problem.torques is not None or solution.weights.get("peak") or not friction.separates:
         raise InvalidInput("sensitivity: expected no torque limits, no 'peak', and a cone, soft fingers or 4 edges")
     k, d, rows, e = problem.k, friction.d, problem.rows, friction.d - 1
     optimum = _Optimum(solution)
@@ -117,10 +117,10 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
         return (dx.reshape(k, d) * widths)[:, [0, 1, e]]
 
     none = np.zeros((rows, d))
-    by_wrench, cost_wrench = np.zeros((k, 3, 6)), np.zeros(6)
+    by_load, cost_load = np.zeros((k, 3, 6)), np.zeros(6)
     for r in range(rows):
-        dx, cost_wrench[r] = change(none, 0, of_load=np.eye(rows)[r] * arm[r])
-        by_wrench[:, :, r] = in_newtons(dx)
+        dx, cost_load[r] = change(none, 0, of_load=np.eye(rows)[r] * arm[r])
+        by_load[:, :, r] = in_newtons(dx)
     by_mu, by_points, by_turns = np.zeros((k, 3, k)), np.zeros((k, 3, k, 3)), np.zeros((k, 3, k, 3))
     cost_mu, cost_points, cost_turns = np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3))
     for i in range(k):
@@ -149,11 +149,11 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     multipliers[:rows] = y * arm * (unit / force)
     return Sensitivity(
         unique=optimum.unique,
-        forces_wrench=read_only(by_wrench),
+        forces_load=read_only(by_load),
         forces_mu=read_only(by_mu),
         forces_points=read_only(by_points),
         forces_turns=read_only(by_turns),
-        cost_wrench=read_only(cost_wrench),
+        cost_load=read_only(cost_load),
         cost_mu=read_only(cost_mu),
         cost_points=read_only(cost_points),
         cost_turns=read_only(cost_turns),
@@ -177,9 +177,9 @@ class _Optimum:
     def __init__(self, solution: ForceSolution):
         problem = solution.problem
         self.friction, k, d = problem.friction, problem.k, problem.friction.d
-        terms = energy_terms_at(problem, solution.objective, solution.impact_time)
+        terms = energy_terms_at(problem, solution.weights, solution.impact_time)
         self.program = program = assemble(
-            problem, solution.objective, terms, *problem.normal_force_range(solution.impact_time)
+            problem, solution.weights, terms, *problem.normal_force_range(solution.impact_time)
         )
         found = solve_conic(program)
         if found is None:
@@ -187,7 +187,7 @@ class _Optimum:
                 "sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible"
             )
         self.A, self.P = program.A, np.zeros((k * d, k * d)) if program.P is None else program.P
-        self.x, self.y, _ = found
+        self.x, self.y = found.x, found.y
         # Without friction there is no tangential force to speak of.
         self.none = np.append(self.friction.scale(problem.mu), np.ones((k, 1)), axis=1) == 0
         self.x[self.none.ravel()] = 0.0
@@ -360,7 +360,7 @@ def optimize_contacts(
             f"optimize_contacts: expected contacts that hold the load to begin with, got '{solution.status}'"
         )
     start = np.array(problem.contacts.points_o)
-    costs, length = [solution.certificate.primal], 0.1 * reach
+    costs, length = [solution.certificate.objective], 0.1 * reach
     for _ in range(_STEPS):
         points = np.array(known.contacts.points_o)
         gradient = _on_surface(force_sensitivity(solution), object, points)
@@ -371,7 +371,7 @@ def optimize_contacts(
         for _ in range(_SHRINKS):
             tried = _moved(known, object, points - length / steepest * gradient, start, reach)
             found = optimize_forces(tried, impact_time, objective=objective, solver=solver)
-            if found.status is Status.OK and found.certificate.primal < costs[-1]:
+            if found.status is Status.OK and found.certificate.objective < costs[-1]:
                 better = tried, found
                 length *= 1.5
                 break
@@ -379,7 +379,7 @@ def optimize_contacts(
         if better is None:
             break
         known, solution = better
-        costs.append(solution.certificate.primal)
+        costs.append(solution.certificate.objective)
         if costs[-2] - costs[-1] <= tolerance * costs[-1]:
             break
     return BetterContacts(contacts=known.contacts, problem=known, solution=solution, costs=tuple(costs))

@@ -2,20 +2,58 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinograsp.checks import brief, read_only
+from pinograsp.checks import brief, frozen, read_only
 from pinograsp.contacts import PenetrationProfile
 from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.backends import Outcome
+from pinograsp.forces.certificate import Certificate, Infeasibility
 from pinograsp.forces.problem import ForceProblem
 
-if TYPE_CHECKING:
-    from pinograsp.forces.global_optimum import Branch
-    from pinograsp.forces.infeasibility import Infeasibility
-    from pinograsp.forces.optimize import Certificate
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """One interval of impact times of the search.
+
+    Attributes:
+        start, end: [s].
+        lower_bound: proven for every t_I in it, in the objective's unit; infinite where no t_I in it admits forces
+            (proven).
+        best: objective of the best forces found when it was visited.
+        fate: ``"split"``, ``"infeasible"``, ``"bounded"`` (cannot hold anything better than ``best`` less the gap) or
+            ``"unresolved"``.
+    """
+
+    start: float
+    end: float
+    lower_bound: float
+    best: float
+    fate: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridLog:
+    """What a grid search did.
+
+    Attributes:
+        points: size of the grid.
+        cells: its points in (t_I, A) alone.
+        qp_solves: QPs solved.
+        cuts: rejecting half-spaces learnt from them.
+        rejections: cells rejected, by constraint; they and the optimum add up to ``cells``.
+        residual_bound: certified least norm of the residual of any multipliers at the normal forces found [N].
+    """
+
+    points: int
+    cells: int
+    qp_solves: int
+    cuts: int
+    rejections: dict[str, int]
+    residual_bound: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
@@ -32,19 +70,14 @@ class ForceSolution:
         acceleration: A (k,) [m/s^2].
         multipliers: (k1, k2) (k, 2).
         forces_c: contact forces (k, 3) [N]. All empty without a solution.
-        net_wrench: what is left of the balance (6,) [N, N m]; without a solution the least one seen.
-        lower_bound: certified least residual of any multipliers at these normal forces [N].
-        points: size of the whole grid.
-        cells: its points in (t_I, A) alone.
-        qp_solves: QPs solved.
-        cuts: rejecting half-spaces learnt from them.
-        rejections: cells rejected, by constraint; they and the optimum add up to ``cells``.
+        residual: what forces and load leave over (6,) [N, N m]; without a solution the least one seen.
         elapsed: [s].
         torsion: moments about the contact normals (k,) [N m] (soft fingers), zeros otherwise.
-        objective: of a convex search, ``{name: weight}``.
+        weights: of the objective of a convex search, ``{name: weight}``.
         certificate: its proof of optimality.
         infeasibility: its proof that there are no forces.
-        branches: of a global search over t_I, its log: one row per interval.
+        grid: log of a grid search, None of a convex one.
+        branches: log of a global search over t_I: one row per interval.
     """
 
     status: Status
@@ -55,21 +88,16 @@ class ForceSolution:
     acceleration: np.ndarray
     multipliers: np.ndarray
     forces_c: np.ndarray
-    net_wrench: np.ndarray
+    residual: np.ndarray
     elapsed: float
-    lower_bound: float = 0.0
-    points: int = 0
-    cells: int = 0
-    qp_solves: int = 0
-    cuts: int = 0
-    rejections: dict[str, int] = field(default_factory=dict)
     torsion: np.ndarray = field(default_factory=lambda: read_only(np.zeros(0)))
-    objective: dict[str, float] = field(default_factory=dict)
+    weights: dict[str, float] = field(default_factory=dict)
     certificate: Certificate | None = None
     infeasibility: Infeasibility | None = None
+    grid: GridLog | None = None
     branches: tuple[Branch, ...] = ()
 
-    __repr__ = brief("status", "search", "solver", "impact_time", "normal_forces", "net_wrench", "elapsed")
+    __repr__ = brief("status", "search", "solver", "impact_time", "normal_forces", "residual", "elapsed")
 
     @property
     def found(self) -> bool:
@@ -109,35 +137,78 @@ class ForceSolution:
         return float(self.problem.energy(self.normal_forces, self.impact_time, "work").sum())
 
     @property
-    def net_force(self) -> float:
-        """Norm of the net force on the object [N]."""
-        return float(np.linalg.norm(self.net_wrench[:3]))
+    def residual_force(self) -> float:
+        """Norm of the residual's force [N]."""
+        return float(np.linalg.norm(self.residual[:3]))
 
     @property
-    def net_moment(self) -> float:
-        """Norm of the net moment on the object about its centre of mass [N m]."""
-        return float(np.linalg.norm(self.net_wrench[3:]))
+    def residual_moment(self) -> float:
+        """Norm of the residual's moment about the centre of mass [N m]."""
+        return float(np.linalg.norm(self.residual[3:]))
 
     @property
-    def residual(self) -> float:
-        """Net wrench in the balance rows, moments divided by the moment length [N]."""
-        return self.problem.scaled_norm(self.net_wrench)
+    def residual_norm(self) -> float:
+        """Norm of the residual in the balance rows, moments over the moment length [N]."""
+        return self.problem.scaled_norm(self.residual)
 
     def explain(self) -> str:
-        """Why the grid gave this answer: the rejection histogram in words."""
-        lines = [f"{self.points:.3g} grid points, {self.cells} cells in (t_I, A)"]
-        lines += [f"  {count} rejected by {reason}" for reason, count in self.rejections.items() if count]
-        if not self.found and self.qp_solves:
+        """Why the grid gave this answer: the rejection histogram in words; empty without a grid."""
+        if self.grid is None:
+            return ""
+        lines = [f"{self.grid.points:.3g} grid points, {self.grid.cells} cells in (t_I, A)"]
+        lines += [f"  {count} rejected by {reason}" for reason, count in self.grid.rejections.items() if count]
+        if not self.found and self.grid.qp_solves:
             lines.append("  " + self._closest())
         return "\n".join(lines)
 
     def _closest(self) -> str:
-        if self.residual <= 1e-6:
+        if self.residual_norm <= 1e-6:
             return (
                 "with multipliers off the grid some cells do balance: refine the multiplier grid or use search='hybrid'"
             )
-        force, moment = self.net_wrench[:3], self.net_wrench[3:]
+        force, moment = self.residual[:3], self.residual[3:]
         text = f"closest to balance: {np.linalg.norm(force):.3g} N left, along {np.round(force, 3).tolist()} N"
         if self.problem.balance == "wrench":
             text += f", and {np.linalg.norm(moment):.3g} N m, along {np.round(moment, 5).tolist()} N m"
         return text
+
+
+def solution_of(
+    problem: ForceProblem,
+    outcome: Outcome,
+    *,
+    impact_time: float,
+    weights: dict[str, float],
+    started: float,
+    status: Status | None = None,
+    branches: tuple[Branch, ...] = (),
+) -> ForceSolution:
+    """The record of a convex outcome; ``status`` where it is not the outcome's own, ``started`` by the clock."""
+    if outcome.forces is None:
+        forces, torsion, multipliers, acceleration = np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2)), np.zeros(0)
+        residual = problem.load if outcome.infeasibility is None else outcome.infeasibility.residual
+        certificate, at = None, None
+    else:
+        forces, torsion, certificate = outcome.forces.forces_c, outcome.forces.torsion, outcome.forces.certificate
+        half = problem.pyramid * forces[:, 2]
+        multipliers = np.zeros((problem.k, 2))
+        multipliers[half > 0] = forces[half > 0, :2] / half[half > 0, None]
+        acceleration = problem.acceleration(np.maximum(forces[:, 2], 0.0), impact_time)
+        residual, at = certificate.residual, impact_time
+    return ForceSolution(
+        status=outcome.status if status is None else status,
+        problem=problem,
+        search="convex",
+        solver=outcome.solver,
+        weights=weights,
+        impact_time=at,
+        acceleration=frozen(acceleration),
+        multipliers=frozen(multipliers),
+        forces_c=frozen(forces),
+        torsion=frozen(torsion),
+        residual=residual,
+        certificate=certificate,
+        infeasibility=outcome.infeasibility,
+        branches=branches,
+        elapsed=time.perf_counter() - started,
+    )

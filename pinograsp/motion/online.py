@@ -41,7 +41,7 @@ class OnlineForces:
     Attributes:
         forces: (k, 3) in the contacts' axes [N]. moments: about the normals (k,) [N m]. torques: (n,) [N m], empty
             without a hand.
-        unbalanced: wrench (6,) that the contacts leave, about the centre of mass [N, N m].
+        residual: what forces and load leave over (6,), about the centre of mass [N, N m].
         status: ``OK``; ``INFEASIBLE``: no forces within the limits of this tick, its rates and ramps included, balance
             the load, and none leave less (least squares; moments over the problem's moment length); ``INACCURATE``:
             neither is proven within the steps allowed, these are the closest that were found.
@@ -107,7 +107,7 @@ class OnlineForces:
             self._state,
         ) = parts
         self.forces, self.moments = self._out[: 3 * k].reshape(k, 3), self._out[3 * k : 4 * k]
-        self.unbalanced, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
+        self.residual, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
         self.status, self.steps, self._started = Status.OK, 0, False
         self._com = np.array(problem.contacts.com_o)
         self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
@@ -248,11 +248,11 @@ class OnlineForces:
         """Forget the last tick: the next one starts cold, and its forces at any rate."""
         self._started, self._state[:6] = False, 0.0
 
-    def step(self, wrench, *, q=None, poses=None, mu=None) -> tuple[np.ndarray, np.ndarray, Status]:
+    def step(self, load, *, q=None, poses=None, mu=None) -> tuple[np.ndarray, np.ndarray, Status]:
         """Forces (k, 3) [N], torques (n,) [N m] and status for the load of this tick.
 
         Args:
-            wrench: external wrench on the object (6,), linear first, about the centre of mass, world axes [N, N m].
+            load: external wrench on the object (6,), linear first, about the centre of mass, world axes [N, N m].
             q: the hand's posture (n,) [rad]; default: the last.
             poses: contact frames (k, 4, 4) in the world, z the inward normal; default: the last.
             mu: friction coefficients (k,) or one; default: the last.
@@ -261,10 +261,10 @@ class OnlineForces:
             InvalidInput: shapes that do not fit, a number that is not finite or absurdly large, mu < 0; nothing has
                 changed then.
         """
-        wrench = _checked("wrench", wrench, (6,), _HUGE)
+        load = _checked("load", load, (6,), _HUGE)
         if q is not None or poses is not None or mu is not None:
             self._update(q, poses, mu)
-        self._load[:] = wrench
+        self._load[:] = load
         self._settings[6] = self._rate if self._started else np.inf
         code, self.steps, _ = self._tick(self._memory, self._jacobian, self._gravity, self._chains)
         if code < 0:

@@ -118,7 +118,7 @@ def contact_forces(run: Run) -> Figure:
     force.plot(
         times, np.linalg.norm(from_fingers, axis=1), color="0.2", linewidth=1.2, label="resultant of the contacts"
     )
-    left = np.linalg.norm(run.arrays["net_force_o"][impact:], axis=1)
+    left = np.linalg.norm(run.arrays["residual_force_o"][impact:], axis=1)
     force.plot(
         run.arrays["times"][impact:],
         left,
@@ -243,13 +243,13 @@ def search_over_time(run: Run) -> Figure:
             alpha=0.5,
             label="no forces in this interval",
         )
-    final = run.summary["certificate"]["primal"]
+    final = run.summary["certificate"]["objective"]
     map_.plot(run.summary["impact_time_s"], final, "o", color=COLOURS[1], label="found")
     map_.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(run.summary['measure'])} [{unit}]")
     steps = np.arange(1, len(branches) + 1)
     known = np.isfinite(best)
     gap.step(steps[known], best[known], where="post", color=COLOURS[1], linewidth=1.6, label="best found")
-    dual = run.summary["certificate"]["dual"]
+    dual = run.summary["certificate"]["lower_bound"]
     gap.axhline(dual, color=COLOURS[0], linewidth=1.4, linestyle="--", label="proven in the end")
     gap.set(xlabel="intervals looked at", ylabel=f"{label_of(run.summary['measure'])} [{unit}]")
     gap.set_title(f"gap in the end {run.summary['certificate']['relative_gap']:.1e}", fontsize=10)

@@ -407,7 +407,7 @@ def _facts(run: Run):
     yield "grasp energy (work)", work(s["work_J"], None if law is None else float(law[2]))
     if s.get("certificate"):
         yield "proven optimal", f"gap {s['certificate']['relative_gap']:.1e}"
-    yield "net force, moment", f"{s['net_force_N']:.1e} N, {s['net_moment_Nm']:.1e} N m"
+    yield "net force, moment", f"{s['residual_N']:.1e} N, {s['residual_Nm']:.1e} N m"
     yield "largest penetration", f"{1e3 * s['max_penetration_m']:.3g} mm"
     yield "peak joint torque", f"{s['peak_torque_Nm']:.3g} N m"
     if margins := s.get("margins"):

@@ -33,8 +33,8 @@ REQUIRED = {
     "multipliers",
     "work_J",
     "impulse_Ns",
-    "net_force_N",
-    "net_moment_Nm",
+    "residual_N",
+    "residual_Nm",
     "max_penetration_m",
     "joint_torque_max_Nm",
     "solver",
@@ -129,7 +129,7 @@ def test_searches_and_solvers(command, search, solver):
     assert code == 0 and document["search"] == search
     assert document["status"] == ("unbalanced" if search == "paper+qp" else "ok")
     assert document["solver"] == ("none" if search == "paper" else solver)
-    assert document["net_force_N"] <= (1e-9 if search == "hybrid" else 0.1)
+    assert document["residual_N"] <= (1e-9 if search == "hybrid" else 0.1)
 
 
 def test_a_case_file_of_ones_own(command, tmp_path):

@@ -53,14 +53,14 @@ def test_as_one_by_one(name, objective):
             assert not found.forces_c[i].any()
             continue
         forces, torsion = found.forces_c[i, : problem.k], found.torsion[i, : problem.k]
-        assert found.objective[i] == pytest.approx(one.certificate.primal, rel=3e-6)
+        assert found.objective[i] == pytest.approx(one.certificate.objective, rel=3e-6)
         assert (
-            found.bound[i] <= found.objective[i] * (1 + 1e-12)
-            and found.objective[i] - found.bound[i] <= 1e-6 * found.objective[i]
+            found.lower_bound[i] <= found.objective[i] * (1 + 1e-12)
+            and found.objective[i] - found.lower_bound[i] <= 1e-6 * found.objective[i]
         )
         left = problem.scaled_norm(problem.residual(forces, torsion if problem.friction.d == 4 else None))
         assert left <= 1e-9 * problem.scaled_norm(problem.load) and left == pytest.approx(
-            found.residual[i], abs=1e-9 * problem.scaled_norm(problem.load)
+            found.residual_norm[i], abs=1e-9 * problem.scaled_norm(problem.load)
         )
         gauge = problem.friction.gauge(
             np.column_stack([forces[:, :2], torsion])[:, : problem.friction.d - 1] / problem.friction.scale(problem.mu)
@@ -160,8 +160,8 @@ def test_multiplier_qp_is_the_refinement(balance):
             left = known.scaled_norm(known.residual(known.forces(normal, found)))
             assert np.abs(found).max() <= 1.0
             assert (
-                left == pytest.approx(exact.residual, abs=1e-7 * normal.sum())
-                and left >= exact.lower_bound - 1e-7 * normal.sum()
+                left == pytest.approx(exact.certificate.residual_norm, abs=1e-7 * normal.sum())
+                and left >= exact.certificate.lower_bound - 1e-7 * normal.sum()
             )
             balanced += left < 1e-6
     assert balanced >= 20
@@ -189,6 +189,8 @@ def test_damping_may_be_missing_in_some_of_the_problems(make_problem, measure):
     found = pg.solve_batch(pg.ForceBatch.of(problems, 0.85), objective=measure)
     for i, problem in enumerate(problems):
         alone = pg.optimize_forces(problem, 0.85, objective=measure)
-        assert found.status[i] is Status.OK and found.objective[i] == pytest.approx(alone.certificate.primal, rel=1e-6)
+        assert found.status[i] is Status.OK and found.objective[i] == pytest.approx(
+            alone.certificate.objective, rel=1e-6
+        )
         by_integral = problem.energy(found.forces_c[i, :, 2], 0.85, measure).sum()
         assert found.objective[i] == pytest.approx(by_integral, rel=1e-6)

@@ -65,11 +65,11 @@ def test_latest_impact_is_where_the_largest_deceleration_just_gives_the_least_pe
 )
 def test_case_study_optima(make_problem, balance, measure, expected):
     best = optimize_grasp(make_problem(balance=balance, measure=measure))
-    assert best.certificate.primal == pytest.approx(expected, rel=1e-4)
+    assert best.certificate.objective == pytest.approx(expected, rel=1e-4)
     assert best.certificate.relative_gap <= 1e-6
     total = best.work if measure == "work" else best.impulse
-    assert total == pytest.approx(best.certificate.primal, rel=1e-12)
-    assert best.net_force < 1e-9 and (balance == "force" or best.net_moment < 1e-9)
+    assert total == pytest.approx(best.certificate.objective, rel=1e-12)
+    assert best.residual_force < 1e-9 and (balance == "force" or best.residual_moment < 1e-9)
 
 
 def test_grid_costs_more_than_the_certified_optimum(make_problem):
@@ -96,7 +96,7 @@ def test_no_impact_time_beats_the_bound(make_problem, measure, shape):
     for t in np.linspace(*problem.impact_time_range, 31):
         other = optimize_forces(problem, t)
         if other.status is Status.OK:
-            assert other.certificate.primal >= best.certificate.dual * (1 - 1e-12)
+            assert other.certificate.objective >= best.certificate.lower_bound * (1 - 1e-12)
     assert best.profile.final_depth.max() <= problem.max_depth * (1 + 1e-9)
     assert best.acceleration.max() <= problem.acceleration_range[1] * (1 + 1e-9)
     assert best.profile.impact_speed.max() <= problem.max_speed
@@ -108,7 +108,7 @@ def test_log_covers_the_whole_range(make_problem):
     leaves = sorted((b for b in best.branches if b.fate != "split"), key=lambda b: b.start)
     assert leaves[0].start == problem.impact_time_range[0] and leaves[-1].end == problem.impact_time_range[1]
     assert all(a.end == b.start for a, b in itertools.pairwise(leaves))
-    assert min(b.lower_bound for b in leaves) >= best.certificate.dual * (1 - 1e-12)
+    assert min(b.lower_bound for b in leaves) >= best.certificate.lower_bound * (1 - 1e-12)
     assert {b.fate for b in leaves} == {"infeasible", "bounded"}
 
 
@@ -117,15 +117,15 @@ def test_objectives_without_energy_do_not_depend_on_the_impact_time(make_problem
     for objective in ("least_squares", "peak"):
         best = optimize_grasp(problem, objective=objective)
         early = optimize_forces(problem, problem.impact_time_range[0], objective=objective)
-        assert best.certificate.primal == pytest.approx(early.certificate.primal, rel=1e-9)
+        assert best.certificate.objective == pytest.approx(early.certificate.objective, rel=1e-9)
 
 
 def test_weighted_sum_lies_between_its_parts(make_problem):
     problem = make_problem(balance="wrench")
     both = optimize_grasp(problem, objective={"work": 20.0, "impulse": 1.0})
     least = [20 * optimize_grasp(problem, objective="work").work, optimize_grasp(problem, objective="impulse").impulse]
-    assert both.certificate.primal == pytest.approx(20 * both.work + both.impulse, rel=1e-9)
-    assert both.certificate.primal >= sum(least) * (1 - 2e-6)
+    assert both.certificate.objective == pytest.approx(20 * both.work + both.impulse, rel=1e-9)
+    assert both.certificate.objective >= sum(least) * (1 - 2e-6)
 
 
 def test_infeasible_at_every_impact_time_is_proven(make_problem):
@@ -143,14 +143,14 @@ def test_torque_limits_narrow_the_search(make_problem, contacts):
     used = np.abs(limits.torques(np.einsum("kij,kj->ki", contacts.rotations_oc, free.forces_c)))
     loose = TorqueLimits(jacobian=J, bias=np.zeros(4), limit=used.max() * 1.01 * np.ones(4))
     same = optimize_grasp(make_problem(balance="wrench", measure="work", torques=loose))
-    assert same.certificate.primal == pytest.approx(free.certificate.primal, rel=1e-8)
+    assert same.certificate.objective == pytest.approx(free.certificate.objective, rel=1e-8)
     force = make_problem(balance="force", measure="work")
     free = optimize_grasp(force)
     used = np.abs(limits.torques(np.einsum("kij,kj->ki", contacts.rotations_oc, free.forces_c)))
     tight = TorqueLimits(jacobian=J, bias=np.zeros(4), limit=used.max() * 0.97 * np.ones(4))
     narrowed = optimize_grasp(replace(force, torques=tight))
     if narrowed.status is Status.OK:
-        assert narrowed.certificate.primal > free.certificate.primal * (1 + 1e-9)
+        assert narrowed.certificate.objective > free.certificate.objective * (1 + 1e-9)
         assert narrowed.certificate.at_torque
     else:
         assert narrowed.infeasibility.at_torque
@@ -170,7 +170,7 @@ def test_interrupted_search_keeps_its_best_and_a_valid_bound(make_problem, monke
     monkeypatch.setattr(module, "solve_certified", interrupted)
     part = optimize_grasp(problem)
     assert part.status is Status.INTERRUPTED and part.found
-    assert part.certificate.dual <= full.certificate.primal <= part.certificate.primal
+    assert part.certificate.lower_bound <= full.certificate.objective <= part.certificate.objective
     assert part.certificate.relative_gap > 1e-6
 
 
@@ -208,5 +208,5 @@ def test_too_many_intervals_leave_an_honest_bound(make_problem, monkeypatch):
     some = optimize_grasp(problem)
     assert some.status is Status.INACCURATE and [b.fate for b in some.branches].count("split") == 4
     assert any(b.fate == "unresolved" for b in some.branches)
-    assert some.certificate.dual <= best.certificate.primal <= some.certificate.primal
+    assert some.certificate.lower_bound <= best.certificate.objective <= some.certificate.objective
     assert some.certificate.relative_gap > 1e-6

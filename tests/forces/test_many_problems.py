@@ -84,7 +84,7 @@ def left_over(batch: pg.ForceBatch, found) -> tuple[np.ndarray, np.ndarray]:
 
 def checked(batch: pg.ForceBatch, objective: str, sample) -> dict:
     found = pg.solve_batch(batch, objective=objective)
-    for values in (found.forces_c, found.torsion, found.objective, found.bound):
+    for values in (found.forces_c, found.torsion, found.objective, found.lower_bound):
         assert np.isfinite(values).all()
     net, over = left_over(batch, found)
     assert net[found.ok].max() <= 1e-9 and over[found.ok].max() <= 1e-8

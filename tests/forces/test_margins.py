@@ -16,9 +16,9 @@ from pinograsp.forces import (
     ForceProblem,
     conic,
     diagnose,
+    disturbance_margin,
     force_closure,
     grasp_margins,
-    load_margin,
     min_weight,
     optimize_forces,
 )
@@ -81,7 +81,7 @@ def test_disturbance_ball_of_three_contacts_is_the_parallelepiped_s(solved):
     weakest = margins.disturbance.direction
     wrench = np.concatenate([weakest[:3], weakest[3:] * problem.moment_length])
     full = replace(problem, friction=Friction())
-    assert load_margin(full, wrench, normal_forces=normal) == pytest.approx(distance.min(), rel=1e-5)
+    assert disturbance_margin(full, wrench, normal_forces=normal) == pytest.approx(distance.min(), rel=1e-5)
 
 
 @pytest.mark.parametrize("friction", [Friction(edges=8), Friction(model="cone"), Friction(model="soft", torsion=0.002)])
@@ -96,16 +96,16 @@ def test_no_sampled_direction_is_weaker_than_the_ball(solved, friction):
         direction = rng.normal(size=6)
         direction /= np.linalg.norm(direction)
         wrench = np.concatenate([direction[:3], direction[3:] * problem.moment_length])
-        assert load_margin(problem, wrench, normal_forces=solution.normal_forces) >= margins.disturbance.lower * (
-            1 - 1e-6
-        )
+        assert disturbance_margin(
+            problem, wrench, normal_forces=solution.normal_forces
+        ) >= margins.disturbance.lower * (1 - 1e-6)
         pure = np.concatenate([direction[:3] / np.linalg.norm(direction[:3]), np.zeros(3)])
-        forces.append(load_margin(problem, pure, normal_forces=solution.normal_forces))
+        forces.append(disturbance_margin(problem, pure, normal_forces=solution.normal_forces))
     assert min(forces) >= margins.disturbance_force * (1 - 1e-6)
     assert margins.disturbance.lower * (1 - 1e-6) <= margins.disturbance_force <= min(forces) * 1.0001
 
 
-def test_load_margins_equal_another_solver_s_linear_program(contact_set):
+def test_disturbance_margins_equal_another_solver_s_linear_program(contact_set):
     rng = np.random.default_rng(1)
     compared = 0
     for seed in range(12):
@@ -113,7 +113,7 @@ def test_load_margins_equal_another_solver_s_linear_program(contact_set):
         problem = ForceProblem(contacts=contacts, load=np.append(rng.normal(size=3), 0.01 * rng.normal(size=3)), mu=0.8)
         direction = np.append(rng.normal(size=3), 0.02 * rng.normal(size=3))
         low, high = problem.normal_force_range(0.85)
-        found = load_margin(problem, direction, impact_time=0.85)
+        found = disturbance_margin(problem, direction, impact_time=0.85)
         f, s = cp.Variable((5, 3)), cp.Variable(nonneg=True)
         half = 0.8 / np.sqrt(2)
         scale = np.array([1, 1, 1, 50, 50, 50.0])
@@ -139,19 +139,21 @@ def test_a_load_that_is_too_much_has_no_margin_even_where_more_would_relieve_it(
     problem = ForceProblem(contacts=contacts, load=[0, 0, -40.0, 0, 0, 0], mu=0.5, friction=friction)
     assert optimize_forces(problem, 0.9).status is Status.INFEASIBLE
     up = [0, 0, 1.0, 0, 0, 0]
-    assert load_margin(problem, up, impact_time=0.9) == -1.0
+    assert disturbance_margin(problem, up, impact_time=0.9) == -1.0
     least, largest = diagnose(problem, 0.9).load_factors
     assert least < 1e-9 and largest < 1
     # The light load of the same forces is held, and 40 N less weight is more than that.
     light = problem.with_load(0.5 * largest * problem.load)
-    assert load_margin(light, up, impact_time=0.9) == pytest.approx(0.5 * largest * 40 + 40 * largest, rel=1e-6)
+    assert disturbance_margin(light, up, impact_time=0.9) == pytest.approx(0.5 * largest * 40 + 40 * largest, rel=1e-6)
     normal = optimize_forces(light, 0.9).normal_forces
-    assert load_margin(light, up, normal_forces=normal) >= 0 > load_margin(problem, up, normal_forces=normal)
+    assert (
+        disturbance_margin(light, up, normal_forces=normal) >= 0 > disturbance_margin(problem, up, normal_forces=normal)
+    )
     assert grasp_margins(replace(optimize_forces(light, 0.9), problem=problem)).load_factor == 0
 
 
 @pytest.mark.parametrize(("family", "fixed"), [(family, fixed) for family in FAMILIES for fixed in (False, True)])
-def test_load_margins_equal_another_formulation(family, fixed):
+def test_disturbance_margins_equal_another_formulation(family, fixed):
     compared = 0
     for seed in range(24):
         grasp = random_grasp(seed, family=family, k=4 + seed % 3, torques=seed % 3 == 0, degenerate="", load="limit")
@@ -179,7 +181,7 @@ def test_load_margins_equal_another_formulation(family, fixed):
             continue
         compared += 1
         wanted = ends[1][1] if ends[0][0] == "optimal" and ends[0][1] < 0 < ends[1][1] else -1.0
-        assert load_margin(problem, direction, **found) == pytest.approx(wanted, rel=1e-6), grasp
+        assert disturbance_margin(problem, direction, **found) == pytest.approx(wanted, rel=1e-6), grasp
         if compared == 2:
             break
     assert compared == 2
@@ -193,8 +195,8 @@ def test_margins_do_not_take_a_solver_at_its_word(solved, contact_set, monkeypat
 
     def figures():
         margins = grasp_margins(solution, tolerance=0.1)
-        free = [load_margin(problem, d, impact_time=0.85) for d in directions]
-        fixed = [load_margin(problem, d, normal_forces=solution.normal_forces) for d in directions]
+        free = [disturbance_margin(problem, d, impact_time=0.85) for d in directions]
+        fixed = [disturbance_margin(problem, d, normal_forces=solution.normal_forces) for d in directions]
         closure = [force_closure(contacts, 0.39).margin, min_weight(contacts, 0.39)]
         return np.array(
             [*free, *fixed, *closure, margins.load_factor, margins.disturbance_force, margins.disturbance_moment]
@@ -210,7 +212,7 @@ def test_margins_do_not_take_a_solver_at_its_word(solved, contact_set, monkeypat
 def test_load_factor_is_the_margin_along_the_load(solved):
     solution = solved()
     margins = grasp_margins(solution)
-    along = load_margin(
+    along = disturbance_margin(
         replace(solution.problem, friction=Friction()), solution.problem.load, normal_forces=solution.normal_forces
     )
     assert margins.load_factor == pytest.approx(1 + along, rel=1e-6) and along > 0.05
@@ -238,7 +240,7 @@ def test_margins_need_forces(make_problem):
         {"direction": np.ones(5), "impact_time": 0.9},
     ):
         with pytest.raises(InvalidInput):
-            load_margin(problem, arguments.pop("direction"), **arguments)
+            disturbance_margin(problem, arguments.pop("direction"), **arguments)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def differences(make, objective, size=STEP):
     one, other = (end.certificate for end in ends)
     if any(np.any(getattr(one, name) != getattr(other, name)) for name in ("at_friction", "at_least", "at_most")):
         return None
-    return (ends[0].forces_c - ends[1].forces_c) / (2 * size), (one.primal - other.primal) / (2 * size)
+    return (ends[0].forces_c - ends[1].forces_c) / (2 * size), (one.objective - other.objective) / (2 * size)
 
 
 @pytest.mark.parametrize("objective", ["least_squares", {"work": 1.0, "least_squares": 1e-3}, "work"])
@@ -75,8 +75,8 @@ def test_derivatives_are_the_limits_of_differences(name, objective):
         cases = [
             (
                 lambda h, r=r: problem.with_load(problem.load + h * np.eye(6)[r]),
-                own.forces_wrench[:, :, r],
-                own.cost_wrench[r],
+                own.forces_load[:, :, r],
+                own.cost_load[r],
             )
             for r in range(6)
         ]
@@ -105,7 +105,7 @@ def test_derivatives_are_the_limits_of_differences(name, objective):
                         own.cost_turns[i, c],
                     )
                 )
-        scale = solution.certificate.primal
+        scale = solution.certificate.objective
         for make, by_forces, by_cost in cases:
             found = differences(make, objective)
             if found is None:
@@ -126,7 +126,7 @@ def test_a_contact_without_friction_has_derivatives():
     own = force_sensitivity(solution)
     assert own.unique and np.isfinite(own.forces_points).all()
     for make, by_forces in (
-        (lambda h: problem.with_load(problem.load + h * np.eye(6)[2]), own.forces_wrench[:, :, 2]),
+        (lambda h: problem.with_load(problem.load + h * np.eye(6)[2]), own.forces_load[:, :, 2]),
         (lambda h: changed(problem, 2, turn=[0, h, 0]), own.forces_turns[:, :, 2, 1]),
         (lambda h: changed(problem, 2, point=[0, 0, 0.1 * h]), 0.1 * own.forces_points[:, :, 2, 2]),
     ):
@@ -138,11 +138,11 @@ def test_multipliers_price_the_load():
     problem = problem_of(5, MODELS["cone"])
     solution = pg.optimize_forces(problem, IMPACT, objective="least_squares")
     own = force_sensitivity(solution)
-    assert own.multipliers == pytest.approx(own.cost_wrench, abs=1e-9)
+    assert own.multipliers == pytest.approx(own.cost_load, abs=1e-9)
     # Forces that are doubled with their load cost four times as much: Euler's theorem, where no bound of F_n is active.
     certificate = solution.certificate
     if not (certificate.at_least.any() or certificate.at_most.any()):
-        assert own.cost_wrench @ problem.load == pytest.approx(2 * certificate.primal, rel=1e-6)
+        assert own.cost_load @ problem.load == pytest.approx(2 * certificate.objective, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["cone", "pyramid"])
@@ -151,13 +151,13 @@ def test_contacts_move_downhill_on_the_surface(name):
     for objective in ("work", "least_squares"):
         better = optimize_contacts(problem, BODY, IMPACT, objective=objective, reach=8e-3)
         start = pg.optimize_forces(problem, IMPACT, objective=objective)
-        assert better.costs[0] == pytest.approx(start.certificate.primal, rel=1e-9)
+        assert better.costs[0] == pytest.approx(start.certificate.objective, rel=1e-9)
         assert list(better.costs) == sorted(better.costs, reverse=True) and better.costs[-1] < 0.97 * better.costs[0]
         points = better.contacts.points_o
         assert np.hypot(*points.T[:2]) == pytest.approx(np.full(4, 0.03), abs=1e-9)
         assert np.linalg.norm(points - problem.contacts.points_o, axis=1).max() <= 8e-3 * (1 + 1e-9)
         again = pg.optimize_forces(better.problem, IMPACT, objective=objective, solver="clarabel")
-        assert again.certificate.primal == pytest.approx(better.costs[-1], rel=1e-6)
+        assert again.certificate.objective == pytest.approx(better.costs[-1], rel=1e-6)
 
 
 def test_what_has_no_derivative_is_refused():

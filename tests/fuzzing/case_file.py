@@ -39,7 +39,7 @@ PAPER = {
         "impact_times": {"start": 0.8, "stop": 0.95, "step": 0.05},
         "accelerations": {"start": 0.01, "stop": 1.0, "step": 0.05},
         "multipliers": {"start": -1.0, "stop": 1.0, "step": 0.5},
-        "net_force_limit": 0.1,
+        "residual_limit": 0.1,
     },
     "motion": {
         "posture_deg": {"thumb": [130, 72, 50, 30], "index": [10, 82, 30, 30], "middle": [0, 71, 50, 30]},

@@ -237,7 +237,7 @@ def _fill() -> None:
     )
     call(w.torques.torques, forces_o=np.ones((3, 3)), moments_o=np.zeros((3, 3)))
     call(pg.torque_limits, hand=w.hand, contacts=w.contacts, q=w.q, depth=1e-3, limit=2.0, gravity_o=(0.0, 0.0, -9.81))
-    call(pg.GridSpec, impact_times=[0.9], accelerations=[0.1, 0.3], multipliers=[-0.5, 0.0, 0.5], net_force_limit=0.1)
+    call(pg.GridSpec, impact_times=[0.9], accelerations=[0.1, 0.3], multipliers=[-0.5, 0.0, 0.5], residual_limit=0.1)
     for method in ("cells", "points"):
         call(getattr(w.grid, method), k=3)
     call(forces.grid_values, start=0.0, stop=1.0, step=0.1)
@@ -264,16 +264,22 @@ def _fill() -> None:
     call(pg.diagnose, problem=w.problem, impact_time=0.9)
     call(pg.grasp_margins, solution=w.solution, tolerance=1e-2)
     call(
-        pg.load_margin,
+        pg.disturbance_margin,
         problem=w.problem,
         direction=problem["load"],
         normal_forces=w.solution.normal_forces,
         impact_time=None,
     )
-    call(pg.load_margin, "load_margin at a time", problem=w.problem, direction=problem["load"], impact_time=0.9)
+    call(
+        pg.disturbance_margin,
+        "disturbance_margin at a time",
+        problem=w.problem,
+        direction=problem["load"],
+        impact_time=0.9,
+    )
     call(pg.force_closure, contacts=w.contacts, mu=0.7, friction=pg.Friction(), balance="wrench")
     call(pg.min_weight, contacts=w.contacts, mu=0.7, edges=8, balance="wrench")
-    call(pg.LoadSet, wrenches=w.loads.wrenches, ball=0.1)
+    call(pg.LoadSet, loads=w.loads.loads, ball=0.1)
     call(pg.LoadSet.around, load=problem["load"], box=[0.1, 0.1, 0.1, 0, 0, 0], ball=0.1, mass_range=(0.9, 1.1))
     call(pg.optimize_robust, problem=w.problem, loads=w.loads, impact_time=0.85, mu_range=(0.65, 0.8), objective="work")
     call(
@@ -283,7 +289,7 @@ def _fill() -> None:
         normal_forces=np.array(w.solution.normal_forces),
         friction=0.1,
         load=0.1,
-        wrench=np.zeros(6),
+        disturbance=np.zeros(6),
         points=1e-3,
         normals=0.05,
         count=20,
@@ -358,7 +364,7 @@ def _fill() -> None:
         max_steps=50,
     )
     call(pg.OnlineForces.of, plan=w.plan, max_rate=200.0, ramp=0.1)
-    call(w.online.step, wrench=problem["load"], q=w.q, poses=_poses(w.contacts), mu=np.array([0.7, 0.7, 0.7]))
+    call(w.online.step, load=problem["load"], q=w.q, poses=_poses(w.contacts), mu=np.array([0.7, 0.7, 0.7]))
     call(w.online.engage, contact="thumb", touches=True)
     call(
         pg.plan_grasp,

@@ -485,7 +485,7 @@ def test_an_allegro_hand_holds_a_ball(contact_set):
     contacts = contacts_at(hand, ball, tips)
     problem = ForceProblem.holding(ball, contacts, mu=1.0, balance="wrench")
     solution = grid_search(problem)
-    assert solution.status is Status.OK and solution.residual < 1e-9
+    assert solution.status is Status.OK and solution.residual_norm < 1e-9
     motion = plan_motion(hand, solution, MotionSpec(posture=posture, samples=3))
     assert motion.tracking_error.max() < 1e-6
     gap, contact = energy_gap(hand, motion)

@@ -89,9 +89,9 @@ def test_forces_are_the_optimum_or_the_closest(name, balance):
                 load = factor * np.append(rng.normal(size=3), 0.01 * rng.normal(size=3))
                 forces, torques, status = online.step(load)
                 missing, best = oracle(load)
-                left = problem.scaled_norm(online.unbalanced)
+                left = problem.scaled_norm(online.residual)
                 assert torques.size == 0 and np.isfinite(forces).all()
-                assert online.unbalanced == pytest.approx(
+                assert online.residual == pytest.approx(
                     problem.with_load(load).residual(forces, online.moments if problem.friction.d == 4 else None),
                     abs=1e-9,
                 )
@@ -159,7 +159,7 @@ def test_no_forces_leave_less(seed, count):
             load = np.append(rng.normal(size=3), 0.03 * rng.normal(size=3)) * 10 ** rng.uniform(-1, 2)
             forces, _, status = online.step(load)
             missing, _ = oracle(load)
-            left, size = problem.scaled_norm(online.unbalanced), max(problem.scaled_norm(load), low)
+            left, size = problem.scaled_norm(online.residual), max(problem.scaled_norm(load), low)
             assert left <= missing + 2e-6 * max(size, missing), (friction, problem.balance, low, high)
             assert forces[:, 2].min() >= low * (1 - 1e-9) and forces[:, 2].max() <= high * (1 + 1e-9)
             missed += status is Status.INFEASIBLE
@@ -183,7 +183,7 @@ def test_slippery_jaws_do_all_they_can(mu, share):
     problem = pg.ForceProblem(contacts=contacts, load=load, mu=mu, friction=pg.Friction(model="cone"))
     online = pg.OnlineForces(problem, normal_forces=(0.0, cap))
     forces, _, status = online.step(load)
-    assert status is Status.INFEASIBLE and online.unbalanced == pytest.approx((1 - share) * load, abs=1e-6)
+    assert status is Status.INFEASIBLE and online.residual == pytest.approx((1 - share) * load, abs=1e-6)
     assert forces[:, 2] == pytest.approx([cap, cap], rel=1e-6)
 
 
@@ -233,7 +233,7 @@ def test_never_a_number_that_is_none():
                 for size in (0.0, 1e-9, 1e-3, 1.0, 1e6):
                     load = size * rng.normal(size=6)
                     forces, _, status = online.step(load)
-                    assert np.isfinite(forces).all() and np.isfinite(online.unbalanced).all(), (name, mu, limits, size)
+                    assert np.isfinite(forces).all() and np.isfinite(online.residual).all(), (name, mu, limits, size)
                     # What the forces leave, by arithmetic of another kind.
                     left = problem.with_load(load).residual(forces, online.moments if friction.d == 4 else None)
                     if status is Status.OK:
@@ -362,7 +362,7 @@ def test_torque_limits(name):
             row = pg.torque_limits(hand, problem.contacts, other, limit=limit)
             assert np.all(np.abs(torques) <= limit * (1 + 1e-7)), share
             missing, best = Oracle(problem, 0.02, 30.0, row)(asked)
-            left = problem.scaled_norm(online.unbalanced)
+            left = problem.scaled_norm(online.residual)
             if best is None:
                 counts["missed"] += 1
                 assert status is Status.INFEASIBLE and left == pytest.approx(missing, rel=1e-4, abs=1e-5)

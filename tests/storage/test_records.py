@@ -441,7 +441,7 @@ def test_a_strangers_folder_is_safe_to_read(plan, tmp_path):
         ("scene.json", b'{"schema": "pinograsp.scene/99"}'),
         ("scene.json", pickle.dumps({"hand": 1})),
         ("plan.json", b"[]"),
-        ("plan.json", b'{"schema": "pinograsp.plan/1"}'),
+        ("plan.json", b'{"schema": "pinograsp.plan/2"}'),
         ("plan.npz", b""),
         ("plan.npz", good["plan.npz"][:200]),
         ("plan.npz", pickle.dumps([1])),
@@ -545,7 +545,7 @@ def refused(folder, file: str) -> None:
     "text",
     [
         "[" * 100_000,
-        '{"schema": "pinograsp.plan/1", "a": ' + "[" * 60 + "]" * 60 + "}",
+        '{"schema": "pinograsp.plan/2", "a": ' + "[" * 60 + "]" * 60 + "}",
         '{"a": 1, "a": 2}',
         "1" * 10_000,
         "\ud800",

@@ -251,8 +251,8 @@ def test_forces_alone_in_bulk(tmp_path):
         assert row["status"] == str(alone.status) and row["impact_time_s"] == row["impact_time"]
         if row["status"] == "ok":
             # Both are within 1e-6 of the least cost; the forces of a smooth cost are sharp, those of work nearly so.
-            assert row["objective_value"] == pytest.approx(alone.certificate.primal, rel=3e-6)
-            assert row["bound"] <= row["objective_value"] * (1 + 1e-9)
+            assert row["objective"] == pytest.approx(alone.certificate.objective, rel=3e-6)
+            assert row["lower_bound"] <= row["objective"] * (1 + 1e-9)
             assert row["work_J"] == pytest.approx(alone.work, rel=1e-4)
             assert row["normal_forces_N"] == pytest.approx(alone.normal_forces.tolist(), rel=1e-2)
         else:

@@ -100,8 +100,8 @@ def run_with(hand, seed: int = 0) -> Run:
         "friction": friction,
         "balance": "wrench",
         "work_J": 0.01,
-        "net_force_N": 0.0,
-        "net_moment_Nm": 0.0,
+        "residual_N": 0.0,
+        "residual_Nm": 0.0,
         "max_penetration_m": 1e-3,
         "peak_torque_Nm": 0.2,
     }

@@ -1,0 +1,155 @@
+"""What stands between a load and a grasp, in words and numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinograsp.checks import brief, instance_of, read_only
+from pinograsp.errors import Status
+from pinograsp.forces.certificate import Infeasibility
+from pinograsp.forces.infeasibility import holds, load_factors, prove
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import feasibility
+
+# Beyond any pair of materials: what does not hold then does not hold by friction.
+_LARGEST_FRICTION = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Diagnosis:
+    """What stands between a load and a grasp, at one impact time.
+
+    Attributes:
+        status: ``OK`` where the load can be held, else ``INFEASIBLE`` (or ``INACCURATE``: too close to tell).
+        impact_time: t_I [s].
+        proof: the certificate, None where the load can be held.
+        load_factors: least and largest multiple of the load that can be held (None: none was found).
+        smallest_mu: friction coefficients (k,) that would just do, all scaled alike; None: none was found.
+        text: all of it in words.
+    """
+
+    status: Status
+    impact_time: float
+    proof: Infeasibility | None
+    load_factors: tuple[float, float] | None
+    smallest_mu: np.ndarray | None
+    text: str
+
+    __repr__ = brief()
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
+    """Why a load cannot be held at one impact time [s] (or how far it is from that).
+
+    Says which direction is missing and by how much, the largest load factor, the least friction coefficient, and which
+    contacts and limits bind.
+    """
+    impact_time = instance_of("problem", problem, ForceProblem).checked_impact_time(impact_time)
+    program = feasibility(problem, *problem.normal_force_range(impact_time))
+    proof = prove(problem, program)
+    held = proof is None and holds(program)
+    factors = None if np.any(program.lo > program.hi) else load_factors(program)
+    mu = _smallest_mu(problem, impact_time)
+    status = Status.OK if held else Status.INFEASIBLE if proof else Status.INACCURATE
+    return Diagnosis(
+        status=status,
+        impact_time=impact_time,
+        proof=proof,
+        load_factors=factors,
+        smallest_mu=mu,
+        text=_words(problem, impact_time, status, proof, factors, mu),
+    )
+
+
+def _smallest_mu(problem: ForceProblem, impact_time: float) -> np.ndarray | None:
+    """Bisection on a common factor of all mu: the set of forces grows with it."""
+    base = problem.mu if np.any(problem.mu > 0) else np.ones(problem.k)
+
+    bounds = problem.normal_force_range(impact_time)
+
+    def enough(largest: float) -> bool:
+        return holds(feasibility(replace(problem, mu=base * (largest / base.max())), *bounds))
+
+    lo, hi = 0.0, _LARGEST_FRICTION
+    if np.any(np.greater(*bounds)) or not enough(hi):
+        return None
+    if enough(lo):
+        return np.zeros(problem.k)
+    while hi - lo > 1e-5 * hi:
+        middle = (lo + hi) / 2 if lo > 0 else hi / 4
+        if middle < 1e-6:
+            break
+        lo, hi = (lo, middle) if enough(middle) else (middle, hi)
+    return read_only(base * (hi / base.max()))
+
+
+def _words(
+    problem: ForceProblem,
+    impact_time: float,
+    status: Status,
+    proof: Infeasibility | None,
+    factors: tuple[float, float] | None,
+    mu: np.ndarray | None,
+) -> str:
+    names = problem.contacts.names
+    lines = []
+    if status is Status.OK:
+        lines.append(f"the load can be held at t_I = {impact_time:.6g} s")
+    elif proof is None:
+        lines.append(f"at t_I = {impact_time:.6g} s the load is too close to the limit to tell whether it can be held")
+    elif np.any(proof.crossed):
+        who = ", ".join(name for name, bad in zip(names, proof.crossed) if bad)
+        low, high = problem.normal_force_range(impact_time)
+        lines.append(
+            f"no normal force is admissible at {who}: the least deceleration already gives {low.max():.4g} N, the cap "
+            f"allows {high.min():.4g} N; raise the cap, or lower acceleration_range or the duration"
+        )
+    else:
+        lines.append(
+            f"no admissible forces hold the load at t_I = {impact_time:.6g} s: at least {proof.margin:.4g} N of net "
+            f"wrench is left along {_wrench_words(problem, proof.direction)} (proven)"
+        )
+        for what, mask in (
+            ("friction limit", proof.at_friction),
+            ("least normal force (least deceleration, Eq. 13c)", proof.at_least),
+        ):
+            who = [name for name, meets in zip(names, mask) if meets]
+            if who:
+                lines.append(f"  at the {what}: {', '.join(who)}")
+        for reason in dict.fromkeys(problem.binding_bound(impact_time, int(i)) for i in np.flatnonzero(proof.at_most)):
+            who = [
+                n for i, n in enumerate(names) if proof.at_most[i] and problem.binding_bound(impact_time, i) == reason
+            ]
+            lines.append(f"  at the largest normal force, set by {reason}: {', '.join(who)}")
+        if proof.at_torque:
+            lines.append(f"  at the torque limit: {', '.join(proof.at_torque)}")
+    if factors is None:
+        lines.append("  no multiple of this load was found that can be held")
+    elif np.isfinite(factors[1]):
+        text = f"  the largest load that could be held is {factors[1]:.4g} times this one"
+        lines.append(text + (f", the least {factors[0]:.4g} times" if factors[0] > 1e-6 else ""))
+    if mu is None:
+        lines.append(f"  no friction coefficient up to {_LARGEST_FRICTION:g} was found that would do")
+    elif np.ptp(mu) <= 1e-12 * max(mu.max(), 1.0):
+        lines.append(
+            f"  the smallest friction coefficient that would do is {mu.max():.4g} (given: {problem.mu.max():.4g})"
+        )
+    else:
+        lines.append(f"  the friction coefficients that would just do are {np.round(mu, 4).tolist()}")
+    return "\n".join(lines)
+
+
+def _wrench_words(problem: ForceProblem, direction: np.ndarray) -> str:
+    """A unit wrench of the balance rows in words: its force and moment parts."""
+    force, moment = direction[:3], direction[3:]
+    parts = []
+    if np.linalg.norm(force) > 1e-6:
+        parts.append(f"force ({', '.join(f'{v:+.3f}' for v in force)})")
+    if problem.rows == 6 and np.linalg.norm(moment) > 1e-6:
+        parts.append(f"moment about the centre of mass ({', '.join(f'{v:+.3f}' for v in moment)})")
+    return " and ".join(parts) or "no direction"
