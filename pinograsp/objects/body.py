@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, number, placement_of, read_only, shown
 from pinograsp.errors import InvalidInput
+from pinograsp.spatial import Array, BoolArray
+
+if TYPE_CHECKING:
+    import coal
+
+_Solid = TypeVar("_Solid", bound="Body")
 
 # Nearer than this to a centre, an axis or a mid-plane [m], no direction to the surface is preferred over another;
 # nearer than this to an edge, no curvature is. Far above rounding for things of a metre, far below any tolerance.
@@ -27,13 +35,13 @@ class Body:
         pose: oMb (4, 4), the body frame in the world [m].
     """
 
-    mass: float = None  # a number once the constructor is done
-    density: float = None
-    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    mass: float = None  # type: ignore[assignment]  # a number once the constructor is done
+    density: float = None  # type: ignore[assignment]  # likewise
+    pose: Array = field(default_factory=lambda: np.eye(4))
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self._set(pose=placement_of("pose", self.pose))
         self._check_shape()
         name, mass, density = self._name, self.mass, self.density
@@ -55,13 +63,13 @@ class Body:
         )
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                finite = np.isfinite(self.inertia_b).all()
+                finite = bool(np.isfinite(self.inertia_b).all())
         except OverflowError:
             finite = False
         if not finite:
             raise InvalidInput(f"{name}: expected a size whose inertia is a finite number, this one is too large")
 
-    def _set(self, **values) -> None:
+    def _set(self, **values: object) -> None:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -72,23 +80,59 @@ class Body:
     def _name(self) -> str:
         return type(self).__name__.lower()
 
+    # -- what each solid has of its own
+
+    def _check_shape(self) -> None:
+        """Check the sizes, and store them as numbers and read-only arrays."""
+        raise NotImplementedError
+
     @property
-    def com_o(self) -> np.ndarray:
+    def volume(self) -> float:
+        """[m^3]."""
+        raise NotImplementedError
+
+    @property
+    def _inertia_per_mass(self) -> Array:
+        """Rotational inertia (3, 3) of one kilogram about the centre of mass, body axes [m^2]."""
+        raise NotImplementedError
+
+    @property
+    def bounding_radius(self) -> float:
+        """Largest distance of a surface point from the centre of mass [m]."""
+        raise NotImplementedError
+
+    @property
+    def collision_geometry(self) -> coal.CollisionGeometry:
+        """Coal's geometry in the body frame."""
+        raise NotImplementedError
+
+    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
+        """Nearest surface points (k, 3) [m], outward unit normals (k, 3), signed distances (k,) [m], body frame."""
+        raise NotImplementedError
+
+    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
+        """Principal curvatures (k, 2) [1/m], smaller first, and the direction (k, 3) of the first, body frame."""
+        raise NotImplementedError
+
+    # -- what follows from it
+
+    @property
+    def com_o(self) -> Array:
         """Centre of mass (3,) in the world [m]."""
         return self.pose[:3, 3]
 
     @property
-    def inertia_b(self) -> np.ndarray:
+    def inertia_b(self) -> Array:
         """Rotational inertia (3, 3) about the centre of mass, body axes [kg m^2]."""
         return read_only(self.mass * self._inertia_per_mass)
 
-    def placed(self, pose) -> Body:
+    def placed(self: _Solid, pose: ArrayLike) -> _Solid:
         """The same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
         moved = copy.copy(self)
         moved._set(pose=placement_of("pose", pose))
         return moved
 
-    def project(self, points_o) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def project(self, points_o: ArrayLike) -> tuple[Array, Array, Array]:
         """Nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].
 
         The distance is negative inside. Beyond an edge, a rim or a corner the nearest point lies on it and the normal
@@ -102,7 +146,7 @@ class Body:
         surface, outward, distance = self._nearest_b(self._local(points_o))
         return surface @ self.pose[:3, :3].T + self.com_o, -outward @ self.pose[:3, :3].T, distance
 
-    def curvature(self, points_o) -> tuple[np.ndarray, np.ndarray]:
+    def curvature(self, points_o: ArrayLike) -> tuple[Array, Array]:
         """Principal curvatures (k, 2) [1/m], smaller first, and the direction (k, 3) of the first, in the world.
 
         At the surface points nearest to ``points_o`` (k, 3) [m]; positive where the solid is convex. The direction is
@@ -116,20 +160,21 @@ class Body:
         curvatures, first = self._curvature_b(surface, outward)
         return curvatures, first @ self.pose[:3, :3].T
 
-    def _local(self, points_o) -> np.ndarray:
+    def _local(self, points_o: ArrayLike) -> Array:
         points = array_of("points", points_o, (None, 3))
         if np.abs(points).max(initial=0.0) > _FAR:
             raise InvalidInput(f"points: expected them within {_FAR:g} m of the origin, got {shown(points.tolist())}")
-        return (points - self.com_o) @ self.pose[:3, :3]
+        local: Array = (points - self.com_o) @ self.pose[:3, :3]
+        return local
 
-    def _refuse(self, where: np.ndarray, points_b: np.ndarray, complaint: str) -> None:
+    def _refuse(self, where: BoolArray, points_b: Array, complaint: str) -> None:
         """Raise the complaint about the first of the points (k, 3) for which ``where`` (k,) holds."""
         if np.any(where):
             point = points_b[np.argmax(where)] @ self.pose[:3, :3].T + self.com_o
             raise InvalidInput(f"{complaint} (at {(1e3 * point).round(3).tolist()} mm in the world)")
 
 
-def tangents(normals: np.ndarray) -> np.ndarray:
+def tangents(normals: Array) -> Array:
     """Two orthonormal directions (k, 3, 2) across each unit normal (k, 3)."""
     aside = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = np.cross(normals, aside)

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinograsp.checks import brief
 from pinograsp.objects.body import NO_DIRECTION, Body, tangents
 from pinograsp.objects.primitives import positive_lengths
+from pinograsp.spatial import Array, BoolArray
 
-# Newton's method converges from one side on every input; the slowest ones met need about 40 steps.
+if TYPE_CHECKING:
+    import coal
+
+# Newton's method converges from one side on every input; the slowest ones seen need about 40 steps.
 _MOST_STEPS = 200
 
 
@@ -24,11 +29,11 @@ class Ellipsoid(Body):
         mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
     """
 
-    semi_axes: np.ndarray
+    semi_axes: Array
 
     __repr__ = brief()
 
-    def _check_shape(self):
+    def _check_shape(self) -> None:
         self._set(semi_axes=positive_lengths("ellipsoid semi_axes", self.semi_axes))
 
     @property
@@ -37,7 +42,7 @@ class Ellipsoid(Body):
         return float(4 / 3 * pi * np.prod(self.semi_axes))
 
     @property
-    def _inertia_per_mass(self) -> np.ndarray:
+    def _inertia_per_mass(self) -> Array:
         squares = self.semi_axes**2
         return np.diag(squares.sum() - squares) / 5
 
@@ -47,13 +52,13 @@ class Ellipsoid(Body):
         return float(self.semi_axes.max())
 
     @property
-    def collision_geometry(self):
+    def collision_geometry(self) -> coal.Ellipsoid:
         """A ``coal.Ellipsoid`` in the body frame."""
         import coal
 
         return coal.Ellipsoid(*self.semi_axes)
 
-    def _nearest_b(self, local):
+    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
         """The nearest point is x_i = e_i^2 y_i / (e_i^2 + t), where t > -e_min^2 puts it on the surface.
 
         After D. Eberly, Distance from a Point to an Ellipse, an Ellipsoid, or a Hyperellipsoid (Geometric Tools, 2013).
@@ -86,7 +91,7 @@ class Ellipsoid(Body):
         # y - x = (u - 1) e_min^2 x / e^2: along the normal, with the sign of u - 1.
         return np.copysign(p * e, local), outward, (u - 1) * least**2 * steepness
 
-    def _between_two_sides(self, local: np.ndarray, extra: np.ndarray) -> np.ndarray:
+    def _between_two_sides(self, local: Array, extra: Array) -> BoolArray:
         """Whether points (k, 3) lie on the ellipse, across the shortest semi-axis, that is as near to both sides."""
         e = self.semi_axes
         shortest = e.argmin()
@@ -95,9 +100,10 @@ class Ellipsoid(Body):
         on_plane = off[:, shortest] == 0
         off[:, shortest] = 0.0
         with np.errstate(over="ignore"):
-            return on_plane & (np.linalg.norm(off / focal, axis=1) <= 1)
+            between: BoolArray = on_plane & (np.linalg.norm(off / focal, axis=1) <= 1)
+        return between
 
-    def _curvature_b(self, surface, outward):
+    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         across = tangents(outward)
         steepness = np.linalg.norm(surface / self.semi_axes**2, axis=1)
         form = np.einsum("kia,i,kib->kab", across, 1 / self.semi_axes**2, across) / steepness[:, None, None]

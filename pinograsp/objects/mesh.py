@@ -5,18 +5,35 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, flag, frozen, number, one_of, read_only, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.mesh_checks import closed_surface, convex_surface
 from pinograsp.objects.triangles import TriangleSurface
+from pinograsp.spatial import Array, IntArray
+
+if TYPE_CHECKING:
+    import coal
 
 # Default radius of the curvature fit, in typical heights of the triangles: smaller radii see the facets, larger ones
 # more than the curvature at the point. Of 2.5 to 6, this has the smallest largest error on spheres and ellipsoids.
 _FIT_HEIGHTS = 3.0
+
+
+@dataclass(slots=True)
+class _Derived:
+    """What follows from a mesh's surface and is kept with it; None until it is asked for."""
+
+    volume: float = 0.0
+    inertia_per_mass: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    surface: TriangleSurface | None = None
+    collision: coal.CollisionGeometry | None = None
+    fit_radius: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,7 +43,7 @@ class Mesh(Body):
     The body frame is moved to the centre of mass and keeps the axes in which the vertices were given. To put the frame
     of the file at oMf: ``mesh.placed(oMf @ np.linalg.inv(mesh.file_frame_b))``.
 
-    Vertices within 1e-8 m are made one; a mesh that is inside out is turned round, which ``notes`` tells. Surfaces that
+    Vertices within 1e-8 m are merged; a mesh that is inside out is turned round, and ``notes`` say so. Surfaces that
     are open, wound both ways, without volume, or of parts that meet are refused, unless the hull is asked for. A part
     that crosses itself is not noticed.
 
@@ -43,27 +60,26 @@ class Mesh(Body):
         mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
     """
 
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: Array
+    faces: IntArray
     convex: bool = False
     # Given again when a record is copied with changes: the vertices are then in the body frame already.
-    file_frame_b: np.ndarray = field(default_factory=lambda: np.eye(4))
+    file_frame_b: Array = field(default_factory=lambda: np.eye(4))
     notes: tuple[str, ...] = ()
-    # What was computed from the surface (mass properties, search tree, collision model): it lives as long as they do.
-    _derived: dict = field(init=False, repr=False, default_factory=dict)
+    _derived: _Derived = field(init=False, repr=False, default_factory=lambda: _Derived())
 
     __repr__ = brief()
 
     @classmethod
     def load(
         cls,
-        path,
+        path: str | Path,
         *,
         scale: float = 1.0,
         mass: float | None = None,
         density: float | None = None,
         convex: bool = False,
-        pose=None,
+        pose: ArrayLike | None = None,
     ) -> Mesh:
         """The mesh in a file: STL, OBJ, PLY, GLB, OFF or DAE; the parts of a scene make one solid.
 
@@ -88,23 +104,18 @@ class Mesh(Body):
             vertices, faces = read_triangles(path)
         except (ValueError, OSError) as error:
             raise InvalidInput(f"mesh file '{path}': {error}") from error
+        given: dict[str, Any] = {"mass": mass, "density": density, "pose": pose}
+        given = {name: value for name, value in given.items() if value is not None}
         try:
-            return cls(
-                vertices=scale * vertices,
-                faces=faces,
-                mass=mass,
-                density=density,
-                convex=convex,
-                **({} if pose is None else {"pose": pose}),
-            )
+            return cls(vertices=scale * vertices, faces=faces, convex=convex, **given)
         except InvalidInput as error:
             raise InvalidInput(f"mesh file '{path}': {error}") from None
 
-    def _check_shape(self):
+    def _check_shape(self) -> None:
         from trimesh.triangles import mass_properties
 
         flag("mesh convex", self.convex)
-        notes = ()
+        notes: tuple[str, ...] = ()
         if self.convex:
             vertices, faces = convex_surface(self.vertices, self.faces)
         else:
@@ -116,7 +127,8 @@ class Mesh(Body):
         properties = mass_properties(vertices[faces], center_mass=np.zeros(3))
         file_frame_b = np.array(array_of("file frame", self.file_frame_b, (4, 4)))
         file_frame_b[:3, 3] -= centre
-        self._derived.update(volume=float(properties.volume), inertia=properties.inertia / properties.volume)
+        self._derived.volume = float(properties.volume)
+        self._derived.inertia_per_mass = np.asarray(properties.inertia) / properties.volume
         self._set(
             vertices=read_only(vertices),
             faces=read_only(faces),
@@ -128,11 +140,11 @@ class Mesh(Body):
     @property
     def volume(self) -> float:
         """[m^3]."""
-        return self._derived["volume"]
+        return self._derived.volume
 
     @property
-    def _inertia_per_mass(self) -> np.ndarray:
-        return self._derived["inertia"]
+    def _inertia_per_mass(self) -> Array:
+        return self._derived.inertia_per_mass
 
     @property
     def bounding_radius(self) -> float:
@@ -140,28 +152,28 @@ class Mesh(Body):
         return float(np.linalg.norm(self.vertices, axis=1).max())
 
     @property
-    def collision_geometry(self):
+    def collision_geometry(self) -> coal.CollisionGeometry:
         """A ``coal.Convex`` of a convex hull, otherwise a ``coal.BVHModelOBBRSS``, in the body frame.
 
         The latter is a surface: a body inside it does not collide.
         """
-        if "collision" not in self._derived:
+        if self._derived.collision is None:
             from pinograsp.hands.mesh_file import collision_model  # with coal and Pinocchio, slow to import
 
             model = collision_model(self.vertices, self.faces)
             if self.convex:
                 model.buildConvexRepresentation(False)
                 model = model.convex
-            self._derived["collision"] = model
-        return self._derived["collision"]
+            self._derived.collision = model
+        return self._derived.collision
 
     @property
     def _surface(self) -> TriangleSurface:
-        if "surface" not in self._derived:
-            self._derived["surface"] = TriangleSurface(self.vertices, self.faces)
-        return self._derived["surface"]
+        if self._derived.surface is None:
+            self._derived.surface = TriangleSurface(self.vertices, self.faces)
+        return self._derived.surface
 
-    def curvature(self, points_o, radius: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def curvature(self, points_o: ArrayLike, radius: float | None = None) -> tuple[Array, Array]:
         """Principal curvatures (k, 2) [1/m], smaller first, and the direction (k, 3) of the first, in the world.
 
         Estimated at the surface points nearest to ``points_o`` (k, 3) [m] from a quadratic fitted to the surface within
@@ -174,12 +186,12 @@ class Mesh(Body):
             InvalidInput: as in :meth:`project`, a point on a sharp edge or tip, or a radius not above zero.
         """
         if radius is None:
-            if "radius" not in self._derived:
+            if self._derived.fit_radius is None:
                 heights, areas = self._surface.heights, self._surface.areas
                 order = np.argsort(heights)
                 median = np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2)
-                self._derived["radius"] = float(_FIT_HEIGHTS * heights[order[min(median, len(order) - 1)]])
-            radius = self._derived["radius"]
+                self._derived.fit_radius = float(_FIT_HEIGHTS * heights[order[min(median, len(order) - 1)]])
+            radius = self._derived.fit_radius
         radius = number("radius of the curvature fit", radius, above=0, unit="m")
         surface, outward, _ = self._nearest_b(self._local(points_o))
         curvatures, first = self._surface.curvature(surface, outward, radius)
@@ -190,7 +202,7 @@ class Mesh(Body):
         )
         return curvatures, first @ self.pose[:3, :3].T
 
-    def _nearest_b(self, local):
+    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
         surface, outward, distance, opposite = self._surface.nearest(local)
         self._refuse(
             opposite,

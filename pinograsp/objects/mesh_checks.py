@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, floats_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.triangles import TriangleSurface
-from pinograsp.spatial import FARTHEST
+from pinograsp.spatial import FARTHEST, Array, BoolArray, IntArray
 
 # A solid whose volume is less than this part of its bounding cube is a sheet: millions of times thinner than wide.
 _SHEET = 1e-12
@@ -16,7 +17,7 @@ _FLAT = 1e-9
 _HULL = "or take its convex hull: convex=True"
 
 
-def convex_surface(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
+def convex_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
     """Vertices and outward faces of the convex hull."""
     import trimesh
 
@@ -30,7 +31,7 @@ def convex_surface(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
     return np.array(hull.vertices), np.array(hull.faces)
 
 
-def closed_surface(vertices, faces) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+def closed_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray, tuple[str, ...]]:
     """Vertices, faces wound outwards, and notes of what was changed.
 
     Raises:
@@ -54,8 +55,8 @@ def closed_surface(vertices, faces) -> tuple[np.ndarray, np.ndarray, tuple[str, 
     )
 
 
-def _merged(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
-    """Checked arrays, with vertices at the same place made one and without faces that then have no three corners."""
+def _merged(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
+    """Checked arrays, vertices at the same place merged, without faces that then have fewer than three corners."""
     import trimesh
 
     vertices, faces = floats_of("mesh vertices", vertices), floats_of("mesh faces", faces)
@@ -88,25 +89,25 @@ def _merged(vertices, faces) -> tuple[np.ndarray, np.ndarray]:
     return vertices[used], faces
 
 
-def _numbers(name: str, value) -> np.ndarray:
+def _numbers(name: str, value: ArrayLike) -> Array:
     """A finite array (any, 3); its message stays short however many numbers came."""
     try:
-        wrong = ~np.isfinite(np.asarray(value, dtype=float))
+        broken = ~np.isfinite(np.asarray(value, dtype=float))
     except (TypeError, ValueError):
         raise InvalidInput(f"{name}: expected numbers of shape (any, 3), got something else") from None
-    if np.any(wrong):
-        raise InvalidInput(f"{name}: expected finite numbers, got {wrong.sum()} that are not")
+    if np.any(broken):
+        raise InvalidInput(f"{name}: expected finite numbers, got {broken.sum()} that are not")
     return array_of(name, value, (None, 3))
 
 
-def _check_edges(vertices: np.ndarray, faces: np.ndarray) -> None:
+def _check_edges(vertices: Array, faces: IntArray) -> None:
     n = len(vertices)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     edges, index, counts = np.unique(low * n + high, return_inverse=True, return_counts=True)
     balance = np.bincount(index.ravel(), weights=np.where(start < end, 1, -1))
 
-    def first(which) -> str:
+    def first(which: BoolArray) -> str:
         return _place(vertices[list(divmod(int(edges[np.argmax(which)]), n))].mean(axis=0))
 
     if np.any(counts == 1):
@@ -127,12 +128,12 @@ def _check_edges(vertices: np.ndarray, faces: np.ndarray) -> None:
         )
 
 
-def _place(point: np.ndarray) -> str:
+def _place(point: Array) -> str:
     return f"{(1e3 * point).round(3).tolist()} mm"
 
 
-def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Signed volume [m^3]; raises where there is none."""
+def _volume(vertices: Array, faces: IntArray) -> float:
+    """Signed volume [m^3]; a surface without volume is refused."""
     used = np.unique(faces)
     centre = vertices[used].mean(axis=0)
     volume = float(np.linalg.det(vertices[faces] - centre).sum() / 6)
@@ -144,16 +145,18 @@ def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
     return volume
 
 
-def _parts(count: int, faces: np.ndarray) -> np.ndarray:
+def _parts(count: int, faces: IntArray) -> IntArray:
     """Number (n,) of the connected part each vertex belongs to."""
     from scipy.sparse import coo_array  # slow to import, and only meshes need it
     from scipy.sparse.csgraph import connected_components
 
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    return connected_components(coo_array((np.ones(len(start)), (start, end)), shape=(count, count)), directed=False)[1]
+    graph = coo_array((np.ones(len(start)), (start, end)), shape=(count, count))
+    labels: IntArray = connected_components(graph, directed=False)[1]
+    return labels
 
 
-def _depths(vertices: np.ndarray, faces: np.ndarray, label: np.ndarray, count: int) -> np.ndarray:
+def _depths(vertices: Array, faces: IntArray, label: IntArray, count: int) -> IntArray:
     """In how many other parts each part lies (count,): an even number for solids, an odd one for cavities.
 
     Raises:

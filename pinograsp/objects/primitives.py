@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinograsp.checks import array_of, brief
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import NO_DIRECTION, Body, tangents
+from pinograsp.spatial import Array
+
+if TYPE_CHECKING:
+    import coal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,7 +30,7 @@ class Sphere(Body):
 
     __repr__ = brief()
 
-    def _check_shape(self):
+    def _check_shape(self) -> None:
         self._check_lengths("radius")
 
     @property
@@ -34,7 +39,7 @@ class Sphere(Body):
         return 4 / 3 * pi * self.radius * self.radius * self.radius
 
     @property
-    def _inertia_per_mass(self) -> np.ndarray:
+    def _inertia_per_mass(self) -> Array:
         return 0.4 * self.radius**2 * np.eye(3)
 
     @property
@@ -43,13 +48,13 @@ class Sphere(Body):
         return self.radius
 
     @property
-    def collision_geometry(self):
+    def collision_geometry(self) -> coal.Sphere:
         """A ``coal.Sphere`` in the body frame."""
         import coal
 
         return coal.Sphere(self.radius)
 
-    def _nearest_b(self, local):
+    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
         radial = np.linalg.norm(local, axis=1)
         self._refuse(
             radial < NO_DIRECTION,
@@ -59,7 +64,7 @@ class Sphere(Body):
         outward = local / radial[:, None]
         return self.radius * outward, outward, radial - self.radius
 
-    def _curvature_b(self, surface, outward):
+    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         return np.full((len(surface), 2), 1 / self.radius), tangents(outward)[:, :, 0]
 
 
@@ -78,7 +83,7 @@ class Cylinder(Body):
 
     __repr__ = brief()
 
-    def _check_shape(self):
+    def _check_shape(self) -> None:
         self._check_lengths("radius", "height")
 
     @property
@@ -87,7 +92,7 @@ class Cylinder(Body):
         return pi * self.radius * self.radius * self.height
 
     @property
-    def _inertia_per_mass(self) -> np.ndarray:
+    def _inertia_per_mass(self) -> Array:
         across = (3 * self.radius**2 + self.height**2) / 12
         return np.diag([across, across, self.radius**2 / 2])
 
@@ -97,13 +102,13 @@ class Cylinder(Body):
         return float(np.hypot(self.radius, self.height / 2))
 
     @property
-    def collision_geometry(self):
+    def collision_geometry(self) -> coal.Cylinder:
         """A ``coal.Cylinder`` in the body frame."""
         import coal
 
         return coal.Cylinder(self.radius, self.height)
 
-    def _nearest_b(self, local):
+    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
         radial = np.linalg.norm(local[:, :2], axis=1)
         beyond_side, beyond_cap = radial - self.radius, np.abs(local[:, 2]) - self.height / 2
         on_side = beyond_side >= beyond_cap
@@ -130,7 +135,7 @@ class Cylinder(Body):
         normal = np.where(at_rim[:, None], (outward + cap) / np.sqrt(2), normal)
         return local - distance[:, None] * normal, normal, distance
 
-    def _curvature_b(self, surface, outward):
+    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         beyond_side = np.linalg.norm(surface[:, :2], axis=1) - self.radius
         beyond_cap = np.abs(surface[:, 2]) - self.height / 2
         self._refuse(
@@ -159,7 +164,7 @@ class Capsule(Body):
 
     __repr__ = brief()
 
-    def _check_shape(self):
+    def _check_shape(self) -> None:
         self._check_lengths("radius", "length")
 
     @property
@@ -168,7 +173,7 @@ class Capsule(Body):
         return pi * self.radius * self.radius * (self.length + 4 / 3 * self.radius)
 
     @property
-    def _inertia_per_mass(self) -> np.ndarray:
+    def _inertia_per_mass(self) -> Array:
         r, l = self.radius, self.length
         middle = l / (l + 4 / 3 * r)  # the cylindrical part's share of the volume
         across = middle * (3 * r**2 + l**2) / 12 + (1 - middle) * (0.4 * r**2 + l**2 / 4 + 3 / 8 * l * r)
@@ -180,13 +185,13 @@ class Capsule(Body):
         return self.length / 2 + self.radius
 
     @property
-    def collision_geometry(self):
+    def collision_geometry(self) -> coal.Capsule:
         """A ``coal.Capsule`` in the body frame."""
         import coal
 
         return coal.Capsule(self.radius, self.length)
 
-    def _nearest_b(self, local):
+    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
         axis = np.zeros_like(local)
         axis[:, 2] = np.clip(local[:, 2], -self.length / 2, self.length / 2)
         radial = np.linalg.norm(local - axis, axis=1)
@@ -198,7 +203,7 @@ class Capsule(Body):
         outward = (local - axis) / radial[:, None]
         return axis + self.radius * outward, outward, radial - self.radius
 
-    def _curvature_b(self, surface, outward):
+    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         side = np.abs(surface[:, 2]) <= self.length / 2
         curvatures = np.full((len(surface), 2), 1 / self.radius)
         curvatures[side, 0] = 0.0
@@ -214,11 +219,11 @@ class Box(Body):
         mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
     """
 
-    size: np.ndarray
+    size: Array
 
     __repr__ = brief()
 
-    def _check_shape(self):
+    def _check_shape(self) -> None:
         self._set(size=positive_lengths("box size", self.size))
 
     @property
@@ -227,7 +232,7 @@ class Box(Body):
         return float(np.prod(self.size))
 
     @property
-    def _inertia_per_mass(self) -> np.ndarray:
+    def _inertia_per_mass(self) -> Array:
         squares = self.size**2
         return np.diag(squares.sum() - squares) / 12
 
@@ -237,13 +242,13 @@ class Box(Body):
         return float(np.linalg.norm(self.size) / 2)
 
     @property
-    def collision_geometry(self):
+    def collision_geometry(self) -> coal.Box:
         """A ``coal.Box`` in the body frame."""
         import coal
 
         return coal.Box(*self.size)
 
-    def _nearest_b(self, local):
+    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
         half, each = self.size / 2, np.arange(len(local))
         beyond = np.abs(local) - half
         axis = beyond.argmax(axis=1)
@@ -267,7 +272,7 @@ class Box(Body):
         surface[each[inside], axis[inside]] = (face * half)[inside, axis[inside]]
         return surface, outward, distance
 
-    def _curvature_b(self, surface, outward):
+    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         on_faces = np.abs(surface) > self.size / 2 - NO_DIRECTION
         self._refuse(
             on_faces.sum(axis=1) > 1,
@@ -278,7 +283,7 @@ class Box(Body):
         return np.zeros((len(surface), 2)), np.eye(3)[on_faces.argmin(axis=1)]
 
 
-def positive_lengths(name: str, value) -> np.ndarray:
+def positive_lengths(name: str, value: object) -> Array:
     """Three lengths > 0 (3,) [m], or :class:`InvalidInput`."""
     lengths = array_of(name, value, (3,))
     if np.any(lengths <= 0):

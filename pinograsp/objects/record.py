@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import one_of
 from pinograsp.errors import InvalidInput
@@ -10,9 +13,10 @@ from pinograsp.objects.body import Body
 from pinograsp.objects.ellipsoid import Ellipsoid
 from pinograsp.objects.mesh import Mesh
 from pinograsp.objects.primitives import Box, Capsule, Cylinder, Sphere
+from pinograsp.spatial import Array
 
 # Shape -> (its class, what its constructor takes besides mass, density and pose).
-_SHAPES = {
+_SHAPES: dict[str, tuple[type[Body], tuple[str, ...]]] = {
     "sphere": (Sphere, ("radius",)),
     "cylinder": (Cylinder, ("radius", "height")),
     "capsule": (Capsule, ("radius", "length")),
@@ -24,7 +28,7 @@ _ALL = ("mass", "density", "pose")
 _ARRAYS = ("size", "semi_axes", "vertices", "faces", "file_frame_b", "pose")
 
 
-def object_record(body) -> dict | None:
+def object_record(body: Body) -> dict[str, Any] | None:
     """The object as plain JSON values: its shape's name and the constructor's arguments. None for other classes."""
     for shape, (kind, names) in _SHAPES.items():
         if type(body) is kind:
@@ -33,11 +37,11 @@ def object_record(body) -> dict | None:
     return None
 
 
-def _plain(value):
+def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray) else list(value) if isinstance(value, tuple) else value
 
 
-def object_of(record: dict) -> Body:
+def object_of(record: dict[str, Any]) -> Body:
     """The object that :func:`object_record` wrote down; vertices of meshes agree to rounding.
 
     Raises:
@@ -49,7 +53,7 @@ def object_of(record: dict) -> Body:
     wanted = (*_ALL, *names)
     if set(record) != {"shape", *wanted}:
         raise InvalidInput(f"object record: expected shape, {', '.join(wanted)}, got {', '.join(map(str, record))}")
-    values = {name: _array(name, record[name]) if name in _ARRAYS else record[name] for name in wanted}
+    values: dict[str, Any] = {name: _array(name, record[name]) if name in _ARRAYS else record[name] for name in wanted}
     if "notes" in values:
         if not isinstance(record["notes"], list) or not all(isinstance(note, str) for note in record["notes"]):
             raise InvalidInput(f"object record: notes: expected a list of texts, got {record['notes']!r:.60}")
@@ -60,7 +64,7 @@ def object_of(record: dict) -> Body:
         raise InvalidInput(f"object record: expected numbers that a float can hold, got {error}") from None
 
 
-def _array(name: str, value) -> np.ndarray:
+def _array(name: str, value: ArrayLike) -> Array:
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError):

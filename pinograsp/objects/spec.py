@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from typing import TypeAlias
 
 from pinograsp.checks import one_of, shown
 from pinograsp.errors import InvalidInput
@@ -20,12 +22,15 @@ def _yes_or_no(text: str) -> bool:
     return {"true": True, "false": False}[text]
 
 
-_NUMBER = (float, "a number, for example 0.02")
-_LENGTHS = (_lengths, "three lengths, for example 0.02x0.03x0.04")
-_FLAG = (_yes_or_no, "true or false")
-_TEXT = (str, "a text")
-# Shape -> (how it is made, fields it needs, fields it may have).
-_SHAPES = {
+# How the text of a field is read, and what it should be.
+_Field: TypeAlias = tuple[Callable[[str], object], str]
+
+_NUMBER: _Field = (float, "a number, for example 0.02")
+_LENGTHS: _Field = (_lengths, "three lengths, for example 0.02x0.03x0.04")
+_FLAG: _Field = (_yes_or_no, "true or false")
+_TEXT: _Field = (str, "a text")
+# Shape -> (its constructor, fields it needs, fields it may have).
+_SHAPES: dict[str, tuple[Callable[..., Body], dict[str, _Field], dict[str, _Field]]] = {
     "sphere": (Sphere, {"radius": _NUMBER}, {}),
     "cylinder": (Cylinder, {"radius": _NUMBER, "height": _NUMBER}, {}),
     "capsule": (Capsule, {"radius": _NUMBER, "length": _NUMBER}, {}),
@@ -49,9 +54,9 @@ def object_from(spec: str) -> Body:
     if not isinstance(spec, str):
         raise InvalidInput(f"object: expected a text such as 'sphere:radius=0.03,mass=0.2', got {shown(spec)}")
     shape, _, rest = spec.strip().partition(":")
-    make, needed, optional = _SHAPES[one_of("shape of the object", shape.strip(), _SHAPES)]
+    construct, needed, optional = _SHAPES[one_of("shape of the object", shape.strip(), _SHAPES)]
     fields = {**needed, **optional, **_WEIGHT}
-    values = {}
+    values: dict[str, object] = {}
     # A comma ends a field only where another one begins: file names may have commas.
     for part in re.split(r",(?=\s*\w+\s*=)", rest) if rest.strip() else []:
         name, equals, text = (piece.strip() for piece in part.partition("="))
@@ -71,4 +76,4 @@ def object_from(spec: str) -> Body:
         raise InvalidInput(
             f"object {shown(spec)}: expected {', '.join(needed)} and mass or density, got no {', '.join(missing)}"
         )
-    return make(**values)
+    return construct(**values)

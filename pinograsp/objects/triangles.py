@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinograsp.objects.body import NO_DIRECTION, tangents
+from pinograsp.spatial import Array, BoolArray, IntArray
 
 _LEAF = 4  # triangles per leaf of the search tree: few enough to test them all, many enough to keep the tree shallow
 _MOST_PAIRS = 1_000_000  # of a point and a box or triangle held at once; beyond, the points are split
@@ -18,7 +19,7 @@ _TINY = np.finfo(float).tiny  # divides what is zero anyway
 
 
 class TriangleSurface:
-    """A closed surface of triangles wound outwards, made ready for queries: vertices (n, 3) [m], faces (m, 3).
+    """A closed surface of triangles wound outwards, prepared for queries: vertices (n, 3) [m], faces (m, 3).
 
     Nearest points come from a binary tree of axis-aligned boxes that all points descend together. The sign is that of
     the angle-weighted normal of the nearest face, edge or corner (J. A. Baerentzen and H. Aanaes, Signed Distance
@@ -26,7 +27,7 @@ class TriangleSurface:
     closed surfaces that do not cross themselves; at triangles too flat to have a normal the winding number decides.
     """
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray):
+    def __init__(self, vertices: Array, faces: IntArray):
         self.corners = vertices[faces]
         sides = np.roll(self.corners, -1, axis=1) - self.corners
         area = np.cross(sides[:, 0], sides[:, 1])  # twice the area, along the normal
@@ -38,7 +39,7 @@ class TriangleSurface:
         self._feature_normals = self._pseudonormals(vertices, faces, sides)
         unsure = np.zeros(len(vertices), dtype=bool)
         unsure[faces[flat]] = True
-        self._unsure = unsure[faces].any(axis=1)
+        self._unsure: BoolArray = np.any(unsure[faces], axis=1)
         ab, ac = sides[:, 0], -sides[:, 2]
         # Rows that give, from the offset to the first corner: its parts along both sides, the height, and the
         # barycentric coordinates of its foot.
@@ -48,7 +49,7 @@ class TriangleSurface:
         self._squares = np.stack([(ab**2).sum(axis=1), (ac**2).sum(axis=1), (ab * ac).sum(axis=1)], axis=1)
         self._build_tree(np.flatnonzero(~flat))
 
-    def _pseudonormals(self, vertices, faces, sides) -> np.ndarray:
+    def _pseudonormals(self, vertices: Array, faces: IntArray, sides: Array) -> Array:
         """Unit normals (m, 7, 3) of each triangle: its own, its three edges' and its three corners'."""
         n = len(vertices)
         pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
@@ -62,9 +63,10 @@ class TriangleSurface:
         on_vertices = np.zeros((n, 3))
         np.add.at(on_vertices, faces, angles[..., None] * self.normals[:, None])
         found = np.concatenate([self.normals[:, None], on_edges[edge], on_vertices[faces]], axis=1)
-        return found / np.maximum(np.linalg.norm(found, axis=2), _TINY)[..., None]
+        found /= np.maximum(np.linalg.norm(found, axis=2), _TINY)[..., None]
+        return found
 
-    def _build_tree(self, members: np.ndarray) -> None:
+    def _build_tree(self, members: IntArray) -> None:
         """Of triangles with a normal: those without lie along the sides of others."""
         depth = int(np.ceil(np.log2(max(len(members) / _LEAF, 1))))
         order = np.resize(members, (1, _LEAF << depth))  # repeats fill the last leaves
@@ -81,7 +83,7 @@ class TriangleSurface:
             low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
             self._boxes.insert(0, (low, high))
 
-    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def nearest(self, points: Array) -> tuple[Array, Array, Array, BoolArray]:
         """Nearest points (k, 3), outward unit normals (k, 3), signed distances (k,), negative inside, and whether
         (k,) other points are as near on the opposite side.
 
@@ -106,7 +108,7 @@ class TriangleSurface:
         outward = np.where(apart[:, None], offset / np.where(apart, distance, 1.0)[:, None], mean)
         return surface, outward, distance, opposite
 
-    def _search(self, points: np.ndarray):
+    def _search(self, points: Array) -> tuple[IntArray, IntArray, Array, BoolArray]:
         """Nearest triangle (k,), its nearest feature (k,), the point there (k, 3), and whether another is opposite."""
         k = len(points)
         if k == 0:
@@ -120,7 +122,8 @@ class TriangleSurface:
             point, node = point[keep], node[keep]
             if k > 1 and len(point) * _LEAF > _MOST_PAIRS:
                 halves = [self._search(points[: k // 2]), self._search(points[k // 2 :])]
-                return tuple(np.concatenate(part) for part in zip(*halves))
+                nearest, feature, surface, opposite = (np.concatenate(part) for part in zip(*halves))
+                return nearest, feature, surface, opposite
         point, face = np.repeat(point, _LEAF), self._leaves[node].ravel()
         squared, doubt = self._squared_distances(points[point], face)
         farthest = np.minimum.reduceat(squared + doubt, np.searchsorted(point, np.arange(k)))
@@ -135,7 +138,7 @@ class TriangleSurface:
         turned &= (squared <= _widened(squared[best])[point]) & (squared > NO_DIRECTION**2)
         return face[best], feature[best], surface[best], np.logical_or.reduceat(turned, first)
 
-    def _first_guess(self, points: np.ndarray) -> np.ndarray:
+    def _first_guess(self, points: Array) -> Array:
         """A squared distance (k,) within which some triangle lies: that to the leaf that lies down the nearer boxes."""
         node = np.zeros(len(points), dtype=int)
         for low, high in self._boxes[1:]:
@@ -147,7 +150,7 @@ class TriangleSurface:
         squared, doubt = self._squared_distances(np.repeat(points, _LEAF, axis=0), self._leaves[node].ravel())
         return _widened((squared + doubt).reshape(-1, _LEAF).min(axis=1))
 
-    def _squared_distances(self, points: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _squared_distances(self, points: Array, face: IntArray) -> tuple[Array, Array]:
         """Squared distances (p,) of points (p, 3) from one triangle each, and how far rounding may put them off."""
         rows, squares = self._rows[face], self._squares[face]
         offset = points - self.corners[face, 0]
@@ -164,7 +167,7 @@ class TriangleSurface:
         within = (beta > 0) & (gamma > 0) & (beta + gamma < 1)
         return np.maximum(np.where(within, height**2, nearest), 0.0), 1e-14 * (reach + ab2 + ac2)
 
-    def winding_number(self, points: np.ndarray) -> np.ndarray:
+    def winding_number(self, points: Array) -> Array:
         """How often the surface surrounds each point (k,): 1 inside, 0 outside, to rounding.
 
         The solid angles of all triangles over 4 pi: A. van Oosterom and J. Strackee, The Solid Angle of a Plane
@@ -179,7 +182,7 @@ class TriangleSurface:
             turns[i] = np.arctan2(across, along).sum() / (2 * np.pi)
         return turns
 
-    def curvature(self, surface: np.ndarray, outward: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    def curvature(self, surface: Array, outward: Array, radius: float) -> tuple[Array, Array]:
         """Principal curvatures (k, 2), smaller first, and the direction of the first (k, 3), at points of the surface.
 
         A quadratic z = z0 + b x + c y + (l x^2 + 2 m x y + n y^2) / 2 over the tangent plane is fitted to the part of
@@ -210,17 +213,19 @@ class TriangleSurface:
         return curvatures, directions
 
 
-def _widened(squared: np.ndarray) -> np.ndarray:
+def _widened(squared: Array) -> Array:
     """Squared distances that take in all that is as near to within NO_DIRECTION."""
-    return (np.sqrt(squared) + NO_DIRECTION) ** 2
+    widened: Array = (np.sqrt(squared) + NO_DIRECTION) ** 2
+    return widened
 
 
-def _squared_gap(points, low, high) -> np.ndarray:
+def _squared_gap(points: Array, low: Array, high: Array) -> Array:
     """Squared distance (...,) of points from axis-aligned boxes."""
-    return (np.maximum(np.maximum(low - points, points - high), 0.0) ** 2).sum(axis=-1)
+    gap: Array = (np.maximum(np.maximum(low - points, points - high), 0.0) ** 2).sum(axis=-1)
+    return gap
 
 
-def _nearest_on(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nearest_on(points: Array, corners: Array) -> tuple[Array, IntArray]:
     """Nearest point (p, 3) of each triangle (p, 3, 3) and where it lies (p,): 0 the face, 1-3 an edge, 4-6 a corner."""
     best, feature, least = np.empty_like(points), np.zeros(len(points), dtype=int), np.full(len(points), np.inf)
     for i, j in _EDGES:
@@ -248,7 +253,7 @@ def _nearest_on(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np
     return best, feature
 
 
-def _feature_at(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def _feature_at(points: Array, corners: Array) -> IntArray:
     """Where points (p, 3) on triangles (p, 3, 3) lie, as :func:`_nearest_on` numbers it, to within NO_DIRECTION."""
     feature = np.zeros(len(points), dtype=int)
     for n, (i, j) in enumerate(_EDGES):
@@ -260,7 +265,7 @@ def _feature_at(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return feature
 
 
-def _pieces(corners: np.ndarray) -> np.ndarray:
+def _pieces(corners: Array) -> Array:
     """Triangles (p, 3, 3) cut at their longest edges until none is longer than 1/5, without those off the unit ball."""
     done = []
     while len(corners):

@@ -551,7 +551,7 @@ def test_mesh_curvature_is_as_near_as_documented(semi_axes, subdivisions, height
     assert np.abs((direction * inward).sum(axis=1)).max() < 0.1
     told_apart = exact[:, 1] > 1.3 * exact[:, 0]
     assert np.all(np.abs((direction * first).sum(axis=1))[told_apart] > np.cos(np.radians(5)))
-    wider, _ = mesh.curvature(points, radius=2 * mesh._derived["radius"])
+    wider, _ = mesh.curvature(points, radius=2 * mesh._derived.fit_radius)
     assert np.median(np.abs(wider - exact)) > np.median(np.abs(found - exact))
 
 
@@ -832,7 +832,7 @@ def test_on_an_edge_rounding_does_not_decide_the_normal(name):
         angle = 2 * np.pi * np.arange(16) / 16 + np.pi / 16
         reach = own.radius * (np.cos(np.pi / 16) if name.startswith("mesh") else 1)
         around = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-        edge, outward = reach * around + [0, 0, own.height / 2], [*around, 0, 0, 1]
+        edge, outward = reach * around + [0, 0, own.height / 2], around + [0, 0, 1]
     outward = outward / np.linalg.norm(outward, axis=1)[:, None]
     rotation = POSE[:3, :3]
     points = edge @ rotation.T + POSE[:3, 3]
