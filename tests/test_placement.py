@@ -294,9 +294,15 @@ def test_ctrl_c_writes_nothing_and_exits_with_130(tmp_path, everybody):
         "5000",
     ]
     running = subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        cwd=tmp_path,
+        env={name: value for name, value in os.environ.items() if name != "LOKY_MAX_CPU_COUNT"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
-    time.sleep(8.0)
+    time.sleep(12.0)
     (os.killpg if everybody else os.kill)(running.pid, signal.SIGINT)
     out, err = running.communicate(timeout=240)
     assert running.returncode == 130 and "of 5000 placements tried" in err and "Traceback" not in err

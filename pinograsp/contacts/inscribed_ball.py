@@ -98,7 +98,7 @@ def inscribed_ball(
     if flat is not None or upper <= rounding:
         flat = direction if flat is None else flat
         return InscribedBall(lower=0.0, upper=0.0, direction=read_only(flat), converged=True, points=len(simplex))
-    polytope = _Polytope(simplex, _FLAT * size)
+    polytope = Polytope(simplex, _FLAT * size)
     while True:
         facet = polytope.nearest()
         y, inner = polytope.normals[facet], polytope.offsets[facet]
@@ -149,7 +149,7 @@ def _start(ask, d: int) -> tuple[np.ndarray, float, np.ndarray | None]:
     return simplex, size, None
 
 
-class _Polytope:
+class Polytope:
     """A closed simplicial surface around ``centre`` that grows by the points it is given.
 
     ``facets`` (n, d) are numbers of ``points``, ascending; ``normals`` (n, d) point outwards and have unit length;
@@ -164,7 +164,7 @@ class _Polytope:
         self.points = simplex
         self.rims = np.array([[j for j in range(d) if j != i] for i in range(d)], dtype=np.int64).reshape(d, d - 1)
         self.facets = np.array([[j for j in range(d + 1) if j != i] for i in range(d + 1)], dtype=np.int64)
-        self.normals, self.offsets = self._planes(self.points, self.facets)
+        self.normals, self.offsets = self.planes(self.points, self.facets)
         self.sound = bool(np.all(self.offsets > self.normals @ self.centre))
         self.vacant = np.zeros(0, dtype=np.int64)
 
@@ -194,7 +194,7 @@ class _Polytope:
         rim = ridges[first[count % 2 == 1]]
         facets = np.column_stack([rim, np.full(len(rim), base, dtype=np.int64)])
         points = np.vstack([self.points, point])
-        normals, offsets = self._planes(points, facets)
+        normals, offsets = self.planes(points, facets)
         if len(seen) == 0 or not np.all(offsets > normals @ self.centre):  # also catches nan
             return False
         self.points = points
@@ -216,7 +216,7 @@ class _Polytope:
         self.vacant = vacant[need:]
         return vacant[:need]
 
-    def _planes(self, points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def planes(self, points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit normals (m, d) away from the centre and offsets (m,) of facets (m, d)."""
         corners = points[facets]
         spokes = corners - self.centre

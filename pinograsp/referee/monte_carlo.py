@@ -252,7 +252,7 @@ def monte_carlo(
         leave=False,
     )
     with log, bar, handed_over(task, settings, jobs) as case, interrupts_kept() as interrupt:
-        trials = ((case, *_drawn(task, errors, seed, name, trial), name, trial) for name, trial in todo)
+        trials = ((case, *drawn_errors(task, errors, seed, name, trial), name, trial) for name, trial in todo)
         try:
             # As they come, so that an interruption loses none that is done.
             with parallel_results(_try, trials, jobs, return_as="generator_unordered") as results:
@@ -294,7 +294,7 @@ def _try(
     return name, trial, drawn, run_trial(case, disturbance, mu_factor)
 
 
-def _drawn(task, errors: Errors, seed: int, name: str, trial: int) -> tuple[dict, Disturbance, float]:
+def drawn_errors(task, errors: Errors, seed: int, name: str, trial: int) -> tuple[dict, Disturbance, float]:
     """A trial's errors as plain values, as a disturbance, and the factor of mu."""
     every = [field.name for field in fields(Errors)]
     # An error's numbers are its own: switching another on or off, or more trials, changes none of them.

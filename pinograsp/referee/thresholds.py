@@ -168,11 +168,11 @@ def _search(kind, task, settings, tolerance, planned, jobs, disturbance, name: s
             outcomes = run(joblib.delayed(run_trial)(case, replace(base, **{name: value})) for value in values)
             return [one.held for one in outcomes]
 
-        lost, held, tried = _bisected(hold, start, harder, easier, tolerance, joblib.effective_n_jobs(jobs))
+        lost, held, tried = bracket(hold, start, harder, easier, tolerance, joblib.effective_n_jobs(jobs))
     return kind(lost=lost, held=held, tried=tuple(tried), planned=planned)
 
 
-def _bisected(hold: Callable, start: float, harder: list[float], easier: list[float], tolerance: float, ahead: int):
+def bracket(hold: Callable, start: float, harder: list[float], easier: list[float], tolerance: float, ahead: int):
     """Bracket (lost, held), and values tried. ``hold``: of values, whether they hold; ``ahead``: how many at once."""
     known: dict[float, bool] = {}
     tried: list[tuple[float, bool]] = []

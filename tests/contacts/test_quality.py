@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from pinograsp.contacts import Compliance, Contact, ContactSet, Friction
-from pinograsp.contacts.inscribed_ball import _Polytope, inscribed_ball
+from pinograsp.contacts.inscribed_ball import Polytope, inscribed_ball
 from pinograsp.contacts.quality import (
     ferrari_canny,
     grasp_map_metrics,
@@ -178,9 +178,9 @@ def test_ball_in_many_dimensions():
 
 
 def test_the_surface_refuses_points_it_cannot_take_and_bears_facets_without_extent():
-    polytope = _Polytope(np.vstack([np.zeros(3), np.eye(3)]), 1e-11)
+    polytope = Polytope(np.vstack([np.zeros(3), np.eye(3)]), 1e-11)
     assert polytope.sound and not polytope.add(np.full(3, 0.2)) and len(polytope) == 4
-    normals, offsets = polytope._planes(np.vstack([np.eye(3), np.eye(3)]), np.array([[0, 1, 2], [0, 3, 1]]))
+    normals, offsets = polytope.planes(np.vstack([np.eye(3), np.eye(3)]), np.array([[0, 1, 2], [0, 3, 1]]))
     assert np.allclose(normals[0], 3**-0.5) and np.all(offsets > normals @ polytope.centre)
 
 

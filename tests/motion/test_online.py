@@ -437,7 +437,6 @@ def test_a_refused_tick_changes_nothing_at_all(plan):
     for one in (online, other):
         one.step(load)
         one.engage(0, False)
-    before = online._memory.copy()
     fine = {"mu": 0.2, "poses": poses, "q": q + 0.1}
     for bad in (
         {"wrench": np.full(6, 1e13)},
@@ -454,10 +453,8 @@ def test_a_refused_tick_changes_nothing_at_all(plan):
     ):
         with pytest.raises(InvalidInput):
             online.step(bad.pop("wrench", load), **fine | bad)
-        assert np.array_equal(online._memory, before), bad
-    for _ in range(3):
         for one, two in zip(online.step(load), other.step(load)):
-            assert np.array_equal(one, two)
+            assert np.array_equal(one, two), bad
 
 
 def test_loads_that_grow_over_the_plans_are_held():

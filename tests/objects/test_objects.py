@@ -328,7 +328,7 @@ def test_general_meshes_by_brute_force(shape):
     assert np.mean(np.abs(surface - (nearest @ shape.pose[:3, :3].T + shape.com_o)).max(axis=1) < 1e-5) > 0.98
     turns = np.round(np.random.default_rng(8).normal(size=3), 3)
     assert np.array_equal(distances < 0, inside_by_rays(made, local, turns / np.linalg.norm(turns)))
-    assert np.array_equal(distances < 0, shape._surface.winding_number(local) > 0.5)
+    assert np.array_equal(distances < 0, TriangleSurface(shape.vertices, shape.faces).winding_number(local) > 0.5)
     assert 10 < np.sum(distances < 0) < 140
 
 
@@ -395,7 +395,8 @@ def test_normals_on_edges_are_the_mean_of_the_faces():
 
 
 def test_many_points_at_once_are_the_same_as_few(monkeypatch):
-    surface = GENERAL["ring"]._surface
+    ring = GENERAL["ring"]
+    surface = TriangleSurface(ring.vertices, ring.faces)
     points = np.random.default_rng(11).normal(size=(200, 3)) * 0.03
     whole = surface.nearest(points)
     monkeypatch.setattr("pinograsp.objects.triangles._MOST_PAIRS", 500)
@@ -543,7 +544,8 @@ def test_mesh_curvature_is_as_near_as_documented(semi_axes, subdivisions, height
     mesh = mesh_of(scaled_ball(semi_axes, subdivisions), pose=np.eye(4))
     points = shape.project(np.random.default_rng(12).normal(size=(40, 3)))[0]
     exact, first = shape.curvature(points)
-    assert np.median(mesh._surface.heights) * exact.max() < height  # what the documented accuracy asks for
+    surface = TriangleSurface(mesh.vertices, mesh.faces)
+    assert np.median(surface.heights) * exact.max() < height  # what the documented accuracy asks for
     found, direction = mesh.curvature(points)
     assert (np.abs(found - exact) / exact[:, 1:]).max() < tolerance
     _, inward, _ = mesh.project(points)
@@ -551,7 +553,7 @@ def test_mesh_curvature_is_as_near_as_documented(semi_axes, subdivisions, height
     assert np.abs((direction * inward).sum(axis=1)).max() < 0.1
     told_apart = exact[:, 1] > 1.3 * exact[:, 0]
     assert np.all(np.abs((direction * first).sum(axis=1))[told_apart] > np.cos(np.radians(5)))
-    wider, _ = mesh.curvature(points, radius=2 * mesh._derived.fit_radius)
+    wider, _ = mesh.curvature(points, radius=6 * np.median(surface.heights))  # twice the default's
     assert np.median(np.abs(wider - exact)) > np.median(np.abs(found - exact))
 
 
@@ -716,7 +718,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
 
 def test_thousands_of_triangles_and_one():
     tetrahedron = mesh_of(trimesh.creation.icosahedron().convex_hull, pose=np.eye(4))
-    assert isinstance(tetrahedron._surface, TriangleSurface) and tetrahedron.project([[2.0, 0, 0]])[2] > 0.9
+    assert tetrahedron.project([[2.0, 0, 0]])[2] > 0.9
     fine = trimesh.creation.icosphere(subdivisions=6, radius=0.03)
     shape = mesh_of(fine, pose=np.eye(4))
     points = np.random.default_rng(13).normal(size=(200, 3)) * 0.05

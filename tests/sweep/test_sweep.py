@@ -383,8 +383,8 @@ def test_killed_twice_and_resumed_nothing_is_lost_or_doubled(tmp_path):
 
 
 @pytest.mark.slow
-def test_two_thousand_plans_killed_twice_and_resumed(tmp_path):
-    killed_twice_and_resumed(tmp_path, 2000, 2.0, jobs=2)
+def test_hundreds_of_plans_killed_twice_and_resumed(tmp_path):
+    killed_twice_and_resumed(tmp_path, 400, 1.0, jobs=2)
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
