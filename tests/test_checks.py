@@ -192,7 +192,7 @@ def test_postures_records_and_names(hand, contacts, cylinder):
     for call, message in (
         (lambda: pg.torque_limits(hand, contacts, "abc"), "^q: expected numbers"),
         (lambda: pg.torque_limits(None, contacts, np.zeros(20)), "^hand: expected a HandModel, got None"),
-        (lambda: pg.close_hand(hand, "ball"), "^object: expected a Body"),
+        (lambda: pg.close_hand(hand, "ball"), "^body: expected a Body"),
         (lambda: pg.close_hand(hand, cylinder, wrap="no"), "^wrap: expected True or False"),
         (lambda: pg.contacts_at(hand, cylinder, {**POINTS, 1: [0, 0, 0]}), "^points: expected"),
         (lambda: pg.contacts_at(hand, cylinder, {"nobody": [0.01, 0.0, 0.06]}), "expected one of thumb"),

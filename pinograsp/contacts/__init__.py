@@ -2,23 +2,35 @@
 
 from pinograsp.contacts.clearance import PALM, check_geometry, clearance, fingertips, link_centre
 from pinograsp.contacts.closing import close_hand
-from pinograsp.contacts.closure import Closure, Touch
-from pinograsp.contacts.compliance import Compliance, PenetrationProfile, energy_terms, impulse_energy, work_energy
+from pinograsp.contacts.closure import ClosingPath, Closure, Touch
+from pinograsp.contacts.compliance import (
+    MEASURES,
+    Compliance,
+    Measure,
+    PenetrationProfile,
+    energy_terms,
+    impulse_energy,
+    work_energy,
+)
 from pinograsp.contacts.contact_set import Contact, ContactSet, contacts_at
 from pinograsp.contacts.deceleration import DecelerationShape
-from pinograsp.contacts.friction import FRICTION_MODELS, Friction
+from pinograsp.contacts.friction import FRICTION_MODELS, Friction, FrictionModel
 from pinograsp.contacts.penetration import touching
 from pinograsp.contacts.synergy import open_and_closed
 
 __all__ = [
     "FRICTION_MODELS",
+    "MEASURES",
     "PALM",
+    "ClosingPath",
     "Closure",
     "Compliance",
     "Contact",
     "ContactSet",
     "DecelerationShape",
     "Friction",
+    "FrictionModel",
+    "Measure",
     "PenetrationProfile",
     "Touch",
     "check_geometry",

@@ -5,20 +5,21 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, instance_of
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_of
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import FARTHEST
+from pinograsp.spatial import FARTHEST, Array
 
 PALM = "palm"
 _FAR = 1e3  # [m] farther off than any part of a hand
 _FAILED = 10 * FARTHEST  # [m] no hand is as far from its object: coal failed
-_OFF = 1e-4  # [m] what coal's depth of an overlap may be off
-_CLEAR = 1e-4  # [m] a hull farther off than this says enough
-_TILT = 1e-3  # [rad] tilt that tells the corners of a flat contact
+_OFF = 1e-4  # [m] largest error of coal's depth of an overlap
+_CLEAR = 1e-4  # [m] where the hull is farther off than this, the part's own distance is not needed
+_TILT = 1e-3  # [rad] tilt that separates the corners of a flat contact
 _MOST_SHAPES = 500
 _PATCH = 1e-3  # [m] corners nearer to each other are one: curved bodies of up to a metre's radius touch at a point
 
@@ -53,15 +54,15 @@ class HandPart:
 class Distances:
     """Signed distances of the hand's geometry to an object at a posture."""
 
-    def __init__(self, hand: HandModel, object):
-        away = float(np.linalg.norm(object.com_o - hand.pose[:3, 3])) + object.bounding_radius
+    def __init__(self, hand: HandModel, body: Body):
+        away = float(np.linalg.norm(body.com_o - hand.pose[:3, 3])) + body.bounding_radius
         if not away <= FARTHEST:
             raise InvalidInput(
                 f"object: expected one within {FARTHEST:g} m of the hand's root, got one that reaches to {away:.3g} "
                 "m: are the units right?"
             )
         self.model, self.data = hand.model, hand.model.createData()
-        self.object, self.shape = object, object.collision_geometry
+        self.body, self.shape = body, body.collision_geometry
         self.request, self.plain, self.result = coal.DistanceRequest(), coal.DistanceRequest(), coal.DistanceResult()
         self.request.enable_signed_distance = self.plain.enable_signed_distance = True
         self.request.gjk_tolerance = 1e-12
@@ -69,33 +70,35 @@ class Distances:
         self.request.epa_tolerance = 1e-9
         self.put(np.clip(np.zeros(hand.n), hand.lower, hand.upper))
 
-    def put(self, q: np.ndarray, object=None) -> None:
-        """Move the hand to the posture q (n,), and the object where another copy of it is."""
+    def put(self, q: Array, body: Body | None = None) -> None:
+        """Move the hand to the posture q (n,), and the object to where ``body``, the same solid, is."""
         pin.forwardKinematics(self.model, self.data, q)
-        if object is not None:
-            self.object = object
-        pose = self.object.pose
+        if body is not None:
+            self.body = body
+        pose = self.body.pose
         self.pose = coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
 
-    def of(self, part: HandPart) -> tuple[float, np.ndarray]:
+    def of(self, part: HandPart) -> tuple[float, Array]:
         """Distance [m] and the part's nearest point (3,) in the world."""
-        return self.bound(part, clear=np.inf)
+        least = -np.inf if part.hull is part.geometry else self.rough(part) - _OFF
+        return self.at(part, self.pose, part.geometry, least)
 
     def rough(self, part: HandPart) -> float:
         """Distance of the part's convex hull [m]: quick, and not more than the part's own."""
         return self.at(part, self.pose, part.hull)[0]
 
-    def bound(self, part: HandPart, clear: float = _CLEAR) -> tuple[float, np.ndarray | None]:
-        """As :meth:`of`, but where the hull is farther off than ``clear`` [m] its distance and no point."""
-        least = -np.inf
-        if part.hull is not part.geometry:
-            gap = self.rough(part)
-            if gap > clear:
-                return gap, None
-            least = gap - _OFF
-        return self.at(part, self.pose, part.geometry, least)
+    def bound(self, part: HandPart) -> tuple[float, Array | None]:
+        """As :meth:`of`; where the hull is clear of the object, the hull's distance and no point."""
+        if part.hull is part.geometry:
+            return self.at(part, self.pose, part.geometry)
+        gap = self.rough(part)
+        if gap > _CLEAR:
+            return gap, None
+        return self.at(part, self.pose, part.geometry, gap - _OFF)
 
-    def at(self, part: HandPart, object_pose, geometry, least: float = -np.inf) -> tuple[float, np.ndarray]:
+    def at(
+        self, part: HandPart, object_pose: coal.Transform3s, geometry: coal.CollisionGeometry, least: float = -np.inf
+    ) -> tuple[float, Array]:
         """Distance and nearest point of a part's geometry, or its hull, from the object at another pose (coal's).
 
         What is below ``least`` [m] cannot be: coal takes some meshes that barely touch for deep inside.
@@ -109,25 +112,25 @@ class Distances:
             point = np.array(self.result.getNearestPoint1())
             if np.isfinite(point).all() and max(least, -_FAILED) <= distance < _FAILED:
                 return distance, point
-            # At its finest tolerance coal can lose itself on slivers of a mesh: coarser, then from a hair's breadth
-            # aside.
+            # At its finest tolerance coal can fail on slivers of a mesh: try a coarser one, then a tenth of a
+            # micrometre aside.
             moved.setTranslation(object_pose.getTranslation() + 1e-7 * np.array([attempt, 1.0, -attempt]))
         raise GeometryFailed(part.link, type(part.geometry).__name__)
 
-    def surface(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def surface(self, point: Array) -> tuple[Array, Array]:
         """The object's surface point nearest to a point (3,), and the inward normal there (3,)."""
-        surface, normal, _ = self.object.project(point[None])
+        surface, normal, _ = self.body.project(point[None])
         return surface[0], normal[0]
 
-    def patch(self, part: HandPart, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    def patch(self, part: HandPart, point: Array, normal: Array) -> Array:
         """Corners (p, 3) of the area on which a part touches, one point where it is curved.
 
         Tilted a little about the point, flat bodies touch at one corner of their common area after the other.
         """
         x, y = tangents(normal[None])[0].T
         corners = [point]
-        pose = np.array(self.object.pose)
-        # Askew, for along an edge any of its points would do; two rounds, the second where the first found corners.
+        pose = np.array(self.body.pose)
+        # Askew, since along an edge any of its points is as near; two rounds, the second where the first found corners.
         for i, turn in enumerate(0.3 + np.array([0, 2, 4, 6, 1, 3, 5, 7]) * np.pi / 4):
             if i == 4 and len(corners) == 1:
                 break
@@ -137,43 +140,42 @@ class Distances:
             corner = corner - normal * (normal @ (corner - point))
             if min(np.linalg.norm(corner - other) for other in corners) > _PATCH:
                 corners.append(corner)
-        # The point itself is some point of a flat area: its corners say more.
+        # The point itself lies anywhere on a flat area: its corners describe it.
         return np.array(corners[1:] if len(corners) > 2 else corners)
 
 
 def check_geometry(hand: HandModel) -> None:
-    """Refuse a hand without collision geometry, or with more than can be gone through."""
+    """Refuse a hand without collision geometry, or with more of it than can be searched in reasonable time."""
     instance_of("hand", hand, HandModel)
     if hand.geometry.ngeoms > _MOST_SHAPES:
         raise InvalidInput(
             f"hand '{hand.name}' has {hand.geometry.ngeoms} collision shapes, expected at most {_MOST_SHAPES}: "
-            "give root= the hand's "
-            "palm, or fewer shapes"
+            "give root= the hand's palm, or fewer shapes"
         )
     if not hand.geometry.ngeoms:
         raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
 
 
-def _pose(data, joint: int, placement: pin.SE3) -> coal.Transform3s:
+def _pose(data: pin.Data, joint: int, placement: pin.SE3) -> coal.Transform3s:
     """Where something placed on a joint is in the world, for coal."""
     placed = data.oMi[joint] * placement
     return coal.Transform3s(placed.rotation, placed.translation)
 
 
-def link_centre(hand: HandModel, data, joint: int) -> np.ndarray:
+def link_centre(hand: HandModel, data: pin.Data, joint: int) -> Array:
     """Centre of the geometry that a joint carries (3,) in the world [m]; its origin where it carries none."""
     own = [one for one in hand.geometry.geometryObjects if one.parentJoint == joint]
     for one in own:
         one.geometry.computeLocalAABB()
     centres = [data.oMi[joint].act(one.placement.act(np.array(one.geometry.aabb_center))) for one in own]
-    return np.mean(centres, axis=0) if centres else np.array(data.oMi[joint].translation)
+    return np.array(centres).mean(axis=0) if centres else np.array(data.oMi[joint].translation)
 
 
-def fingertips(hand: HandModel, data) -> np.ndarray:
+def fingertips(hand: HandModel, data: pin.Data) -> Array:
     """Where the fingers press: centres of their last links (f, 3) in the world [m].
 
-    A single finger presses with its end, against the palm: its end, and the palm's point nearest to where that gets (2,
-    3).
+    A single finger presses with its end against the palm. For it: its end, and the point of the palm that is nearest
+    to where that end can get (2, 3).
     """
     last = [finger.joint_ids[-1] for finger in hand.fingers]
     if len(last) > 1:
@@ -185,7 +187,7 @@ def fingertips(hand: HandModel, data) -> np.ndarray:
     return np.array([_end(hand, data, last[0]), min(found, key=lambda one: one[0])[1]])
 
 
-def _end(hand: HandModel, data, joint: int) -> np.ndarray:
+def _end(hand: HandModel, data: pin.Data, joint: int) -> Array:
     """The point (3,) that a joint's geometry reaches farthest, in the direction of its centre."""
     origin = data.oMi[joint].translation
     out = link_centre(hand, data, joint) - origin
@@ -193,9 +195,10 @@ def _end(hand: HandModel, data, joint: int) -> np.ndarray:
     return _nearest(hand, data, joint, far)[1]
 
 
-def _nearest(hand: HandModel, data, joint: int, point: np.ndarray) -> tuple[float, np.ndarray]:
-    """Distance [m] of the geometry that a joint carries from a point (3,), and its nearest point (3,); without any, the
-    joint's.
+def _nearest(hand: HandModel, data: pin.Data, joint: int, point: Array) -> tuple[float, Array]:
+    """Distance [m] of the geometry that a joint carries from a point (3,), and its nearest point (3,).
+
+    Where the joint carries none: infinity, and the joint's origin.
     """
     found = [(np.inf, np.array(data.oMi[joint].translation))]
     at, request, result = coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), coal.DistanceResult()
@@ -208,10 +211,10 @@ def _nearest(hand: HandModel, data, joint: int, point: np.ndarray) -> tuple[floa
     return min(found, key=lambda one: one[0])
 
 
-def clearance(hand: HandModel, object, q) -> float:
-    """Least signed distance of the hand's geometry at q (n,) from the object [m]; negative where they overlap."""
+def clearance(hand: HandModel, body: Body, q: ArrayLike) -> float:
+    """Least signed distance of the hand's geometry at q (n,) from ``body`` [m]; negative where they overlap."""
     check_geometry(hand)
-    distances = Distances(hand, instance_of("object", object, Body))
+    distances = Distances(hand, instance_of("body", body, Body))
     distances.put(array_of("q", q, (hand.n,)))
     parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects]
     least = np.inf
@@ -233,23 +236,23 @@ def _near(model: pin.Model, inner: int, outer: int) -> bool:
     return False
 
 
-def self_collisions(hand: HandModel, start: np.ndarray, q: np.ndarray) -> tuple[tuple[str, str], ...]:
+def self_collisions(hand: HandModel, start: Array, q: Array) -> tuple[tuple[str, str], ...]:
     """Pairs of links, not within two joints of each other in one chain, that overlap at q but not at ``start``."""
     model, objects = hand.model, list(hand.geometry.geometryObjects)
     data, request = model.createData(), coal.CollisionRequest()
 
-    def overlapping(posture) -> set[tuple[str, str]]:
+    def overlapping(posture: Array) -> set[tuple[str, str]]:
         pin.forwardKinematics(model, data, posture)
         poses = [_pose(data, one.parentJoint, one.placement) for one in objects]
         found = set()
         for a, one in enumerate(objects):
-            for b in range(a):
-                i, j = objects[b].parentJoint, one.parentJoint
+            for b, other in enumerate(objects[:a]):
+                i, j = other.parentJoint, one.parentJoint
                 if i == j or _near(model, i, j) or _near(model, j, i):
                     continue
                 result = coal.CollisionResult()
-                if coal.collide(objects[b].geometry, poses[b], one.geometry, poses[a], request, result):
-                    found.add(tuple(model.frames[o.parentFrame].name for o in (objects[b], one)))
+                if coal.collide(other.geometry, poses[b], one.geometry, poses[a], request, result):
+                    found.add((model.frames[other.parentFrame].name, model.frames[one.parentFrame].name))
         return found
 
     after = overlapping(q)

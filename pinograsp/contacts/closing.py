@@ -13,29 +13,32 @@ along their normals, without friction, until it is caged between them or until f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
-from pinograsp.checks import array_of, flag, instance_of, items_of, mapping_of, number, read_only
+from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapping_of, number, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, self_collisions
-from pinograsp.contacts.closure import Closure, Touch
+from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body, tangents
+from pinograsp.spatial import Array, BoolArray
+
+Posture: TypeAlias = Mapping[str, ArrayLike] | ArrayLike  # {finger: angles (n_f,)} or q (n,)
 
 TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes are exact to 1e-9
 _CREEP = 2e-7  # [m] least advance: what passes the object this close is taken to touch it
-_OPEN = 1e-9  # [m] an overlap beyond rounding: the start posture is no start
+_OPEN = 1e-9  # [m] an overlap beyond rounding: the hand cannot start there
 _PUSH = 0.01  # first share of the path that jaws push the object at once; quartered where it cannot yield
-_RATHER_MOVED = (
-    3.0  # a turn counts for as much as a move of its rim times this: what jaws push slides, and turns to fit
-)
+_RATHER_MOVED = 3.0  # a turn costs this times as much as a move as far as its rim goes: pushed, an object slides first
 _ROOM = 0.02  # of the jaws' own way: room that a pushed object is given, so that curved paths need few corrections
-_LEVERAGE = 10.0  # what is pushed moves at most this much farther than the jaws: more is squirting out of them
+_LEVERAGE = 10.0  # a pushed object moves at most this much farther than the jaws: else it slips out of them
 _CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
 _BALANCED = 1e-3  # of the pressing forces: what may be left of them where the object jams
 _PUSHES, _CUTS = 200, 30  # pushes at most, and rounds of making way after each
@@ -45,27 +48,28 @@ _MOST_STEPS = 50_000  # of one closing, which takes some hundreds
 
 def close_hand(
     hand: HandModel,
-    object,
+    body: Body,
     *,
-    start: Mapping[str, np.ndarray] | np.ndarray | None = None,
-    target: Mapping[str, np.ndarray] | np.ndarray | None = None,
+    start: Posture | None = None,
+    target: Posture | None = None,
     palm: bool = True,
-    fingers=None,
+    fingers: Sequence[str] | None = None,
     wrap: bool = False,
     fixed: bool = False,
     friction: float = 0.5,
 ) -> Closure:
-    """Close ``hand`` on ``object`` until nothing moves any more.
+    """Close ``hand`` on ``body`` until nothing moves any more.
 
     Every joint moves from ``start`` to ``target`` in the same share of the way (the paper's Table IV), or in turn. A
     link that touches stops the joints that carry it; joints beyond go on. Coupled joints stop together.
 
     Args:
         hand: placed in the world.
-        object: a shape of :mod:`pinograsp.objects`, held still unless fingers that share an actuator push it.
-        start, target: postures, ``{finger: angles (n_f,)}`` [rad] (others at their default) or q (n,). Default: the
+        body: a shape of :mod:`pinograsp.objects`, held still unless fingers that share an actuator push it.
+        start: open posture, ``{finger: angles (n_f,)}`` [rad] (others at their default) or q (n,). Default: the
             synergy of :func:`open_and_closed`, which works for any hand.
-        palm: whether what does not move can be touched.
+        target: closed posture, likewise.
+        palm: whether the links that do not move can be touched.
         fingers: names of those that close; default: all. The others stay at ``start``.
         wrap: close joint after joint, from base to tip, for power grasps: every link gets its chance to touch.
         fixed: hold the object still even where fingers share an actuator: then the first of them that touches stops
@@ -77,13 +81,13 @@ def close_hand(
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
     """
     check_geometry(hand)
-    instance_of("object", object, Body)
+    instance_of("body", body, Body)
     for name, value in (("palm", palm), ("wrap", wrap), ("fixed", fixed)):
         flag(name, value)
     friction = number("friction", friction, at_least=0)
-    opened, closed = open_and_closed(hand, object) if start is None or target is None else (None, None)
-    opened = _posture(hand, "start", start, opened)
-    closed = _posture(hand, "target", target, closed)
+    synergy = open_and_closed(hand, body) if start is None or target is None else (np.zeros(hand.n), np.zeros(hand.n))
+    opened = _posture(hand, "start", start, synergy[0])
+    closed = _posture(hand, "target", target, synergy[1])
     if fingers is not None:
         moving = {int(i) for name in items_of("fingers", fingers, str) for i in hand.finger(name).dofs}
         closed = np.where(np.isin(np.arange(hand.n), sorted(moving)), closed, opened)
@@ -94,19 +98,19 @@ def close_hand(
     ]
     if beyond:
         raise InvalidInput(f"start: expected angles within the joint limits, {', '.join(beyond)} is not")
-    closing = _Closing(hand, object, opened, closed, palm, wrap)
+    closing = _Closing(hand, body, opened, closed, palm, wrap)
     closing.approach()
     if not fixed:
         closing.push(friction)
     return closing.result()
 
 
-def _posture(hand: HandModel, name: str, given, default) -> np.ndarray:
+def _posture(hand: HandModel, name: str, given: Posture | None, default: Array) -> Array:
     if given is None:
         return np.array(default)
     if not isinstance(given, Mapping):
         return np.array(array_of(name, given, (hand.n,)))
-    q = np.zeros(hand.n) if default is None else np.array(default)
+    q = np.array(default)
     for finger, angles in mapping_of(name, given, "{finger: joint angles} or joint positions").items():
         chain = hand.finger(finger)
         q[chain.dofs] = array_of(f"{name} of '{finger}'", angles, (chain.n,))
@@ -116,8 +120,8 @@ def _posture(hand: HandModel, name: str, given, default) -> np.ndarray:
 class _Closing:
     """The state of a hand that closes: posture, joints that still move, what touches."""
 
-    def __init__(self, hand: HandModel, object, start: np.ndarray, target: np.ndarray, palm: bool, wrap: bool):
-        self.hand, self.object, self.start, self.target = hand, object, start, target
+    def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, palm: bool, wrap: bool):
+        self.hand, self.body, self.start, self.target = hand, body, start, target
         names = {
             j: (finger.name, link)
             for finger in reversed(hand.fingers)
@@ -125,7 +129,7 @@ class _Closing:
         }
         parts = [HandPart(hand, one, names) for one in hand.geometry.geometryObjects]
         self.parts = [part for part in parts if palm or part.finger != PALM]
-        self.distances = Distances(hand, object)
+        self.distances = Distances(hand, body)
         self.q, self.at = start.copy(), 0.0
         way = target - start
         self.tops = np.where(way > 0, hand.upper, hand.lower)
@@ -133,29 +137,31 @@ class _Closing:
             share = np.where(way == 0, 0.0, np.minimum(1.0, (self.tops - start) / way))
         self.last = start + share * way
         # Wrapping: each joint has its part of the path, the one nearest to the base the first.
-        turn, parts = np.zeros(hand.n), 1
+        turn, turns = np.zeros(hand.n), 1
         for finger in hand.fingers if wrap else ():
             turn[finger.dofs] = np.maximum(turn[finger.dofs], np.arange(finger.n))
-            parts = max(parts, finger.n)
-        self.begins, self.rate, self.ends = turn / parts, parts * way, (turn + share) / parts
-        self.free = way != 0  # what has not been stopped
+            turns = max(turns, finger.n)
+        self.begins, self.rate, self.ends = turn / turns, turns * way, (turn + share) / turns
+        self.free = way != 0  # joints that have not been stopped
         self.touches: list[Touch] = []
         self.stops: dict[str, str] = {}
         self.events = [(0.0, start.copy())]
-        self.given = object
-        self.at_touch: dict[str, np.ndarray] = {}
-        self.pressing: list[tuple[int, np.ndarray]] = []  # joints, and points that pressed the object, in their frames
+        self.given = body
+        self.at_touch: dict[str, Array] = {}
+        self.pressing: list[tuple[int, Array]] = []  # joints, and points that pressed the object, in their frames
         users = [sum(i in finger.dofs for finger in hand.fingers) for i in range(hand.n)]
         # Actuators that several fingers share, or the only finger's, which has the palm to press against.
         self.shared = {i for i, n in enumerate(users) if n > 1 or len(hand.fingers) == 1}
 
     @property
-    def moving(self) -> np.ndarray:
+    def moving(self) -> BoolArray:
         """Which joints move now (n,)."""
-        return self.free & (self.begins <= self.at + 1e-12)
+        moving: BoolArray = self.free & (self.begins <= self.at + 1e-12)
+        return moving
 
     @property
     def touched(self) -> set[str]:
+        """Names of the links that touch."""
         return {touch.link for touch in self.touches}
 
     def approach(self) -> None:
@@ -167,20 +173,19 @@ class _Closing:
             if gaps[i] < -(_OPEN if part.joint else 1e-6):
                 raise InvalidInput(
                     f"start: '{part.link}' of hand '{self.hand.name}' overlaps the object by {-1e3 * gaps[i]:.3g} mm: "
-                    "open "
-                    "the hand further, or move one of them"
+                    "open the hand further, or move one of them"
                 )
-            if gaps[i] <= (TOUCH if part.joint else 1e-6) and part.link not in self.touched:
+            near = gaps[i] <= (TOUCH if part.joint else 1e-6)
+            if near and point is not None and part.link not in self.touched:
                 self.touch(part, gaps[i], point)
         first = steps = 0
         while self.free.any():
             steps += 1
             if steps > _MOST_STEPS:
-                near = self.parts[first].link
                 raise InvalidInput(
-                    f"hand '{self.hand.name}': closing takes more than {_MOST_STEPS} steps, for '{near}' is close to "
-                    "the object for "
-                    "long, or reaches very far: move the object a little, or check the sizes of the hand"
+                    f"hand '{self.hand.name}': closing takes more than {_MOST_STEPS} steps, for "
+                    f"'{self.parts[first].link}' is close to the object for long, or reaches very far: move the object "
+                    "a little, or check the sizes of the hand"
                 )
             moving, touched = self.moving, self.touched
             if not moving.any():  # the next ones' turn
@@ -201,18 +206,26 @@ class _Closing:
                 self.end_joints()
             else:
                 self.distances.put(self.q)
-                gaps[first], point = self.distances.bound(self.parts[first])
-                if gaps[first] <= TOUCH:
-                    self.touch(self.parts[first], gaps[first], point)
-                    for i in np.flatnonzero(gaps <= 1e-6):
-                        if self.parts[i].link not in self.touched:  # at the same time, as far as can be told
-                            gaps[i], point = self.distances.bound(self.parts[i])
-                            if gaps[i] <= 2 * TOUCH:
-                                self.touch(self.parts[i], gaps[i], point)
+                self.check_nearest(first, gaps)
+
+    def check_nearest(self, first: int, gaps: Array) -> None:
+        """Note the touch of part ``first``, where it does touch, and of those that do at the same time.
+
+        ``gaps`` are lower bounds of all parts' distances; those that are looked at are put right.
+        """
+        gaps[first], point = self.distances.bound(self.parts[first])
+        if gaps[first] > TOUCH or point is None:
+            return
+        self.touch(self.parts[first], gaps[first], point)
+        for i in np.flatnonzero(gaps <= 1e-6).tolist():
+            if self.parts[i].link not in self.touched:  # at the same time, within the tolerance
+                gaps[i], point = self.distances.bound(self.parts[i])
+                if gaps[i] <= 2 * TOUCH and point is not None:
+                    self.touch(self.parts[i], gaps[i], point)
 
     def end_joints(self) -> None:
         """Stop the joints that are at the end of their path or at their limit."""
-        for i in np.flatnonzero(self.moving & (self.ends <= self.at + 1e-12)):
+        for i in np.flatnonzero(self.moving & (self.ends <= self.at + 1e-12)).tolist():
             self.free[i] = False
             self.q[i] = self.last[i]
             self.note_end(i)
@@ -223,7 +236,7 @@ class _Closing:
         at_limit = abs(self.q[i] - self.tops[i]) <= 1e-9
         self.stops[self.hand.joint_names[i]] = "joint limit" if at_limit else "end of path"
 
-    def touch(self, part: HandPart, gap: float, point: np.ndarray) -> None:
+    def touch(self, part: HandPart, gap: float, point: Array) -> None:
         """Note a touch and stop the joints that carry the part."""
         surface, normal = self.distances.surface(point)
         patch = self.distances.patch(part, point, normal)
@@ -260,9 +273,9 @@ class _Closing:
         parts = [
             part for part in self.parts if not part.joint or (part.reach[shared] > 0).any() or part.link in self.touched
         ]
-        q, at, body, step, most = self.q.copy(), self.at, self.object, _PUSH, _PUSH
+        q, at, body, step, most = self.q.copy(), self.at, self.body, _PUSH, _PUSH
         speeds = np.array([float(np.abs(self.rate[shared]) @ part.reach[shared]) for part in parts])
-        gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: what is far off is not looked at
+        gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: the distances of far parts are not computed
         self.distances.put(q, body)
         pushed, room = True, 0.0
         for _ in range(_PUSHES):
@@ -280,32 +293,32 @@ class _Closing:
             given = max(0.1 * _CAGED, _ROOM * reach)
             yielded = self.yielded(parts, trial, body, gaps - step * speeds, _LEVERAGE * reach + given, given)
             pushed = yielded is not None
-            if not pushed:
+            if yielded is None:
                 step /= 4
             else:
                 q, at, (body, gaps), room, step = trial, at + step, yielded, given, min(2 * step, most)
-                if np.linalg.norm(body.com_o - self.object.com_o) > 4 * body.bounding_radius:
+                if np.linalg.norm(body.com_o - self.body.com_o) > 4 * body.bounding_radius:
                     break  # pushed out of the hand
         self.distances.put(q, body)
         found = [(*self.distances.of(part), part) for part in parts]
         if len({part.finger for gap, _, part in found if gap <= _CAGED}) < 2:
             return  # nothing to hold it against: it was only pushed away, so it is left where it was first touched
-        self.q, self.at, self.touches, self.object = q, at, [], body
-        # One jaw may keep a hair's breadth while the others cage the object.
+        self.q, self.at, self.touches, self.body = q, at, [], body
+        # One jaw may stay a micrometre away while the others cage the object.
         for gap, point, part in sorted(found, key=lambda one: one[0]):
             if gap <= _CAGED and part.link not in self.touched:
                 self.touch(part, gap, point)
-        for i in np.flatnonzero(shared & (np.abs(self.last - q) <= 1e-12)):
+        for i in np.flatnonzero(shared & (np.abs(self.last - q) <= 1e-12)).tolist():
             self.note_end(i)
         self.events.append((at, q.copy()))
 
-    def jammed(self, parts, gaps: np.ndarray, friction: float, near: float) -> bool:
-        """Whether friction lets what is ``near`` press the object without moving it: forces in its cones that add up to
-        nothing.
+    def jammed(self, parts: Sequence[HandPart], gaps: Array, friction: float, near: float) -> bool:
+        """Whether friction lets the parts that are ``near`` [m] press the object without moving it.
 
-        The posture and the object's place are those that distances are taken at; ``gaps`` are lower bounds there.
+        Then forces in their friction cones add up to zero. The posture and the object's place are those that distances
+        are taken at; ``gaps`` are lower bounds there.
         """
-        arm, edges, fingers = self.distances.object.bounding_radius, [], set()
+        arm, edges, fingers = self.distances.body.bounding_radius, [], set()
         for part in (part for part, gap in zip(parts, gaps) if gap <= near):
             gap, point = self.distances.of(part)
             if gap <= near:
@@ -314,15 +327,16 @@ class _Closing:
                 across = tangents(normal[None])[0]
                 for turn in np.arange(8) * np.pi / 4:
                     force = normal + friction * across @ (np.cos(turn), np.sin(turn))
-                    edges.append([*force, *np.cross(point - self.distances.object.com_o, force) / arm, 1.0])
+                    edges.append([*force, *np.cross(point - self.distances.body.com_o, force) / arm, 1.0])
         if len(fingers) < 2:
             return False
         _, left = nnls(np.array(edges).T, np.eye(7)[6])
         return bool(left < _BALANCED)
 
-    def yielded(self, parts, q: np.ndarray, body, gaps: np.ndarray, far: float, room: float):
-        """The object out of the way of every part of the hand at q, moved and turned as little as possible; None: it
-        cannot.
+    def yielded(
+        self, parts: Sequence[HandPart], q: Array, body: Body, gaps: Array, far: float, room: float
+    ) -> tuple[Body, Array] | None:
+        """The object out of the way of all parts at q, moved and turned as little as possible; None: it cannot yield.
 
         ``gaps`` are lower bounds of the parts' distances from ``body``; new ones are returned as well. It moves by
         ``far`` [m] at most, and where it makes way by half of ``room`` [m] more than it must.
@@ -334,7 +348,7 @@ class _Closing:
         self.distances.put(q, body)
         joints = self.distances.data.oMi
         for _ in range(_CUTS):
-            # Points that pressed before say cheaply where room is wanted, distances say whether that was all.
+            # Points that pressed before show cheaply where room is wanted, distances whether that was all.
             known = np.array([joints[joint].act(point) for joint, point in self.pressing]).reshape(-1, 3)
             for _ in range(_CUTS if len(known) else 0):
                 surface, normal, gap = body.project(known)
@@ -375,7 +389,9 @@ class _Closing:
         # What went on beyond a finger's last touch without meeting anything goes back to where it was then.
         for finger in self.hand.fingers:
             last = self.at_touch.get(finger.name)
-            for i in finger.dofs if last is not None else ():
+            if last is None:
+                continue
+            for i in finger.dofs.tolist():
                 if not self.stops.get(self.hand.joint_names[i], "").startswith("touch") and i not in self.shared:
                     self.q[i] = last[i]
         notes = [f"'{touch.link}' touches, but belongs to no finger" for touch in self.touches if not touch.finger]
@@ -388,9 +404,9 @@ class _Closing:
         if idle:
             notes.append(f"without contact, so left open: {', '.join(finger.name for finger in idle)}")
         pushed = np.eye(4)
-        if self.object is not self.given:
-            pushed = np.array(self.object.pose) @ np.linalg.inv(self.given.pose)
-            moved = ", ".join(f"{1e3 * v:.2f}" for v in self.object.com_o - self.given.com_o)
+        if self.body is not self.given:
+            pushed = np.array(self.body.pose) @ np.linalg.inv(self.given.pose)
+            moved = ", ".join(f"{1e3 * v:.2f}" for v in self.body.com_o - self.given.com_o)
             turned = np.degrees(np.linalg.norm(pin.log3(pushed[:3, :3])))
             notes.append(
                 f"the object was pushed by ({moved}) mm and turned by {turned:.2f} deg by fingers that cannot stop "
@@ -398,20 +414,23 @@ class _Closing:
             )
         return Closure(
             hand=self.hand,
-            object=self.object,
+            object=self.body,
             q=read_only(self.q),
             start=read_only(self.start),
             target=read_only(self.target),
             touches=tuple(self.touches),
             stops=self.stops,
-            events=(read_only([s for s, _ in self.events]), read_only([p for _, p in self.events])),
+            path=ClosingPath(
+                shares=frozen(np.array([share for share, _ in self.events])),
+                postures=frozen(np.array([posture for _, posture in self.events])),
+            ),
             self_collisions=self_collisions(self.hand, self.start, self.q),
             pushed=read_only(pushed),
             notes=tuple(notes),
         )
 
 
-def _least_motion(rows: np.ndarray, sides: np.ndarray) -> np.ndarray | None:
+def _least_motion(rows: Array, sides: Array) -> Array | None:
     """Least m with rows @ m >= sides, or None (Lawson and Hanson's least distance programming)."""
     scale = max(float(np.abs(sides).max()), 1e-12)
     E = np.vstack([rows.T, sides / scale])
@@ -421,4 +440,5 @@ def _least_motion(rows: np.ndarray, sides: np.ndarray) -> np.ndarray | None:
     residual = E @ u - target
     if left < 1e-7:
         return None
-    return -residual[:-1] / residual[-1] * scale
+    motion: Array = -residual[:-1] / residual[-1] * scale
+    return motion

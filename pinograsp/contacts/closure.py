@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, flag, read_only
 from pinograsp.contacts.clearance import PALM
 from pinograsp.contacts.contact_set import Contact, ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
-from pinograsp.spatial import tangent_frame
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array, tangent_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,12 +40,27 @@ class Touch:
     link: str
     joint_id: int
     at: float
-    point_o: np.ndarray
-    normal_o: np.ndarray
+    point_o: Array
+    normal_o: Array
     gap: float
-    point_l: np.ndarray
+    point_l: Array
     length: float
-    patch_o: np.ndarray
+    patch_o: Array
+
+    __repr__ = brief()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClosingPath:
+    """How a hand closed; the motion is piecewise linear between the e samples.
+
+    Attributes:
+        shares: of the path (e,), 0 open, 1 closed: at the start, at every touch, where joints end, and at the end.
+        postures: at these shares (e, n) [rad].
+    """
+
+    shares: Array
+    postures: Array
 
     __repr__ = brief()
 
@@ -52,33 +70,36 @@ class Closure:
     """A hand closed on an object.
 
     Attributes:
-        hand, object: what was closed on what; the object where jaws that share an actuator have pushed it.
+        hand: the hand that closed.
+        object: what it closed on, where jaws that share an actuator have pushed it.
         q: posture when nothing moves any more (n,) [rad].
-        start, target: ends of the path (n,) [rad].
+        start: where the path begins (n,) [rad].
+        target: where it leads (n,) [rad].
         touches: in the order they happened. Fingers without any are at ``start``.
         stops: ``{joint: reason}``, ``"touch of <link>"``, ``"joint limit"`` or ``"end of path"``.
-        events: shares of the path (e,) and postures (e, n) at the start, at every touch and at the end: the motion is
-            piecewise linear in between.
+        path: the motion, sample by sample.
         self_collisions: pairs of links that overlap in the end and did not at the start.
         pushed: motion (4, 4) of the object in the world by jaws that share an actuator; identity if none.
         notes: what the caller should know.
     """
 
     hand: HandModel
-    object: object
-    q: np.ndarray
-    start: np.ndarray
-    target: np.ndarray
+    object: Body
+    q: Array
+    start: Array
+    target: Array
     touches: tuple[Touch, ...]
     stops: dict[str, str]
-    events: tuple[np.ndarray, np.ndarray]
+    path: ClosingPath
     self_collisions: tuple[tuple[str, str], ...]
-    pushed: np.ndarray
+    pushed: Array
     notes: tuple[str, ...]
 
     __repr__ = brief("hand", "object", "touches", "self_collisions", "notes")
 
-    def contacts(self, *, gravity_o=(0.0, 0.0, -9.81), palm: bool = True, patches: bool = True) -> ContactSet:
+    def contacts(
+        self, *, gravity_o: ArrayLike = (0.0, 0.0, -9.81), palm: bool = True, patches: bool = True
+    ) -> ContactSet:
         """The touches as contacts, base to tip by finger, with the posture they belong to.
 
         Args:
@@ -91,7 +112,7 @@ class Closure:
         """
         flag("palm", palm)
         flag("patches", patches)
-        gravity_o = array_of("gravity", gravity_o, (3,))
+        gravity = array_of("gravity", gravity_o, (3,))
         order = {finger.name: i for i, finger in enumerate(self.hand.fingers)} | {PALM: len(self.hand.fingers)}
         own = [touch for touch in self.touches if touch.finger and (palm or touch.finger != PALM)]
         if not own:
@@ -108,7 +129,7 @@ class Closure:
                         finger=touch.finger,
                         link=touch.link,
                         point_o=read_only(point),
-                        rotation_oc=read_only(tangent_frame(touch.normal_o, gravity_o)),
+                        rotation_oc=read_only(tangent_frame(touch.normal_o, gravity)),
                         length=float(np.linalg.norm(local)),
                         distance=0.0,
                         point_l=read_only(local),
@@ -116,7 +137,7 @@ class Closure:
                 )
         return ContactSet(contacts=tuple(contacts), com_o=read_only(self.object.com_o), posture=self.q)
 
-    def summary(self) -> dict:
+    def summary(self) -> dict[str, Any]:
         """The closure as plain values, for files and machines."""
         return {
             "hand": self.hand.name,

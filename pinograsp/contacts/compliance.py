@@ -11,15 +11,20 @@ deceleration, A alpha((t - t_I) / tau), changes the factors only: impact speed v
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import ellipkm1, elliprd
 
 from pinograsp.checks import alike, array_of, at_least_zero, brief, finite_of, instance_of, number, one_of, shown
 from pinograsp.contacts.deceleration import CONSTANT, DecelerationShape
 from pinograsp.errors import InvalidInput
+from pinograsp.spatial import Array
 
+Measure = Literal["impulse", "work"]
+MEASURES: tuple[Measure, ...] = get_args(Measure)
 # A gap that opens this much more slowly in one direction than the bodies curve is a line contact: what is left of a
 # difference of two equal curvatures is rounding, and the patch would be ten thousand times longer than wide.
 _LINE = 1e-9
@@ -40,13 +45,21 @@ class Compliance:
     damping: float = 100.0
     exponent: float = 1.5
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "stiffness", number("contact stiffness K", self.stiffness, above=0, unit="N/m^rho"))
         object.__setattr__(self, "damping", number("contact damping lambda", self.damping, at_least=0))
         object.__setattr__(self, "exponent", number("contact exponent rho", self.exponent, above=0))
 
     @classmethod
-    def hertz(cls, *, young, poisson, curvatures, angle: float = 0.0, damping: float = 0.0) -> Compliance:
+    def hertz(
+        cls,
+        *,
+        young: ArrayLike,
+        poisson: ArrayLike,
+        curvatures: ArrayLike,
+        angle: float = 0.0,
+        damping: float = 0.0,
+    ) -> Compliance:
         """Hertz's law F_n = K delta^1.5 of two elastic bodies that touch at a point.
 
         K. L. Johnson, Contact Mechanics (Cambridge University Press, 1985), chapter 4; ``depth`` is the approach of the
@@ -84,25 +97,25 @@ class Compliance:
         def miss(log_slimness: float) -> float:
             slimness = np.exp(log_slimness)
             K, D = integrals(slimness)
-            return np.log((K - D) / (slimness * D)) - np.log(B / A)
+            return float(np.log((K - D) / (slimness * D)) - np.log(B / A))
 
         # B/A is 1 at a circle, where rounding may put it on either side, and far beyond 1 / _LINE at exp(-30).
         slimness = 1.0 if miss(0.0) >= 0 else np.exp(brentq(miss, -30.0, 0.0, xtol=1e-15, rtol=1e-14))
         K, D = integrals(slimness)
         return cls(stiffness=2 * np.pi / 3 * modulus * np.sqrt(D / A) / K**1.5, damping=damping, exponent=1.5)
 
-    def normal_force(self, depth, rate=0.0):
+    def normal_force(self, depth: ArrayLike, rate: ArrayLike = 0.0) -> Array:
         """F_n [N] at penetration ``depth`` [m] and ``rate`` [m/s] (Eq. 4); zero where there is no penetration."""
-        depth, rate = finite_of("depth", depth), finite_of("rate", rate)
-        alike("depth and rate", depth, rate)
-        return (self.damping * rate + self.stiffness) * np.maximum(depth, 0.0) ** self.exponent
+        depths, rates = finite_of("depth", depth), finite_of("rate", rate)
+        alike("depth and rate", depths, rates)
+        return (self.damping * rates + self.stiffness) * np.maximum(depths, 0.0) ** self.exponent
 
-    def depth(self, force):
+    def depth(self, force: ArrayLike) -> Array:
         """Penetration [m] at rest under a normal force [N]: the inverse of Eq. (26)."""
         return (at_least_zero("normal force", force) / self.stiffness) ** (1 / self.exponent)
 
 
-def _gap_curvatures(curvatures: np.ndarray, angle: float) -> tuple[float, float]:
+def _gap_curvatures(curvatures: Array, angle: float) -> tuple[float, float]:
     """A <= B [1/m] of the gap A x^2 + B y^2 between two bodies with principal curvatures (2, 2) [1/m].
 
     K. L. Johnson, Contact Mechanics (1985), section 4.1. Raises :class:`InvalidInput` where A is not above zero.
@@ -134,14 +147,14 @@ class PenetrationProfile:
         shape: deceleration / A over u = (t - t_I) / tau.
     """
 
-    acceleration: np.ndarray
+    acceleration: Array
     impact_time: float
     final_time: float
     shape: DecelerationShape = CONSTANT
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         acceleration = array_of("acceleration", self.acceleration, (None,))
         if np.any(acceleration < 0):
             raise InvalidInput(f"acceleration: expected magnitudes >= 0 [m/s^2], got {acceleration.tolist()}")
@@ -163,37 +176,42 @@ class PenetrationProfile:
         """tau = t_F - t_I [s]."""
         return self.final_time - self.impact_time
 
-    def _phase(self, t) -> np.ndarray:
+    def _phase(self, t: ArrayLike) -> Array:
         """u = (t - t_I) / tau, below 0 before the impact and above 1 after the end; shape of t with one axis added."""
         return ((finite_of("time", t) - self.impact_time) / self.duration)[..., None]
 
-    def depth(self, t) -> np.ndarray:
+    def depth(self, t: ArrayLike) -> Array:
         """delta (..., k) [m] at times t [s] (Eq. 24b); zero before the impact, ``final_depth`` after the end."""
         return self.acceleration * (self.duration**2 * self.shape.depth(self._phase(t)))
 
-    def rate(self, t) -> np.ndarray:
+    def rate(self, t: ArrayLike) -> Array:
         """ddelta (..., k) [m/s] at times t [s] (Eq. 21b); zero before the impact and after the end."""
         u = self._phase(t)
         return np.where(u >= 0, self.acceleration * (self.duration * self.shape.rate(u)), 0.0)
 
     @property
-    def impact_speed(self) -> np.ndarray:
+    def impact_speed(self) -> Array:
         """v A tau (k,) [m/s] (Eq. 22, where v = 1)."""
         return self.acceleration * (self.duration * self.shape.speed_factor)
 
     @property
-    def final_depth(self) -> np.ndarray:
+    def final_depth(self) -> Array:
         """m A tau^2 (k,) [m]; m = 1/2 for the constant shape."""
         return self.acceleration * (self.duration**2 * self.shape.depth_factor)
 
 
-def _checked(compliance, depth, duration, shape) -> tuple[float, np.ndarray, float]:
+def _checked(
+    compliance: Compliance, depth: ArrayLike, duration: float, shape: DecelerationShape
+) -> tuple[float, Array, float]:
+    """The law's exponent, the depth and the duration, all checked."""
     instance_of("compliance", compliance, Compliance)
     instance_of("deceleration shape", shape, DecelerationShape)
     return compliance.exponent, at_least_zero("depth", depth), number("duration", duration, above=0, unit="s")
 
 
-def impulse_energy(compliance: Compliance, final_depth, duration: float, shape: DecelerationShape = CONSTANT):
+def impulse_energy(
+    compliance: Compliance, final_depth: ArrayLike, duration: float, shape: DecelerationShape = CONSTANT
+) -> Array:
     """Grasp-energy measure "impulse" [N s] per contact: Eq. (11) as printed, the integral over *time*.
 
     lambda delta_F^(rho+1) + c K tau delta_F^rho for a deceleration of ``shape`` that ends at depth ``final_depth`` [m]
@@ -204,7 +222,9 @@ def impulse_energy(compliance: Compliance, final_depth, duration: float, shape: 
     return compliance.damping * depth ** (rho + 1) + c * compliance.stiffness * duration * depth**rho
 
 
-def work_energy(compliance: Compliance, final_depth, duration: float, shape: DecelerationShape = CONSTANT):
+def work_energy(
+    compliance: Compliance, final_depth: ArrayLike, duration: float, shape: DecelerationShape = CONSTANT
+) -> Array:
     """Grasp-energy measure "work" [J] per contact: Eq. (9) integrated over *depth*, rho + 1 times the work that the
     contact does.
 
@@ -217,7 +237,7 @@ def work_energy(compliance: Compliance, final_depth, duration: float, shape: Dec
 
 
 def energy_terms(
-    compliance: Compliance, measure: str, duration: float, shape: DecelerationShape = CONSTANT
+    compliance: Compliance, measure: Measure, duration: float, shape: DecelerationShape = CONSTANT
 ) -> tuple[tuple[float, float], ...]:
     """A measure as a sum of powers of the final normal force F = K delta_F^rho [N] (Eq. 26).
 
@@ -226,7 +246,7 @@ def energy_terms(
     """
     rho, _, duration = _checked(compliance, 0.0, duration, shape)
     K, damping = compliance.stiffness, compliance.damping
-    if one_of("measure", measure, ("impulse", "work")) == "impulse":
+    if one_of("measure", measure, MEASURES) == "impulse":
         stiff = (shape.impulse_factor(rho) * duration, 1.0)
         return ((damping * K ** (-(rho + 1) / rho), (rho + 1) / rho), stiff) if damping > 0 else (stiff,)
     stiff = (K ** (-1 / rho), (rho + 1) / rho)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import (
     are_rotations,
     array_of,
     brief,
     floats_of,
+    frozen,
     instance_of,
     items_of,
     mapping_of,
@@ -25,9 +28,9 @@ from pinograsp.checks import (
     text_of,
 )
 from pinograsp.errors import InvalidInput
-from pinograsp.hands import HandModel
+from pinograsp.hands import Finger, HandModel
 from pinograsp.objects.body import Body
-from pinograsp.spatial import skew, tangent_frame
+from pinograsp.spatial import Array, skew, tangent_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,16 +51,16 @@ class Contact:
 
     finger: str
     link: str
-    point_o: np.ndarray
-    rotation_oc: np.ndarray
+    point_o: Array
+    rotation_oc: Array
     length: float | None
     distance: float
-    point_l: np.ndarray | None = None
+    point_l: Array | None = None
 
     __repr__ = brief()
 
-    def __post_init__(self):
-        def put(name, value):
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
         text_of("finger of the contact", self.finger)
@@ -73,7 +76,7 @@ class Contact:
             put("point_l", array_of("point of the link", self.point_l, (3,)))
 
     @property
-    def normal_o(self) -> np.ndarray:
+    def normal_o(self) -> Array:
         """Inward unit normal (3,) in the world."""
         return self.rotation_oc[:, 2]
 
@@ -88,14 +91,14 @@ class ContactSet:
     """
 
     contacts: tuple[Contact, ...]
-    com_o: np.ndarray
-    posture: np.ndarray | None = None
+    com_o: Array
+    posture: Array | None = None
     # What was computed from these contacts (grasp maps and what solvers make of them): it lives as long as they do.
-    _derived: dict = field(init=False, repr=False, default_factory=dict)
+    _derived: dict[str, Any] = field(init=False, repr=False, default_factory=dict)
 
     __repr__ = brief("names", "com_o")
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "contacts", items_of("contacts", self.contacts, Contact))
         if not self.contacts:
             raise InvalidInput("contacts: expected at least one, got none")
@@ -106,7 +109,7 @@ class ContactSet:
     def __len__(self) -> int:
         return len(self.contacts)
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         return rebuilt(self)
 
     def __iter__(self) -> Iterator[Contact]:
@@ -127,14 +130,14 @@ class ContactSet:
         )
 
     @property
-    def points_o(self) -> np.ndarray:
+    def points_o(self) -> Array:
         """Contact points (k, 3) in the world [m]."""
-        return read_only([c.point_o for c in self.contacts])
+        return frozen(np.array([c.point_o for c in self.contacts]))
 
     @property
-    def rotations_oc(self) -> np.ndarray:
+    def rotations_oc(self) -> Array:
         """Contact frames R_oc (k, 3, 3)."""
-        return read_only([c.rotation_oc for c in self.contacts])
+        return frozen(np.array([c.rotation_oc for c in self.contacts]))
 
     @property
     def mean_distance(self) -> float:
@@ -142,7 +145,8 @@ class ContactSet:
         if "distance" not in self._derived:
             mean = float(np.linalg.norm(self.points_o - self.com_o, axis=1).mean())
             self._derived["distance"] = mean if mean > 0 else 1.0
-        return self._derived["distance"]
+        distance: float = self._derived["distance"]
+        return distance
 
     def checked_moment_length(self, length: float | None = None) -> float:
         """The length [m] that moments are divided by, default ``mean_distance``; refused where they do not compare with
@@ -163,7 +167,7 @@ class ContactSet:
         return length
 
     @property
-    def G(self) -> np.ndarray:
+    def G(self) -> Array:
         """Grasp map (6, 3k): stacked contact forces f_c -> wrench on the object, linear first [N, N m].
 
         The force on the object at contact i is h_i = R_oc,i f_c,i (Eqs. 6, 7); moments are about the centre of mass,
@@ -174,27 +178,28 @@ class ContactSet:
             moments = skew(self.points_o - self.com_o) @ rotations
             stacked = np.concatenate([rotations, moments], axis=1).transpose(1, 0, 2)
             self._derived["G"] = read_only(stacked.reshape(6, -1))
-        return self._derived["G"]
+        G: Array = self._derived["G"]
+        return G
 
 
 def contacts_at(
-    hand,
-    object,
-    points,
+    hand: HandModel | None,
+    body: Body,
+    points: Mapping[str, ArrayLike] | ArrayLike,
     *,
-    links: Mapping[str, list[str]] | None = None,
-    lengths: Mapping[str, list[float | None]] | None = None,
-    gravity_o=(0.0, 0.0, -9.81),
+    links: Mapping[str, Sequence[str]] | None = None,
+    lengths: Mapping[str, Sequence[float | None]] | None = None,
+    gravity_o: ArrayLike = (0.0, 0.0, -9.81),
     tolerance: float = 1e-3,
 ) -> ContactSet:
-    """Contacts of ``hand`` on ``object`` at given points.
+    """Contacts of ``hand`` on ``body`` at given points.
 
     A point keeps its place; its frame comes from the nearest point of the surface (on a cylinder's side: the radial
     direction). Points farther than ``tolerance`` from the surface are refused.
 
     Args:
         hand: a :class:`~pinograsp.hands.HandModel`, or None to work with forces alone.
-        object: a shape of :mod:`pinograsp.objects`.
+        body: a shape of :mod:`pinograsp.objects`.
         points: ``{finger: (3,) or (c, 3)}`` in the world [m], base to tip where a finger has several; with
             ``hand=None`` an array (k, 3) will do.
         links: ``{finger: [link, ...]}`` that touch, one per point. Default: one point on the last link; three points
@@ -208,54 +213,60 @@ def contacts_at(
         InvalidInput: unknown finger or link, wrong shapes, or a point that is not on the surface.
     """
     instance_of("hand", hand, HandModel, type(None))
-    instance_of("object", object, Body)
+    instance_of("body", body, Body)
     tolerance = number("tolerance", tolerance, at_least=0, unit="m")
-    gravity_o = array_of("gravity", gravity_o, (3,))
+    gravity = array_of("gravity", gravity_o, (3,))
     links = {} if links is None else mapping_of("links", links, "{finger: [link, ...]}")
     lengths = {} if lengths is None else mapping_of("lengths", lengths, "{finger: [length, ...]}")
-    if not isinstance(points, Mapping):
-        if hand is not None:
-            raise InvalidInput(f"points: expected {{finger: point}}, since a hand is given; got {shown(points)}")
-        points = {f"contact {i + 1}": point for i, point in enumerate(array_of("points", points, (None, 3)))}
-    if not points:
-        raise InvalidInput("points: expected at least one contact point, got none")
+    by_finger = _points_by_finger(hand, points)
     contacts = []
-    for finger, where in mapping_of("points", points, "{finger: point}").items():
-        where = floats_of(f"contact points of {shown(finger)}", where)
+    for finger, given in by_finger.items():
+        where = floats_of(f"contact points of {shown(finger)}", given)
         where = array_of(f"contact points of {shown(finger)}", where[None] if where.ndim == 1 else where, (None, 3))
-        surface, normals, distances = object.project(where)
+        surface, normals, distances = body.project(where)
         for i, distance in enumerate(distances):
             if abs(distance) > tolerance:
                 raise InvalidInput(
                     f"contact point of '{finger}' at {(1e3 * where[i]).round(3).tolist()} mm: "
                     f"{1e3 * abs(distance):.3f} mm {'inside' if distance < 0 else 'outside'} the object's surface, "
-                    "more "
-                    f"than the tolerance of {1e3 * tolerance:g} mm; nearest surface point: "
+                    f"more than the tolerance of {1e3 * tolerance:g} mm; nearest surface point: "
                     f"{(1e3 * surface[i]).round(3).tolist()} mm (are the units right?)"
                 )
-        if hand is None:
-            touching, reach = [""] * len(where), [None] * len(where)
-        else:
-            touching = _links_of(hand.finger(finger), len(where), links.get(finger))
-            reach = _lengths_of(hand, hand.finger(finger), touching, lengths.get(finger))
+        touching = [""] * len(where)
+        reach: list[float | None] = [None] * len(where)
+        if hand is not None:
+            chain = hand.finger(finger)
+            touching = _links_of(chain, len(where), links.get(finger))
+            reach = _lengths_of(hand, chain, touching, lengths.get(finger))
         for point, normal, distance, link, length in zip(where, normals, distances, touching, reach):
             contacts.append(
                 Contact(
                     finger=finger,
                     link=link,
                     point_o=read_only(point),
-                    rotation_oc=read_only(tangent_frame(normal, gravity_o)),
+                    rotation_oc=read_only(tangent_frame(normal, gravity)),
                     length=length,
                     distance=float(distance),
                 )
             )
-    for option, given in (("links", links), ("lengths", lengths)):
-        for finger in given:
-            one_of(f"finger named in {option}", finger, points)
-    return ContactSet(contacts=tuple(contacts), com_o=read_only(object.com_o))
+    for option, named in (("links", list(links)), ("lengths", list(lengths))):
+        for finger in named:
+            one_of(f"finger named in {option}", finger, by_finger)
+    return ContactSet(contacts=tuple(contacts), com_o=read_only(body.com_o))
 
 
-def _links_of(finger, count: int, links: list[str] | None) -> list[str]:
+def _points_by_finger(hand: HandModel | None, points: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, ArrayLike]:
+    """Contact points by the name of the finger, or of the contact where there is no hand."""
+    if not isinstance(points, Mapping):
+        if hand is not None:
+            raise InvalidInput(f"points: expected {{finger: point}}, since a hand is given; got {shown(points)}")
+        points = {f"contact {i + 1}": point for i, point in enumerate(array_of("points", points, (None, 3)))}
+    if not points:
+        raise InvalidInput("points: expected at least one contact point, got none")
+    return mapping_of("points", points, "{finger: point}")
+
+
+def _links_of(finger: Finger, count: int, links: Sequence[str] | None) -> list[str]:
     if links is None:
         if count not in (1, 3) or count > len(finger.links):
             raise InvalidInput(
@@ -272,16 +283,18 @@ def _links_of(finger, count: int, links: list[str] | None) -> list[str]:
     return list(links)
 
 
-def _lengths_of(hand, finger, links: list[str], lengths) -> list[float | None]:
+def _lengths_of(
+    hand: HandModel, finger: Finger, links: list[str], lengths: Sequence[float | None] | None
+) -> list[float | None]:
     given = (
-        [None] * len(links)
+        (None,) * len(links)
         if lengths is None
         else items_of(f"contact lengths of '{finger.name}'", lengths, Real, type(None))
     )
     if len(given) != len(links):
         raise InvalidInput(f"finger '{finger.name}': expected {len(links)} contact lengths, got {len(given)}")
     tip = float(np.linalg.norm(hand.model.frames[hand.frame_id(finger.tip)].placement.translation))
-    reach = []
+    reach: list[float | None] = []
     for link, length in zip(links, given):
         if length is not None:
             reach.append(number(f"contact length of '{finger.name}'", length, above=0, unit="m"))

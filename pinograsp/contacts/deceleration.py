@@ -14,11 +14,13 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
 from pinograsp.checks import array_of, brief, floats_of, number, shown, text_of
 from pinograsp.errors import InvalidInput
+from pinograsp.spatial import Array
 
 _MOST_POWERS = 50  # of a polynomial: its roots are found one by one, and rounding eats more
 
@@ -45,8 +47,8 @@ class DecelerationShape:
 
     __repr__ = brief()
 
-    def __post_init__(self):
-        def put(name, value):
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
         text_of("name of the deceleration shape", self.name)
@@ -82,40 +84,44 @@ class DecelerationShape:
         return cls(name=f"linear {start:g}:{end:g}", alpha=PPoly([[end - start], [start]], [0.0, 1.0]))
 
     @classmethod
-    def polynomial(cls, coefficients) -> DecelerationShape:
+    def polynomial(cls, coefficients: ArrayLike) -> DecelerationShape:
         """sum of ``coefficients[i]`` u^i (n,), lowest power first, >= 0 on [0, 1]; its scale does not matter."""
         c = _numbers("deceleration polynomial", coefficients, "coefficients of 1, u, u^2, ...", least=1)
         return cls(name=f"polynomial of degree {len(c) - 1}", alpha=PPoly(c[::-1, None], [0.0, 1.0]))
 
     @classmethod
-    def sampled(cls, values) -> DecelerationShape:
+    def sampled(cls, values: ArrayLike) -> DecelerationShape:
         """Straight lines between n >= 2 ``values`` (n,) >= 0, equally spaced on [0, 1]; their scale does not matter."""
-        values = _numbers("deceleration samples", values, "two or more equally spaced values, from t_I to t_F", least=2)
-        n, lowest = len(values), values.argmin()
-        if values[lowest] < 0:
+        wanted = "two or more equally spaced values, from t_I to t_F"
+        samples = _numbers("deceleration samples", values, wanted, least=2)
+        n, lowest = len(samples), samples.argmin()
+        if samples[lowest] < 0:
             raise InvalidInput(
-                f"deceleration samples: expected values >= 0, got {values[lowest]:.3g} at index {lowest}: "
+                f"deceleration samples: expected values >= 0, got {samples[lowest]:.3g} at index {lowest}: "
                 "the contact would speed up again; raise this value to 0 or more"
             )
-        values = values / (values.max() or 1.0)  # first of all, so that the slopes cannot overflow
+        samples = samples / (samples.max() or 1.0)  # first of all, so that the slopes cannot overflow
         return cls(
             name=f"{n} samples",
-            alpha=PPoly([np.diff(values) * (n - 1), values[:-1]], np.linspace(0.0, 1.0, n)),
+            alpha=PPoly([np.diff(samples) * (n - 1), samples[:-1]], np.linspace(0.0, 1.0, n)),
         )
 
-    def acceleration(self, u) -> np.ndarray:
+    def acceleration(self, u: ArrayLike) -> Array:
         """Deceleration / A at u (...), held at its end values outside [0, 1]."""
         # Clipped, since an extremum of 0 or 1 is met to rounding only.
-        return np.minimum(np.maximum(self.alpha(_clipped(u)), 0.0), 1.0)
+        deceleration: Array = np.minimum(np.maximum(self.alpha(_clipped(u)), 0.0), 1.0)
+        return deceleration
 
-    def rate(self, u) -> np.ndarray:
+    def rate(self, u: ArrayLike) -> Array:
         """Rate / (A tau) at u (...): ``speed_factor`` up to u = 0, zero from u = 1 on."""
         # The difference is exactly zero at u = 1; the maximum keeps rounding before it from turning the motion round.
-        return np.maximum(self.speed_factor - self._lost(_clipped(u)), 0.0)
+        rate: Array = np.maximum(self.speed_factor - self._lost(_clipped(u)), 0.0)
+        return rate
 
-    def depth(self, u) -> np.ndarray:
+    def depth(self, u: ArrayLike) -> Array:
         """Depth / (A tau^2) at u (...): zero up to u = 0, ``depth_factor`` from u = 1 on."""
-        return self._depth(_clipped(u))
+        depth: Array = self._depth(_clipped(u))
+        return depth
 
     def impulse_factor(self, rho: float) -> float:
         """(rho + 1) times the integral of sigma^rho over u, sigma = depth / final depth: c of "impulse" (Eq. 11)."""
@@ -126,14 +132,14 @@ class DecelerationShape:
         return _work_factor(self, number("contact exponent rho", rho, above=0))
 
 
-def _clipped(u) -> np.ndarray:
-    u = floats_of("u", u)
-    if np.isnan(u).any():
-        raise InvalidInput(f"u: expected numbers, got {shown(u.tolist())}")
-    return np.minimum(np.maximum(u, 0.0), 1.0)
+def _clipped(u: ArrayLike) -> Array:
+    phase = floats_of("u", u)
+    if np.isnan(phase).any():
+        raise InvalidInput(f"u: expected numbers, got {shown(phase.tolist())}")
+    return np.minimum(np.maximum(phase, 0.0), 1.0)
 
 
-def _numbers(name: str, value, wanted: str, *, least: int) -> np.ndarray:
+def _numbers(name: str, value: ArrayLike, wanted: str, *, least: int) -> Array:
     """``value`` as a finite array of ``least`` or more numbers, or :class:`InvalidInput` that asks for ``wanted``."""
     try:
         array = array_of(name, value, (None,))
@@ -144,7 +150,7 @@ def _numbers(name: str, value, wanted: str, *, least: int) -> np.ndarray:
     return array
 
 
-def _normalised(alpha) -> PPoly:
+def _normalised(alpha: PPoly) -> PPoly:
     """A private copy of ``alpha`` with maximum 1 on [0, 1]; :class:`InvalidInput` unless it is a shape."""
     if not isinstance(alpha, PPoly) or alpha.c.ndim != 2 or np.iscomplexobj(alpha.c):
         raise InvalidInput(
@@ -182,7 +188,7 @@ def _normalised(alpha) -> PPoly:
     return PPoly(alpha.c / peak, x)
 
 
-def _extremes(alpha: PPoly) -> tuple[np.ndarray, np.ndarray]:
+def _extremes(alpha: PPoly) -> tuple[Array, Array]:
     """Places u and values of alpha that hold its extremes on [0, 1]: both ends of every piece, and turning points."""
     right = np.zeros(alpha.c.shape[1])
     for c in alpha.c:  # Horner's scheme, since at a jump alpha(x) is the value of the next piece
@@ -224,9 +230,15 @@ def _power_integral(shape: DecelerationShape, rho: float, weight: Callable[[floa
         # rises to 1, hence sigma >= u). In the first piece u = width w^4 makes it as smooth as w^(4 rho + 3).
         power = 4 if i == 0 else 1
 
-        def integrand(w, depth=depth, slope=slope, width=width, power=power):
+        def integrand(
+            w: float,
+            depth: list[float] = depth,
+            slope: list[float] = slope,
+            width: float = width,
+            power: int = power,
+        ) -> float:
             x = width * w**power
-            return _horner(depth, x) ** rho * weight(_horner(slope, x)) * power * w ** (power - 1)
+            return float(_horner(depth, x) ** rho * weight(_horner(slope, x)) * power * w ** (power - 1))
 
         # full_output, since QUADPACK warns of rounding when it comes this near to machine precision.
         part = quad(integrand, 0.0, 1.0, epsabs=0.0, epsrel=1e-13, limit=200, full_output=1)[0]

@@ -15,15 +15,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, finite_of, integer, number, one_of, read_only
 from pinograsp.errors import InvalidInput
+from pinograsp.spatial import Array
 
-FRICTION_MODELS = ("pyramid", "cone", "soft")
-LARGEST_MU = 1e6  # beyond any pair of materials, and still a number to reckon with
-_MOST_EDGES = 1024  # a cone in all but name
+FrictionModel = Literal["pyramid", "cone", "soft"]
+FRICTION_MODELS: tuple[FrictionModel, ...] = get_args(FrictionModel)
+LARGEST_MU = 1e6  # above that of any pair of materials; its square is still exact enough to compute with
+_MOST_EDGES = 1024  # hardly different from the cone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,12 +41,12 @@ class Friction:
         safety: friction is used up to mu / safety and torsion / safety [-].
     """
 
-    model: str = "pyramid"
+    model: FrictionModel = "pyramid"
     edges: int = 4
     torsion: float = 0.0
     safety: float = 1.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         one_of("friction model", self.model, FRICTION_MODELS)
         edges = integer("friction edges", self.edges, at_least=4, at_most=_MOST_EDGES)
         if edges % 2:
@@ -76,7 +80,7 @@ class Friction:
         return self.model != "pyramid" or self.edges == 4
 
     @property
-    def radii(self) -> np.ndarray:
+    def radii(self) -> Array:
         """Half-widths (d - 1,) of those balls and intervals."""
         radii = np.ones(self.d - 1)
         if self.model == "pyramid":
@@ -88,7 +92,7 @@ class Friction:
         """Numbers per contact: 3 (f_x, f_y, F_n) or 4 with torsion (f_x, f_y, m, F_n)."""
         return 4 if self.torsion > 0 else 3
 
-    def scale(self, mu: np.ndarray) -> np.ndarray:
+    def scale(self, mu: ArrayLike) -> Array:
         """Force [N] or moment [N m] per unit of u and newton of F_n: (k, d - 1) from mu (k,)."""
         mu = array_of("mu", mu, (None,))
         scale = np.empty((len(mu), self.d - 1))
@@ -97,22 +101,24 @@ class Friction:
         return scale
 
     @property
-    def facets(self) -> np.ndarray:
+    def facets(self) -> Array:
         """Rows D (r, d - 1), u in F_n U if and only if D u <= F_n; of the polygon and of a plain torsional limit."""
         return _facets(self.model, self.edges, self.d)
 
     @property
-    def vertices(self) -> np.ndarray:
-        """Vertices (e, 2) of the polygon of tangential forces; of a cone's circumscribed stand-in there are none."""
+    def vertices(self) -> Array:
+        """Vertices (e, 2) of the polygon of tangential forces; only a pyramid has any."""
         if self.model != "pyramid":
             raise InvalidInput(f"friction model '{self.model}' has no vertices: use a pyramid with more edges")
         return _vertices(self.edges)
 
-    def support(self, a: np.ndarray) -> np.ndarray:
+    def support(self, a: ArrayLike) -> Array:
         """max of a . u over U (...,) for directions a (..., d - 1)."""
         a = self._tangential("direction", a)
+        along: Array
         if self.model == "soft":
-            return np.sqrt(np.einsum("...j,...j->...", a, a))
+            along = np.sqrt(np.einsum("...j,...j->...", a, a))
+            return along
         if self.model == "cone":
             along = np.hypot(a[..., 0], a[..., 1])
         elif self.edges == 4:
@@ -121,11 +127,13 @@ class Friction:
             along = (a[..., :2] @ self.vertices.T).max(axis=-1)
         return along + np.abs(a[..., 2]) if self.d == 4 else along
 
-    def support_point(self, a: np.ndarray) -> np.ndarray:
+    def support_point(self, a: ArrayLike) -> Array:
         """A maximiser u (..., d - 1) of a . u over U."""
         a = self._tangential("direction", a)
+        u: Array
         if self.model == "soft":
-            return a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), 1e-300)
+            u = a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), 1e-300)
+            return u
         u = np.empty_like(a)
         if self.model == "cone":
             u[..., :2] = a[..., :2] / np.maximum(np.hypot(a[..., 0], a[..., 1]), 1e-300)[..., None]
@@ -135,17 +143,20 @@ class Friction:
             u[..., 2] = np.sign(a[..., 2])
         return u
 
-    def gauge(self, u: np.ndarray) -> np.ndarray:
+    def gauge(self, u: ArrayLike) -> Array:
         """Least normal force (...,) that allows u (..., d - 1): the utilisation times F_n."""
         u = self._tangential("tangential force", u)
+        least: Array
         if self.model == "soft":
-            return np.sqrt(np.einsum("...j,...j->...", u, u))
-        if self.model == "cone":
+            least = np.sqrt(np.einsum("...j,...j->...", u, u))
+        elif self.model == "cone":
             least = np.hypot(u[..., 0], u[..., 1])
-            return np.maximum(least, np.abs(u[..., 2])) if self.d == 4 else least
-        return (u @ self.facets.T).max(axis=-1)
+            least = np.maximum(least, np.abs(u[..., 2])) if self.d == 4 else least
+        else:
+            least = (u @ self.facets.T).max(axis=-1)
+        return least
 
-    def _tangential(self, name: str, value) -> np.ndarray:
+    def _tangential(self, name: str, value: ArrayLike) -> Array:
         array = finite_of(name, value)
         if array.shape[-1:] != (self.d - 1,):
             raise InvalidInput(f"{name}: expected {self.d - 1} components, got shape {array.shape}")
@@ -153,7 +164,7 @@ class Friction:
 
 
 @lru_cache(maxsize=64)
-def _facets(model: str, edges: int, d: int) -> np.ndarray:
+def _facets(model: FrictionModel, edges: int, d: int) -> Array:
     rows = np.zeros((0, d - 1))
     if model == "pyramid":
         angles = np.pi / 4 + np.pi / edges + 2 * np.pi * np.arange(edges) / edges
@@ -166,7 +177,7 @@ def _facets(model: str, edges: int, d: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _vertices(edges: int) -> np.ndarray:
+def _vertices(edges: int) -> Array:
     # The paper's four are among them whenever edges is a multiple of four, so doubling the edges never takes force
     # away.
     angles = np.pi / 4 + 2 * np.pi * np.arange(edges) / edges

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.checks import array_of, brief, integer, number, read_only
+from pinograsp.spatial import Array, IntArray
 
-# Of the set's size: what counts as no distance at all. Above the rounding of planes through badly placed points.
+# Distances below this share of the set's size count as zero: above the rounding of planes through badly placed points.
 _FLAT = 1e-11
 _EPS = float(np.finfo(float).eps)
 
@@ -40,7 +41,7 @@ class InscribedBall:
 
     lower: float
     upper: float
-    direction: np.ndarray
+    direction: Array
     converged: bool
     points: int
 
@@ -53,7 +54,7 @@ class InscribedBall:
 
 
 def inscribed_ball(
-    support_point: Callable[[np.ndarray], np.ndarray],
+    support_point: Callable[[Array], Array],
     dimension: int,
     *,
     tolerance: float = 1e-6,
@@ -77,7 +78,7 @@ def inscribed_ball(
         out: then both are 0, and ``direction`` separates.
 
     Raises:
-        InvalidInput: wrong settings, or a support point that is not d finite numbers.
+        InvalidInput: settings that cannot be used, or a support point that is not d finite numbers.
     """
     d = integer("dimension", dimension, at_least=1)
     tolerance = number("tolerance", tolerance, at_least=0)
@@ -86,7 +87,7 @@ def inscribed_ball(
 
     lower, upper, direction = 0.0, np.inf, np.eye(d)[0]
 
-    def ask(y: np.ndarray) -> np.ndarray:
+    def ask(y: Array) -> Array:
         nonlocal upper, direction
         point = array_of("support point", support_point(y), (d,))
         if y @ point < upper:
@@ -124,7 +125,7 @@ def inscribed_ball(
     )
 
 
-def _start(ask, d: int) -> tuple[np.ndarray, float, np.ndarray | None]:
+def _start(ask: Callable[[Array], Array], d: int) -> tuple[Array, float, Array | None]:
     """d + 1 support points far apart, the size of the set, and a separating direction if the set is flat."""
     axes = np.vstack([np.eye(d), -np.eye(d)])
     probes = np.array([ask(y) for y in axes])
@@ -157,7 +158,7 @@ class Polytope:
     their offset is infinite. ``sound`` says that the planes leave the centre inside, in spite of rounding.
     """
 
-    def __init__(self, simplex: np.ndarray, flat: float):
+    def __init__(self, simplex: Array, flat: float):
         d = simplex.shape[1]
         self.flat = flat
         self.centre = simplex.mean(axis=0)
@@ -179,7 +180,7 @@ class Polytope:
         """The greatest component of a facet's vertices along its normal: the offset, up to rounding."""
         return float((self.points[self.facets[facet]] @ self.normals[facet]).max())
 
-    def add(self, point: np.ndarray) -> bool:
+    def add(self, point: Array) -> bool:
         """Grow to ``point``; False, and nothing is changed, if it is seen by no facet or would spoil the surface."""
         d = len(point)
         seen = np.flatnonzero(self.normals @ point > self.offsets + self.flat)
@@ -202,7 +203,7 @@ class Polytope:
         self.facets[rows], self.normals[rows], self.offsets[rows] = facets, normals, offsets
         return True
 
-    def _rows(self, freed: np.ndarray, need: int) -> np.ndarray:
+    def _rows(self, freed: IntArray, need: int) -> IntArray:
         """Free the rows of facets that are gone and hand out ``need`` rows; copying all facets would cost the most."""
         self.normals[freed], self.offsets[freed] = 0.0, np.inf
         vacant = np.concatenate([self.vacant, freed])
@@ -216,7 +217,7 @@ class Polytope:
         self.vacant = vacant[need:]
         return vacant[:need]
 
-    def planes(self, points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def planes(self, points: Array, facets: IntArray) -> tuple[Array, Array]:
         """Unit normals (m, d) away from the centre and offsets (m,) of facets (m, d)."""
         corners = points[facets]
         spokes = corners - self.centre

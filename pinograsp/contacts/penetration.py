@@ -8,32 +8,35 @@ is the next guess.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import coal
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, instance_of, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart
-from pinograsp.contacts.contact_set import ContactSet
+from pinograsp.contacts.contact_set import Contact, ContactSet
 from pinograsp.errors import ContactNotReached, GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
+from pinograsp.spatial import Array, IntArray
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _ALIKE = 1e-7  # [rad] normals this close are the same
 _ROUNDS = 20
 _REACHED = 1e-9  # [m]
 _STEPS, _PROBE, _LARGEST = 60, 1e-6, 0.3  # Newton steps; finite difference and largest step [rad or m]
-_RANK = 1e-2  # of the Jacobian: directions below are all but impossible, and steps along them noise
+_RANK = 1e-2  # singular values of the Jacobian below this share of the largest: steps along them are noise
 
 
 class Penetration:
     """Depths of the contacts of a closed hand (those with a posture) in the object, at any posture."""
 
-    def __init__(self, hand: HandModel, object, contacts: ContactSet):
-        self.hand, self.object, self.contacts = hand, object, contacts
-        self.distances = Distances(hand, object)
+    def __init__(self, hand: HandModel, body: Body, contacts: ContactSet):
+        self.hand, self.body, self.contacts = hand, body, contacts
+        self.distances = Distances(hand, body)
         parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects]
         joints = [self._joint(contact) for contact in contacts]
         # Corners of a flat area are points of the link; where one point touches, the surface around it counts.
@@ -46,10 +49,10 @@ class Penetration:
         self.joints = joints
         self.normals = np.array([contact.normal_o for contact in contacts])
 
-    def _joint(self, contact) -> int:
+    def _joint(self, contact: Contact) -> int:
         return 0 if contact.finger == PALM else self.hand.finger(contact.finger).joint_of(contact.link)
 
-    def at(self, q: np.ndarray, which=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, q: Array, which: Iterable[int] | None = None) -> tuple[Array, Array, Array]:
         """Depths (c,) [m], negative where clear, inward normals (c, 3), and points on the object's surface (c, 3) [m].
 
         ``which`` contacts; default: all.
@@ -59,16 +62,17 @@ class Penetration:
         depths, normals, points = zip(*found)
         return np.array(depths), np.array(normals), np.array(points)
 
-    def _one(self, i: int) -> tuple[float, np.ndarray, np.ndarray]:
+    def _one(self, i: int) -> tuple[float, Array, Array]:
         if self.corner[i]:
             point = self.distances.data.oMi[self.joints[i]].act(np.array(self.contacts[i].point_l))
-            surface, normal, distance = self.object.project(point[None])
+            surface, normal, distance = self.body.project(point[None])
             return -float(distance[0]), normal[0], surface[0]
         return max((self._deepest(part, self.normals[i]) for part in self.parts[i]), key=lambda one: one[0])
 
-    def _deepest(self, part: HandPart, normal: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        distances, pose, off, depth = self.distances, self.distances.pose, 2 * _CLEAR, None
+    def _deepest(self, part: HandPart, normal: Array) -> tuple[float, Array, Array]:
+        distances, pose, off = self.distances, self.distances.pose, 2 * _CLEAR
         further = _CLEAR
+        last: tuple[float, Array, Array] | None = None
         for _ in range(_ROUNDS):
             moved = coal.Transform3s(pose.getRotation(), pose.getTranslation() + off * normal)
             gap, mine = distances.at(part, moved, part.geometry)
@@ -87,16 +91,19 @@ class Penetration:
             if alike and abs(spare) <= 0.5 * _CLEAR:
                 return depth, normal, surface
             normal, off = direction, off - spare
-        if depth is None:
+            last = depth, normal, surface
+        if last is None:
             raise GeometryFailed(part.link, type(part.geometry).__name__)
-        return depth, normal, surface
+        return last
 
 
-def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactSet:
-    """The contacts with the posture at which the links' surfaces, not their ends, touch ``object`` at the given points.
+def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLike) -> ContactSet:
+    """The contacts with the posture at which the links' surfaces, not their ends, touch ``body`` at the given points.
 
     Args:
-        hand, object, contacts: as for :func:`contacts_at`, one contact a link.
+        hand: as for :func:`contacts_at`.
+        body: as for :func:`contacts_at`.
+        contacts: one a link.
         posture: q (n,) [rad] near which to search.
 
     Returns:
@@ -108,66 +115,26 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
         InvalidInput: several contacts on one link.
     """
     instance_of("hand", hand, HandModel)
-    instance_of("object", object, Body)
+    instance_of("body", body, Body)
     instance_of("contacts", contacts, ContactSet)
-    posture = array_of("posture", posture, (hand.n,))
-    depth = Penetration(hand, object, contacts)
+    q: Array = np.clip(array_of("posture", posture, (hand.n,)), hand.lower, hand.upper)
+    depth = Penetration(hand, body, contacts)
     if any(depth.corner):
         raise InvalidInput(
             "touching: expected one contact point a link: a surface touches a smooth object in one point"
         )
-    q = np.clip(posture, hand.lower, hand.upper)
     by_finger: dict[str, list[int]] = {}
     for i, contact in enumerate(contacts):
         by_finger.setdefault(contact.finger, []).append(i)
-    goals, _, _ = object.project(contacts.points_o)
+    goals, _, _ = body.project(contacts.points_o)
     for name, which in by_finger.items():
         dofs = hand.finger(name).dofs
-
-        def miss(angles, which=which, dofs=dofs):
-            q[dofs] = angles
-            try:
-                depths, normals, points = depth.at(q, which)
-            except GeometryFailed:  # deep inside each other
-                return np.full(3 * len(which), np.inf)
-            return (points - goals[which] + depths[:, None] * normals).ravel()
-
-        angles, low, high = q[dofs].copy(), hand.lower[dofs], hand.upper[dofs]
-        for _ in range(_STEPS):
-            left = miss(angles)
-            if np.abs(left).max() < _REACHED:
-                break
-            if not np.isfinite(left).all():
-                raise ContactNotReached(
-                    name, "from this posture the search runs deep into the object: give another one"
-                )
-            probes = np.where(angles + _PROBE > high, -_PROBE, _PROBE)
-            J = np.array([(miss(angles + p * e) - left) / p for p, e in zip(probes, np.eye(dofs.size))]).T
-            free = np.ones(dofs.size, dtype=bool)
-            while True:  # a joint at its limit stays there, the others do the rest
-                step = np.zeros(dofs.size)
-                step[free] = np.linalg.lstsq(J[:, free], -left, rcond=_RANK)[0]
-                step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-12))
-                beyond = free & (
-                    ((angles + step > high) & (angles >= high)) | ((angles + step < low) & (angles <= low))
-                )
-                if not beyond.any():
-                    break
-                free &= ~beyond
-            angles = np.clip(angles + step, low, high)
-        else:
-            raise ContactNotReached(
-                name,
-                f"no posture near the given one has its surface at the contact points; {1e3 * np.abs(left).max():.3g} "
-                "mm are "
-                f"left{_at_limits(hand, dofs, angles)}: give another posture or other points",
-            )
-        q[dofs] = angles
+        q[dofs] = _touching_angles(depth, name, which, goals[which], q)
     depth.distances.put(q)
-    made = []
+    moved = []
     for contact, joint, goal in zip(contacts, depth.joints, goals):
         local = depth.distances.data.oMi[joint].actInv(goal)
-        made.append(
+        moved.append(
             replace(
                 contact,
                 point_o=read_only(goal),
@@ -176,13 +143,57 @@ def touching(hand: HandModel, object, contacts: ContactSet, posture) -> ContactS
                 length=float(np.linalg.norm(local)),
             )
         )
-    return ContactSet(contacts=tuple(made), com_o=contacts.com_o, posture=read_only(q))
+    return ContactSet(contacts=tuple(moved), com_o=contacts.com_o, posture=read_only(q))
 
 
-def _at_limits(hand: HandModel, dofs, angles) -> str:
+def _touching_angles(depth: Penetration, name: str, which: Sequence[int], goals: Array, q: Array) -> Array:
+    """Angles (n_f,) at which a finger's surfaces touch at ``goals`` (c, 3), by Newton's method from the posture q."""
+    hand, q = depth.hand, q.copy()
+    dofs = hand.finger(name).dofs
+
+    def miss(angles: Array) -> Array:
+        q[dofs] = angles
+        try:
+            depths, normals, points = depth.at(q, which)
+        except GeometryFailed:  # deep inside each other
+            return np.full(3 * len(which), np.inf)
+        return (points - goals + depths[:, None] * normals).ravel()
+
+    low, high = hand.lower[dofs], hand.upper[dofs]
+    angles: Array = q[dofs]
+    for _ in range(_STEPS):
+        left = miss(angles)
+        if np.abs(left).max() < _REACHED:
+            return angles
+        if not np.isfinite(left).all():
+            raise ContactNotReached(name, "from this posture the search runs deep into the object: give another one")
+        probes = np.where(angles + _PROBE > high, -_PROBE, _PROBE)
+        J = np.array([(miss(angles + p * e) - left) / p for p, e in zip(probes, np.eye(dofs.size))]).T
+        angles = np.clip(angles + _newton_step(J, left, angles, low, high), low, high)
+    raise ContactNotReached(
+        name,
+        f"no posture near the given one has its surface at the contact points; {1e3 * np.abs(left).max():.3g} mm are "
+        f"left{_at_limits(hand, dofs, angles)}: give another posture or other points",
+    )
+
+
+def _newton_step(J: Array, left: Array, angles: Array, low: Array, high: Array) -> Array:
+    """The step (n_f,) that takes ``left`` away; a joint at its limit stays there, the others do the rest."""
+    free = np.ones(angles.size, dtype=bool)
+    while True:
+        step = np.zeros(angles.size)
+        step[free] = np.linalg.lstsq(J[:, free], -left, rcond=_RANK)[0]
+        step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-12))
+        beyond = free & (((angles + step > high) & (angles >= high)) | ((angles + step < low) & (angles <= low)))
+        if not beyond.any():
+            return step
+        free &= ~beyond
+
+
+def _at_limits(hand: HandModel, dofs: IntArray, angles: Array) -> str:
     """The joints that would go beyond their limits, in words."""
     stuck = []
-    for i, angle in zip(dofs, angles):
+    for i, angle in zip(dofs.tolist(), angles.tolist()):
         if angle in (hand.lower[i], hand.upper[i]):
             name = hand.joint_names[i]
             slides = hand.is_prismatic(hand.model.getJointId(name))

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
 from pinograsp.checks import array_of, brief, each_of, instance_of, number, one_of, read_only, shown
@@ -19,12 +21,16 @@ from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.contacts.friction import LARGEST_MU, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
+from pinograsp.spatial import Array
 
-NORMS = ("L1", "Linf")
-BALANCES = ("wrench", "force")
-# Of the largest singular value: what counts as a missing rank.
+Norm = Literal["L1", "Linf"]
+NORMS: tuple[Norm, ...] = get_args(Norm)
+Balance = Literal["wrench", "force"]
+BALANCES: tuple[Balance, ...] = get_args(Balance)
+_SupportPoint: TypeAlias = Callable[[Array], Array]
+# Singular values below this share of the largest count as zero.
 _FLAT = 1e-12
-_STIFF = 1e50  # [N/m]: squares of larger numbers soon are none
+_STIFF = 1e50  # [N/m]: products of larger numbers may overflow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,7 +46,7 @@ class GraspMapMetrics:
         moment_length: what moments were divided by [m].
     """
 
-    singular_values: np.ndarray
+    singular_values: Array
     min_singular_value: float
     isotropy: float
     volume: float
@@ -66,14 +72,14 @@ class GraspStiffness:
         tangential_stiffness: per contact (k,) [N/m].
     """
 
-    matrix: np.ndarray
-    compliance: np.ndarray
+    matrix: Array
+    compliance: Array
     rank: int
-    eigenvalues: np.ndarray
-    eigenvectors: np.ndarray
+    eigenvalues: Array
+    eigenvectors: Array
     moment_length: float
-    normal_stiffness: np.ndarray
-    tangential_stiffness: np.ndarray
+    normal_stiffness: Array
+    tangential_stiffness: Array
 
     __repr__ = brief()
 
@@ -87,20 +93,20 @@ class Manipulability:
         singular_values: of each Jacobian, descending (k, 3).
     """
 
-    values: np.ndarray
-    singular_values: np.ndarray
+    values: Array
+    singular_values: Array
 
     __repr__ = brief()
 
 
 def ferrari_canny(
     contacts: ContactSet,
-    mu,
+    mu: ArrayLike,
     *,
     friction: Friction | None = None,
-    norm: str = "L1",
+    norm: Norm = "L1",
     moment_length: float | None = None,
-    balance: str = "wrench",
+    balance: Balance = "wrench",
     tolerance: float = 1e-4,
     limit: int = 300_000,
 ) -> InscribedBall:
@@ -137,11 +143,11 @@ def ferrari_canny(
 
 def grasp_volume(
     contacts: ContactSet,
-    mu,
+    mu: ArrayLike,
     *,
     friction: Friction | None = None,
     moment_length: float | None = None,
-    balance: str = "wrench",
+    balance: Balance = "wrench",
 ) -> float:
     """Volume of the wrenches of normal forces that sum to at most 1 N (Miller and Allen, ICRA 1999).
 
@@ -170,7 +176,7 @@ def grasp_volume(
 
 
 def grasp_map_metrics(
-    contacts: ContactSet, *, moment_length: float | None = None, balance: str = "wrench"
+    contacts: ContactSet, *, moment_length: float | None = None, balance: Balance = "wrench"
 ) -> GraspMapMetrics:
     """Least singular value, isotropy and ellipsoid volume of the grasp map G, without regard to friction.
 
@@ -198,7 +204,7 @@ def grasp_map_metrics(
 def grasp_stiffness(
     contacts: ContactSet,
     compliance: Compliance,
-    normal_forces,
+    normal_forces: ArrayLike,
     *,
     tangential_ratio: float = 2 / 3,
     moment_length: float | None = None,
@@ -236,8 +242,7 @@ def grasp_stiffness(
     if np.any((springs != 0) & ~((springs > 1 / _STIFF) & (springs < _STIFF))):
         raise InvalidInput(
             f"contact law: expected stiffnesses of 0, or {1 / _STIFF:g} to {_STIFF:g} N/m, got {normal.tolist()} "
-            "along the normals, "
-            f"and {ratio:g} of it across"
+            f"along the normals, and {ratio:g} of it across"
         )
     G = _scaled_map(contacts, length)
     scaled = (G * springs) @ G.T
@@ -257,7 +262,7 @@ def grasp_stiffness(
     )
 
 
-def manipulability(jacobians) -> Manipulability:
+def manipulability(jacobians: ArrayLike) -> Manipulability:
     """How freely the fingers can move each contact point: volume of the velocity ellipsoid of unit joint speeds.
 
     Args:
@@ -266,10 +271,10 @@ def manipulability(jacobians) -> Manipulability:
     Raises:
         InvalidInput: another shape, or numbers that are not finite.
     """
-    jacobians = array_of("contact Jacobians", jacobians, (None, 3, None))
-    values = np.zeros((len(jacobians), 3))
-    if jacobians.size:
-        found = np.linalg.svd(jacobians, compute_uv=False)
+    J = array_of("contact Jacobians", jacobians, (None, 3, None))
+    values = np.zeros((len(J), 3))
+    if J.size:
+        found = np.linalg.svd(J, compute_uv=False)
         values[:, : found.shape[1]] = np.where(found > _FLAT * found[:, :1], found, 0.0)
     return Manipulability(values=read_only(values.prod(axis=1)), singular_values=read_only(values))
 
@@ -277,7 +282,7 @@ def manipulability(jacobians) -> Manipulability:
 # -- the contacts' cones ------------------------------------------------------------------------------------------
 
 
-def _rows(balance: str) -> int:
+def _rows(balance: Balance) -> int:
     return 3 if one_of("balance", balance, BALANCES) == "force" else 6
 
 
@@ -287,7 +292,7 @@ def _moment_length(contacts: ContactSet, moment_length: float | None) -> float:
     return contacts.checked_moment_length(moment_length)
 
 
-def _per_contact(name: str, value, k: int, unit: str = "-", at_most: float = np.inf) -> np.ndarray:
+def _per_contact(name: str, value: ArrayLike, k: int, unit: str = "-", at_most: float = np.inf) -> Array:
     """Numbers >= 0 (k,), from one for all or one each."""
     result = each_of(name, value, k)
     if np.any((result < 0) | (result > at_most)):
@@ -296,14 +301,15 @@ def _per_contact(name: str, value, k: int, unit: str = "-", at_most: float = np.
     return result
 
 
-def _scaled_map(contacts: ContactSet, length: float) -> np.ndarray:
+def _scaled_map(contacts: ContactSet, length: float) -> Array:
     """Grasp map (6, 3k) with moments divided by ``length`` [m]."""
-    return contacts.G / np.repeat([1.0, length], 3)[:, None]
+    scaled: Array = contacts.G / np.repeat([1.0, length], 3)[:, None]
+    return scaled
 
 
 def _cones(
-    contacts: ContactSet, mu, friction: Friction | None, moment_length: float | None, balance: str
-) -> tuple[np.ndarray, np.ndarray, Friction]:
+    contacts: ContactSet, mu: ArrayLike, friction: Friction | None, moment_length: float | None, balance: Balance
+) -> tuple[Array, Array, Friction]:
     """Each contact's wrenches per newton: normals (k, r) and what each unit of u adds to them, tangents (k, d-1, r)."""
     length = _moment_length(contacts, moment_length)
     rows, k = _rows(balance), len(contacts)
@@ -318,26 +324,29 @@ def _cones(
     return np.ascontiguousarray(normals[:, :rows]), np.ascontiguousarray(tangents[:, :, :rows]), friction
 
 
-def _hull_of_cones(normals: np.ndarray, tangents: np.ndarray, friction: Friction) -> Callable:
+def _hull_of_cones(normals: Array, tangents: Array, friction: Friction) -> _SupportPoint:
     """Support points of the hull of what each contact makes with 1 N.
 
     No force at all is left out: the origin does not change the largest ball about it.
     """
 
-    def support_point(y: np.ndarray) -> np.ndarray:
+    def support_point(y: Array) -> Array:
         along = tangents @ y
         best = np.argmax(normals @ y + friction.support(along))
-        return normals[best] + friction.support_point(along[best]) @ tangents[best]
+        point: Array = normals[best] + friction.support_point(along[best]) @ tangents[best]
+        return point
 
     return support_point
 
 
-def _sum_of_cones(normals: np.ndarray, tangents: np.ndarray, friction: Friction) -> Callable:
+def _sum_of_cones(normals: Array, tangents: Array, friction: Friction) -> _SupportPoint:
     """Support points of the sum of what each contact makes with 0 to 1 N."""
 
-    def support_point(y: np.ndarray) -> np.ndarray:
+    def support_point(y: Array) -> Array:
         along = tangents @ y
         on = normals @ y + friction.support(along) > 0
-        return normals[on].sum(axis=0) + np.einsum("kj,kjr->r", friction.support_point(along[on]), tangents[on])
+        across = np.einsum("kj,kjr->r", friction.support_point(along[on]), tangents[on])
+        point: Array = normals[on].sum(axis=0) + across
+        return point
 
     return support_point

@@ -115,7 +115,7 @@ def test_inner_touch_stops_the_joints_below_and_the_outer_goes_on(two_links):
     # The inner joint stayed where it touched: its ball meets the object's in closed form.
     knuckle = 0.05 * np.array([np.cos(closure.q[0]), 0, np.sin(closure.q[0])])
     assert np.linalg.norm(knuckle - ball.com_o) == pytest.approx(0.021, abs=1e-6)
-    shares, postures = closure.events
+    shares, postures = closure.path.shares, closure.path.postures
     assert np.all(np.diff(shares) >= 0) and np.array_equal(postures[-1], closure.q)
     contacts = closure.contacts()
     assert contacts.names == tuple(f"{closure.hand.fingers[0].name}/{name}" for name in ("inner", "outer"))
@@ -136,7 +136,7 @@ def test_wrapping_moves_the_joints_one_after_the_other(two_links):
     # Nothing there to touch: every joint ends where it would have together.
     far = Sphere(radius=0.01, mass=0.1, pose=at(0.3, 0, 0.3))
     closure = close_hand(two_links, far, start=np.zeros(2), target=[3.0, 1.0], wrap=True)
-    assert closure.stops == {"j1": "joint limit", "j2": "end of path"} and closure.events[0][-1] == pytest.approx(1.0)
+    assert closure.stops == {"j1": "joint limit", "j2": "end of path"} and closure.path.shares[-1] == pytest.approx(1.0)
 
 
 def test_joint_limits_and_objects_out_of_reach(two_links):
@@ -187,7 +187,7 @@ def test_no_touch_is_missed(allegro, seed, wrap):
     first = min(touch.at for touch in closure.touches)
     for share in np.linspace(0, 0.0 if wrap else first, 60)[:-1]:
         assert clearance(allegro, ball, start + share * (target - start)) > -2e-7
-    _shares, postures = closure.events
+    postures = closure.path.postures
     for a, b in itertools.pairwise(postures):
         for share in np.linspace(0, 1, 8):
             assert clearance(allegro, ball, a + share * (b - a)) > -1e-6
@@ -395,7 +395,7 @@ def test_joints_stay_on_their_way(two_links, seed, wrap, target):
     closure = close_hand(two_links, ball, start=np.zeros(2), target=target, wrap=wrap)
     ends = np.minimum(target, two_links.upper)
     assert np.all(closure.q >= -1e-12) and np.all(closure.q <= ends + 1e-12)
-    assert np.all(closure.events[1] <= ends + 1e-12)
+    assert np.all(closure.path.postures <= ends + 1e-12)
 
 
 def test_depths_of_parts_deep_in_an_object(tmp_path):
