@@ -30,7 +30,7 @@ from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.placement import find_placements
 
 HERE = Path(__file__).resolve().parent
-SETTINGS = {"mu": 0.7, "friction": pg.Friction(model="soft", torsion=5e-3)}
+CONDITIONS = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="soft", torsion=5e-3))
 DENSITY = 300.0
 SIZES = (1.0, 0.7, 0.5, 0.35)
 
@@ -66,10 +66,10 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
         "mass_g": f"{1e3 * body.mass:.1f}",
     }
     try:
-        search = find_placements(hand, body, count=samples, seed=0, jobs=jobs, progress=False, **SETTINGS)
+        search = find_placements(hand, body, CONDITIONS, count=samples, seed=0, jobs=jobs, progress=False)
         found |= {"tried": search.tried, "hold": len(search.placements)}
         best = search.best
-        plan = pg.plan_grasp(best.closure.hand, best.closure, **SETTINGS)
+        plan = pg.plan_grasp_on(best.closure.hand, best.closure, CONDITIONS)
     except (NoGrasp, PinograspError) as error:
         return found | {
             "status": type(error).__name__,

@@ -26,7 +26,7 @@ from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Li
 
 HERE = Path(__file__).resolve().parent
 RADIUS, PHALANX, THICKNESS, PALM = 0.03, 0.04, 0.008, 0.006  # object, length, half thickness, half thickness [m]
-SETTINGS = {"mu": 0.7, "friction": pg.Friction(model="cone", safety=1.1)}
+CONDITIONS = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1))
 
 
 def five_fingers() -> HandDescription:
@@ -61,7 +61,7 @@ def grasp() -> tuple[pg.GraspPlan, dict[str, float]]:
     pose[2, 3] = RADIUS + PALM + 2e-7
     closure = pg.close_hand(hand, pg.Cylinder(radius=RADIUS, height=0.14, mass=0.3, pose=pose), wrap=True)
     closed = time.perf_counter()
-    plan = pg.plan_grasp(hand, closure, **SETTINGS)
+    plan = pg.plan_grasp_on(hand, closure, CONDITIONS)
     stages = {
         "loading": loaded - started,
         "closing": closed - loaded,

@@ -103,15 +103,15 @@ def draw(rng, name: str) -> dict:
     }
 
 
-def settings(case: dict, safety: float) -> dict:
-    friction = pg.Friction(model="soft", torsion=5e-3, safety=safety)
-    return {
-        "mu": case["mu"],
-        "friction": friction,
-        "gravity_o": case["gravity"],
-        "max_depth": 5e-3,
-        "impact_time_range": (IMPACT, IMPACT + 1e-4),
-    }
+def conditions(case: dict, safety: float, limit) -> pg.GraspConditions:
+    return pg.GraspConditions(
+        mu=case["mu"],
+        friction=pg.Friction(model="soft", torsion=5e-3, safety=safety),
+        gravity_o=case["gravity"],
+        max_depth=5e-3,
+        impact_time_range=(IMPACT, IMPACT + 1e-4),
+        torque_limit=limit,
+    )
 
 
 def attempt(kind: str, name: str, rng) -> dict | None:
@@ -121,9 +121,8 @@ def attempt(kind: str, name: str, rng) -> dict | None:
     hand, w, limit = loaded(case["hand"])
     body = objects(case["size"] * w)[case["object"]]
     body = replace(body, density=DENSITY, mass=None)
-    search = find_placements(
-        hand, body, count=6, seed=case["seed"], jobs=1, progress=False, torque_limit=limit, **settings(case, 1.0)
-    )
+    asked = conditions(case, 1.0, limit)
+    search = find_placements(hand, body, asked, count=6, seed=case["seed"], jobs=1, progress=False)
     if not search.placements:
         return None
     for placement in search.placements[:PLACEMENTS]:
@@ -138,17 +137,16 @@ def attempt_at(case: dict, kind: str, target: float, placement, body, limit) -> 
     mass = body.mass * placement.load_factor / target
     real = replace(body, mass=mass, density=None)
     planned_for = real if kind == "feasible" else replace(body, mass=0.98 * target * mass, density=None)
-    held = pg.ForceProblem.holding(planned_for, closure.contacts(), **settings(case, SAFETIES[-1]))
+    held = conditions(case, SAFETIES[-1], limit).problem(planned_for, closure.contacts())
     if kind == "feasible" and pg.optimize_forces(held, IMPACT).status is not Status.OK:
         return None
     for safety in SAFETIES if kind == "feasible" else (1.0,):
         try:
-            plan = pg.plan_grasp(
+            plan = pg.plan_grasp_on(
                 closure.hand,
                 replace(closure, object=planned_for),
-                torque_limit=limit,
+                conditions(case, safety, limit),
                 objective="work",
-                **settings(case, safety),
             )
         except PinograspError:
             continue

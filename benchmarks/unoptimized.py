@@ -113,15 +113,14 @@ def paper() -> list[dict]:
 def catalogue(name: str, shape: str) -> dict:
     hand = pg.load_hand(name, hulls=True)
     body = replace(objects(0.9 * width(hand))[shape], density=DENSITY, mass=None)
-    settings = {"mu": 0.7, "friction": pg.Friction(model="cone")}
-    best = find_placements(hand, body, count=16, seed=0, progress=False, **settings).best
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"))
+    best = find_placements(hand, body, conditions, count=16, seed=0, progress=False).best
     body = replace(body, mass=LOADED * best.load_factor * body.mass, density=None)
     closure = replace(best.closure, object=body)
 
     def plan_with(safety: float):
-        return pg.plan_grasp(
-            closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=safety), objective="work"
-        )
+        friction = pg.Friction(model="cone", safety=safety)
+        return pg.plan_grasp_on(closure.hand, closure, replace(conditions, friction=friction), objective="work")
 
     return compared(name, shape, body.mass, plan_with)
 

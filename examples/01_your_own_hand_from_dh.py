@@ -48,7 +48,7 @@ with tempfile.TemporaryDirectory() as folder:
 print(hand.describe())
 
 ball = pg.Sphere(radius=0.025, mass=0.1)
-friction = pg.Friction(model="soft", torsion=5e-3)
-found = find_placements(hand, ball, mu=0.8, friction=friction, count=32, seed=1)
-plan = pg.plan_grasp(found.best.closure.hand, found.best.closure, mu=0.8, friction=friction)
+conditions = pg.GraspConditions(mu=0.8, friction=pg.Friction(model="soft", torsion=5e-3))
+found = find_placements(hand, ball, conditions, count=32, seed=1)
+plan = pg.plan_grasp_on(found.best.closure.hand, found.best.closure, conditions)
 print(plan.status, plan.forces.normal_forces, f"N, peak torque {plan.motion.peak_torque:.3f} N m")

@@ -8,12 +8,12 @@ hand = pg.load_hand(file_of("allegro_right"))  # any path to a .urdf, .xacro or 
 print(hand.describe())
 
 ball = pg.Sphere(radius=0.03, mass=0.2)
-friction = pg.Friction(model="cone", safety=1.2)
-found = find_placements(hand, ball, mu=0.7, friction=friction, count=12, seed=0)
+conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
+found = find_placements(hand, ball, conditions, count=12, seed=0)
 best = found.best
 print(f"{len(found.placements)} of {found.tried} placements hold; the best {best.load_factor:.1f} times the load")
 
-plan = pg.plan_grasp(best.closure.hand, best.closure, mu=0.7, friction=friction)
+plan = pg.plan_grasp_on(best.closure.hand, best.closure, conditions)
 print(plan.status, plan.problem.contacts.names, plan.forces.normal_forces.round(3), "N")
 print(f"peak torque {plan.motion.peak_torque:.3f} N m")
 for caution in plan.cautions:

@@ -15,8 +15,8 @@ with tempfile.TemporaryDirectory() as folder:
     knob = pg.Mesh.load(path, scale=1e-3, density=900.0)
 print(f"{1e3 * knob.mass:.0f} g, largest radius {1e3 * knob.bounding_radius:.1f} mm")
 
-friction = pg.Friction(model="cone", safety=1.1)
-found = find_placements(pg.load_hand("g1_right"), knob, mu=0.8, friction=friction, count=16, seed=0)
+conditions = pg.GraspConditions(mu=0.8, friction=pg.Friction(model="cone", safety=1.1))
+found = find_placements(pg.load_hand("g1_right"), knob, conditions, count=16, seed=0)
 print(found.best.closure.describe())
-plan = pg.plan_grasp(found.best.closure.hand, found.best.closure, mu=0.8, friction=friction)
+plan = pg.plan_grasp_on(found.best.closure.hand, found.best.closure, conditions)
 print(plan.status, plan.forces.normal_forces, f"{1e3 * plan.forces.work:.3f} mJ")

@@ -4,12 +4,12 @@ import pinograsp as pg
 from pinograsp.placement import find_placements
 
 hand, bottle = pg.load_hand("humanoid"), pg.Cylinder(radius=0.025, height=0.2, mass=0.5)
-friction = pg.Friction(model="cone", safety=1.2)
-found = find_placements(hand, bottle, wrap=True, mu=0.7, friction=friction, count=8, seed=0)
+conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
+found = find_placements(hand, bottle, conditions, wrap=True, count=8, seed=0)
 closure = max((placement.closure for placement in found.placements), key=lambda one: len(one.touches))
 print(closure.describe())
 
-plan = pg.plan_grasp(closure.hand, closure, mu=0.7, friction=friction)
+plan = pg.plan_grasp_on(closure.hand, closure, conditions)
 print(
     plan.status,
     f"{plan.problem.k} contacts, {1e3 * plan.forces.work:.3f} mJ, peak torque {plan.motion.peak_torque:.3f} N m",

@@ -10,10 +10,10 @@ import pinograsp as pg
 from pinograsp.placement import find_placements
 
 hand, bottle = pg.load_hand("humanoid"), pg.Cylinder(radius=0.025, height=0.2, mass=0.8)
-settings = {"mu": 0.7, "friction": pg.Friction(model="cone")}
-closure = find_placements(hand, bottle, wrap=True, count=4, seed=0, **settings).best.closure
+conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"))
+closure = find_placements(hand, bottle, conditions, wrap=True, count=4, seed=0).best.closure
 contacts, impact = closure.contacts(), 0.9
-problem = pg.ForceProblem.holding(bottle, contacts, **settings)
+problem = conditions.problem(bottle, contacts)
 
 
 def limited(limit):

@@ -9,7 +9,6 @@ from .contacts import (
     ContactSet as ContactSet,
     DecelerationShape as DecelerationShape,
     Friction as Friction,
-    PenetrationProfile as PenetrationProfile,
     close_hand as close_hand,
     contacts_at as contacts_at,
 )
@@ -21,6 +20,7 @@ from .forces import (
     ForceBatch as ForceBatch,
     ForceProblem as ForceProblem,
     ForceSolution as ForceSolution,
+    GraspConditions as GraspConditions,
     GridSpec as GridSpec,
     LoadSet as LoadSet,
     TorqueLimits as TorqueLimits,
@@ -30,7 +30,6 @@ from .forces import (
     grasp_margins as grasp_margins,
     grid_search as grid_search,
     load_factor as load_factor,
-    min_weight as min_weight,
     optimize_forces as optimize_forces,
     optimize_grasp as optimize_grasp,
     optimize_robust as optimize_robust,
@@ -60,7 +59,10 @@ from .objects import (
 )
 from .plan import (
     GraspPlan as GraspPlan,
+)
+from .planner import (
     plan_grasp as plan_grasp,
+    plan_grasp_on as plan_grasp_on,
 )
 from .referee import (
     simulate as simulate,

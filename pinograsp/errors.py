@@ -1,26 +1,31 @@
-"""Exceptions and status values of the package.
+"""Exceptions and status values of the package, and the one table that joins them: exception, status, exit code, remedy.
 
-Two families of failure reach the caller: the *input* could not be used (:class:`InvalidInput`, also a ``ValueError``)
-or the input was fine and *no grasp* exists (:class:`NoGrasp`). Inside a stage a failure is a :class:`Status`
+Two families of failure reach the caller: the *input* cannot be used (:class:`InvalidInput`, also a ``ValueError``)
+or the input is fine and *no grasp* was found (:class:`NoGrasp`). Inside a stage a failure is a :class:`Status`
 on the returned record; only the top level raises.
 """
 
 from __future__ import annotations
 
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 
 class Status(str, Enum):
-    """How a stage ended. ``Status.OK`` is the only success."""
+    """How a stage, a plan or a command ended. ``Status.OK`` is the only success."""
 
     OK = "ok"
     UNBALANCED = "unbalanced"
+    NOT_TRACKED = "not_tracked"
+    JOINT_LIMIT = "joint_limit"
     INFEASIBLE = "infeasible"
     INACCURATE = "inaccurate"
+    NOT_REACHED = "not_reached"
+    NOT_FOUND = "not_found"
     INTERRUPTED = "interrupted"
-    JOINT_LIMIT = "joint_limit"
-    NOT_TRACKED = "not_tracked"
+    INVALID_INPUT = "invalid_input"
+    EXTRA_MISSING = "extra_missing"
+    FAILED = "failed"
 
     def __str__(self) -> str:
         return self.value
@@ -28,22 +33,12 @@ class Status(str, Enum):
     @property
     def remedy(self) -> str:
         """What to do about it, in one sentence (empty for ``OK``)."""
-        return _REMEDIES[self]
+        return _MEANINGS[self].remedy
 
-
-_REMEDIES = {
-    Status.OK: "",
-    Status.UNBALANCED: "These normal forces cannot balance the load: change them, raise mu or move the contacts.",
-    Status.INFEASIBLE: "Raise mu, lighten the object, allow deeper penetration or an earlier impact, "
-    "or refine the grid.",
-    Status.INACCURATE: "The answer failed its certificate and nothing is proven: change load, mu or limits a little, "
-    "or the solver.",
-    Status.INTERRUPTED: "The search was stopped: run it again to the end for the optimum.",
-    Status.JOINT_LIMIT: "A joint meets its limit: the motion's remedy names it. Widen it, or choose another contact "
-    "posture or start.",
-    Status.NOT_TRACKED: "Contact points cannot follow their paths: the motion's remedy says what keeps which finger "
-    "from it.",
-}
+    @property
+    def exit_code(self) -> int:
+        """Of a command that ends so: 0 usable, 2 unusable input, 3 no grasp, 130 interrupted."""
+        return _MEANINGS[self].exit_code
 
 
 class PinograspError(Exception):
@@ -91,17 +86,24 @@ class ContactNotReached(NoGrasp):
         super().__init__(f"finger '{finger}' cannot reach its contact: {details}")
 
 
-class GraspInfeasible(NoGrasp):
-    """No forces were found that hold the object. ``solution`` is the record of the search, with its rejection
-    histogram.
+class SearchFailed(NoGrasp):
+    """A search for contact forces ended without any. ``solution`` is its record."""
 
-    Its ``status`` says whether it is known that there are none (``infeasible``: proven, or no point of the grid) or not
-    (``inaccurate``, ``interrupted``).
-    """
-
-    def __init__(self, message: str, solution: Any = None):
+    def __init__(self, message: str, solution: Any):
         self.solution = solution  # Any: this room comes before the records of forces
         super().__init__(message)
+
+
+class GraspInfeasible(SearchFailed):
+    """There are no forces that hold the object: proven, or no point of the grid does."""
+
+
+class GraspUndecided(SearchFailed):
+    """No forces were found that pass their certificate, and none are ruled out."""
+
+
+class SearchInterrupted(SearchFailed):
+    """A search was stopped before it found any forces."""
 
 
 class PlacementNotFound(NoGrasp):
@@ -137,28 +139,57 @@ class SimulationDiverged(PinograspError):
         )
 
 
-# What an exception is called in tables and JSON, and the exit code of the command line: the first type that fits.
-_MEANINGS: tuple[tuple[type[BaseException], str, int], ...] = (
-    (KeyboardInterrupt, "interrupted", 130),
-    (PlacementNotFound, "not_found", 3),
-    (GraspInfeasible, "infeasible", 3),
-    (NoGrasp, "not_reached", 3),
-    (InvalidInput, "invalid_input", 2),
-    (ExtraMissing, "extra_missing", 2),
-    (BaseException, "failed", 2),
-)
+class _Meaning(NamedTuple):
+    """A line of the table."""
+
+    exit_code: int
+    remedy: str
+    errors: tuple[type[BaseException], ...] = ()
 
 
-def status_of(error: BaseException) -> str:
-    """One word for how what raised ``error`` ended: for a grasp that was not found the status of its search."""
-    solution = getattr(error, "solution", None)
-    return _meaning(error)[0] if solution is None else str(solution.status)
+# Exceptions of several lines' kinds mean the first of them.
+_MEANINGS = {
+    Status.OK: _Meaning(0, ""),
+    Status.UNBALANCED: _Meaning(
+        0, "These normal forces cannot balance the load: change them, raise mu or move the contacts."
+    ),
+    Status.NOT_TRACKED: _Meaning(
+        0, "Contact points cannot follow their paths: the motion's remedy says what keeps which finger from it."
+    ),
+    Status.JOINT_LIMIT: _Meaning(
+        3,
+        "A joint meets its limit: the motion's remedy names it. Widen it, or choose another contact posture or start.",
+    ),
+    Status.INFEASIBLE: _Meaning(
+        3,
+        "Raise mu, lighten the object, allow deeper penetration or an earlier impact, or refine the grid.",
+        (GraspInfeasible,),
+    ),
+    Status.INACCURATE: _Meaning(
+        3,
+        "The answer failed its certificate and nothing is proven: change load, mu or limits a little, or the solver.",
+        (GraspUndecided,),
+    ),
+    Status.INTERRUPTED: _Meaning(
+        130, "The search was stopped: run it again to the end for the optimum.", (SearchInterrupted, KeyboardInterrupt)
+    ),
+    Status.NOT_FOUND: _Meaning(
+        3, "No placement holds the object: try more samples, raise mu or lighten it.", (PlacementNotFound,)
+    ),
+    Status.NOT_REACHED: _Meaning(
+        3, "A finger cannot reach its contact: move the contact or the hand, or widen joint limits.", (NoGrasp,)
+    ),
+    Status.INVALID_INPUT: _Meaning(2, "The message says what was expected, what came and what to do.", (InvalidInput,)),
+    Status.EXTRA_MISSING: _Meaning(2, "Install the extra that the message names.", (ExtraMissing,)),
+    Status.FAILED: _Meaning(2, "The message says what happened.", (BaseException,)),
+}
+
+
+def status_of(error: BaseException) -> Status:
+    """How something ended that raised ``error``."""
+    return next(status for status, meaning in _MEANINGS.items() if isinstance(error, meaning.errors))
 
 
 def exit_code_of(error: BaseException) -> int:
-    """The exit code of a command that raised ``error``: 2 unusable input, 3 no grasp, 130 interrupted."""
-    return 130 if status_of(error) == Status.INTERRUPTED else _meaning(error)[1]
-
-
-def _meaning(error: BaseException) -> tuple[str, int]:
-    return next((status, code) for kind, status, code in _MEANINGS if isinstance(error, kind))
+    """The exit code of a command that raised ``error``."""
+    return status_of(error).exit_code

@@ -8,7 +8,7 @@ import pickle
 import tempfile
 import traceback
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cloudpickle
@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from tqdm import tqdm
 
-from pinograsp.checks import brief, flag, instance_of, integer, number, one_of, processes
+from pinograsp.checks import brief, flag, instance_of, integer, number, processes
 from pinograsp.contacts import (
     Closure,
     Contact,
@@ -30,7 +30,7 @@ from pinograsp.contacts import (
     open_and_closed,
 )
 from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
-from pinograsp.forces import ForceProblem, ForceSolution, load_factor, optimize_forces
+from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions, load_factor, optimize_forces
 from pinograsp.hands import HandModel
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of, torque_limits
@@ -92,47 +92,46 @@ class PlacementSearch:
         return self.placements[0]
 
 
+# Beside hand, object and conditions seven options: of the samples, of their order, and of how they are run.
 def find_placements(
     hand: HandModel,
-    object,
+    body: Body,
+    conditions: GraspConditions,
     *,
     count: int = 64,
     seed: int = 0,
     margin: float = 1.2,
-    torque_limit: str | float | np.ndarray | None = None,
     impact_time: float = 0.9,
     wrap: bool = False,
     jobs: int = -1,
     progress: bool | None = None,
-    **settings,
 ) -> PlacementSearch:
-    """Sample placements of ``hand`` around ``object``, close it in each, and rank what holds.
+    """Sample placements of ``hand`` around ``body``, close it in each, and rank what holds.
 
     A sample puts the object's centre of mass between the half-closed fingertips and the palm, in a random or aligned
     orientation, and moves it away from the palm where the open hand would overlap it. The object stays; the hand is
     placed.
 
     Args:
+        hand: the hand, wherever it is.
+        body: what is to be held, where it is.
+        conditions: friction, limits and what is to be balanced.
         count: samples.
         seed: of the random numbers; the result does not depend on ``jobs``.
         margin: placements that hold a smaller multiple of the load come after all others.
-        torque_limit: largest |torque| (n,) or one number [N m], or ``"effort"`` for the hand's own effort limits
-            (joints without one are not limited). Default: these, where a joint has one; ``np.inf``: none.
         impact_time: t_I of the forces that rank the placements [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
-        **settings: of :class:`~pinograsp.forces.ForceProblem`: ``mu`` (needed), ``friction``, ...; numbers, since the
-            contacts are not known yet.
 
     Returns:
         Placements by: enough load margin first, then least energy. Stopped by Ctrl-C: those found until then.
 
     Raises:
-        InvalidInput: settings that cannot be used.
+        InvalidInput: conditions or options that cannot be used.
         PinograspError: a process was lost, or the object's own code failed.
     """
-    _check_settings(hand, object, torque_limit, impact_time, settings)
+    _check(hand, body, conditions, impact_time)
     check_geometry(hand)
     count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
     margin = number("margin", margin, at_least=0)
@@ -147,7 +146,7 @@ def find_placements(
     )
     # Meshes are heavy: they go to every process once, and never come back.
     with tempfile.TemporaryDirectory() as folder, interrupts_kept() as interrupt:
-        case = (hand, object, torque_limit, impact_time, wrap, settings)
+        case = _Case(hand=hand, body=body, conditions=conditions, impact_time=impact_time, wrap=wrap)
         try:
             if joblib.effective_n_jobs(jobs) > 1:
                 case = _handed_over(case, Path(folder) / "case.pickle")
@@ -159,8 +158,8 @@ def find_placements(
                     bar.update()
                     outcomes[outcome] = outcomes.get(outcome, 0) + 1
                     if placement is not None:
-                        closure = replace(placement.closure, hand=hand.placed(placement.pose), object=object)
-                        forces = replace(placement.forces, problem=replace(placement.forces.problem, object=object))
+                        closure = replace(placement.closure, hand=hand.placed(placement.pose), object=body)
+                        forces = replace(placement.forces, problem=replace(placement.forces.problem, object=body))
                         found.append(replace(placement, closure=closure, forces=forces))
                     interrupt()
             interrupt()
@@ -176,34 +175,36 @@ def find_placements(
     return PlacementSearch(placements=tuple(found), tried=tried, outcomes=outcomes, interrupted=interrupted)
 
 
-def _check_settings(hand: HandModel, object, torque_limit, impact_time, settings: dict) -> None:
-    """What every sample would stumble over, told at once: a problem of one contact with the same settings."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Case:
+    """What all samples of a search have in common."""
+
+    hand: HandModel
+    body: Body
+    conditions: GraspConditions
+    impact_time: float
+    wrap: bool
+
+
+def _check(hand: HandModel, body: Body, conditions: GraspConditions, impact_time: float) -> None:
+    """What every sample would stumble over, told at once: a problem of one contact under the same conditions."""
     instance_of("hand", hand, HandModel)
-    instance_of("object", object, Body)
-    if "mu" not in settings:
-        raise InvalidInput("find_placements: expected the friction coefficient, mu=...")
-    allowed = [
-        field.name
-        for field in fields(ForceProblem)
-        if field.init and field.name not in ("contacts", "load", "object", "torques")
-    ]
-    for name in settings:
-        one_of("setting", name, allowed)
-    number("mu", settings["mu"], at_least=0)
-    at = object.pose[:3, 3]
+    instance_of("body", body, Body)
+    instance_of("conditions", conditions, GraspConditions)
+    at = body.pose[:3, 3]
     contact = Contact(finger="any", link="", point_o=at, rotation_oc=np.eye(3), length=None, distance=0.0)
-    problem = ForceProblem.holding(object, ContactSet(contacts=(contact,), com_o=at + [0.0, 0.0, 1.0]), **settings)
+    problem = conditions.problem(body, ContactSet(contacts=(contact,), com_o=at + [0.0, 0.0, 1.0]))
     problem.checked_impact_time(impact_time)
-    effort_of(hand, torque_limit)
+    effort_of(hand, conditions.torque_limit)
 
 
-def _handed_over(case: tuple, path: Path) -> str:
+def _handed_over(case: _Case, path: Path) -> str:
     """The case in a file, for other processes."""
     try:
         whole = cloudpickle.dumps(case)
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise InvalidInput(
-            f"find_placements: hand, object or settings cannot go to other processes ({error}): use jobs=1"
+            f"find_placements: hand, object or conditions cannot go to other processes ({error}): use jobs=1"
         ) from None
     with write_errors(path):
         path.write_bytes(whole)
@@ -211,11 +212,11 @@ def _handed_over(case: tuple, path: Path) -> str:
 
 
 @functools.lru_cache(maxsize=1)
-def _case(path: str) -> tuple:
+def _case(path: str) -> _Case:
     return pickle.loads(Path(path).read_bytes())
 
 
-def _try(case: tuple | str, seed) -> tuple[str | Exception, Placement | None]:
+def _try(case: _Case | str, seed) -> tuple[str | Exception, Placement | None]:
     """What came of one sample, or the error that it ended in."""
     try:
         return _tried(case, seed)
@@ -227,36 +228,38 @@ def _try(case: tuple | str, seed) -> tuple[str | Exception, Placement | None]:
         return PinograspError(f"find_placements: a sample failed with {what}"), None
 
 
-def _tried(case: tuple | str, seed) -> tuple[str, Placement | None]:
+def _tried(case: _Case | str, seed) -> tuple[str, Placement | None]:
     """What came of one sample of a case, or of the file it is in; a placement comes without its hand and object."""
-    hand, object, torque_limit, impact_time, wrap, settings = _case(case) if isinstance(case, str) else case
+    case = _case(case) if isinstance(case, str) else case
+    wrap = case.wrap
     try:
-        sample = _sample(hand, object, np.random.default_rng(seed), wrap)
+        sample = _sample(case.hand, case.body, np.random.default_rng(seed), wrap)
         if isinstance(sample, str):
             return sample, None
         placed, opened, closed = sample
-        closure = close_hand(placed, object, start=opened, target=closed, wrap=wrap)
+        closure = close_hand(placed, case.body, start=opened, target=closed, wrap=wrap)
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
         return "the hand could not be closed", None
     if closure.self_collisions:
         return "fingers collide with each other", None
-    outcome, placement = hold(closure, torque_limit=torque_limit, impact_time=impact_time, **settings)
+    outcome, placement = hold(closure, case.conditions, impact_time=case.impact_time)
     if placement is not None:
         forces = replace(placement.forces, problem=replace(placement.forces.problem, object=None))
         placement = replace(placement, closure=replace(placement.closure, hand=None, object=None), forces=forces)
     return outcome, placement
 
 
-def hold(closure: Closure, *, torque_limit=None, impact_time=0.9, **settings) -> tuple[str, Placement | None]:
+def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, Placement | None]:
     """Forces that hold a closed hand's object, as a placement; and the outcome in words."""
     instance_of("closure", closure, Closure)
+    instance_of("conditions", conditions, GraspConditions)
     touching = [touch for touch in closure.touches if touch.finger]
     if len(touching) < 2:
         return "fewer than two contacts", None
     # Where the jaws have pushed the object, the hand goes instead: the object's place is given.
     closure = _hand_moved(closure)
     contacts = closure.contacts()
-    problem = problem_of(closure.hand, closure.object, contacts, torque_limit, **settings)
+    problem = problem_of(closure.hand, closure.object, contacts, conditions)
     forces = optimize_forces(problem, impact_time)
     if forces.status is not Status.OK:
         return f"forces {forces.status}", None
@@ -269,15 +272,14 @@ def hold(closure: Closure, *, torque_limit=None, impact_time=0.9, **settings) ->
     )
 
 
-def problem_of(hand: HandModel, object, contacts, torque_limit, **settings) -> ForceProblem:
+def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: GraspConditions) -> ForceProblem:
     """The problem of holding an object with a closed hand, torques limited at the posture of the contacts."""
-    problem = ForceProblem.holding(object, contacts, **settings)
-    limit = effort_of(hand, torque_limit)
+    problem = conditions.problem(body, contacts)
+    limit = effort_of(hand, conditions.torque_limit)
     if not np.isfinite(limit).any():
         return problem
-    return replace(
-        problem, torques=torque_limits(hand, contacts, contacts.posture, limit=limit, gravity_o=problem.gravity_o)
-    )
+    torques = torque_limits(hand, contacts, contacts.posture, limit=limit, gravity_o=problem.gravity_o)
+    return replace(problem, torques=torques)
 
 
 def _hand_moved(closure: Closure) -> Closure:
@@ -303,7 +305,9 @@ def _hand_moved(closure: Closure) -> Closure:
     )
 
 
-def _sample(hand: HandModel, object, rng, wrap: bool) -> tuple[HandModel, np.ndarray, np.ndarray] | str:
+def _sample(
+    hand: HandModel, body: Body, rng: np.random.Generator, wrap: bool
+) -> tuple[HandModel, np.ndarray, np.ndarray] | str:
     """The hand placed so that the object lies in its grasp, with an open and a closed posture; or why not, in words."""
     data = hand.model.createData()
     low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
@@ -327,26 +331,26 @@ def _sample(hand: HandModel, object, rng, wrap: bool) -> tuple[HandModel, np.nda
     at = palm + out * rng.uniform(0.3, 1.1) + rng.normal(scale=0.05 * length, size=3)
     for _ in range(_BACKWARDS):
         # oMh = oMb (wMb)^-1 wMh, with w the world in which the hand is placed now.
-        pose = pin.SE3(np.array(object.pose)) * pin.SE3(rotation, at).inverse() * pin.SE3(np.array(hand.pose))
+        pose = pin.SE3(np.array(body.pose)) * pin.SE3(rotation, at).inverse() * pin.SE3(np.array(hand.pose))
         placed = hand.placed(pose.homogeneous)
-        opened, closed = open_and_closed(placed, object)
-        if clearance(placed, object, opened) > 0:
+        opened, closed = open_and_closed(placed, body)
+        if clearance(placed, body, opened) > 0:
             if wrap:
-                placed = _pressed_on(placed, object, opened, pose.rotation @ hand.pose[:3, :3].T @ approach)
+                placed = _pressed_on(placed, body, opened, pose.rotation @ hand.pose[:3, :3].T @ approach)
             return "the hand passes the object by" if placed is None else (placed, opened, closed)
-        at = at + approach * 0.3 * object.bounding_radius
+        at = at + approach * 0.3 * body.bounding_radius
     return "the open hand overlaps the object"
 
 
-def _pressed_on(hand: HandModel, object, q: np.ndarray, direction: np.ndarray) -> HandModel | None:
+def _pressed_on(hand: HandModel, body: Body, q: np.ndarray, direction: np.ndarray) -> HandModel | None:
     """The hand moved along ``direction`` (3,) until it touches the object; None where it passes by."""
     pose, moved = np.array(hand.pose), 0.0
     for _ in range(_ADVANCES):
-        gap = clearance(hand, object, q)
+        gap = clearance(hand, body, q)
         if gap <= _ON:
             return hand
         moved += gap
-        if moved > 10 * object.bounding_radius:
+        if moved > 10 * body.bounding_radius:
             return None
         pose[:3, 3] += (gap - 0.2 * _ON) * direction
         hand = hand.placed(pose)

@@ -1,37 +1,26 @@
-"""From a hand and an object, or a force problem, to a grasp plan: contacts, forces, motion. The only file that knows
-the order.
-"""
+"""The record of a grasp plan."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinograsp.checks import brief, instance_of, shown
-from pinograsp.contacts import PALM, Closure, close_hand
+from pinograsp.checks import brief
+from pinograsp.contacts import PALM, Closure
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
-from pinograsp.errors import GraspInfeasible, InvalidInput, Status
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     ForceProblem,
     ForceSolution,
-    GridSpec,
-    diagnose,
     disturbance_margin,
     force_closure,
     grasp_margins,
-    grid_search,
-    optimize_grasp,
 )
 from pinograsp.hands import HandModel
-from pinograsp.motion import Motion, MotionSpec, effort_of, plan_motion, torque_limits
-from pinograsp.objects.body import Body
+from pinograsp.motion import Motion
 
 _SLIDES = 1e-4  # [m] across the normal: worth telling
-# Rounds of force search and motion until the holding torques at the posture found are within their limits.
-_TORQUE_ROUNDS = 6
 _DIRECTIONS = 48  # around a plane, in which margins are kept
 
 
@@ -339,151 +328,3 @@ def _on_edge(body, point_o) -> bool:
     except InvalidInput:
         return True
     return False
-
-
-def plan_grasp(
-    hand: HandModel,
-    problem: ForceProblem | Closure | Body,
-    *,
-    grid: GridSpec | None = None,
-    search: str | None = None,
-    solver: str | None = None,
-    objective: str | Mapping[str, float] | None = None,
-    torque_limit=None,
-    motion: MotionSpec | None = None,
-    progress: bool | None = None,
-    **settings,
-) -> GraspPlan:
-    """Plan a grasp: least-energy contact forces, then the joint motion and torques with the least peak torque.
-
-    Args:
-        hand: the hand, placed in the world.
-        problem: contacts (of this hand), load, friction and limits. Or an object: the hand is closed on it
-            (:func:`~pinograsp.contacts.close_hand`) to find the contacts. Or a closure of this hand.
-        search: ``"convex"``: the certified global optimum (:func:`~pinograsp.forces.optimize_grasp`), with any friction
-            model; or a grid, see :func:`~pinograsp.forces.grid_search`, which also explains ``grid`` and ``progress``.
-            Default: ``"hybrid"`` for a problem, ``"convex"`` for an object.
-        solver: name of the solver; default: the search's own.
-        objective: of the convex search; default: the problem's measure.
-        torque_limit: the convex search keeps the holding torques at t_F within it: largest |torque| (n,) or one number
-            [N m], or ``"effort"`` for the hand's own effort limits (joints without one are not limited: a caution names
-            them). Default: torques are reported, not limited; for an object ``"effort"``, where a joint has a limit.
-        motion: postures and sampling; see :class:`~pinograsp.motion.MotionSpec`.
-        **settings: of the problem where an object is given: ``mu`` (needed), ``friction``, ``max_depth``... as for
-            :meth:`~pinograsp.forces.ForceProblem.holding`.
-
-    Returns:
-        The plan with its status: ``OK``; ``UNBALANCED`` where the QP found that the paper's grid point balances only
-        within its net-force limit; ``JOINT_LIMIT`` or ``NOT_TRACKED`` where the motion is at fault; ``INTERRUPTED``.
-
-    Raises:
-        GraspInfeasible: no forces; carries the search record and says why: the grid's rejection histogram, or the
-            convex search's proof with its diagnosis.
-        InvalidInput: an objective or torque limit without the convex search.
-        ContactNotReached: a finger cannot reach its contact points.
-    """
-    started = time.perf_counter()
-    instance_of("hand", hand, HandModel)
-    for name, value, kind in (("motion", motion, MotionSpec), ("search", search, str), ("solver", solver, str)):
-        instance_of(name, value, kind, type(None))
-    if not isinstance(problem, ForceProblem):
-        return _closed_plan(hand, problem, grid, search, solver, objective, torque_limit, motion, progress, settings)
-    if settings:
-        raise InvalidInput(
-            f"{', '.join(settings)}: settings of a problem, expected with an object; this problem has its own"
-        )
-    if (search := search or "hybrid") == "convex":
-        return _convex_plan(hand, problem, solver or "auto", objective, torque_limit, motion, progress, started)
-    if objective is not None or torque_limit is not None:
-        raise InvalidInput("objective and torque_limit: expected search='convex', the grids know neither")
-    forces = grid_search(problem, grid, search=search, solver=solver or "daqp", progress=progress)
-    if not forces.found or forces.status is Status.INACCURATE:
-        known = "" if forces.status is Status.INFEASIBLE else ", though none is ruled out"
-        raise GraspInfeasible(
-            f"no grasp found{known} ({forces.status}). {forces.status.remedy}\n{forces.explain()}", forces
-        )
-    found = time.perf_counter()
-    moved = plan_motion(hand, forces, motion)
-    elapsed = {"forces": found - started, "motion": time.perf_counter() - found}
-    return GraspPlan(hand=hand, forces=forces, motion=moved, elapsed=elapsed)
-
-
-def _closed_plan(hand, given, grid, search, solver, objective, torque_limit, motion, progress, settings) -> GraspPlan:
-    """Close the hand on an object, then plan with the contacts found."""
-    started = time.perf_counter()
-    if isinstance(given, Closure):
-        closure, hand = given, given.hand
-    elif isinstance(given, Body):
-        closure = close_hand(hand, given)
-    else:
-        raise InvalidInput(
-            f"problem: expected a ForceProblem, a Closure or an object of pinograsp.objects, got {shown(given)}"
-        )
-    if "mu" not in settings:
-        raise InvalidInput("plan_grasp with an object: expected the friction coefficient, mu=...")
-    problem = ForceProblem.holding(closure.object, closure.contacts(), **settings)
-    search = search or "convex"
-    if torque_limit is None and search == "convex" and np.any(hand.effort > 0):
-        torque_limit = "effort"
-    if motion is None:
-        motion = MotionSpec(
-            start={finger.name: closure.start[finger.dofs] for finger in hand.fingers},
-            posture={finger.name: closure.q[finger.dofs] for finger in hand.fingers},
-        )
-    closing = time.perf_counter() - started
-    plan = plan_grasp(
-        hand,
-        problem,
-        grid=grid,
-        search=search,
-        solver=solver,
-        objective=objective,
-        torque_limit=torque_limit,
-        motion=motion,
-        progress=progress,
-    )
-    return replace(plan, closure=closure, elapsed={"closing": closing, **plan.elapsed})
-
-
-def _convex_plan(hand, problem, solver, objective, torque_limit, motion, progress, started) -> GraspPlan:
-    limited = torque_limit is not None
-    if limited:
-        torque_limit = effort_of(hand, torque_limit)
-    elif isinstance(objective, str | Mapping) and "motor_heat" in objective and problem.torques is None:
-        limited, torque_limit = True, np.inf  # motor heat needs the Jacobians, at the posture that is found
-    spent = {"forces": 0.0, "motion": 0.0}
-    # The torques depend on the posture at t_F, which depends on the forces: a few rounds settle both. The first finds a
-    # posture without knowing the torques.
-    searched = replace(problem, torques=None) if limited else problem
-    first = None if limited else objective
-    for _ in range(_TORQUE_ROUNDS):
-        forces = optimize_grasp(searched, objective=first, solver=solver, progress=progress)
-        if not forces.found or forces.status is Status.INACCURATE:
-            raise GraspInfeasible(_why(forces), forces)
-        spent["forces"] += time.perf_counter() - started - sum(spent.values())
-        moved = plan_motion(hand, forces, motion)
-        spent["motion"] += time.perf_counter() - started - sum(spent.values())
-        if not limited or forces.status is Status.INTERRUPTED:
-            break
-        limits = torque_limits(
-            hand,
-            problem.contacts,
-            moved.q[-1],
-            depth=forces.profile.final_depth,
-            limit=torque_limit,
-            gravity_o=problem.gravity_o,
-        )
-        settled = searched.torques is not None and np.abs(limits.jacobian - searched.torques.jacobian).max() < 1e-5
-        if settled:
-            break
-        searched, first = replace(problem, torques=limits), objective
-    return GraspPlan(hand=hand, forces=forces, motion=moved, elapsed=spent)
-
-
-def _why(forces: ForceSolution) -> str:
-    """The diagnosis of a convex search without forces, at the impact time that admits the largest forces."""
-    text = f"no grasp found, though none is ruled out ({forces.status}). {forces.status.remedy}"
-    if forces.status is Status.INFEASIBLE:
-        earliest = forces.problem.impact_time_range[0]
-        text = f"no grasp: every impact time is proven infeasible\n{diagnose(forces.problem, earliest)}"
-    return text

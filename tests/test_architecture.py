@@ -37,6 +37,7 @@ ROOMS = [
     "referee",
     "viz",
     "plan",
+    "planner",
     "cases",
     "sweep",
     "report",

@@ -17,12 +17,14 @@ import pytest
 
 from pinograsp.contacts import PALM, Friction, clearance
 from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
+from pinograsp.forces import GraspConditions
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box, Cylinder, Sphere
 from pinograsp.placement import find_placements
-from pinograsp.plan import plan_grasp
+from pinograsp.planner import plan_grasp, plan_grasp_on
 
-SETTINGS = {"mu": 0.7, "friction": Friction(model="soft", torsion=0.005), "progress": False}
+CONDITIONS = GraspConditions(mu=0.7, friction=Friction(model="soft", torsion=0.005))
+SETTINGS = {"conditions": CONDITIONS, "progress": False}
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +74,7 @@ def test_the_result_depends_on_the_seed_alone(allegro, ball, found):
 
 
 def test_the_best_placement_can_be_planned(found):
-    plan = plan_grasp(
-        found.best.closure.hand, found.best.closure, mu=0.7, friction=Friction(model="soft", torsion=0.005)
-    )
+    plan = plan_grasp_on(found.best.closure.hand, found.best.closure, CONDITIONS)
     assert plan.forces.status is Status.OK and plan.forces.certificate.relative_gap <= 1e-6
     assert plan.motion.tracking_error.max() < 1e-6
 
@@ -96,7 +96,7 @@ def test_hands_that_nobody_ships_hold_things(tmp_path, name, shape):
         "sphere": Sphere(radius=0.018, mass=0.05),
     }[shape]
     best = find_placements(hand, thing, count=32, seed=1, **SETTINGS).best
-    plan = plan_grasp(best.closure.hand, best.closure, mu=0.7, friction=SETTINGS["friction"])
+    plan = plan_grasp_on(best.closure.hand, best.closure, CONDITIONS)
     certificate = plan.forces.certificate
     assert plan.forces.status is Status.OK and plan.problem.balance == "wrench" and certificate.relative_gap <= 1e-6
     assert certificate.residual_force < 1e-8 and certificate.residual_moment < 1e-8
@@ -149,20 +149,23 @@ def test_no_placement_says_why(allegro):
 @pytest.mark.parametrize(
     "settings, message",
     [
-        ({}, "friction coefficient, mu="),
         ({"mu": [0.7, 0.7]}, "mu: expected a finite number"),
-        ({"mu": 0.7, "frictoin": 1}, "did you mean 'friction'"),
         ({"mu": 0.7, "friction": 3}, "friction"),
         ({"mu": 0.7, "torque_limit": "plenty"}, "torque limit"),
         ({"mu": 0.7, "torque_limit": [1, 2]}, "torque limit"),
-        ({"mu": 0.7, "impact_time": 2.0}, "impact time"),
+        ({"mu": 0.7, "max_depth": -1.0}, "maximum depth"),
         ({"mu": -0.1}, "mu"),
     ],
 )
 def test_unusable_settings_are_told_before_anything_is_tried(allegro, ball, settings, message):
     with pytest.raises(InvalidInput, match=message) as told:
-        find_placements(allegro, ball, count=10_000, progress=False, **settings)
+        find_placements(allegro, ball, GraspConditions(**settings), count=10_000, progress=False)
     assert told.value.__cause__ is None
+    with pytest.raises(InvalidInput, match="impact time"):
+        find_placements(allegro, ball, count=10_000, impact_time=2.0, **SETTINGS)
+    for other in (0.7, {"mu": 0.7}, None):
+        with pytest.raises(InvalidInput, match="conditions: expected a GraspConditions"):
+            find_placements(allegro, ball, other)
 
 
 class Failing(Sphere):
@@ -195,27 +198,23 @@ def test_lost_processes_are_one_message():
 
 
 def test_effort_limits_mean_the_same_everywhere():
-    """Joints without one are not limited, and named; a hand without any is told so."""
+    """Joints without one are not limited, and named."""
     ball, free = Sphere(radius=0.02, mass=0.05), load_hand("humanoid")
     first = find_placements(free, ball, count=4, jobs=1, **SETTINGS).best.closure
     model = first.hand.model.copy()
     model.effortLimit[::2] = 0.0
     part = replace(first.hand, model=model)
     closure = replace(first, hand=part)
-    plan = plan_grasp(part, closure, mu=0.7, friction=SETTINGS["friction"], torque_limit="effort")
+    plan = plan_grasp_on(part, closure, CONDITIONS)
     limited = plan.problem.torques.limited
     assert not limited[::2].any() and limited[1::2].all()
     (caution,) = [text for text in plan.cautions if "no limit is known" in text]
     moving = np.abs(plan.problem.torques.jacobian).max(axis=(0, 1)) > 0
     assert [name in caution for name in np.array(part.joint_names)[::2][moving[::2]]] == [True] * moving[::2].sum()
-    assert find_placements(part, ball, count=2, jobs=1, torque_limit="effort", **SETTINGS).tried == 2
+    assert find_placements(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
     model.effortLimit[:] = 0.0
-    for ask in (
-        lambda: plan_grasp(part, closure, mu=0.7, torque_limit="effort"),
-        lambda: find_placements(part, ball, count=2, jobs=1, torque_limit="effort", **SETTINGS),
-    ):
-        with pytest.raises(InvalidInput, match="no joint of hand .* has one"):
-            ask()
+    assert plan_grasp_on(part, closure, CONDITIONS).problem.torques is None
+    assert plan_grasp(part, plan.problem, torque_limit="effort").problem.torques is None
     assert find_placements(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
 
 
@@ -253,7 +252,7 @@ import pinograsp as pg
 from pinograsp.placement import find_placements
 if __name__ == "__main__":
     print("started", flush=True)
-    search = find_placements(pg.load_hand("allegro_right"), pg.Sphere(radius=0.03, mass=0.15), count=100_000, jobs=2, mu=0.7, progress=False)
+    search = find_placements(pg.load_hand("allegro_right"), pg.Sphere(radius=0.03, mass=0.15), count=100_000, conditions=pg.GraspConditions(mu=0.7), jobs=2, progress=False)
     print(search.interrupted, search.tried < 100_000, sum(search.outcomes.values()) == search.tried)
 """
 

@@ -21,11 +21,12 @@ from pinograsp.contacts import (
     touching,
 )
 from pinograsp.errors import CaseRejected
-from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem, GridSpec, grid_values
+from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, ForceProblem, GridSpec, grid_values
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
-from pinograsp.plan import GraspPlan, plan_grasp
+from pinograsp.plan import GraspPlan
+from pinograsp.planner import Search, plan_grasp
 from pinograsp.spatial import pose_of, rotation_rpy
 
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
@@ -170,7 +171,7 @@ class LimitsSection(Section):
 class ForcesSection(Section):
     """How the forces are searched, and what they minimise."""
 
-    search: Literal[(*SEARCHES, "convex")] = "hybrid"
+    search: Search = "hybrid"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Literal["impulse", "work"] = "impulse"
     objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
@@ -377,14 +378,14 @@ class Case(Section):
         )
 
     def plan(self, *, progress: bool | None = None) -> GraspPlan:
-        """Plan the case: see :func:`~pinograsp.plan.plan_grasp`."""
+        """Plan the case: see :func:`~pinograsp.planner.plan_grasp`."""
         hand = self.load_hand()
         return plan_grasp(
             hand,
             self.make_problem(hand),
             grid=self.make_grid(),
             search=self.forces.search,
-            solver=None if self.forces.solver == "auto" else self.forces.solver,
+            solver=self.forces.solver,
             objective=self.forces.objective,
             torque_limit=self.limits.torque_limit,
             motion=self.make_motion(),

@@ -14,12 +14,13 @@ from pydantic import AfterValidator, Field
 from pinograsp.cases.case import NotNegative, Number, Section
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import FRICTION_MODELS, Closure, Friction, close_hand
-from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, SEARCHES, ForceProblem
+from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, ForceProblem, GraspConditions
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
 from pinograsp.placement import PlacementSearch, find_placements
-from pinograsp.plan import GraspPlan, plan_grasp
+from pinograsp.plan import GraspPlan
+from pinograsp.planner import Search, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
 
 _TORSION = 5e-3  # [m] of soft fingers, as on the command line
@@ -51,9 +52,9 @@ class ObjectCase(Section):
     seed: Annotated[int, Field(ge=0)] = 0
     wrap: bool = False
     hulls: bool = False
-    search: Literal[(*SEARCHES, "convex")] | None = None
-    balance: Literal["force", "wrench"] | None = None
-    measure: Literal["impulse", "work"] | None = None
+    search: Search = "convex"
+    balance: Literal["force", "wrench"] = "wrench"
+    measure: Literal["impulse", "work"] = "impulse"
     objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
     solver: Literal[FORCE_SOLVERS] = "auto"
     folder: Path = Field(Path("."), exclude=True)
@@ -91,12 +92,12 @@ class ObjectCase(Section):
         return find_placements(
             self.load_hand(),
             self.make_object(),
+            GraspConditions(mu=self.mu, friction=self._friction()),
             count=self.samples,
             seed=self.seed,
             wrap=self.wrap,
             jobs=jobs,
             progress=progress,
-            **self._friction(),
         )
 
     def closure(self) -> Closure:
@@ -112,28 +113,35 @@ class ObjectCase(Section):
     def problem(self) -> ForceProblem:
         """The force problem of the closed hand, without torque limits."""
         closure = self.closure()
-        return ForceProblem.holding(closure.object, closure.contacts(), **self._friction(), **self._chosen())
+        return self._conditions().problem(closure.object, closure.contacts())
 
     def plan(self, closure: Closure | None = None, *, progress: bool | None = None) -> GraspPlan:
-        """Close the hand, unless ``closure`` is it closed already, and plan: see :func:`~pinograsp.plan.plan_grasp`."""
+        """Close the hand, unless ``closure`` is it closed already, and plan: see
+        :func:`~pinograsp.planner.plan_grasp_on`.
+        """
         closure = self.closure() if closure is None else closure
-        return plan_grasp(
+        return plan_grasp_on(
             closure.hand,
             closure,
+            self._conditions(),
             search=self.search,
-            solver=None if self.solver == "auto" else self.solver,
+            solver=self.solver,
             objective=self.objective,
             progress=progress,
-            **self._friction(),
-            **self._chosen(),
         )
 
-    def _friction(self) -> dict:
-        torsion = {"torsion": _TORSION} if self.friction == "soft" else {}
-        return {"mu": self.mu, "friction": Friction(model=self.friction, safety=self.safety, **torsion)}
+    def _conditions(self) -> GraspConditions:
+        return GraspConditions(
+            mu=self.mu,
+            friction=self._friction(),
+            balance=self.balance,
+            measure=self.measure,
+            torque_limit="effort" if self.search == "convex" else None,
+        )
 
-    def _chosen(self) -> dict:
-        return {name: value for name in ("balance", "measure") if (value := getattr(self, name)) is not None}
+    def _friction(self) -> Friction:
+        torsion = _TORSION if self.friction == "soft" else 0.0
+        return Friction(model=self.friction, safety=self.safety, torsion=torsion)
 
 
 def object_fields(spec: str | dict) -> dict[str, Any]:

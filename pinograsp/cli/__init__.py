@@ -18,7 +18,7 @@ except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
     raise SystemExit(130) from None
 
-from pinograsp.errors import PinograspError, exit_code_of, status_of
+from pinograsp.errors import PinograspError, Status, exit_code_of, status_of
 from pinograsp.words import escaped
 
 __all__ = ["app", "bench", "check", "hands", "main", "plan", "report", "run", "sweep", "view"]
@@ -62,7 +62,7 @@ def _tell(error: BaseException) -> int:
     if _interrupted(error):
         return 130
     if isinstance(error, _UsageError):
-        code, name, status, text = error.exit_code, "UsageError", "invalid_input", error.format_message()
+        code, name, status, text = error.exit_code, "UsageError", Status.INVALID_INPUT, error.format_message()
         if type(error).__name__ == "NoArgsIsHelpError":
             typer.echo(text, err=True)
             return code
@@ -75,7 +75,7 @@ def _tell(error: BaseException) -> int:
     if told["verbose"]:
         traceback.print_exception(error)
     if "--json" in sys.argv and not told["quiet"]:
-        typer.echo(json.dumps({"status": status, "error": name, "message": text}))
+        typer.echo(json.dumps({"status": str(status), "error": name, "message": text}))
     _say(text)
     return code
 

@@ -18,12 +18,6 @@ app = typer.Typer(
     help="Grasp forces in newtons, joint torques and trajectories for robotic hands.",
 )
 
-HELD = (
-    "ok",
-    "unbalanced",
-    "not_tracked",
-)  # statuses of plans that are usable, though there may be something to say about them
-
 # Options that commands share.
 Root = Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand, on an arm or a robot.")]
 At = Annotated[

@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from pinograsp.cli.app import (
-    HELD,
     At,
     FrictionModel,
     Hulls,
@@ -116,7 +115,7 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
             planned = loaded.plan(progress=bar(as_json))
         except GraspInfeasible as error:
             # A proof is a result: it is kept like one. A grid that found nothing proves nothing.
-            if error.solution.search == "convex" and error.solution.status is Status.INFEASIBLE:
+            if error.solution.search == "convex":
                 _keep_proof(error, loaded, folder)
             raise
         run = run_of(planned, loaded.settings())
@@ -231,10 +230,8 @@ def _finish(run, folder, as_json: bool) -> None:
         typer.echo(json.dumps({**run.summary, "folder": str(folder.path)}, allow_nan=False))
     else:
         _print(run, folder.path)
-    if run.summary["status"] == "interrupted":
-        raise typer.Exit(130)
-    if run.summary["status"] not in HELD:
-        raise typer.Exit(3)
+    if code := Status(run.summary["status"]).exit_code:
+        raise typer.Exit(code)
 
 
 def _keep_proof(error, loaded, folder) -> None:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import HELD, Json, Quiet, Verbose, app, bar, console
+from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, console
+from pinograsp.errors import Status
 
 
 @app.command()
@@ -48,7 +49,7 @@ def sweep(
         _print(done)
     if done.interrupted:
         raise typer.Exit(130)
-    if not any(done.counts.get(status) for status in HELD):
+    if not any(done.counts.get(status) for status in Status if status.exit_code == 0):
         raise typer.Exit(3)
 
 

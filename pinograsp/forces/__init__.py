@@ -3,6 +3,7 @@
 from pinograsp.forces.backends import FORCE_SOLVERS
 from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
+from pinograsp.forces.conditions import GraspConditions, TorqueLimit
 from pinograsp.forces.diagnosis import Diagnosis, diagnose
 from pinograsp.forces.global_optimum import optimize_grasp
 from pinograsp.forces.grid import GridSpec, grid_values
@@ -42,6 +43,7 @@ __all__ = [
     "ForceClosure",
     "ForceProblem",
     "ForceSolution",
+    "GraspConditions",
     "GraspMargins",
     "GridLog",
     "GridSpec",
@@ -53,6 +55,7 @@ __all__ = [
     "RobustForces",
     "Sensitivity",
     "Tolerance",
+    "TorqueLimit",
     "TorqueLimits",
     "diagnose",
     "disturbance_margin",

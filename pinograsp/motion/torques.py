@@ -39,20 +39,17 @@ def contact_torques(jacobians, wrenches_o) -> np.ndarray:
     return np.einsum("mcxn,mcx->mn", jacobians, wrenches_o)
 
 
-def effort_of(hand: HandModel, torque_limit=None) -> np.ndarray:
+def effort_of(hand: HandModel, torque_limit: float | str | np.ndarray | None) -> np.ndarray:
     """Largest |torque| per joint (n,) [N m] that a ``torque_limit`` means; infinity: not limited.
 
     Args:
-        torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, where a joint has one; None: these
-            as well, or nothing where no joint has one.
+        hand: whose joints they are.
+        torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, where a joint has one; None: none.
     """
+    if torque_limit is None:
+        return np.full(hand.n, np.inf)
     if isinstance(torque_limit, str):
         one_of("torque limit", torque_limit, ("effort",))
-        if not np.any(hand.effort > 0):
-            raise InvalidInput(
-                f"effort limits: no joint of hand '{hand.name}' has one: give limit= or torque_limit= in N m"
-            )
-    if torque_limit is None or isinstance(torque_limit, str):
         return hand.effort_or_infinity
     limit = np.array(floats_of("torque limit", torque_limit))
     limit = np.full(hand.n, limit) if limit.ndim == 0 else limit
@@ -64,7 +61,7 @@ def effort_of(hand: HandModel, torque_limit=None) -> np.ndarray:
 
 
 def torque_limits(
-    hand: HandModel, contacts: ContactSet, q, *, depth=0.0, limit=None, gravity_o=(0.0, 0.0, -9.81)
+    hand: HandModel, contacts: ContactSet, q, *, depth=0.0, limit="effort", gravity_o=(0.0, 0.0, -9.81)
 ) -> TorqueLimits:
     """What the joints of ``hand`` can bear while holding still at ``q`` (n,) [rad]: for ``ForceProblem(torques=...)``.
 
@@ -85,7 +82,9 @@ def torque_limits(
     k = len(instance_of("contacts", contacts, ContactSet))
     model.gravity.linear = array_of("gravity", gravity_o, (3,))
     q = array_of("q", q, (hand.n,))
-    limit = effort_of(hand, "effort" if limit is None else limit)
+    if isinstance(limit, str) and not np.any(hand.effort > 0):
+        raise InvalidInput(f"effort limits: no joint of hand '{hand.name}' has one: give limit= in N m")
+    limit = effort_of(hand, limit)
     depth = each_of("depth", depth, k)
     data = model.createData()
     bias = pin.computeGeneralizedGravity(model, data, q)

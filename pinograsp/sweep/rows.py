@@ -123,9 +123,9 @@ def _row(make, *args) -> dict:
     except Exception as error:  # one row's failure, of whatever kind, is not the sweep's
         status = status_of(error)
         text = str(error) if isinstance(error, PinograspError) else f"{type(error).__name__}: {error}"
-        if status == Status.INTERRUPTED:
+        if status is Status.INTERRUPTED:
             raise KeyboardInterrupt from error
-        return {"status": status, "message": text, "elapsed_s": time.perf_counter() - started}
+        return {"status": str(status), "message": text, "elapsed_s": time.perf_counter() - started}
 
 
 def _planned(base: Base, inputs: dict) -> dict:

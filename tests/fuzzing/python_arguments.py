@@ -53,6 +53,7 @@ def prepare() -> None:
     w.points = {contact.finger: np.array(contact.point_o) for contact in w.contacts}
     w.q = np.array(w.plan.motion.q[-1])
     w.closure = pg.close_hand(w.hand, w.pen)
+    w.conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"))
     w.ball = pg.Sphere(radius=0.03, mass=0.2)
     w.run = pg.run_of(w.plan)
     w.torques = pg.torque_limits(w.hand, w.contacts, w.q, limit=2.0)
@@ -138,7 +139,13 @@ def _fill() -> None:
     for method, name in (("gauge", "u"), ("support", "a"), ("support_point", "a")):
         call(getattr(friction, method), **{name: np.ones((2, 3))})
     call(friction.scale, mu=np.array([0.5, 0.7]))
-    call(pg.PenetrationProfile, acceleration=[0.1, 0.2], impact_time=0.9, final_time=1.0, shape=shape.linear(1.0, 0.5))
+    call(
+        pg.contacts.PenetrationProfile,
+        acceleration=[0.1, 0.2],
+        impact_time=0.9,
+        final_time=1.0,
+        shape=shape.linear(1.0, 0.5),
+    )
     for method in ("depth", "rate"):
         call(getattr(w.solution.profile, method), t=[0.85, 0.95])
     call(
@@ -278,7 +285,7 @@ def _fill() -> None:
         impact_time=0.9,
     )
     call(pg.force_closure, contacts=w.contacts, mu=0.7, friction=pg.Friction(), balance="wrench")
-    call(pg.min_weight, contacts=w.contacts, mu=0.7, edges=8, balance="wrench")
+    call(pg.forces.min_weight, contacts=w.contacts, mu=0.7, edges=8, balance="wrench")
     call(pg.LoadSet, loads=w.loads.loads, ball=0.1)
     call(pg.LoadSet.around, load=problem["load"], box=[0.1, 0.1, 0.1, 0, 0, 0], ball=0.1, mass_range=(0.9, 1.1))
     call(pg.optimize_robust, problem=w.problem, loads=w.loads, impact_time=0.85, mu_range=(0.65, 0.8), objective="work")
@@ -389,31 +396,42 @@ def _fill() -> None:
         motion=spec,
     )
     call(
-        pg.plan_grasp,
-        "plan_grasp of a closure",
+        pg.plan_grasp_on,
         hand=w.hand,
-        problem=w.closure,
+        body=w.closure,
+        conditions=w.conditions,
         search="convex",
+        solver="auto",
+        objective="work",
         motion=spec,
+        progress=False,
+    )
+    call(
+        pg.GraspConditions,
         mu=0.7,
         friction=friction,
+        balance="wrench",
+        measure="work",
+        gravity_o=(0.0, 0.0, -9.81),
+        max_depth=5e-3,
+        max_normal_force=20.0,
+        torque_limit="effort",
     )
+    call(w.conditions.problem, body=w.pen, contacts=w.contacts)
     call(
         placement.find_placements,
         hand=w.hand,
-        object=w.ball,
+        body=w.ball,
+        conditions=w.conditions,
         count=1,
         seed=0,
         margin=1.2,
-        torque_limit="effort",
         impact_time=0.9,
         wrap=False,
         jobs=1,
         progress=False,
-        mu=0.7,
-        friction=friction,
     )
-    call(placement.hold, closure=w.closure, torque_limit=2.0, impact_time=0.9, mu=0.7)
+    call(placement.hold, closure=w.closure, conditions=w.conditions, impact_time=0.9)
     call(w.plan.margins_around)
     hand = w.hand
     call(hand.configuration, angles=posture)
@@ -1094,6 +1112,7 @@ MEANT = {
 SLOW = {
     "holding_probability",
     "plan_grasp",
+    "plan_grasp_on",
     "simulate",
     "monte_carlo",
     "slip_threshold",

@@ -29,9 +29,11 @@ COLUMNS = ("q", "dq", "ddq", "effort")
 
 
 def closed(name, body):
-    search = find_placements(pg.load_hand(name), body, count=32, mu=0.7, jobs=1)
+    search = find_placements(pg.load_hand(name), body, pg.GraspConditions(mu=0.7), count=32, jobs=1)
     closure = search.best.closure
-    return pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
+    return pg.plan_grasp_on(
+        closure.hand, closure, pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
+    )
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from conftest import POINTS
 
 from pinograsp.contacts import Friction, PenetrationProfile, contacts_at
 from pinograsp.errors import ContactNotReached, InvalidInput, Status
-from pinograsp.forces import ForceProblem, GridSpec, grid_search
+from pinograsp.forces import ForceProblem, GraspConditions, GridSpec, grid_search
 from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import file_of
 from pinograsp.motion import MotionSpec, contact_postures, plan_motion
@@ -516,12 +516,13 @@ def test_remedies_name_the_cause(hand, make_problem, final_angles):
 def test_jaws_on_one_actuator_are_named():
     from pinograsp.objects import Box
     from pinograsp.placement import find_placements
-    from pinograsp.plan import plan_grasp
+    from pinograsp.planner import plan_grasp_on
 
     friction = Friction(model="soft", torsion=0.005)
     box = Box(size=(0.03, 0.03, 0.08), mass=0.1)
-    best = find_placements(load_hand("panda"), box, mu=0.7, friction=friction, count=6, jobs=1, progress=False).best
-    plan = plan_grasp(best.closure.hand, best.closure, mu=0.7, friction=friction)
+    conditions = GraspConditions(mu=0.7, friction=friction)
+    best = find_placements(load_hand("panda"), box, conditions, count=6, jobs=1, progress=False).best
+    plan = plan_grasp_on(best.closure.hand, best.closure, conditions)
     assert plan.status is Status.NOT_TRACKED and plan.remedy == plan.summary()["remedy"] == plan.motion.remedy
     assert (
         "panda_finger_joint1" in plan.remedy

@@ -133,7 +133,7 @@ def test_a_run_comes_back_as_it_was(run, tmp_path):
 def test_a_plan_is_saved_as_its_run(plan, tmp_path):
     back = load_run(pinograsp.save_run(plan, tmp_path / "run"))
     assert back.summary == plan.summary() and back.hand().n == 20
-    for other in (3, "runs/paper", None, GraspInfeasible("none")):
+    for other in (3, "runs/paper", None, GraspInfeasible("none", None)):
         with pytest.raises(InvalidInput, match="plan: expected a GraspPlan, got"):
             save_run(other, tmp_path / "other")
     for broken in (replace(run_of(plan), settings={"a": object()}), replace(run_of(plan), summary={"a": float("nan")})):

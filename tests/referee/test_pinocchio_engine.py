@@ -292,9 +292,9 @@ def case_study() -> Task:
 
 def catalogue(hand: str, thing: str) -> Task:
     made = pg.object_from(thing)
-    friction = pg.Friction(model="cone", safety=1.1)
-    best = find_placements(pg.load_hand(hand, hulls=True), made, count=16, mu=0.7, friction=friction).best.closure
-    return Task.of(pg.plan_grasp(best.hand, best, mu=0.7, friction=friction))
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1))
+    best = find_placements(pg.load_hand(hand, hulls=True), made, conditions, count=16).best.closure
+    return Task.of(pg.plan_grasp_on(best.hand, best, conditions))
 
 
 ENGINES = ("mujoco", "pinocchio")

@@ -44,7 +44,8 @@ def held(plan):
 
 def closed_plan(hand, body, pose, safety=1.5, **settings):
     """A hand closed on a body at a pose in the hand's frame, planned."""
-    return pg.plan_grasp(hand, body.placed(pose), mu=0.7, friction=pg.Friction(model="cone", safety=safety), **settings)
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=safety))
+    return pg.plan_grasp_on(hand, body.placed(pose), conditions, **settings)
 
 
 def at(*position):
@@ -118,15 +119,10 @@ def test_prescribed_joints_press_with_the_planned_forces(plan):
 def test_meshes_press_as_deep_as_planned():
     """Hulls of a real hand, by another collision library."""
     hand = pg.load_hand("hey5", hulls=True)
-    found = find_placements(
-        hand,
-        pg.Cylinder(radius=0.02, height=0.12, mass=0.2),
-        count=8,
-        mu=0.7,
-        friction=pg.Friction(model="cone", safety=1.3),
-    )
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
+    found = find_placements(hand, pg.Cylinder(radius=0.02, height=0.12, mass=0.2), conditions, count=8)
     closure = found.best.closure
-    plan = pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
+    plan = pg.plan_grasp_on(closure.hand, closure, conditions)
     simulation = simulate(plan, mode="prescribed", release=False, hold=0.0)
     order = [simulation.parts.index(name) for name in plan.problem.contacts.names]
     assert simulation.depths[-1][order] == pytest.approx(plan.forces.profile.final_depth, abs=5e-6)
@@ -281,11 +277,10 @@ def test_mujoco_has_the_same_hand(name):
 
 def test_coupled_joints_stay_coupled_and_energy_is_kept():
     hand = pg.load_hand("psyonic_left", hulls=True)
-    found = find_placements(
-        hand, pg.Sphere(radius=0.03, mass=0.2), count=16, mu=0.7, friction=pg.Friction(model="cone", safety=1.3)
-    )
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
+    found = find_placements(hand, pg.Sphere(radius=0.03, mass=0.2), conditions, count=16)
     closure = found.best.closure
-    plan = pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
+    plan = pg.plan_grasp_on(closure.hand, closure, conditions)
     simulation = simulate(plan, hold=0.3)
     assert simulation.verdict.held
     assert simulation.verdict.energy_error < 1e-4

@@ -66,7 +66,8 @@ def planned(tmp_path_factory):
         path.write_text(chuck(k), encoding="utf-8")
         hand = pg.load_hand(path)
         closure = pg.close_hand(hand, thing, start=np.zeros(k), target=np.full(k, 0.05))
-        return pg.plan_grasp(hand, closure, mu=MU, friction=pg.Friction(model="cone", safety=SAFETY))
+        conditions = pg.GraspConditions(mu=MU, friction=pg.Friction(model="cone", safety=SAFETY))
+        return pg.plan_grasp_on(hand, closure, conditions)
 
     return make
 

@@ -19,7 +19,7 @@ from ruamel.yaml import YAML
 
 import pinograsp as pg
 from pinograsp.cases import load_case
-from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten, status_of
+from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten, Status, status_of
 from pinograsp.forces import optimize_forces
 from pinograsp.sweep import load_sweep, read_sweep, rows as rows_module, run, sweep
 from pinograsp.sweep.rows import kind_of
@@ -201,7 +201,7 @@ def test_an_unforeseen_failure_is_a_row_too(tmp_path, monkeypatch):
     done = sweep(GRID, tmp_path / "out", jobs=1, progress=False)
     assert done.counts == {"ok": 5, "failed": 1}
     assert "ZeroDivisionError: by nothing" in done.table()["message"].to_pylist()
-    assert status_of(ValueError()) == "failed" and status_of(InvalidInput("x")) == "invalid_input"
+    assert status_of(ValueError()) is Status.FAILED and status_of(InvalidInput("x")) is Status.INVALID_INPUT
 
 
 @pytest.mark.parametrize("what", ["plan", "forces"])
@@ -289,7 +289,8 @@ def test_a_hand_and_an_object(tmp_path):
     assert [row["status"] for row in rows] == ["ok", "ok", "invalid_input"]
     thing = pg.Cylinder(radius=0.02, height=0.12, mass=0.2).placed(pg.spatial.pose_of([0.08, 0, 0.07]))
     closure = pg.close_hand(pg.load_hand("allegro_right"), thing)
-    told = pg.plan_grasp(closure.hand, closure, mu=0.7, friction=pg.Friction(model="cone", safety=1.1)).summary()
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1))
+    told = pg.plan_grasp_on(closure.hand, closure, conditions).summary()
     for name in ("work_J", "peak_torque_Nm", "impact_time_s"):
         assert rows[1][name] == pytest.approx(told[name], rel=1e-5)
     assert rows[1]["contacts"] == list(told["normal_forces_N"])

@@ -27,7 +27,7 @@ from pinograsp.hands.record import hand_record
 from pinograsp.hands.summary import overview
 from pinograsp.objects import Cylinder, Mesh
 from pinograsp.objects.record import object_record
-from pinograsp.plan import plan_grasp
+from pinograsp.planner import plan_grasp
 from pinograsp.referee import simulate
 from pinograsp.spatial import pose_of, tangent_frame
 from pinograsp.storage import Run, newest_check, run_of, save_run

@@ -1,0 +1,75 @@
+"""Under which conditions an object is to be held: a force problem before its contacts are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Literal
+
+import numpy as np
+
+from pinograsp.checks import array_of, brief, instance_of, number, one_of
+from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction
+from pinograsp.forces.problem import BALANCES, MEASURES, ForceProblem
+from pinograsp.objects.body import Body
+
+TorqueLimit = Literal["effort"] | float | np.ndarray | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GraspConditions:
+    """What is asked of a grasp whose contacts are still to be found.
+
+    Attributes:
+        mu: friction coefficient of all contacts [-].
+        friction: the friction model with its safety factor.
+        compliance: the contact law.
+        balance: ``"wrench"`` (forces and moments) or ``"force"`` (forces only).
+        measure: grasp energy that is minimised, ``"impulse"`` [N s] or ``"work"`` [J].
+        gravity_o: gravity (3,) [m/s^2].
+        final_time: t_F [s].
+        impact_time_range: admissible t_I [s] (Eq. 14).
+        acceleration_range: admissible A [m/s^2] (Eq. 13c).
+        max_speed: bound on A tau [m/s] (Eq. 13b).
+        max_depth: bound on delta_F [m] (Eq. 13a).
+        max_normal_force: cap on every F_n [N]; None: none.
+        moment_length: moments are divided by it so that they compare with forces [m]; None: the mean distance of the
+            contacts from the centre of mass.
+        shape: of the deceleration over the grasp phase.
+        torque_limit: largest |torque| while the hand holds: ``"effort"`` (its own limits; joints without one are not
+            limited), one number or (n,) [N m]; None: not limited.
+    """
+
+    mu: float
+    friction: Friction = field(default_factory=Friction)
+    compliance: Compliance = field(default_factory=Compliance)
+    balance: Literal["wrench", "force"] = "wrench"
+    measure: Literal["impulse", "work"] = "impulse"
+    gravity_o: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    final_time: float = 1.0
+    impact_time_range: tuple[float, float] = (0.80, 0.95)
+    acceleration_range: tuple[float, float] = (0.01, 1.0)
+    max_speed: float = 2.0
+    max_depth: float = 5e-3
+    max_normal_force: float | None = None
+    moment_length: float | None = None
+    shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
+    torque_limit: TorqueLimit = "effort"
+
+    __repr__ = brief("mu", "friction", "balance", "measure", "torque_limit")
+
+    def __post_init__(self) -> None:
+        number("mu", self.mu, at_least=0)
+        for name, kind in (("friction", Friction), ("compliance", Compliance), ("shape", DecelerationShape)):
+            instance_of(name, getattr(self, name), kind)
+        one_of("balance", self.balance, BALANCES)
+        one_of("measure", self.measure, MEASURES)
+        object.__setattr__(self, "gravity_o", array_of("gravity", self.gravity_o, (3,)))
+
+    def problem(self, body: Body, contacts: ContactSet) -> ForceProblem:
+        """The problem of holding ``body`` at these contacts, without torque limits.
+
+        Raises:
+            InvalidInput: times, ranges or limits that cannot be used.
+        """
+        own = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "torque_limit"}
+        return ForceProblem.holding(body, contacts, **own)

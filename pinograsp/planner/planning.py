@@ -1,0 +1,248 @@
+"""From a force problem, or a hand and an object, to a grasp plan: the only file that knows the order of the stages."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from pinograsp.checks import instance_of, one_of
+from pinograsp.contacts import Closure, close_hand
+from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchInterrupted, Status
+from pinograsp.forces import (
+    ForceProblem,
+    ForceSolution,
+    GraspConditions,
+    GridSpec,
+    TorqueLimit,
+    diagnose,
+    grid_search,
+    optimize_grasp,
+)
+from pinograsp.hands import HandModel
+from pinograsp.motion import Motion, MotionSpec, effort_of, plan_motion, torque_limits
+from pinograsp.objects.body import Body
+from pinograsp.plan import GraspPlan
+
+Search = Literal["convex", "hybrid", "paper", "paper+qp"]
+Objective = str | Mapping[str, float] | None
+
+_SEARCHES: tuple[Search, ...] = ("convex", "hybrid", "paper", "paper+qp")
+# Rounds of force search and motion until the holding torques at the posture found are within their limits.
+_TORQUE_ROUNDS = 6
+_SETTLED = 1e-5  # [-, m] of the Jacobians from one round to the next
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Choices:
+    """How to search: the options that both planners share."""
+
+    search: Search
+    grid: GridSpec | None
+    solver: str
+    objective: Objective
+    motion: MotionSpec | None
+    progress: bool | None
+
+    def __post_init__(self) -> None:
+        one_of("search", self.search, _SEARCHES)
+        instance_of("grid", self.grid, GridSpec, type(None))
+        instance_of("solver", self.solver, str)
+        instance_of("motion", self.motion, MotionSpec, type(None))
+
+
+# Eight options beside hand and problem: each is one stage's own, with a default that fits all problems.
+def plan_grasp(
+    hand: HandModel,
+    problem: ForceProblem,
+    *,
+    search: Search = "convex",
+    grid: GridSpec | None = None,
+    solver: str = "auto",
+    objective: Objective = None,
+    torque_limit: TorqueLimit = None,
+    motion: MotionSpec | None = None,
+    progress: bool | None = None,
+) -> GraspPlan:
+    """Plan a grasp: least-energy contact forces, then the joint motion and torques with the least peak torque.
+
+    Args:
+        hand: the hand, placed in the world.
+        problem: contacts (of this hand), load, friction and limits.
+        search: ``"convex"``: the certified global optimum (:func:`~pinograsp.forces.optimize_grasp`), with any friction
+            model; or a grid, see :func:`~pinograsp.forces.grid_search`.
+        grid: of a grid search; None: the paper's.
+        solver: name of the solver; ``"auto"``: the search's own.
+        objective: of the convex search, a name or ``{name: weight}``; None: the problem's measure.
+        torque_limit: the convex search keeps the holding torques at t_F within it: largest |torque| (n,) or one number
+            [N m], or ``"effort"``: the hand's own effort limits (joints without one are not limited: a caution names
+            them); None: the problem's own limits, if it has any.
+        motion: postures and sampling.
+        progress: bar on stderr: None (on a terminal), True or False.
+
+    Returns:
+        The plan with its status: ``OK``; ``UNBALANCED`` where the QP found that the paper's grid point balances only
+        within its net-force limit; ``JOINT_LIMIT`` or ``NOT_TRACKED`` where the motion is at fault; ``INTERRUPTED``.
+
+    Raises:
+        GraspInfeasible: there are no forces; carries the search record and says why: the grid's rejection histogram, or
+            the convex search's proof with its diagnosis.
+        GraspUndecided: no forces were found, and none are ruled out.
+        SearchInterrupted: stopped (Ctrl-C) before any forces were found.
+        InvalidInput: an objective or torque limit without the convex search.
+        ContactNotReached: a finger cannot reach its contact points.
+    """
+    instance_of("hand", hand, HandModel)
+    instance_of("problem", problem, ForceProblem)
+    choices = _Choices(search=search, grid=grid, solver=solver, objective=objective, motion=motion, progress=progress)
+    limit = None if torque_limit is None else effort_of(hand, torque_limit)
+    return _planned(hand, problem, choices, limit, {}, None)
+
+
+# As above; mu, friction and limits come with the conditions.
+def plan_grasp_on(
+    hand: HandModel,
+    body: Body | Closure,
+    conditions: GraspConditions,
+    *,
+    search: Search = "convex",
+    grid: GridSpec | None = None,
+    solver: str = "auto",
+    objective: Objective = None,
+    motion: MotionSpec | None = None,
+    progress: bool | None = None,
+) -> GraspPlan:
+    """Plan a grasp on an object: close the hand on it, then :func:`plan_grasp` with the contacts found.
+
+    Args:
+        hand: the hand, placed in the world.
+        body: the object; or this hand closed on it already (:func:`~pinograsp.contacts.close_hand`).
+        conditions: friction, limits and what is to be balanced.
+        search: as for :func:`plan_grasp`; the grids know no torque limits (``GraspConditions(torque_limit=None)``).
+        grid: as for :func:`plan_grasp`.
+        solver: as for :func:`plan_grasp`.
+        objective: as for :func:`plan_grasp`.
+        motion: postures and sampling; None: from the open hand to the posture that touches.
+        progress: as for :func:`plan_grasp`.
+
+    Raises:
+        InvalidInput: another hand than the closure's, or a hand that touches nothing. Others as for :func:`plan_grasp`.
+    """
+    started = time.perf_counter()
+    instance_of("hand", hand, HandModel)
+    instance_of("body", body, Body, Closure)
+    instance_of("conditions", conditions, GraspConditions)
+    closure = body if isinstance(body, Closure) else close_hand(hand, body)
+    if not _same(hand, closure.hand):
+        raise InvalidInput("hand: expected the closure's own, where it was closed (closure.hand), got another one")
+    if motion is None:
+        motion = MotionSpec(
+            start={finger.name: closure.start[finger.dofs] for finger in hand.fingers},
+            posture={finger.name: closure.q[finger.dofs] for finger in hand.fingers},
+        )
+    choices = _Choices(search=search, grid=grid, solver=solver, objective=objective, motion=motion, progress=progress)
+    held = instance_of("object", closure.object, Body)
+    problem = conditions.problem(held, closure.contacts())
+    limit = None if conditions.torque_limit is None else effort_of(hand, conditions.torque_limit)
+    elapsed = {"closing": time.perf_counter() - started}
+    return _planned(closure.hand, problem, choices, limit, elapsed, closure)
+
+
+def _same(one: HandModel, other: HandModel) -> bool:
+    """Whether they are the same hand in the same place."""
+    return one is other or (
+        one.name == other.name and one.joint_names == other.joint_names and np.array_equal(one.pose, other.pose)
+    )
+
+
+def _planned(
+    hand: HandModel,
+    problem: ForceProblem,
+    choices: _Choices,
+    limit: np.ndarray | None,
+    elapsed: dict[str, float],
+    closure: Closure | None,
+) -> GraspPlan:
+    """Forces, then motion; ``limit``: of the holding torques (n,) [N m], infinity: none."""
+    if choices.search != "convex":
+        if choices.objective is not None or limit is not None:
+            raise InvalidInput(
+                f"objective, torque limit: expected none with search='{choices.search}', the grids know neither"
+            )
+        forces, motion, spent = _by_grid(hand, problem, choices)
+    else:
+        forces, motion, spent = _by_optimum(hand, problem, choices, limit)
+    return GraspPlan(hand=hand, forces=forces, motion=motion, elapsed={**elapsed, **spent}, closure=closure)
+
+
+Stages = tuple[ForceSolution, Motion, dict[str, float]]
+
+
+def _by_grid(hand: HandModel, problem: ForceProblem, choices: _Choices) -> Stages:
+    started = time.perf_counter()
+    solver = "daqp" if choices.solver == "auto" else choices.solver
+    kind = choices.search
+    forces = grid_search(problem, choices.grid, search=kind, solver=solver, progress=choices.progress)
+    _refuse_failure(forces, _rejections)
+    found = time.perf_counter()
+    motion = plan_motion(hand, forces, choices.motion)
+    return forces, motion, {"forces": found - started, "motion": time.perf_counter() - found}
+
+
+def _by_optimum(hand: HandModel, problem: ForceProblem, choices: _Choices, limit: np.ndarray | None) -> Stages:
+    """The torques depend on the posture at t_F, which depends on the forces: a few rounds settle both."""
+    heated = isinstance(choices.objective, str | Mapping) and "motor_heat" in choices.objective
+    if limit is None and heated and problem.torques is None:
+        limit = np.full(hand.n, np.inf)  # motor heat needs the Jacobians, at the posture that is found
+    if limit is not None and not heated and not np.isfinite(limit).any():
+        limit, problem = None, replace(problem, torques=None)
+    spent = {"forces": 0.0, "motion": 0.0}
+    # The first round finds a posture without knowing the torques.
+    searched = problem if limit is None else replace(problem, torques=None)
+    objective = choices.objective if limit is None else None
+    for _ in range(_TORQUE_ROUNDS):
+        started = time.perf_counter()
+        forces = optimize_grasp(searched, objective=objective, solver=choices.solver, progress=choices.progress)
+        _refuse_failure(forces, _diagnosis)
+        found = time.perf_counter()
+        motion = plan_motion(hand, forces, choices.motion)
+        spent["forces"] += found - started
+        spent["motion"] += time.perf_counter() - found
+        if limit is None or forces.status is Status.INTERRUPTED:
+            break
+        limits = torque_limits(
+            hand,
+            problem.contacts,
+            motion.q[-1],
+            depth=forces.profile.final_depth,
+            limit=limit,
+            gravity_o=problem.gravity_o,
+        )
+        known = searched.torques
+        if known is not None and np.abs(limits.jacobian - known.jacobian).max() < _SETTLED:
+            break
+        searched, objective = replace(problem, torques=limits), choices.objective
+    return forces, motion, spent
+
+
+def _refuse_failure(forces: ForceSolution, why: Callable[[ForceSolution], str]) -> None:
+    """Raise what came of a search without forces; ``why``: what it has to say for itself."""
+    if forces.found and forces.status is not Status.INACCURATE:
+        return
+    if forces.status is Status.INFEASIBLE:
+        raise GraspInfeasible(why(forces), forces)
+    kind = SearchInterrupted if forces.status is Status.INTERRUPTED else GraspUndecided
+    raise kind(f"no grasp found, though none is ruled out ({forces.status}). {forces.status.remedy}", forces)
+
+
+def _rejections(forces: ForceSolution) -> str:
+    return f"no grasp found ({forces.status}). {forces.status.remedy}\n{forces.explain()}"
+
+
+def _diagnosis(forces: ForceSolution) -> str:
+    """At the impact time that admits the largest forces."""
+    earliest = forces.problem.impact_time_range[0]
+    return f"no grasp: every impact time is proven infeasible\n{diagnose(forces.problem, earliest)}"
