@@ -8,6 +8,7 @@ on the returned record; only the top level raises.
 from __future__ import annotations
 
 from enum import Enum
+from pathlib import Path
 from typing import Any, NamedTuple
 
 
@@ -52,7 +53,7 @@ class InvalidInput(PinograspError, ValueError):
 class HandNotLoaded(InvalidInput):
     """A hand description could not be used. ``problems`` lists everything found, not only the first."""
 
-    def __init__(self, source: str, problems: list[str] | str):
+    def __init__(self, source: str | Path, problems: list[str] | str):
         self.source = str(source)
         self.problems = [problems] if isinstance(problems, str) else list(problems)
         name = self.source if len(self.source) <= 300 else f"{self.source[:297]}..."

@@ -1,15 +1,19 @@
-"""Arithmetic of a stranger's file: expressions evaluated here, node by node, never by Python itself."""
+"""Arithmetic of an untrusted file: expressions evaluated here, node by node, never by Python itself."""
 
 from __future__ import annotations
 
 import ast
 import math
 import operator
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
+
+# A number, a truth value, a text, a list of these, or a function of arithmetic.
+Value: TypeAlias = Any
 
 MOST_TEXT = 10_000  # characters of a text, and numbers in a list
 _MOST_BITS = 1024  # of whole numbers: the range of a float
-_BINARY = {
+_BINARY: dict[type[ast.operator], Callable[[Value, Value], Value]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
@@ -23,8 +27,13 @@ _BINARY = {
     ast.BitOr: operator.or_,
     ast.BitXor: operator.xor,
 }
-_UNARY = {ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_, ast.Invert: operator.invert}
-_COMPARE = {
+_UNARY: dict[type[ast.unaryop], Callable[[Value], Value]] = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: operator.not_,
+    ast.Invert: operator.invert,
+}
+_COMPARE: dict[type[ast.cmpop], Callable[[Value, Value], bool]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
@@ -58,7 +67,7 @@ _NODES = (
     *_COMPARE,
 )
 _MATH = {name: value for name, value in vars(math).items() if not name.startswith("_")}
-FUNCTIONS = {
+FUNCTIONS: dict[str, Value] = {
     **_MATH,
     "abs": abs,
     "min": min,
@@ -73,7 +82,7 @@ FUNCTIONS = {
     "False": False,
 }
 # Functions whose results grow faster than any other's, and the largest argument they may have.
-_GROWING = {math.factorial: 170, math.comb: 1000, math.perm: 170, round: 400}
+_GROWING: dict[Callable[..., int], int] = {math.factorial: 170, math.comb: 1000, math.perm: 170, round: 400}
 
 
 class NotArithmetic(ValueError):
@@ -112,7 +121,7 @@ def names(tree: ast.AST) -> set[str]:
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
-def evaluate(expression: str, names: Mapping):
+def evaluate(expression: str, names: Mapping[str, Value]) -> Value:
     """The value of an expression: a number, a truth value, a text, or a list of these.
 
     Args:
@@ -124,7 +133,7 @@ def evaluate(expression: str, names: Mapping):
     return _value(parsed(expression).body, names)
 
 
-def _value(node, names: Mapping):
+def _value(node: ast.expr, names: Mapping[str, Value]) -> Value:
     if isinstance(node, ast.Constant):
         return _bounded(node.value)
     if isinstance(node, ast.Name):
@@ -155,10 +164,12 @@ def _value(node, names: Mapping):
         return _value(node.value, names)[_value(node.slice, names)]
     if isinstance(node, ast.List | ast.Tuple):
         return _bounded([_value(one, names) for one in node.elts])
-    return _called(_value(node.func, names), [_value(one, names) for one in node.args])
+    if isinstance(node, ast.Call):
+        return _called(_value(node.func, names), [_value(one, names) for one in node.args])
+    raise NotArithmetic(f"only arithmetic is allowed, no {type(node).__name__}")
 
 
-def _named(name: str, names: Mapping):
+def _named(name: str, names: Mapping[str, Value]) -> Value:
     if name in names:
         return _bounded(names[name])
     if name in FUNCTIONS:
@@ -166,13 +177,13 @@ def _named(name: str, names: Mapping):
     raise NameError(f"name '{name}' is not defined")
 
 
-def _binary(kind, left, right):
+def _binary(kind: type[ast.operator], left: Value, right: Value) -> Value:
     numbers = isinstance(left, int | float) and isinstance(right, int | float)
     if not numbers and kind is not ast.Add:
         if kind is not ast.Mult or not isinstance(right if isinstance(left, str | list) else left, int):
             raise TypeError(f"expected numbers, got {type(left).__name__} and {type(right).__name__}")
-        count, thing = (right, left) if isinstance(left, str | list) else (left, right)
-        if count * _size(thing) > MOST_TEXT:
+        count, repeated = (right, left) if isinstance(left, str | list) else (left, right)
+        if count * _size(repeated) > MOST_TEXT:
             raise NotArithmetic(f"a text or list of more than {MOST_TEXT} is too long")
     if isinstance(left, int) and isinstance(right, int):
         bits = right * (left.bit_length() - 1) if kind is ast.Pow else right if kind is ast.LShift else 0
@@ -184,18 +195,18 @@ def _binary(kind, left, right):
     return _bounded(result)
 
 
-def _called(function, arguments: list):
+def _called(function: Value, arguments: list[Value]) -> Value:
     if not any(function is one for one in FUNCTIONS.values()) or not callable(function):
         raise NotArithmetic("only functions of arithmetic can be called")
     most = _GROWING.get(function)
     if most is not None:
-        whole = arguments[1:] if function is round else arguments
-        if any(isinstance(one, int) and abs(one) > most for one in whole):
+        limited = arguments[1:] if function is round else arguments
+        if any(isinstance(one, int) and abs(one) > most for one in limited):
             raise NotArithmetic(f"{function.__name__} of more than {most} is too large")
     return _bounded(function(*arguments))
 
 
-def _bounded(value):
+def _bounded(value: Value) -> Value:
     """The value, where it is of a kind and size that expressions may have."""
     if isinstance(value, tuple):
         value = list(value)
@@ -212,7 +223,7 @@ def _too_large() -> NotArithmetic:
     return NotArithmetic(f"a whole number of more than {_MOST_BITS} bits is too large")
 
 
-def _size(value) -> int:
+def _size(value: Value) -> int:
     """Characters of a text, or elements of a list and of those in it, counted no further than to beyond the limit."""
     if isinstance(value, str):
         return len(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,8 +29,8 @@ class Entry:
     fingers: dict[str, str] | None = field(default=None)
 
 
-def _sides(make) -> dict[str, Entry]:
-    return {name: entry for side in ("left", "right") for name, entry in make(side).items()}
+def _sides(entries: Callable[[str], dict[str, Entry]]) -> dict[str, Entry]:
+    return {name: entry for side in ("left", "right") for name, entry in entries(side).items()}
 
 
 _HEY5 = {

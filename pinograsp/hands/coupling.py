@@ -6,6 +6,7 @@ the joint that is followed before those that follow it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from pinograsp.hands.tree import MOVING, Joint
@@ -57,14 +58,15 @@ class Limits:
         return Limits(lower=ends[0], upper=ends[1], effort=self.effort / factor, velocity=self.velocity * factor)
 
 
-def resolve(couplings: dict[str, Coupling], types: dict[str, str]) -> tuple[dict[str, Coupling], list[str]]:
+def resolve(couplings: dict[str, Coupling], types: Mapping[str, str | None]) -> tuple[dict[str, Coupling], list[str]]:
     """Couplings to joints that follow none, and the problems found.
 
     Args:
         couplings: by coupled joint; they may follow coupled joints.
         types: type of every joint, by name.
     """
-    direct, problems = {}, []
+    direct: dict[str, Coupling] = {}
+    problems: list[str] = []
     for name, coupling in couplings.items():
         seen = [name]
         while coupling.followed in couplings and coupling.followed not in seen:
@@ -120,11 +122,11 @@ def in_order(joints: list[Joint], couplings: dict[str, Coupling]) -> list[str]:
         for joint in below.get(link, []):
             inside[joint.name] = {joint.name}.union(*(inside[child.name] for child in below.get(joint.child, [])))
     order: list[str] = []
-    waiting = [(link, None) for link in reversed(outward[:1])]
+    waiting: list[tuple[str, str | None]] = [(link, None) for link in reversed(outward[:1])]
     while waiting:
-        link, joint = waiting.pop()
-        if joint is not None:
-            order.append(joint)
+        link, name = waiting.pop()
+        if name is not None:
+            order.append(name)
         branches = _siblings(below.get(link, []), inside, couplings)
         waiting += [(branch.child, branch.name) for branch in reversed(branches)]
     return order
@@ -133,7 +135,7 @@ def in_order(joints: list[Joint], couplings: dict[str, Coupling]) -> list[str]:
 def _siblings(branches: list[Joint], inside: dict[str, set[str]], couplings: dict[str, Coupling]) -> list[Joint]:
     """Branches below one link: by name, but after those that hold a joint that one of theirs follows."""
     left = {joint.name: joint for joint in sorted(branches, key=lambda joint: joint.name)}
-    ordered = []
+    ordered: list[Joint] = []
     while left:
 
         def waits(name: str) -> bool:

@@ -12,9 +12,10 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, instance_of, items_of, number, placement_of, shown, text_of
-from pinograsp.spatial import pose_of
+from pinograsp.spatial import Array, pose_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +26,7 @@ class Ellipsoid:
     b: float
     c: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("a", "b", "c"):
             object.__setattr__(self, name, number(f"semi-axis {name}", getattr(self, name), above=0, unit="m"))
 
@@ -56,7 +57,7 @@ class Link:
     upper: float
     phalanx: Ellipsoid | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         text_of("name of the joint", self.joint)
         text_of("name of the link", self.link)
         for name in ("d", "a", "alpha", "lower", "upper"):
@@ -69,17 +70,17 @@ class FingerDescription:
     """A serial finger: base frame {0} in the palm frame (4, 4), rows from base to tip, optional metacarpal."""
 
     name: str
-    base: np.ndarray
+    base: Array
     links: tuple[Link, ...]
     metacarpal: Ellipsoid | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         text_of("name of the finger", self.name)
         object.__setattr__(self, "base", placement_of("base of the finger", self.base))
         object.__setattr__(self, "links", items_of("links", self.links, Link))
         instance_of("metacarpal", self.metacarpal, Ellipsoid, type(None))
 
-    def frames(self, q) -> list[np.ndarray]:
+    def frames(self, q: ArrayLike) -> list[Array]:
         """DH frames {0}..{n} in the palm frame at joint angles ``q`` [rad]; the last one is the fingertip."""
         frames = [np.array(self.base)]
         for link, angle in zip(self.links, array_of("q", q, (len(self.links),)).tolist()):
@@ -107,7 +108,7 @@ class HandDescription:
     velocity: float
     notes: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         text_of("name of the hand", self.name)
         text_of("notes", self.notes)
         object.__setattr__(self, "fingers", items_of("fingers", self.fingers, FingerDescription))
@@ -181,7 +182,7 @@ def _finger_xacro(finger: FingerDescription) -> str:
     return "\n".join(lines)
 
 
-def _rpy(rotation: np.ndarray) -> tuple[float, float, float]:
+def _rpy(rotation: Array) -> tuple[float, float, float]:
     # A DH hand's base and twist rotations stay clear of pitch = 90 deg, where rpy is singular.
     return (
         math.atan2(rotation[2, 1], rotation[2, 2]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,13 @@ from pinograsp.checks import shown
 from pinograsp.errors import HandNotLoaded
 
 _XACRO = "{http://www.ros.org/wiki/xacro}"
-# Far above any robot, low enough that what is made of them takes seconds.
+# Far above any robot, low enough that reading them takes seconds.
 MOST_BYTES, MOST_ELEMENTS, DEEPEST = 20_000_000, 50_000, 1000
 _MOST_ATTRIBUTES, _MOST_DIGITS = 1000, 2000  # of an element; characters of the numbers in one attribute
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """What a regular file holds; OSError where it is none or larger than ``most`` bytes.
+    """The content of a regular file; OSError for anything else, and for more than ``most`` bytes.
 
     Pipes and devices are not opened: they could make the reader wait, or never end.
     """
@@ -39,10 +40,10 @@ class _Builder(ElementTree.TreeBuilder):
         super().__init__()
         self.most, self.count, self.depth = most, 0, 0
 
-    def doctype(self, name, public, system):
+    def doctype(self, name: str, public: str | None, system: str | None) -> None:
         raise ValueError("document type and entity declarations are not allowed")
 
-    def start(self, tag, attributes):
+    def start(self, tag: str, attributes: dict[str, str], /) -> ElementTree.Element:
         self.count, self.depth = self.count + 1, self.depth + 1
         if self.count > self.most:
             raise ValueError(f"expected at most {self.most} elements")
@@ -52,7 +53,7 @@ class _Builder(ElementTree.TreeBuilder):
             raise ValueError(f"elements nested without end: expected at most {DEEPEST} deep")
         return super().start(tag, attributes)
 
-    def end(self, tag):
+    def end(self, tag: str, /) -> ElementTree.Element:
         self.depth -= 1
         return super().end(tag)
 
@@ -89,23 +90,23 @@ def parse(source: str, text: str) -> ElementTree.Element:
     return robot
 
 
-def written(values) -> str:
+def written(values: Iterable[float]) -> str:
     """Numbers as text, without losing a digit."""
     return " ".join(repr(float(value)) for value in values)
 
 
-def named(robot, tag: str) -> list[tuple[str, ElementTree.Element]]:
+def named(robot: ElementTree.Element, tag: str) -> list[tuple[str, ElementTree.Element]]:
     """The robot's elements of a kind, with their names."""
     return [(element.get("name", ""), element) for element in robot.findall(tag)]
 
 
-def end_of(joint, tag: str) -> str:
+def end_of(joint: ElementTree.Element, tag: str) -> str:
     """The link of a joint's <parent> or <child>."""
     found = joint.find(tag)
     return "" if found is None else found.get("link", "")
 
 
-def drop(element, *tags: str) -> None:
+def drop(element: ElementTree.Element, *tags: str) -> None:
     """Remove an element's children of these kinds."""
     for tag in tags:
         for child in element.findall(tag):
@@ -122,7 +123,9 @@ def floats(text: str) -> list[float]:
     return values
 
 
-def numbers(element, key: str, count: int, default: str | None = None, most: float = math.inf) -> list[float]:
+def numbers(
+    element: ElementTree.Element, key: str, count: int, default: str | None = None, most: float = math.inf
+) -> list[float]:
     """``count`` finite numbers of an attribute, no larger than ``most``; ValueError where there are others."""
     text = element.get(key, default)
     try:
@@ -136,7 +139,7 @@ def numbers(element, key: str, count: int, default: str | None = None, most: flo
     return values
 
 
-def placement_of(element) -> pin.SE3:
+def placement_of(element: ElementTree.Element) -> pin.SE3:
     """Placement given by an element's <origin>, which has been checked."""
     origin = element.find("origin")
     if origin is None:

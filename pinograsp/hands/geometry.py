@@ -6,6 +6,7 @@ import functools
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 import coal
 import numpy as np
@@ -19,6 +20,8 @@ from pinograsp.spatial import FARTHEST
 _DENSITY = 1000.0
 _FLAT = 1e-6  # volume of a mesh that is flat but for rounding, of its longest edge's cube
 
+Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
@@ -27,7 +30,7 @@ class Shape:
     Attributes:
         link: the link it is fixed to.
         placement: in the link's frame.
-        kind: box, sphere, cylinder, capsule, ellipsoid or mesh.
+        kind: which shape.
         size: edges of a box; radius of a sphere; radius and length (of the cylindrical part) of a cylinder or capsule;
             semi-axes of an ellipsoid [m]; scale of a mesh.
         path: file of a mesh.
@@ -35,12 +38,12 @@ class Shape:
 
     link: str
     placement: pin.SE3
-    kind: str
+    kind: Kind
     size: tuple[float, ...]
     path: str = ""
 
 
-PRIMITIVES = {
+PRIMITIVES: dict[str, type[coal.ShapeBase]] = {
     "box": coal.Box,
     "sphere": coal.Sphere,
     "cylinder": coal.Cylinder,
@@ -51,18 +54,19 @@ PRIMITIVES = {
 
 def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) -> pin.GeometryModel:
     """Collision geometry at the links' frames; meshes that cannot be read are left out and noted."""
-    geometry, broken = pin.GeometryModel(), []
+    geometry = pin.GeometryModel()
+    broken: list[str] = []
     frames = {frame.name: (i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY}
     counts: dict[str, int] = {}
     for shape in shapes:
         try:
-            made = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
+            solid = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
         except (ValueError, OSError) as error:
             broken.append(f"{shape.link} ({shape.path}: {error})")
             continue
         frame, link = frames[shape.link]
         i = counts[shape.link] = counts.get(shape.link, -1) + 1
-        one = pin.GeometryObject(f"{shape.link}_{i}", link.parentJoint, frame, link.placement * shape.placement, made)
+        one = pin.GeometryObject(f"{shape.link}_{i}", link.parentJoint, frame, link.placement * shape.placement, solid)
         if shape.kind == "mesh":
             one.meshPath, one.meshScale = shape.path, np.array(shape.size)
         geometry.addGeometryObject(one)
@@ -72,7 +76,7 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
 
 
 @functools.lru_cache(maxsize=64)
-def _read(path: str, scale: tuple[float, ...], changed: int):
+def _read(path: str, scale: tuple[float, ...], changed: int) -> coal.BVHModelOBBRSS:
     vertices, faces = joined(*read_triangles(Path(path)))
     with np.errstate(over="ignore"):
         vertices = vertices * scale
@@ -81,7 +85,7 @@ def _read(path: str, scale: tuple[float, ...], changed: int):
     return collision_model(vertices, faces)
 
 
-def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)):
+def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)) -> coal.BVHModelOBBRSS:
     """A mesh as coal's bounding-volume tree, kept until its file changes.
 
     Raises:
@@ -90,11 +94,13 @@ def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)):
     return _read(path, scale, os.stat(path).st_mtime_ns)
 
 
-def solid(shape, density: float) -> pin.Inertia | None:
+def solid(shape: coal.CollisionGeometry, density: float) -> pin.Inertia | None:
     """Mass and inertia of a shape filled evenly [kg/m^3], of the hull of an open mesh; None without volume."""
     open_mesh = isinstance(shape, coal.BVHModelBase) and not _closed(shape)
     for body in (None if open_mesh else shape, hull_of(shape)):
-        volume = 0.0 if body is None else body.computeVolume()
+        if body is None:
+            continue
+        volume = body.computeVolume()
         if not (np.isfinite(volume) and abs(volume) > 0):
             continue
         # A mesh turned inside out has negative volume, and negative inertia with it.
@@ -106,7 +112,7 @@ def solid(shape, density: float) -> pin.Inertia | None:
     return None
 
 
-def _closed(mesh) -> bool:
+def _closed(mesh: coal.BVHModelBase) -> bool:
     """Whether every edge of a mesh borders two triangles, once in each direction."""
     triangles = np.array([[t[0], t[1], t[2]] for t in map(mesh.tri_indices, range(mesh.num_tris))])
     _, same = np.unique(mesh.vertices(), axis=0, return_inverse=True)  # files repeat a vertex for every triangle
@@ -117,7 +123,7 @@ def _closed(mesh) -> bool:
     return bool(np.array_equal(there, back) and np.all(np.diff(there)))
 
 
-def hull_of(shape):
+def hull_of(shape: coal.CollisionGeometry) -> coal.ConvexBase | None:
     """Convex hull of a mesh; None for other shapes, and for meshes without volume."""
     if not isinstance(shape, coal.BVHModelBase):
         return None
@@ -135,14 +141,14 @@ def hull_of(shape):
 
 def hulls(geometry: pin.GeometryModel) -> pin.GeometryModel:
     """The same geometry with every mesh replaced by its convex hull; flat ones stay."""
-    made = pin.GeometryModel()
+    replaced = pin.GeometryModel()
     for one in geometry.geometryObjects:
         hull = pin.GeometryObject(
             one.name, one.parentJoint, one.parentFrame, one.placement, hull_of(one.geometry) or one.geometry
         )
         hull.meshPath, hull.meshScale = one.meshPath, one.meshScale
-        made.addGeometryObject(hull)
-    return made
+        replaced.addGeometryObject(hull)
+    return replaced
 
 
 def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[str], notes: list[str]) -> list[str]:
@@ -154,7 +160,7 @@ def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[s
     """
 
     def moved(joint: int) -> float:
-        return sum(model.inertias[i].mass for i in model.subtrees[joint])
+        return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
 
     wanted = {model.getJointId(joint) for joint in unweighed}
     for j in range(1, model.njoints):

@@ -7,11 +7,12 @@ the URDF that ship with the package.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Link
-from pinograsp.spatial import pose_of
+from pinograsp.spatial import Array, pose_of
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 
@@ -64,7 +65,7 @@ _BASE_YAW_DEG = {"thumb": 50.0, "index": -10.0, "middle": 0.0, "ring": 0.0, "lit
 _KNUCKLES_MM = {"ring": (-3.0, 21.0, 0.0), "little": (-9.0, 41.0, 0.0)}
 
 
-def _palm_rotation() -> np.ndarray:
+def _palm_rotation() -> Array:
     """R_oh (3, 3) of the case study: columns E, N x E, N."""
     yaw = math.radians(_PALM_YAW_DEG)
     extended = np.array([math.cos(yaw), math.sin(yaw), 0.0])
@@ -72,18 +73,19 @@ def _palm_rotation() -> np.ndarray:
     return np.column_stack([extended, np.cross(normal, extended), normal])
 
 
-def _base_rotation(finger: str) -> np.ndarray:
+def _base_rotation(finger: str) -> Array:
     yaw = math.radians(_BASE_YAW_DEG[finger])
     return np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1.0]])
 
 
-def _knuckle_o(finger: str) -> np.ndarray:
+def _knuckle_o(finger: str) -> Array:
     """Origin of {0} in W (3,) [m], so that the tip at the final angles lies on the published contact point."""
     links = _links(finger)
     base = pose_of(rotation=_palm_rotation() @ _base_rotation(finger))
     at_origin = FingerDescription(name=finger, base=base, links=links)
     tip = at_origin.frames(np.radians(FINAL_ANGLES_DEG[finger]))[-1][:3, 3]
-    return np.array(CONTACT_POINTS_MM[finger]) * 1e-3 - tip
+    knuckle: Array = np.array(CONTACT_POINTS_MM[finger]) * 1e-3 - tip
+    return knuckle
 
 
 def _links(finger: str) -> tuple[Link, ...]:
@@ -104,12 +106,12 @@ def _links(finger: str) -> tuple[Link, ...]:
     )
 
 
-def _ellipsoid(axes_mm) -> Ellipsoid:
+def _ellipsoid(axes_mm: Iterable[float]) -> Ellipsoid:
     a, b, c = (1e-3 * value for value in axes_mm)
     return Ellipsoid(a=a, b=b, c=c)
 
 
-def case_study_pose() -> np.ndarray:
+def case_study_pose() -> Array:
     """oMh (4, 4): the palm frame in the paper's world frame W (origin at the object's bottom centre) [m]."""
     return pose_of(_knuckle_o("middle"), _palm_rotation())
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import flag, instance_of, mapping_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
@@ -19,7 +20,7 @@ from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.hands.elements import parse, read_bytes
 from pinograsp.hands.geometry import collision_geometry, fill_masses
 from pinograsp.hands.model import Finger, HandModel
-from pinograsp.hands.tree import find_fingers, tip_of
+from pinograsp.hands.tree import Part, find_fingers, tip_of
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
 from pinograsp.spatial import FARTHEST
@@ -31,14 +32,14 @@ _ENCODINGS = r"utf-?8(-sig)?|utf-?16|us-ascii|ascii|latin-?1|iso-?8859-?\d+|(win
 def load_hand(
     source: str | Path,
     *,
-    pose=None,
+    pose: ArrayLike | None = None,
     root: str | None = None,
     palm: str | None = None,
     fingers: dict[str, str] | None = None,
     limits: dict[str, tuple[float, float]] | None = None,
     hulls: bool = False,
     trusted: bool = False,
-    **xacro_args,
+    **xacro_args: object,
 ) -> HandModel:
     """Load a hand by name or from a file.
 
@@ -107,7 +108,7 @@ def _file(name: str) -> Path:
         raise HandNotLoaded(name[:40], "expected the path of a file, got the text of a description: write it to a file")
     try:
         path = Path(name).expanduser()
-    except RuntimeError:  # nobody's home
+    except RuntimeError:  # of an unknown user: ~name
         path = Path(name)
     if os.path.isfile(path):
         return path
@@ -190,7 +191,7 @@ def _check_kinematics(source: str, model: pin.Model) -> None:
             )
 
 
-def _finger(model: pin.Model, name: str, chain) -> Finger:
+def _finger(model: pin.Model, name: str, chain: list[Part]) -> Finger:
     joints = tuple(part.joint.name for part in chain)
     ids = tuple(model.getJointId(joint) for joint in joints)
     dofs = list(dict.fromkeys(model.joints[j].idx_v for j in ids))

@@ -8,11 +8,16 @@ import logging
 import struct
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinograsp.checks import one_line
 from pinograsp.hands.elements import parse_xml, read_bytes
+from pinograsp.spatial import Array, IntArray
+
+if TYPE_CHECKING:
+    import coal
 
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".off", ".dae")
 MOST_BYTES, MOST_TRIANGLES = 200_000_000, 2_000_000
@@ -20,7 +25,7 @@ MOST_BYTES, MOST_TRIANGLES = 200_000_000, 2_000_000
 _SILENT = logging.NullHandler()
 
 
-def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def read_triangles(path: Path) -> tuple[Array, IntArray]:
     """Vertices (n, 3), in the file's units, and faces (m, 3) of a mesh file; the parts of a scene make one mesh.
 
     Other files that it names (materials, pictures, buffers) are not opened.
@@ -31,7 +36,7 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     import trimesh  # slow to import
 
-    logging.getLogger("trimesh").addHandler(_SILENT)  # it would print tracebacks of what is told by the error
+    logging.getLogger("trimesh").addHandler(_SILENT)  # it would print the traceback of what the error says
     kind = path.suffix.lower()
     if kind not in FORMATS:
         raise ValueError(f"expected a mesh file that ends in one of {', '.join(FORMATS)}, got '{path.name}'")
@@ -42,8 +47,10 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
         elif kind == ".dae":
             _check_dae(content)
         read = trimesh.load(io.BytesIO(content), file_type=kind[1:], force="mesh", process=False)
+        if not isinstance(read, trimesh.Trimesh):
+            raise ValueError(f"a {type(read).__name__}")
         vertices, faces = np.asarray(read.vertices, dtype=float), np.asarray(read.faces)
-    except Exception as error:  # the readers raise whatever comes of a broken file
+    except Exception as error:  # the readers raise errors of every type for broken files
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {one_line(error)}") from error
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
         raise ValueError("expected a mesh of triangles, got none")
@@ -59,7 +66,7 @@ def read_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces
 
 
-def joined(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def joined(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     """The same triangles with every place given once, in the order of the first use."""
     _, first, same = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
@@ -68,7 +75,7 @@ def joined(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndar
     return vertices[first[order]], place[same.ravel()][faces]
 
 
-def collision_model(vertices: np.ndarray, faces: np.ndarray):
+def collision_model(vertices: Array, faces: IntArray) -> coal.BVHModelOBBRSS:
     """Checked triangles as a ``coal.BVHModelOBBRSS``."""
     import coal
 
@@ -112,5 +119,5 @@ def _check_dae(content: bytes) -> None:
     geometry = {f"#{one.get('id')}": len(ElementTree.tostring(one)) for one in root.iter("geometry")}
     if sum(1 for _ in root.iter("instance_node")):
         raise ValueError("<instance_node> is not supported: save the mesh without instances")
-    if sum(geometry.get(one.get("url"), 0) for one in root.iter("instance_geometry")) > MOST_BYTES:
+    if sum(geometry.get(one.get("url", ""), 0) for one in root.iter("instance_geometry")) > MOST_BYTES:
         raise ValueError(f"geometry repeated to more than {MOST_BYTES} bytes")

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -18,11 +20,14 @@ from pinograsp.hands.elements import written
 from pinograsp.hands.geometry import PRIMITIVES, read_mesh, solid
 from pinograsp.hands.mjcf_drives import couplings_of, effort_limits
 from pinograsp.hands.mjcf_source import Source, turned_to
+from pinograsp.spatial import Array
 
 _DENSITY = "1000"  # [kg/m^3], MuJoCo's
 _TYPES = {"hinge": "revolute", "slide": "prismatic", "free": "floating"}
 _MACROS = ("attach", "replicate", "composite", "flexcomp")
 _MOST = {"body": 2000, "joint": 2000, "geom": 10_000}
+# A body, its default class, its parent's link and its placement there.
+_Body: TypeAlias = tuple[ElementTree.Element, str | None, str, pin.SE3]
 _HALF = {"box": 2.0, "cylinder": 2.0, "capsule": 2.0}  # MuJoCo gives half lengths
 
 
@@ -49,9 +54,9 @@ class _Reader:
         self.notes: list[str] = []
         self.robot = ElementTree.Element("robot", name=source.element.get("model") or path.stem)
         self.joints: dict[str, dict[str, str]] = {}
-        self.made: dict[str, ElementTree.Element] = {}
+        self.joint_elements: dict[str, ElementTree.Element] = {}
         self.links: list[str] = []
-        self.meshes = {}
+        self.meshes: dict[str, dict[str, str]] = {}
         for mesh in source.element.findall("asset/mesh"):
             given = source.attributes(mesh)
             self.meshes[given.get("name") or Path(given.get("file", "").replace("\\", "/")).stem] = given
@@ -77,10 +82,10 @@ class _Reader:
             waiting += reversed(self._jointed_body(body, childclass, parent, at))
         couplings = couplings_of(self.source, self.joints, self.links, self.notes)
         for coupled, coupling in couplings.items():
-            mimic = ElementTree.SubElement(self.made[coupled], "mimic", joint=coupling.followed)
+            mimic = ElementTree.SubElement(self.joint_elements[coupled], "mimic", joint=coupling.followed)
             mimic.attrib.update(multiplier=repr(coupling.factor), offset=repr(coupling.offset))
         for joint, limit in effort_limits(self.source, self.joints, couplings, self.notes).items():
-            if (element := self.made[joint].find("limit")) is not None:
+            if (element := self.joint_elements[joint].find("limit")) is not None:
                 element.set("effort", repr(limit))
         if self.left_out:
             self.notes.append(f"geoms left out: {', '.join(self.left_out)}")
@@ -92,7 +97,7 @@ class _Reader:
             if self.source.compiler.get(setting, "false") not in ("false", "-1"):
                 self.notes.append(f"the compiler's {setting} is not applied")
 
-    def _sub_tree(self, name: str, worlds, root: str) -> list:
+    def _sub_tree(self, name: str, worlds: list[ElementTree.Element], root: str) -> list[_Body]:
         """Read the body ``root``, its frame as the origin; its children are returned."""
         waiting = [
             (body, inherited)
@@ -118,7 +123,7 @@ class _Reader:
         self.links.append(name)
         return name
 
-    def _jointed_body(self, body, childclass: str | None, parent: str, at: pin.SE3) -> list:
+    def _jointed_body(self, body: ElementTree.Element, childclass: str | None, parent: str, at: pin.SE3) -> list[_Body]:
         """A body, with the joints by which its parent carries it; its children are returned."""
         name = body.get("name") or f"body {len(self.links) + 1}"
         childclass = body.get("childclass", childclass)
@@ -145,7 +150,7 @@ class _Reader:
             _joint(self.robot, f"fixed {name}", "fixed", parent, name, at)
         return self._body(body, name, childclass)
 
-    def _around(self, given: dict[str, str], frame: pin.SE3) -> tuple[pin.SE3, pin.SE3, np.ndarray]:
+    def _around(self, given: dict[str, str], frame: pin.SE3) -> tuple[pin.SE3, pin.SE3, Array]:
         """Placements of the joint in the body before it and of the body in the joint after it, and the axis."""
         axis = frame.rotation @ self.source.direction(given, self.source.numbers(given, "axis", "0 0 1", 3))
         (ref,) = self.source.numbers(given, "ref", "0")
@@ -161,28 +166,29 @@ class _Reader:
     def _unit(self, kind: str) -> float:
         return math.pi / 180 if kind == "hinge" and self.source.degrees else 1.0
 
-    def _joint(self, given: dict[str, str], parent: str, child: str, at: pin.SE3, axis: np.ndarray) -> None:
+    def _joint(self, given: dict[str, str], parent: str, child: str, at: pin.SE3, axis: Array) -> None:
         name, kind = given["name"], given.get("type", "hinge")
-        made = _joint(self.robot, name, _TYPES.get(kind, f"a {kind} joint"), parent, child, at)
-        self.joints[name], self.made[name] = given, made
+        element = _joint(self.robot, name, _TYPES.get(kind, f"a {kind} joint"), parent, child, at)
+        self.joints[name], self.joint_elements[name] = given, element
         if kind not in ("hinge", "slide"):
             return
-        ElementTree.SubElement(made, "axis", xyz=written(axis))
+        ElementTree.SubElement(element, "axis", xyz=written(axis))
         if self.source.limited(given, "limited", "range"):
             low, high = self.source.numbers(given, "range", "0 0", 2) * self._unit(kind)
-            ElementTree.SubElement(made, "limit", lower=repr(float(low)), upper=repr(float(high)))
+            ElementTree.SubElement(element, "limit", lower=repr(float(low)), upper=repr(float(high)))
         dynamics = {"damping": "damping", "friction": "frictionloss", "armature": "armature"}
         values = {key: self.source.numbers(given, theirs, "0", 1, 3)[0] for key, theirs in dynamics.items()}
-        ElementTree.SubElement(made, "dynamics", {key: repr(float(value)) for key, value in values.items()})
+        ElementTree.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in values.items()})
         if self.source.numbers(given, "stiffness", "0", 1, 3).any():
             self.springs.append(name)
 
     # -- masses and shapes ---------------------------------------------------------------------------------------------
 
-    def _body(self, body, link: str, childclass: str | None) -> list:
+    def _body(self, body: ElementTree.Element, link: str, childclass: str | None) -> list[_Body]:
         """Fill the link of a body; its child bodies are returned."""
         element = next(one for one in reversed(self.robot) if one.tag == "link" and one.get("name") == link)
-        children, geoms, own = [], pin.Inertia.Zero(), None
+        children: list[_Body] = []
+        geoms, own = pin.Inertia.Zero(), None
         low, high = self.source.numbers(self.source.compiler, "inertiagrouprange", "0 5", 2)
         from_geoms = self.source.compiler.get("inertiafromgeom", "auto")
         use_geoms = from_geoms == "true" or (from_geoms == "auto" and body.find("inertial") is None)
@@ -206,7 +212,7 @@ class _Reader:
             _inertial(element, own)
         return children
 
-    def _given_inertia(self, element, link: str, frame: pin.SE3) -> pin.Inertia | None:
+    def _given_inertia(self, element: ElementTree.Element, link: str, frame: pin.SE3) -> pin.Inertia | None:
         given = {"name": link, **element.attrib}
         at = frame * self.source.placement(given)
         (mass,) = self.source.numbers(given, "mass", "0")
@@ -220,7 +226,9 @@ class _Reader:
             return None
         return at.act(pin.Inertia(float(mass), np.zeros(3), inertia))
 
-    def _geom(self, link, given: dict[str, str], frame: pin.SE3, wants_mass: bool) -> pin.Inertia | None:
+    def _geom(
+        self, link: ElementTree.Element, given: dict[str, str], frame: pin.SE3, wants_mass: bool
+    ) -> pin.Inertia | None:
         """Add a geom that collides to its link; its mass and inertia in the body's frame, where they are wanted."""
         where = f"{link.get('name')} ({given.get('name', given.get('type', 'sphere'))})"
         kind = given.get("type", "sphere")
@@ -243,7 +251,9 @@ class _Reader:
             _collision(link, at, kind, size, path)
         return self._geom_inertia(given, where, at, kind, size, path) if wants_mass else None
 
-    def _geom_inertia(self, given, where: str, at: pin.SE3, kind: str, size, path: str) -> pin.Inertia | None:
+    def _geom_inertia(
+        self, given: dict[str, str], where: str, at: pin.SE3, kind: str, size: Sequence[float], path: str
+    ) -> pin.Inertia | None:
         mass = self.source.numbers(given, "mass", "-1")[0]
         (density,) = self.source.numbers(given, "density", _DENSITY)
         if mass == 0 or (mass < 0 and density == 0):
@@ -300,33 +310,35 @@ class _Reader:
 # -- URDF elements -----------------------------------------------------------------------------------------------------
 
 
-def _origin(element, at: pin.SE3) -> None:
+def _origin(element: ElementTree.Element, at: pin.SE3) -> None:
     ElementTree.SubElement(
         element, "origin", xyz=written(at.translation), rpy=written(pin.rpy.matrixToRpy(at.rotation))
     )
 
 
-def _joint(robot, name: str, kind: str, parent: str, child: str, at: pin.SE3):
-    made = ElementTree.SubElement(robot, "joint", name=name, type=kind)
-    _origin(made, at)
-    ElementTree.SubElement(made, "parent", link=parent)
-    ElementTree.SubElement(made, "child", link=child)
-    return made
+def _joint(
+    robot: ElementTree.Element, name: str, kind: str, parent: str, child: str, at: pin.SE3
+) -> ElementTree.Element:
+    element = ElementTree.SubElement(robot, "joint", name=name, type=kind)
+    _origin(element, at)
+    ElementTree.SubElement(element, "parent", link=parent)
+    ElementTree.SubElement(element, "child", link=child)
+    return element
 
 
-def _inertial(link, inertia: pin.Inertia) -> None:
-    made = ElementTree.SubElement(link, "inertial")
-    _origin(made, pin.SE3(np.eye(3), inertia.lever))
-    ElementTree.SubElement(made, "mass", value=repr(float(inertia.mass)))
+def _inertial(link: ElementTree.Element, inertia: pin.Inertia) -> None:
+    element = ElementTree.SubElement(link, "inertial")
+    _origin(element, pin.SE3(np.eye(3), inertia.lever))
+    ElementTree.SubElement(element, "mass", value=repr(float(inertia.mass)))
     I = inertia.inertia
     values = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(I[i, j])) for i in range(3) for j in range(i, 3)}
-    ElementTree.SubElement(made, "inertia", values)
+    ElementTree.SubElement(element, "inertia", values)
 
 
-def _collision(link, at: pin.SE3, kind: str, size, path: str) -> None:
-    made = ElementTree.SubElement(link, "collision")
-    _origin(made, at)
-    shape = ElementTree.SubElement(ElementTree.SubElement(made, "geometry"), kind)
+def _collision(link: ElementTree.Element, at: pin.SE3, kind: str, size: Iterable[float], path: str) -> None:
+    element = ElementTree.SubElement(link, "collision")
+    _origin(element, at)
+    shape = ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), kind)
     if kind == "mesh":
         shape.attrib.update(filename=path, scale=written(size))
     elif kind in ("box", "ellipsoid"):

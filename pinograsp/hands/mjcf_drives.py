@@ -19,7 +19,7 @@ def couplings_of(
     """
     refs = {name: _reference(source, joint) for name, joint in joints.items()}
     couplings: dict[str, Coupling] = {}
-    opened = []
+    opened: list[str] = []
     for constraint in source.element.findall("equality/*"):
         given = source.attributes(constraint, tag="equality")
         if given.get("active", "true") == "false":
@@ -86,11 +86,12 @@ def effort_limits(
         for tendon in source.element.findall("tendon/fixed")
     }
     limits: dict[str, float] = {}
-    endless, shared = set(), []
+    endless: set[str] = set()
+    shared: list[str] = []
     for actuator in source.element.findall("actuator/*"):
         given = source.attributes(actuator)
-        joint = given.get("joint") or given.get("jointinparent")
-        pulled = {joint: 1.0} if joint else tendons.get(given.get("tendon", ""), {})
+        driven = given.get("joint") or given.get("jointinparent")
+        pulled = {driven: 1.0} if driven else tendons.get(given.get("tendon", ""), {})
         gear = float(source.numbers(given, "gear", "1", 1, 6)[0])
         moments: dict[str, float] = {}
         for name, coefficient in pulled.items():

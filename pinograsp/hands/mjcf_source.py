@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 import os
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import shown
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.elements import MOST_ELEMENTS, floats, parse_xml, read_bytes
+from pinograsp.spatial import Array
 
-# All actuators are one kind to MuJoCo, with one set of defaults; the shortcuts set the gain and bias that make them.
+# All actuators are one kind to MuJoCo, with one set of defaults; the shortcuts set their gain and bias.
 _FORCES = {"biastype": "none", "gaintype": "fixed", "gainprm": "1"}
 _SERVOS = {"biastype": "affine"}
 _OTHERS = ("position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor")
-_SHORTCUTS = {"motor": _FORCES, "general": {}, **dict.fromkeys(_OTHERS, _SERVOS)}
+_SHORTCUTS: dict[str, dict[str, str]] = {"motor": _FORCES, "general": {}, **dict.fromkeys(_OTHERS, _SERVOS)}
 _WITH_DEFAULTS = frozenset({"joint", "geom", "mesh", "equality", "actuator"})  # of what is read here
 _MOST_INCLUDES, _DEEPEST, _MOST_CLASSES = 1000, 20, 2000
 _ORIENTATIONS = frozenset({"quat", "axisangle", "euler", "xyaxes", "zaxis"})
@@ -29,7 +32,8 @@ class Source:
     """An MJCF file.
 
     Attributes:
-        element: its outermost element, included files put in place. folder: of the file.
+        element: its outermost element, included files put in place.
+        folder: of the file.
         compiler: settings.
         problems: collected while reading.
 
@@ -53,7 +57,7 @@ class Source:
 
     @property
     def problems(self) -> list[str]:
-        """What was found wrong so far, each once."""
+        """The problems found so far, each once."""
         return list(self._problems)
 
     def _include(self, element: ElementTree.Element, path: Path, above: tuple[Path, ...]) -> None:
@@ -102,7 +106,7 @@ class Source:
             )
         return found, parse_xml(read_bytes(found))
 
-    def _read_defaults(self, element, name: str) -> None:
+    def _read_defaults(self, element: ElementTree.Element, name: str) -> None:
         waiting: list[tuple[ElementTree.Element, str, dict[str, dict[str, str]]]] = [(element, name, {})]
         while waiting:
             element, name, inherited = waiting.pop()
@@ -111,7 +115,7 @@ class Source:
                 raise HandNotLoaded(self.name, f"expected at most {_MOST_CLASSES} default classes")
             for tag, attributes in inherited.items():
                 own[tag] = _merged(attributes, own[tag]) if tag in own else attributes
-            nested = []
+            nested: list[ElementTree.Element] = []
             for child in element:
                 if child.tag == "default":
                     nested.append(child)
@@ -120,27 +124,32 @@ class Source:
                 elif child.tag in _WITH_DEFAULTS:
                     own[child.tag] = _merged(own.get(child.tag, {}), child.attrib)
             for child in reversed(nested):
-                if child.get("class"):
-                    waiting.append((child, child.get("class"), own))
+                if inner := child.get("class"):
+                    waiting.append((child, inner, own))
                 else:
                     self.problem("<default> inside another needs class=")
 
-    def attributes(self, element, childclass: str | None = None, tag: str | None = None) -> dict[str, str]:
+    def attributes(
+        self, element: ElementTree.Element, childclass: str | None = None, tag: str | None = None
+    ) -> dict[str, str]:
         """Attributes of an element, completed by the defaults that its class has for ``tag`` (default: its own)."""
         name = element.get("class") or childclass or "main"
         if name not in self._defaults:
             self.problem(f"<{element.tag} name='{element.get('name', '')}'>: unknown default class '{name}'")
             name = "main"
-        tag, shortcut = tag or element.tag, {}
+        tag = tag or element.tag
+        shortcut: dict[str, str] = {}
         if tag in _SHORTCUTS:
             tag, shortcut = "actuator", _SHORTCUTS[tag]
         return _merged(self._defaults[name].get(tag, {}), {**shortcut, **element.attrib})
 
     def problem(self, text: str) -> None:
-        """Note what is wrong, to be raised with everything else."""
+        """Note a problem, to be raised with all others."""
         self._problems[text] = None
 
-    def numbers(self, attributes: dict[str, str], key: str, default: str, least: int = 1, most: int | None = None):
+    def numbers(
+        self, attributes: dict[str, str], key: str, default: str, least: int = 1, most: int | None = None
+    ) -> Array:
         """Between ``least`` and ``most`` (default: ``least``) finite numbers of an attribute; the default and a problem
         where there are others.
         """
@@ -156,18 +165,18 @@ class Source:
         return np.array(values)
 
     def limited(self, attributes: dict[str, str], flag: str, key: str) -> bool:
-        """Whether a range applies: told by a flag or, where that is left open, by the range being there."""
-        told = attributes.get(flag, "auto")
-        if told == "auto" and self.autolimits and key in attributes:
+        """Whether a range applies: by its flag or, where that is left open, by the range being there."""
+        setting = attributes.get(flag, "auto")
+        if setting == "auto" and self.autolimits and key in attributes:
             low, high = self.numbers(attributes, key, "0 0", 2)
             return bool(low < high)
-        return told == "true"
+        return setting == "true"
 
     def placement(self, attributes: dict[str, str]) -> pin.SE3:
         """Position and orientation, in whichever way the latter is given."""
         return pin.SE3(self._rotation(attributes), self.numbers(attributes, "pos", "0 0 0", 3))
 
-    def _rotation(self, attributes: dict[str, str]) -> np.ndarray:
+    def _rotation(self, attributes: dict[str, str]) -> Array:
         unit = math.pi / 180 if self.degrees else 1.0
         if "euler" in attributes:
             R = np.eye(3)
@@ -176,8 +185,8 @@ class Source:
                 R = R @ turn if axis.islower() else turn @ R  # lower case: about axes that turn along
             return R
         if "axisangle" in attributes:
-            *axis, angle = self.numbers(attributes, "axisangle", "0 0 1 0", 4)
-            return _turned(self.direction(attributes, axis), angle * unit)
+            values = self.numbers(attributes, "axisangle", "0 0 1 0", 4)
+            return _turned(self.direction(attributes, values[:3]), values[3] * unit)
         if "xyaxes" in attributes:
             values = self.numbers(attributes, "xyaxes", "1 0 0 0 1 0", 6)
             x = self.direction(attributes, values[:3])
@@ -189,17 +198,21 @@ class Source:
         if w == x == y == z == 0:
             self.problem(f"'{attributes.get('name', '')}': quat= is zero, expected a rotation")
             w = 1.0
-        return pin.Quaternion(w, x, y, z).normalized().matrix()
+        rotation: Array = pin.Quaternion(w, x, y, z).normalized().matrix()
+        return rotation
 
-    def direction(self, attributes: dict[str, str], vector) -> np.ndarray:
+    def direction(self, attributes: dict[str, str], vector: ArrayLike) -> Array:
         """A unit vector (3,), z and a problem where the given one is zero."""
+        vector = np.asarray(vector, dtype=float)
         length = float(np.linalg.norm(vector))
         if length < 1e-12:
             self.problem(f"'{attributes.get('name', '')}': an axis is zero, expected a direction")
             return np.array(_AXES["z"])
-        return np.asarray(vector) / length
+        return vector / length
 
-    def contents(self, body, childclass: str | None):
+    def contents(
+        self, body: ElementTree.Element, childclass: str | None
+    ) -> Iterator[tuple[ElementTree.Element, str | None, pin.SE3]]:
         """Yield what a body holds, as (element, default class, placement in the body), frames resolved."""
         waiting = [(child, childclass, pin.SE3.Identity()) for child in reversed(list(body))]
         while waiting:
@@ -219,7 +232,7 @@ def _merged(attributes: dict[str, str], over: dict[str, str]) -> dict[str, str]:
     return {**attributes, **over}
 
 
-def turned_to(direction: np.ndarray) -> np.ndarray:
+def turned_to(direction: Array) -> Array:
     """The least rotation that turns z to a unit vector."""
     axis = np.cross(_AXES["z"], direction)
     sine = float(np.linalg.norm(axis))
@@ -227,5 +240,6 @@ def turned_to(direction: np.ndarray) -> np.ndarray:
     return _turned(axis, math.atan2(sine, direction[2]))
 
 
-def _turned(axis, angle: float) -> np.ndarray:
-    return pin.AngleAxis(float(angle), np.asarray(axis, dtype=float)).toRotationMatrix()
+def _turned(axis: ArrayLike, angle: float) -> Array:
+    rotation: Array = pin.AngleAxis(float(angle), np.asarray(axis, dtype=float)).toRotationMatrix()
+    return rotation

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, integer, items_of, mapping_of, one_of, placement_of, read_only, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
-from pinograsp.spatial import pose_of
+from pinograsp.spatial import Array, IntArray, pose_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,7 +35,7 @@ class Finger:
     links: tuple[str, ...]
     tip: str
     joint_ids: tuple[int, ...]
-    dofs: np.ndarray
+    dofs: IntArray
     actuated: tuple[str, ...]
 
     __repr__ = brief()
@@ -75,19 +78,20 @@ class HandModel:
     geometry: pin.GeometryModel
     palm: str
     fingers: tuple[Finger, ...]
-    pose: np.ndarray
+    pose: Array
     notes: tuple[str, ...] = ()
     description: str = ""
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Callable[..., HandModel], tuple[object, ...]]:
         return _unpickled, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def n(self) -> int:
         """Number of actuated joints of the whole model."""
-        return self.model.nv
+        n: int = self.model.nv
+        return n
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -96,22 +100,22 @@ class HandModel:
         return tuple(model.names[j] for j in range(1, model.njoints) if model.joints[j].nv)
 
     @property
-    def lower(self) -> np.ndarray:
+    def lower(self) -> Array:
         """Lower joint limits (n,) [rad or m]."""
         return read_only(self.model.lowerPositionLimit)
 
     @property
-    def upper(self) -> np.ndarray:
+    def upper(self) -> Array:
         """Upper joint limits (n,) [rad or m]."""
         return read_only(self.model.upperPositionLimit)
 
     @property
-    def effort(self) -> np.ndarray:
+    def effort(self) -> Array:
         """Effort limits (n,) [N m or N]; 0 where the description has none."""
         return read_only(self.model.effortLimit)
 
     @property
-    def effort_or_infinity(self) -> np.ndarray:
+    def effort_or_infinity(self) -> Array:
         """Effort limits (n,) [N m or N]; infinity where the description has none."""
         return read_only(np.where(self.effort > 0, self.effort, np.inf))
 
@@ -134,7 +138,7 @@ class HandModel:
         return self.fingers[names.index(name)]
 
     @property
-    def velocity(self) -> np.ndarray:
+    def velocity(self) -> Array:
         """Velocity limits (n,) [rad/s or m/s]; 0 where the description has none."""
         return read_only(self.model.velocityLimit)
 
@@ -147,7 +151,7 @@ class HandModel:
         """Mass of a finger's moving links [kg]."""
         return float(sum(self.model.inertias[j].mass for j in self.finger(name).joint_ids))
 
-    def configuration(self, angles: dict[str, np.ndarray]) -> np.ndarray:
+    def configuration(self, angles: Mapping[str, ArrayLike]) -> Array:
         """q (n,) [rad] with the given fingers at the given joint angles and every other joint at 0."""
         q = np.zeros(self.n)
         for name, values in mapping_of("angles", angles, "{finger: joint angles}").items():
@@ -158,19 +162,20 @@ class HandModel:
     def is_prismatic(self, joint_id: int) -> bool:
         """Whether a joint slides (its q in m, its effort in N) rather than turns."""
         joint = self._joint(joint_id)
-        if joint.shortname() == "JointModelMimic":  # its own type is told in its text alone
+        kind: str = joint.shortname()
+        if kind == "JointModelMimic":  # only its text names its own type
             return "Mimicking joint type: JointModelP" in str(joint.extract())
-        return joint.shortname().startswith("JointModelP")
+        return kind.startswith("JointModelP")
 
     def ratio(self, joint_id: int) -> float:
         """How far a joint moves for each unit of the actuated joint that it follows; 1 for an actuated joint."""
         joint = self._joint(joint_id)
         return float(joint.extract().scaling) if joint.shortname() == "JointModelMimic" else 1.0
 
-    def _joint(self, joint_id: int):
+    def _joint(self, joint_id: int) -> pin.JointModel:
         return self.model.joints[integer("joint", joint_id, at_least=0, at_most=self.model.njoints - 1)]
 
-    def frame_placements(self, q, names) -> np.ndarray:
+    def frame_placements(self, q: ArrayLike, names: Iterable[str]) -> Array:
         """Placements oMf (len(names), 4, 4) of the named frames at ``q`` (n,) [rad]."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, array_of("q", q, (self.n,)))
@@ -183,11 +188,11 @@ class HandModel:
         text_of(f"frame of hand '{self.name}'", name)
         for kind in (pin.FrameType.BODY, pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
             if self.model.existFrame(name, kind):
-                return self.model.getFrameId(name, kind)
+                return int(self.model.getFrameId(name, kind))
         one_of(f"frame of hand '{self.name}'", name, [frame.name for frame in self.model.frames])
-        return self.model.getFrameId(name)
+        return int(self.model.getFrameId(name))
 
-    def placed(self, pose) -> HandModel:
+    def placed(self, pose: ArrayLike) -> HandModel:
         """The same hand with its root frame at ``pose`` = oMh (4, 4)."""
         pose = placement_of("hand pose", pose)
         if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
@@ -209,7 +214,7 @@ class HandModel:
                 one.placement = move * one.placement
         return replace(self, model=model, geometry=geometry, pose=pose)
 
-    def with_limits(self, limits: dict[str, tuple[float, float]]) -> HandModel:
+    def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> HandModel:
         """The same hand with the position limits of some joints replaced [rad or m]; each change is noted."""
         model, notes = self.model.copy(), list(self.notes)
         lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
@@ -260,7 +265,7 @@ class HandModel:
         return f"{model.lowerPositionLimit[i]:+.3f} .. {model.upperPositionLimit[i]:+.3f} {length}, effort {effort}"
 
 
-def _unpickled(*values) -> HandModel:
+def _unpickled(*values: Any) -> HandModel:
     hand = HandModel(**{field.name: value for field, value in zip(fields(HandModel), values)})
     joints = hand.model.joints
     coupled = [j for j in range(1, hand.model.njoints) if not joints[j].nv]

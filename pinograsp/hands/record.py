@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import re
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any, TypeVar
 
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
@@ -19,17 +22,19 @@ from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.urdf import prepare
 from pinograsp.spatial import FARTHEST
 
-_KINDS = {str: "a text", list: "a list", dict: "a mapping", int: "a whole number"}
+_Kind = TypeVar("_Kind")
+
+_KINDS: dict[type, str] = {str: "a text", list: "a list", dict: "a mapping", int: "an integer"}
 # Of the actuated joints, by their names in Pinocchio.
 _LIMITS = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit", "armature")
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3, "hull": 3}
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def hand_record(hand: HandModel) -> dict | None:
+def hand_record(hand: HandModel) -> dict[str, Any] | None:
     """The hand as plain JSON values: a copy of all but its meshes, which are named by absolute path and scale.
 
-    None where the hand cannot be made again from them: one that was put together without a description, or whose
+    None where the hand cannot be rebuilt from them: one that was built without a description, or whose
     geometry is neither a primitive nor the mesh of a file.
     """
     geometry = [_shape(one) for one in hand.geometry.geometryObjects]
@@ -71,7 +76,7 @@ def hand_record(hand: HandModel) -> dict | None:
     return record
 
 
-def hand_of(record: dict) -> HandModel:
+def hand_of(record: dict[str, Any]) -> HandModel:
     """The hand that :func:`hand_record` wrote down; nothing in the record is run.
 
     Raises:
@@ -84,7 +89,7 @@ def hand_of(record: dict) -> HandModel:
         raise InvalidInput(f"hand record: expected numbers that a float can hold, got {error}") from None
 
 
-def _hand(record: dict) -> HandModel:
+def _hand(record: dict[str, Any]) -> HandModel:
     description = _description(record)
     model = _model(record, description)
     links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
@@ -102,18 +107,19 @@ def _hand(record: dict) -> HandModel:
     )
 
 
-def _field(record, key: str, kind, where: str = ""):
-    """A value of the record, of the kind it must be; ``where``: the part of the record that is looked at."""
+def _field(record: object, key: str, kind: type[_Kind], where: str = "") -> _Kind:
+    """A value of the record, of the type it must have; ``where``: the part of the record."""
     name = f"hand record: {where}{key}"
     if not isinstance(record, dict) or key not in record:
         raise InvalidInput(f"{name}: expected {_KINDS[kind]}, got none: not the record of a hand, or cut short")
-    if not isinstance(record[key], kind) or isinstance(record[key], bool):
-        raise InvalidInput(f"{name}: expected {_KINDS[kind]}, got {record[key]!r:.60}")
-    return record[key]
+    value = record[key]
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise InvalidInput(f"{name}: expected {_KINDS[kind]}, got {value!r:.60}")
+    return value
 
 
-def _texts(record, key: str, where: str = "") -> list[str]:
-    texts = _field(record, key, list, where)
+def _texts(record: object, key: str, where: str = "") -> list[str]:
+    texts: list[str] = _field(record, key, list, where)
     if not all(isinstance(one, str) for one in texts):
         raise InvalidInput(f"hand record: {where}{key}: expected a list of texts, got {texts!r:.60}")
     return texts
@@ -122,7 +128,7 @@ def _texts(record, key: str, where: str = "") -> list[str]:
 # -- the model ---------------------------------------------------------------------------------------------------------
 
 
-def _model(record: dict, description: str) -> pin.Model:
+def _model(record: dict[str, Any], description: str) -> pin.Model:
     try:
         model = pin.buildModelFromXML(description, True)
     except (ValueError, RuntimeError) as error:
@@ -159,11 +165,11 @@ def _model(record: dict, description: str) -> pin.Model:
     return model
 
 
-def _description(record) -> str:
+def _description(record: dict[str, Any]) -> str:
     """The record's URDF text, as one may give it to Pinocchio's reader.
 
     Raises:
-        HandNotLoaded: with all that is wrong with it.
+        HandNotLoaded: with all its problems.
     """
     source = _field(record, "source", str)
     robot = parse(source, _field(record, "description", str))
@@ -183,7 +189,7 @@ def _description(record) -> str:
     return same
 
 
-def _check_names(key: str, built: list[str], given: list) -> None:
+def _check_names(key: str, built: list[str], given: list[Any]) -> None:
     """Refuse what belongs to another description; coupled hands number their joints in it: ``0003 name``."""
     names = [_field(one, "name", str, f"{key}[{i}]: ") for i, one in enumerate(given)]
     known = set(names)
@@ -195,21 +201,21 @@ def _check_names(key: str, built: list[str], given: list) -> None:
         )
 
 
-def _placement(one: dict, where: str) -> pin.SE3:
+def _placement(one: dict[str, Any], where: str) -> pin.SE3:
     placement = placement_of(f"hand record: {where}placement", one.get("placement"))
     _near(f"{where}placement", placement[:3, 3])
     return pin.SE3(placement)
 
 
-def _near(where: str, lengths) -> None:
-    """No robot is larger: beyond it squares and products overflow in the end."""
+def _near(where: str, lengths: ArrayLike) -> None:
+    """Refuse lengths beyond those of any robot: their squares and products would overflow in the end."""
     if not np.abs(lengths).max() <= FARTHEST:
         raise InvalidInput(
             f"hand record: {where}: expected lengths up to {FARTHEST:g} m, got {np.abs(lengths).max():g}"
         )
 
 
-def _finger(model: pin.Model, links: list[str], i: int, one) -> Finger:
+def _finger(model: pin.Model, links: list[str], i: int, one: dict[str, Any]) -> Finger:
     where = f"fingers[{i}]: "
     joints, moved = _texts(one, "joints", where), _texts(one, "links", where)
     if not joints or len(joints) != len(moved):
@@ -235,8 +241,9 @@ def _finger(model: pin.Model, links: list[str], i: int, one) -> Finger:
 # -- collision geometry ------------------------------------------------------------------------------------------------
 
 
-def _shape(one: pin.GeometryObject) -> dict | None:
+def _shape(one: pin.GeometryObject) -> dict[str, Any] | None:
     shape, path = one.geometry, ""
+    size: Iterable[float]
     if isinstance(shape, coal.Box):
         kind, size = "box", 2 * np.ravel(shape.halfSide)
     elif isinstance(shape, coal.Sphere):
@@ -262,12 +269,15 @@ def _shape(one: pin.GeometryObject) -> dict | None:
     }
 
 
-def _geometry(source: str, model: pin.Model, shapes: list) -> pin.GeometryModel:
-    geometry, problems = pin.GeometryModel(), []
+def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> pin.GeometryModel:
+    geometry = pin.GeometryModel()
+    problems: list[str] = []
     for i, one in enumerate(shapes):
         where = f"geometry[{i}]: "
         name, frame, joint = (
-            _field(one, key, kind, where) for key, kind in (("name", str), ("frame", int), ("joint", int))
+            _field(one, "name", str, where),
+            _field(one, "frame", int, where),
+            _field(one, "joint", int, where),
         )
         if not 0 <= frame < model.nframes or model.frames[frame].parentJoint != joint:
             raise InvalidInput(f"hand record: {where}expected a frame and its joint, got {frame} and {joint}")
@@ -280,10 +290,10 @@ def _geometry(source: str, model: pin.Model, shapes: list) -> pin.GeometryModel:
             raise InvalidInput(f"hand record: {where}size: expected numbers above zero [m], got {size}")
         _near(f"{where}size", size)
         placement = _placement(one, where)
-        made = _mesh(_field(one, "path", str, where), size, problems) if from_file else PRIMITIVES[kind](*size)
-        if made is not None:
-            made = hull_of(made) or made if kind == "hull" else made
-            added = pin.GeometryObject(name, joint, frame, placement, made)
+        solid = _mesh(_field(one, "path", str, where), size, problems) if from_file else PRIMITIVES[kind](*size)
+        if solid is not None:
+            solid = hull_of(solid) or solid if kind == "hull" else solid
+            added = pin.GeometryObject(name, joint, frame, placement, solid)
             if from_file:
                 added.meshPath, added.meshScale = one["path"], np.array(size)
             geometry.addGeometryObject(added)
@@ -292,7 +302,7 @@ def _geometry(source: str, model: pin.Model, shapes: list) -> pin.GeometryModel:
     return geometry
 
 
-def _mesh(path: str, scale: list[float], problems: list[str]):
+def _mesh(path: str, scale: list[float], problems: list[str]) -> coal.BVHModelOBBRSS | None:
     if not os.path.isabs(path) or not os.path.isfile(path):
         problems.append(f"mesh '{path}' is not there: put the file back, or load the hand from its own description")
         return None

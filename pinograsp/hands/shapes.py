@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import os
 import urllib.parse
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
 
+from pinograsp.checks import one_of
 from pinograsp.hands.elements import named, numbers, placement_of
-from pinograsp.hands.geometry import Shape, read_mesh
+from pinograsp.hands.geometry import Kind, Shape, read_mesh
 from pinograsp.spatial import FARTHEST
 
 _LEAST = 1e-9  # [m] of sizes
 _UNIT_SPHERE = "unit_sphere.stl"
 # Attributes that give the size of a shape, in the order coal takes them.
-_SIZES = {
+_SIZES: dict[Kind, dict[str, int]] = {
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
@@ -25,19 +27,21 @@ _SIZES = {
 }
 
 
-def shapes_of(robot, folder: Path, notes: list[str]) -> list[Shape]:
+def shapes_of(robot: ElementTree.Element, folder: Path, notes: list[str]) -> list[Shape]:
     """Collision shapes; those without size and those whose file is missing are left out and noted.
 
     URDF has no ellipsoid. A mesh called ``unit_sphere.stl`` with a scale stands for one and becomes the exact shape.
     """
-    shapes, missing, void = [], [], []
+    shapes: list[Shape] = []
+    missing: list[str] = []
+    void: list[str] = []
     for name, link in named(robot, "link"):
         for collision in link.findall("collision"):
             element = next((one for one in collision.findall("geometry/*") if one.tag in _SIZES), None)
             if element is None:
-                void.append(f"{name} (no shape that is known)")
+                void.append(f"{name} (no known shape)")
                 continue
-            kind, path = element.tag, None
+            kind, path = one_of("shape", element.tag, _SIZES), ""
             try:
                 sizes = [
                     numbers(element, key, count, "1 1 1" if key == "scale" else None)
@@ -52,19 +56,18 @@ def shapes_of(robot, folder: Path, notes: list[str]) -> list[Shape]:
                 continue
             if kind == "mesh":
                 filename = element.get("filename", "")
-                path = mesh_path(filename, folder)
+                file = mesh_path(filename, folder)
+                path = str(file or "")
                 called = filename.replace("\\", "/").split("/")[-1]
-                if called == _UNIT_SPHERE and (path is None or _is_unit_sphere(path)):
+                if called == _UNIT_SPHERE and (file is None or _is_unit_sphere(file)):
                     kind, size, path = "ellipsoid", tuple(map(abs, size)), ""
                     if not all(_LEAST <= value <= FARTHEST for value in size):
                         void.append(f"{name} (<mesh> of scale {' '.join(f'{value:g}' for value in size)})")
                         continue
-                elif path is None:
+                elif file is None:
                     missing.append(f"{name} ({filename})")
                     continue
-            shapes.append(
-                Shape(link=name, placement=placement_of(collision), kind=kind, size=size, path=str(path or ""))
-            )
+            shapes.append(Shape(link=name, placement=placement_of(collision), kind=kind, size=size, path=path))
     if missing:
         notes.append(f"meshes not found, so these links cannot touch anything: {', '.join(missing)}")
     if void:
@@ -91,7 +94,7 @@ def mesh_path(name: str, folder: Path) -> Path | None:
     return None
 
 
-def _places(name: str, folder: Path):
+def _places(name: str, folder: Path) -> list[Path]:
     if name.startswith("file://"):
         name = name[len("file://") :]
     if "://" not in name:

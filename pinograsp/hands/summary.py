@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import HandModel
 
 
-def record(hand: HandModel) -> dict:
+def record(hand: HandModel) -> dict[str, Any]:
     """Joints with limits and units, couplings, fingers, masses and notes of a hand: numbers and texts only."""
     joints = []
     for i, name in enumerate(hand.joint_names):
@@ -50,9 +52,10 @@ def record(hand: HandModel) -> dict:
     }
 
 
-def overview() -> tuple[list[dict], list[str]]:
-    """One row per hand of the catalogue, and what is wrong with those that cannot be loaded."""
-    rows, problems = [], []
+def overview() -> tuple[list[dict[str, Any]], list[str]]:
+    """One row per hand of the catalogue, and the problems of those that cannot be loaded."""
+    rows: list[dict[str, Any]] = []
+    problems: list[str] = []
     for name, entry in CATALOGUE.items():
         try:
             hand = load_hand(name)
@@ -84,7 +87,7 @@ def _effort_ranges(hand: HandModel) -> dict[str, list[float]]:
     return ranges
 
 
-def cells(row: dict) -> list[str]:
+def cells(row: dict[str, Any]) -> list[str]:
     """A row of the overview as text: name, title, joints, moving joints, mass [kg], fingers, effort limits."""
     efforts = [
         f"{low:g} {unit}" if low == high else f"{low:g} to {high:g} {unit}"

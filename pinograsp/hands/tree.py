@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
 from pinograsp.errors import HandNotLoaded
 
-MOVING = ("revolute", "prismatic")
+Moving: TypeAlias = Literal["revolute", "prismatic"]
+JointType: TypeAlias = Moving | Literal["fixed"]
+MOVING: tuple[Moving, ...] = get_args(Moving)
+JOINT_TYPES: tuple[JointType, ...] = (*MOVING, "fixed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """A joint of a description: its type (``"revolute"``, ``"prismatic"`` or ``"fixed"``), parent and child link."""
+    """A joint of a description: its type, parent and child link."""
 
     name: str
-    type: str
+    type: JointType
     parent: str
     child: str
 
@@ -66,7 +70,8 @@ def find_fingers(
         # Levers of a linkage and free axles carry no geometry: nothing for an object to touch.
         touching = [chain for chain in chains if any(touches(link) for part in chain for link in part.links)] or chains
         return palm, dict(zip(_names(touching), touching))
-    chosen, problems = {}, []
+    chosen: dict[str, list[Part]] = {}
+    problems: list[str] = []
     for name, link in names.items():
         # A link near the palm may belong to several chains; on the outermost part it belongs to one.
         matching = [chain for chain in chains if link in chain[-1].links] or [
@@ -98,7 +103,7 @@ def _with_tip(chain: list[Part], link: str) -> list[Part]:
 
 
 class _Tree:
-    """Links and joints below them; nothing is recursive, so a chain may be as long as it likes."""
+    """Links and joints below them; nothing is recursive, so a chain may have any length."""
 
     def __init__(self, joints: list[Joint], links: list[str]):
         self.below: dict[str, list[Joint]] = {link: [] for link in links}
@@ -131,7 +136,7 @@ class _Tree:
             palm = further[0].child
         return palm
 
-    def chains(self, joint: Joint):
+    def chains(self, joint: Joint) -> Iterator[list[Part]]:
         """Yield every chain through ``joint`` to a leaf."""
         waiting: list[tuple[Joint, list[Part]]] = [(joint, [])]
         while waiting:
@@ -144,8 +149,10 @@ class _Tree:
                 yield chain
 
     def fixed_to(self, link: str) -> tuple[str, ...]:
-        """Links fixed to ``link``, directly or through others, the tip last: one called so, else the last leaf."""
-        found, leaves, waiting = [], [], [link]
+        """Links fixed to ``link``, directly or through others, the tip last: one with that name, else the last leaf."""
+        found: list[str] = []
+        leaves: list[str] = []
+        waiting = [link]
         while waiting:
             one = waiting.pop()
             if one != link:

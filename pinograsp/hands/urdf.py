@@ -1,30 +1,31 @@
-"""URDF made ready for Pinocchio: a sub-tree cut out, files found, couplings resolved, every problem listed at once."""
+"""URDF prepared for Pinocchio: a sub-tree cut out, files found, couplings resolved, every problem listed at once."""
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.checks import one_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrowed, resolve
 from pinograsp.hands.elements import drop, end_of, named, numbers, written
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.shapes import shapes_of
-from pinograsp.hands.tree import MOVING, Joint
+from pinograsp.hands.tree import JOINT_TYPES, MOVING, Joint
 from pinograsp.spatial import FARTHEST
 
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_LARGEST = (
-    1e6  # of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end
-)
+# Of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end.
+_LARGEST = 1e6
 _LEAST = 1e-9  # of ranges, limits and directions, far below those of any robot
 # How many numbers an attribute holds and how large each may be, by element.
-_NUMBERS = {
+_NUMBERS: dict[str, dict[str, tuple[int, float]]] = {
     "origin": {"xyz": (3, FARTHEST), "rpy": (3, _LARGEST)},
     "axis": {"xyz": (3, _LARGEST)},
     "mass": {"value": (1, _LARGEST)},
@@ -64,7 +65,12 @@ class Prepared:
 
 
 def prepare(
-    source: str, robot: ElementTree.Element, folder: Path, root: str | None = None, problems=(), notes=()
+    source: str,
+    robot: ElementTree.Element,
+    folder: Path,
+    root: str | None = None,
+    problems: Iterable[str] = (),
+    notes: Iterable[str] = (),
 ) -> Prepared:
     """Check and complete a URDF; ``robot`` is changed.
 
@@ -81,7 +87,7 @@ def prepare(
     problems, notes = list(problems), list(notes)
     _check_count(source, "links", len(robot.findall("link")), _MOST_LINKS)
     _check_count(source, "joints", len(robot.findall("joint")), _MOST_LINKS)
-    outside = _cut_out(source, robot, root, notes) if root is not None else set()
+    outside: set[str] = _cut_out(source, robot, root, notes) if root is not None else set()
     _check_count(source, "collision shapes", len(robot.findall("link/collision")), _MOST_SHAPES)
     moving = sum(joint.get("type") != "fixed" for joint in robot.findall("joint"))
     _check_count(source, "moving joints (root= is the link that a hand on a robot starts from)", moving, _MOST_MOVING)
@@ -97,7 +103,12 @@ def prepare(
     if problems:
         raise HandNotLoaded(source, problems)
     joints = [
-        Joint(name=name, type=joint.get("type"), parent=end_of(joint, "parent"), child=end_of(joint, "child"))
+        Joint(
+            name=name,
+            type=one_of(f"type of joint '{name}'", joint.get("type"), JOINT_TYPES),
+            parent=end_of(joint, "parent"),
+            child=end_of(joint, "child"),
+        )
         for name, joint in named(robot, "joint")
     ]
     order = in_order(joints, couplings)
@@ -124,7 +135,7 @@ def _check_count(source: str, what: str, count: int, most: int) -> None:
 # -- the tree ----------------------------------------------------------------------------------------------------------
 
 
-def _cut_out(source: str, robot, root: str, notes: list[str]) -> set[str]:
+def _cut_out(source: str, robot: ElementTree.Element, root: str, notes: list[str]) -> set[str]:
     """Keep the links and joints below ``root`` only; the names of the joints outside."""
     links = [name for name, _ in named(robot, "link")]
     if root not in links:
@@ -141,7 +152,7 @@ def _cut_out(source: str, robot, root: str, notes: list[str]) -> set[str]:
     return outside
 
 
-def _reached(robot, root: str) -> set[str]:
+def _reached(robot: ElementTree.Element, root: str) -> set[str]:
     """The links below ``root``, itself included."""
     below: dict[str, list[str]] = {}
     for _, joint in named(robot, "joint"):
@@ -154,7 +165,7 @@ def _reached(robot, root: str) -> set[str]:
     return reached
 
 
-def _tree_problems(robot, root: str | None) -> list[str]:
+def _tree_problems(robot: ElementTree.Element, root: str | None) -> list[str]:
     links = [name for name, _ in named(robot, "link")]
     joints = robot.findall("joint")
     if not links:
@@ -193,7 +204,7 @@ def _tree_problems(robot, root: str | None) -> list[str]:
 # -- numbers, limits, couplings ----------------------------------------------------------------------------------------
 
 
-def _number_problems(robot) -> list[str]:
+def _number_problems(robot: ElementTree.Element) -> list[str]:
     """Attributes that are not the numbers they should be; those of shapes are looked at with the shapes."""
     problems = []
     for tag in ("link", "joint"):
@@ -215,7 +226,7 @@ def _number_problems(robot) -> list[str]:
     return problems
 
 
-def _as_rpy(origin) -> list[str]:
+def _as_rpy(origin: ElementTree.Element) -> list[str]:
     """Turn a quaternion (x, y, z, w) of an <origin> into angles."""
     text = origin.get("quat_xyzw") if origin.tag == "origin" else None
     if text is None:
@@ -231,9 +242,11 @@ def _as_rpy(origin) -> list[str]:
     return []
 
 
-def _limits(robot, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
+def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
     """Limits of the moving joints, and the problems with them and with joint types."""
-    limits, problems, continuous = {}, [], []
+    limits: dict[str, Limits] = {}
+    problems: list[str] = []
+    continuous: list[str] = []
     for name, joint in named(robot, "joint"):
         kind, limit = joint.get("type"), joint.find("limit")
         given = {} if limit is None else limit.attrib
@@ -283,10 +296,13 @@ def _limits(robot, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
     return limits, problems
 
 
-def _couplings(robot, outside: set[str], notes: list[str]) -> tuple[dict[str, Coupling], list[str]]:
+def _couplings(
+    robot: ElementTree.Element, outside: set[str], notes: list[str]
+) -> tuple[dict[str, Coupling], list[str]]:
     """Couplings of the mimic joints to joints that follow none, and the problems with them."""
     joints = dict(named(robot, "joint"))
-    problems, couplings = [], {}
+    problems: list[str] = []
+    couplings: dict[str, Coupling] = {}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
         if mimic is None:
@@ -313,7 +329,7 @@ def _couplings(robot, outside: set[str], notes: list[str]) -> tuple[dict[str, Co
     return direct, problems + more
 
 
-def _armatures(robot, couplings: dict[str, Coupling]) -> dict[str, float]:
+def _armatures(robot: ElementTree.Element, couplings: dict[str, Coupling]) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, joint in named(robot, "joint"):
         dynamics = joint.find("dynamics")
@@ -327,7 +343,7 @@ def _armatures(robot, couplings: dict[str, Coupling]) -> dict[str, float]:
 # -- masses ------------------------------------------------------------------------------------------------------------
 
 
-def _inertia_problems(robot) -> list[str]:
+def _inertia_problems(robot: ElementTree.Element) -> list[str]:
     problems = []
     for name, link in named(robot, "link"):
         inertial = link.find("inertial")
@@ -353,7 +369,7 @@ def _inertia_problems(robot) -> list[str]:
     return problems
 
 
-def _unweighed(robot) -> tuple[list[str], list[str]]:
+def _unweighed(robot: ElementTree.Element) -> tuple[list[str], list[str]]:
     """Joints that move links without any <inertial>, and problems where masses cannot be taken from shapes.
 
     A description that gives no masses at all gets them from its shapes. One that forgets some is refused.
@@ -363,7 +379,10 @@ def _unweighed(robot) -> tuple[list[str], list[str]]:
     for _, joint in named(robot, "joint"):
         if joint.get("type") not in MOVING:
             held.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
-    joints, unsaid, shapeless, moving = [], [], [], 0
+    joints: list[str] = []
+    unsaid: list[str] = []
+    shapeless: list[str] = []
+    moving = 0
     for name, joint in named(robot, "joint"):
         if joint.get("type") not in MOVING:
             continue
@@ -388,27 +407,29 @@ def _unweighed(robot) -> tuple[list[str], list[str]]:
 # -- for Pinocchio -----------------------------------------------------------------------------------------------------
 
 
-def _text(robot, couplings: dict[str, Coupling], limits: dict[str, Limits], aliases: dict[str, str]) -> str:
-    """URDF with what Pinocchio needs and no more: one of each element per joint, one inertial per link."""
+def _text(
+    robot: ElementTree.Element, couplings: dict[str, Coupling], limits: dict[str, Limits], aliases: dict[str, str]
+) -> str:
+    """URDF with only what Pinocchio needs: one of each element per joint, one inertial per link."""
     out = ElementTree.Element("robot", name=robot.get("name") or "hand")
     for name, link in named(robot, "link"):
-        made = ElementTree.SubElement(out, "link", name=name)
-        if link.find("inertial") is not None:
-            made.append(link.find("inertial"))
+        body = ElementTree.SubElement(out, "link", name=name)
+        if (inertial := link.find("inertial")) is not None:
+            body.append(inertial)
     for name, joint in named(robot, "joint"):
-        made = ElementTree.SubElement(out, "joint", name=aliases.get(name, name), type=joint.get("type"))
-        made.extend(part for tag in ("origin", "parent", "child", "axis") if (part := joint.find(tag)) is not None)
+        kept = ElementTree.SubElement(out, "joint", name=aliases.get(name, name), type=joint.get("type", ""))
+        kept.extend(part for tag in ("origin", "parent", "child", "axis") if (part := joint.find(tag)) is not None)
         if joint.get("type") in MOVING:
             own = limits.get(name, Limits(lower=-1.0, upper=1.0))  # those of a coupled joint are not used
             ElementTree.SubElement(
-                made, "limit", {key: repr(getattr(own, key)) for key in ("lower", "upper", "effort", "velocity")}
+                kept, "limit", {key: repr(getattr(own, key)) for key in ("lower", "upper", "effort", "velocity")}
             )
         if name in couplings:
             one = couplings[name]
             ElementTree.SubElement(
-                made, "mimic", joint=aliases[one.followed], multiplier=repr(one.factor), offset=repr(one.offset)
+                kept, "mimic", joint=aliases[one.followed], multiplier=repr(one.factor), offset=repr(one.offset)
             )
-        elif joint.find("dynamics") is not None:
-            given = joint.find("dynamics").attrib
-            ElementTree.SubElement(made, "dynamics", {k: given[k] for k in ("damping", "friction") if k in given})
+        elif (dynamics := joint.find("dynamics")) is not None:
+            given = dynamics.attrib
+            ElementTree.SubElement(kept, "dynamics", {k: given[k] for k in ("damping", "friction") if k in given})
     return ElementTree.tostring(out, encoding="unicode")

@@ -1,4 +1,4 @@
-"""Xacro files, expanded without giving a stranger's file more than arithmetic.
+"""Xacro files, expanded without allowing an untrusted file more than arithmetic.
 
 Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes other files, and reads environment
 variables. Unless the caller trusts the file, a copy of xacro is used that can do none of this by itself: wherever it
@@ -17,8 +17,10 @@ import os
 import re
 import threading
 import time
-import xml.dom.minidom
+import xml.dom.minidom as minidom
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import arithmetic
@@ -34,7 +36,7 @@ _PARAMETER = re.compile(
 _MOST_FILES, _MOST_WORK, _MOST_TIME = 100, 100_000, 10.0  # files, elements and expressions together, and [s]
 
 
-def expand_xacro(path: str | Path, mappings: dict[str, object] | None = None, *, trusted: bool = False) -> str:
+def expand_xacro(path: str | Path, mappings: Mapping[str, object] | None = None, *, trusted: bool = False) -> str:
     """The URDF text that xacro makes of the file at ``path``.
 
     ``mappings`` fills ``<xacro:arg>``. With ``trusted=False`` (default) a file that asks for more than arithmetic and
@@ -60,25 +62,27 @@ def expand_xacro(path: str | Path, mappings: dict[str, object] | None = None, *,
     return "\n".join(line for line in lines if line.strip()) + "\n"
 
 
-def _trusted(path: Path, mappings: dict[str, str]):
+def _trusted(path: Path, mappings: dict[str, str]) -> minidom.Document:
     import xacro
 
-    return xacro.process_file(str(path), mappings=mappings)
+    document: minidom.Document = xacro.process_file(str(path), mappings=mappings)
+    return document
 
 
-def _guarded(path: Path, mappings: dict[str, str]):
+def _guarded(path: Path, mappings: dict[str, str]) -> minidom.Document:
     files = _Files(path)
     if files.problems:
         raise HandNotLoaded(path, [*files.problems, "pass trusted=True to load_hand if you trust this file"])
     with _ONE_AT_A_TIME:  # xacro keeps its state in its module
         module = _harmless_xacro()
-        module.guard.begin(files, mappings)
+        module.guard.begin(files)
         try:
-            return module.process_file(str(path), mappings=mappings)
+            document: minidom.Document = module.process_file(str(path), mappings=mappings)
+            return document
         except RecursionError:
             raise
         except Exception as error:
-            refused = error
+            refused: BaseException | None = error
             while refused is not None and not isinstance(refused, _Refused | arithmetic.NotArithmetic):
                 refused = getattr(refused, "exc", None)
             if refused is None:
@@ -105,7 +109,7 @@ class _Files:
     def __init__(self, path: Path):
         self.folder = path.resolve().parent
         self.problems: list[str] = []
-        self._documents: dict[Path, xml.dom.minidom.Document] = {}
+        self._documents: dict[Path, minidom.Document] = {}
         waiting = [path.resolve()]
         while waiting:
             one = waiting.pop()
@@ -118,31 +122,33 @@ class _Files:
             except ValueError as error:
                 raise ValueError(f"{one.name}: {error}") from error
 
-    def document(self, name: str):
+    def document(self, name: str) -> minidom.Document:
         """A copy of the parsed file; :class:`_Refused` where it is not one that was looked through."""
         found = self._documents.get(Path(name).resolve())
         if found is None:
             raise _Refused(f"the file '{name}' is not there, or is none that may be included")
-        return found.cloneNode(True)
+        return found.cloneNode(True)  # type: ignore[return-value]  # None is for shallow copies
 
     def _look_through(self, path: Path) -> list[Path]:
         """Parse a file and note its problems; the files that it includes."""
         content = read_bytes(path)
         parse_xml(content)  # refuses what is too large, too deep or has a document type
-        document = self._documents[path] = xml.dom.minidom.parseString(content)
-        included, waiting = [], [document]
+        document = self._documents[path] = minidom.parseString(content)
+        included: list[Path] = []
+        waiting: list[minidom.Document | minidom.Element] = [document]
         while waiting:
             parent = waiting.pop()
             for node in list(parent.childNodes):
-                if node.nodeType == node.ELEMENT_NODE:
+                if isinstance(node, minidom.Element):
                     waiting.append(node)
                     texts = [value for _, value in node.attributes.items()]
                     if node.tagName.split(":")[-1] == "include":
                         included += self._included(node.getAttribute("filename"), path)
-                elif node.nodeType in (node.TEXT_NODE, node.CDATA_SECTION_NODE):
+                elif isinstance(node, minidom.Text):  # or a CDATA section
                     texts = [node.data]
                 else:
-                    parent.removeChild(node)  # comments, in which xacro could be told to evaluate
+                    # Comments, which can make xacro evaluate.
+                    parent.removeChild(node)  # type: ignore[type-var]  # no type covers the children of both parents
                     continue
                 self.problems += [f"{path.name}: {problem}" for text in texts for problem in _forbidden_text(text)]
         return included
@@ -159,7 +165,7 @@ class _Files:
 
 
 def _forbidden_text(text: str) -> list[str]:
-    problems = []
+    problems: list[str] = []
     if "$" in text and len(text) > arithmetic.MOST_TEXT:
         return [f"a text with expressions has more than {arithmetic.MOST_TEXT} characters"]
     for match in _SUBSTITUTION.finditer(text):
@@ -209,10 +215,10 @@ _DISABLED = ("eval", "exec", "compile", "open", "glob")
 
 
 @functools.cache
-def _harmless_xacro():
+def _harmless_xacro() -> Any:  # xacro has no types
     """A second copy of the module xacro, which asks its ``guard`` instead of evaluating, opening or including."""
-    spec = importlib.util.find_spec("xacro")
-    module = importlib.util.module_from_spec(spec)
+    spec: Any = importlib.util.find_spec("xacro")  # never None: the package depends on it
+    module: Any = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     if lacking := [name for name in _REPLACED if name not in vars(module)]:
         raise RuntimeError(
@@ -228,22 +234,26 @@ def _harmless_xacro():
     return module
 
 
-def _disabled(*_, **__):
+def _disabled(*_: object, **__: object) -> None:
     raise _Refused("only arithmetic is allowed")
+
+
+# What replaces an element: nothing, a node or several.
+_Nodes: TypeAlias = minidom.Node | list[minidom.Node] | None
 
 
 class _Guard:
     """What the copy of xacro asks, and how much it may do for one file."""
 
-    def __init__(self, module):
+    def __init__(self, module: Any):  # the copy of xacro, which has no types
         self.module = module
 
-    def begin(self, files: _Files, arguments: dict[str, str]) -> None:
-        self.files, self.arguments = files, arguments
+    def begin(self, files: _Files) -> None:
+        self.files = files
         self.work, self.until = 0, time.monotonic() + _MOST_TIME
 
     def end(self) -> None:
-        self.files = self.arguments = None
+        del self.files
         self.module.substitution_args_context.clear()
 
     def charge(self, work: int) -> None:
@@ -253,7 +263,7 @@ class _Guard:
         if time.monotonic() > self.until:
             raise _Refused(f"expanding it takes more than {_MOST_TIME:g} s")
 
-    def evaluate(self, expression: str, symbols, _=None):
+    def evaluate(self, expression: str, symbols: Mapping[str, arithmetic.Value], _: object = None) -> arithmetic.Value:
         value = arithmetic.evaluate(expression, symbols)
         self.charge(1 + (len(value) // 64 if isinstance(value, str | list) else 0))
         return value
@@ -263,24 +273,24 @@ class _Guard:
         found = _ARGUMENT.fullmatch(text[2:-1])
         if not found:
             raise _Refused(f"'{text}': only $(arg name) is allowed")
-        arguments = self.module.substitution_args_context["arg"]
+        arguments: dict[str, str] = self.module.substitution_args_context["arg"]
         if found[1] not in arguments:
             raise NameError(f"undefined argument '{found[1]}': give it a value, or a default")
         return arguments[found[1]]
 
-    def parse(self, text, name: str):
-        if not os.path.isfile(name):  # as xacro says it, which may have been told that the file is optional
+    def parse(self, _: object, name: str) -> minidom.Document:
+        if not os.path.isfile(name):  # in xacro's own words: it goes on where the file is optional
             self.module.filestack.pop()
             raise self.module.XacroException(f"No such file: {name}", exc=FileNotFoundError(name))
         document = self.files.document(name)
         self.charge(_weight(document))
         return document
 
-    def included(self, name: str, symbols):
+    def included(self, name: str, symbols: Mapping[str, arithmetic.Value]) -> Iterator[str]:
         yield self.module.abs_filename_spec(str(self.module.eval_text(name, symbols)))
 
-    def replaced(self, replace):
-        def counted(element, by, content_only=False):
+    def replaced(self, replace: Callable[..., None]) -> Callable[..., None]:
+        def counted(element: minidom.Node, by: _Nodes, content_only: bool = False) -> None:
             for one in by if isinstance(by, list) else [by]:
                 self.charge(1 if one is None else _weight(one))
             replace(element, by, content_only)
@@ -288,26 +298,26 @@ class _Guard:
         return counted
 
 
-def _weight(node) -> int:
+def _weight(node: minidom.Node) -> int:
     """Elements below a node, and more for long texts."""
     weight, waiting = 0, [node]
     while waiting:
         one = waiting.pop()
         weight += 1
-        if one.nodeType == one.ELEMENT_NODE:
+        if isinstance(one, minidom.Element):
             if one.hasAttributes():
                 weight += sum(len(value) for _, value in one.attributes.items()) // 64
-        elif one.nodeType in (one.TEXT_NODE, one.CDATA_SECTION_NODE):
+        elif isinstance(one, minidom.Text):
             weight += len(one.data) // 64
         waiting += one.childNodes
     return weight
 
 
-def _parameter(text: str):
+def _parameter(text: str) -> tuple[str, tuple[str | None, str | None] | None, str]:
     """The first parameter of a macro: its name, (whether and which to forward, default) or None, and the rest."""
     found = _PARAMETER.match(text)
     if not found:
-        name, *rest = text.split(None, 1)
-        return name, None, rest[0] if rest else ""
+        name, *others = text.split(None, 1)
+        return name, None, others[0] if others else ""
     name, forward, default, rest = found.groups()
     return name, (name if forward else None, default or None), rest
