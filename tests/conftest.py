@@ -59,15 +59,18 @@ def height(item) -> int:
     return ROOMS.index(room) if room in ROOMS else len(ROOMS)
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
     """The upper rooms first: their tests take longest. In parallel runs one process compiles for all of these.
 
-    The second process begins in the middle, with rooms that need nothing compiled.
+    The second of two processes begins in the middle: there stand the rooms that need nothing compiled.
     """
     items.sort(key=height, reverse=True)
-    for item in items:
-        if height(item) >= ROOMS.index("forces"):
-            item.fixturenames.insert(0, "compiled_solvers")
+    compiled = [item for item in items if height(item) >= ROOMS.index("forces")]
+    for item in compiled:
+        item.fixturenames.insert(0, "compiled_solvers")
+    middle = min(len(compiled), len(items) // 2 - 1)
+    items[:] = compiled[:middle] + items[len(compiled) :] + compiled[middle:]
 
 
 @pytest.fixture(scope="session")
