@@ -44,6 +44,7 @@ def pytest_addoption(parser):
         help="seed of the hostile inputs (default: a fresh one)",
     )
     parser.addoption("--fuzz-count", type=int, default=3000, help="hostile inputs of each kind")
+    parser.addoption("--share", type=float, default=1.0, help="share of what slow tests repeat")
 
 
 def pytest_report_header(config):
@@ -99,6 +100,12 @@ def around_cylinder(rng, k: int, radius: float, jitter: float = 0.3) -> np.ndarr
     """Points (k, 3) around a cylinder of that radius, at irregular distances and heights."""
     angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-jitter, jitter, k)
     return radius * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.7, 0.7, k)])
+
+
+@pytest.fixture
+def often(request):
+    """How often a slow test repeats itself: its own number, times ``--share``."""
+    return lambda count: max(1, round(count * request.config.getoption("--share")))
 
 
 @pytest.fixture(scope="session")

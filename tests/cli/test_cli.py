@@ -685,13 +685,13 @@ def test_on_a_full_disk_every_command_tells_it_and_leaves_nothing_half_written(t
 
 
 @pytest.mark.slow
-def test_killed_often_an_old_or_a_new_run_is_there(tmp_path):
+def test_killed_a_hundred_times_an_old_or_a_new_run_is_there(tmp_path, often):
     """Half of the kills fall anywhere, half from the moment on when the first files are written."""
     rng = random.Random(1)
     began = time.monotonic()
     assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "run", "--set", "object.mass=0.5").wait() == 0
     whole, current = time.monotonic() - began, 0.5
-    for kill in range(40):
+    for kill in range(often(100)):
         mass = round(0.3 + 0.004 * kill, 4)
         process = start(tmp_path, "plan", "paper", *LIGHT, "--out", "run", "--force", "--set", f"object.mass={mass}")
         if rng.random() < 0.5:

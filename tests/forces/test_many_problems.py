@@ -118,8 +118,9 @@ def test_random_problems(model):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
-def test_a_hundred_thousand_random_problems(model):
-    report = checked(random_batch(34_000, 2, model), OBJECTIVES[model], range(0, 34_000, 34))
+def test_a_hundred_thousand_random_problems(model, often):
+    count = often(34_000)
+    report = checked(random_batch(count, 2, model), OBJECTIVES[model], range(0, count, 34))
     print(model, report)
     assert report["refused"] == 0 and report["worst"] <= 1e-8, report
-    assert report[Status.INACCURATE] <= 34, report
+    assert report[Status.INACCURATE] <= count / 1000, report

@@ -463,9 +463,9 @@ while True:
 
 
 @pytest.mark.parametrize("rounds", [1, pytest.param(20, marks=pytest.mark.slow)])
-def test_writers_of_trials_that_are_killed_lose_and_double_none(tmp_path, rounds):
+def test_writers_of_trials_that_are_killed_lose_and_double_none(tmp_path, rounds, often):
     path, rng = tmp_path / "log.jsonl", np.random.default_rng(rounds)
-    for _ in range(rounds):
+    for _ in range(often(rounds)):
         start_and_kill([[LOGGED, path]] * 2, rng.uniform(0, 0.1))
         with TrialLog(path, HEADER) as log:
             log.add(row(len(log.rows)))

@@ -384,8 +384,8 @@ def test_killed_twice_and_resumed_nothing_is_lost_or_doubled(tmp_path):
 
 
 @pytest.mark.slow
-def test_hundreds_of_plans_killed_twice_and_resumed(tmp_path):
-    killed_twice_and_resumed(tmp_path, 400, 1.0, jobs=2)
+def test_two_thousand_plans_killed_twice_and_resumed(tmp_path, often):
+    killed_twice_and_resumed(tmp_path, often(2000), 1.0, jobs=2)
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
@@ -603,9 +603,9 @@ while True:
 
 
 @pytest.mark.parametrize("rounds", [1, pytest.param(20, marks=pytest.mark.slow)])
-def test_writers_of_rows_that_are_killed_lose_and_double_none(tmp_path, rounds):
+def test_writers_of_rows_that_are_killed_lose_and_double_none(tmp_path, rounds, often):
     rng, before = np.random.default_rng(rounds), 0
-    for _ in range(rounds):
+    for _ in range(often(rounds)):
         start_and_kill([[STORED, tmp_path / "out"]] * 2, rng.uniform(0, 0.3))
         with Store(tmp_path / "out", {}, 100000, {"status": "text"}) as store:
             found = read_sweep(tmp_path / "out")["index"].to_pylist()

@@ -359,8 +359,8 @@ def test_killed_at_any_moment_an_old_or_a_new_folder_is_there(tmp_path, writers)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("writers", [1, 2, 4])
-def test_killed_hundreds_of_times(tmp_path, writers):
-    killed_often(tmp_path, 200, writers, writers)
+def test_killed_hundreds_of_times(tmp_path, writers, often):
+    killed_often(tmp_path, often(200), writers, writers)
 
 
 RACER = """
