@@ -163,7 +163,7 @@ def test_a_thousand_random_grasps_agree_with_the_oracle(family, often):
     """250 of each friction model, torque limits in half of them: the optimum to 1e-6, no wrong verdict, none open."""
     seeds = range(1000 * FAMILIES.index(family), 1000 * FAMILIES.index(family) + often(250))
     grasps = (random_grasp(seed, family=family, torques=bool(seed % 2)) for seed in seeds)
-    assert_agreement(grasps, split=0.3)
+    assert_agreement(grasps, split=0.25)
 
 
 @pytest.mark.parametrize("kind", DEGENERATE)
