@@ -87,6 +87,14 @@ def test_every_vector_of_numbers_is_taken(value):
     assert checks.array_of("load", value, (3,)).tolist() == [1.0, 2.0, 3.0]
 
 
+@pytest.mark.parametrize(
+    "check", [lambda: checks.array_of("x", [[1, 2], [3]], (2, 2)), lambda: checks.one_of("x", "a", ["b"])]
+)
+def test_rows_of_several_lengths_and_unknown_choices_are_refused(check):
+    with pytest.raises(InvalidInput, match="^x: expected "):
+        check()
+
+
 def test_integers_flags_texts_and_paths():
     assert checks.integer("count", np.int64(3), at_least=1) == 3
     for value in (3.0, "3", True, 0, 10, None, np.array([3])):
