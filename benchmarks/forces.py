@@ -10,9 +10,9 @@ hold. So every friction model holds every load; grasps that hold no multiple are
 Every call is timed by itself, in three modes:
 
 - prepared, the main figure: a known grasp under a new load, as in a loop that holds an object. The grasp was solved
-  before under another load; ``with_load`` (for the others: scaling the load's array) is inside the clock. In each of
-  several rounds every method, in random order, solves problems of all grasps of the group in one block, the loads of a
-  grasp in a row; no problem comes twice.
+  before under another load, here by the same ``ForceSolver``; for the others scaling the load's array is inside the
+  clock. In each of several rounds every method, in random order, solves problems of all grasps of the group in one
+  block, the loads of a grasp in a row; no problem comes twice.
 - interleaved: some of these calls again, but all methods in random order on one problem before the next. Each call
   finds the processor's caches full of other methods' data, as in a program that mostly does other things.
 - new: everything is new, and made inside the clock from contact points, frames and load. In blocks, a call per grasp.
@@ -228,7 +228,7 @@ def torque_limits(rng, base: pg.ForceProblem, loads) -> pg.TorqueLimits | None:
         jacobian[i, 3:, 3 * i : 3 * i + 3] = np.array([unit(rng) for _ in range(3)]).T
     torque = np.zeros(3 * k)
     for load in loads:
-        even = pg.optimize_forces(replace(base, load=load), IMPACT_TIME, objective="peak", solver="clarabel")
+        even = pg.optimize_forces(replace(base, load=load), IMPACT_TIME, objective="peak", backend="clarabel")
         if not even.found:
             return None
         world = np.einsum("kij,kj->ki", base.contacts.rotations_oc, even.forces_c)
@@ -257,20 +257,22 @@ class OnArrays:
 
 
 class Ours:
-    """The package's public function."""
+    """The package's public solver."""
 
-    def __init__(self, objective: str, solver: str):
-        self.objective, self.solver = objective, solver
+    def __init__(self, objective: str, backend: str):
+        self.objective, self.backend = objective, backend
 
-    def fresh(self, case: Case, load: np.ndarray) -> pg.ForceProblem:
-        # The ContactSet is new as well: it keeps what was computed from it.
-        return replace(case.base, load=load, contacts=replace(case.base.contacts), moment_length=None)
+    def fresh(self, case: Case, load: np.ndarray) -> tuple[pg.ForceSolver, np.ndarray]:
+        # The ContactSet is new as well: its grasp map is computed with it.
+        problem = replace(case.base, load=load, contacts=replace(case.base.contacts), moment_length=None)
+        return pg.ForceSolver(problem, IMPACT_TIME, objective=self.objective, backend=self.backend), load
 
-    def again(self, known: pg.ForceProblem, load: np.ndarray) -> pg.ForceProblem:
-        return known.with_load(load)
+    def again(self, known: tuple[pg.ForceSolver, np.ndarray], load: np.ndarray) -> tuple[pg.ForceSolver, np.ndarray]:
+        return known[0], load
 
-    def solve(self, problem):
-        return pg.optimize_forces(problem, IMPACT_TIME, objective=self.objective, solver=self.solver)
+    def solve(self, inputs: tuple[pg.ForceSolver, np.ndarray]) -> pg.ForceSolution:
+        solver, load = inputs
+        return solver.solve(load)
 
     def answer(self, found) -> tuple[bool, np.ndarray | None]:
         """Whether the method calls it solved, and x (k, d) in the units of :class:`Arrays`."""
@@ -548,7 +550,7 @@ def certified(case: Case, load: np.ndarray, objective: str) -> float | None:
     """The optimum, between a proven bound and admissible forces that differ by less than a tenth of the tolerance."""
     proofs = []
     for solver in ("clarabel", "auto"):
-        found = Ours(objective, solver).solve(case.base.with_load(load))
+        found = pg.optimize_forces(case.base.with_load(load), IMPACT_TIME, objective=objective, backend=solver)
         if found.status is pg.Status.OK:
             proofs.append(found.certificate)
     if not proofs:
@@ -602,8 +604,8 @@ class Group:
         self.known = {name: [m.fresh(c, c.loads[0]) for c in cases] for name, m in self.methods.items()}
         for name in SOLVERS:
             method = self.methods[name]
-            first = [timed(method, method.again, known, known.load)[1] for known in self.known[name]]
-            own = sum(found is not None and found.solver == name for found in first)
+            first = [timed(method, method.again, known, known[1])[1] for known in self.known[name]]
+            own = sum(found is not None and found.backend == name for found in first)
             if name in COMPILED and own <= len(cases) / 2:
                 del self.methods[name]
         self.calls = {name: {mode: {} for mode in MODES} for name in self.methods}
@@ -675,7 +677,7 @@ class Group:
                     model, optimum = self.friction.model, self.optima[i, j]
                     wrong[-1] = errors(arrays[i], load, model, self.objective, powers, optimum, x)
                 if isinstance(method, Ours):
-                    answered["raised" if found is None else found.solver or "none"] += 1
+                    answered["raised" if found is None else found.backend or "none"] += 1
         return np.array(told), np.array(wrong), answered
 
     def rows(self, k: int, friction: str) -> list[dict]:

@@ -117,7 +117,7 @@ class GraspPlan:
             "status": str(self.status),
             "remedy": self.remedy,
             "search": forces.search,
-            "solver": forces.solver or "none",
+            "solver": forces.backend or "none",
             "balance": self.problem.balance,
             "measure": self.problem.measure,
             "friction": {

@@ -102,7 +102,7 @@ def run_of(plan, settings: dict | None = None) -> Run:
         arrays=plan.arrays() | plan.margins_around(),
         layout=layout,
         settings=settings,
-        versions=_versions(plan.forces.solver),
+        versions=_versions(plan.forces.backend),
         scene={"hand": hand_record(plan.hand), "object": object_record(plan.problem.object)},
     )
 
@@ -119,7 +119,7 @@ def run_of_failure(error, layout: dict, settings: dict | None = None) -> Run:
             "at_torque_limit": list(proof.at_torque),
             "residual": proof.residual.tolist(),
         }
-    return Run(summary=summary, arrays={}, layout=layout, settings=settings or {}, versions=_versions(solution.solver))
+    return Run(summary=summary, arrays={}, layout=layout, settings=settings or {}, versions=_versions(solution.backend))
 
 
 def _versions(solver: str) -> dict[str, str]:

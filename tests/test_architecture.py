@@ -70,7 +70,7 @@ OWNERS = {
 # Types that a record of forces names, of files that import it: the one circle there is.
 KNOWN = {"pinograsp.forces.optimize", "pinograsp.forces.global_optimum"}
 # Tests of what no single room does.
-ABOUT_ALL = {"test_architecture.py", "test_examples.py", "test_fuzzing.py"}
+ABOUT_ALL = {"test_architecture.py", "test_examples.py", "test_frozen_records.py", "test_fuzzing.py"}
 # Rooms that must work without the solvers: pictures and reports of stored runs.
 WITHOUT_SOLVERS = ("words", "writing", "run_files", "storage", "viz", "report")
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
+from pinograsp.forces import disturbance_margin
 from pinograsp.handover import joint_trajectory
 from pinograsp.report import answer, headline, markdown, page, write_report
 from pinograsp.storage import newest_check, run_of, save_run
@@ -329,7 +330,7 @@ def test_margin_figure_shows_what_disturbance_margin_says(run):
     for plane in range(3):
         for i in (0, 7, 20):
             wrench = np.append(directions[plane, i], np.zeros(3))
-            held = pg.disturbance_margin(problem, wrench, normal_forces=plan.forces.normal_forces)
+            held = disturbance_margin(problem, wrench, normal_forces=plan.forces.normal_forces)
             assert margins[plane, i] == pytest.approx(max(0.0, held), abs=1e-6)
     panels = figures.wrench_margin(run).axes
     assert len(panels) == 3 and np.hypot(*panels[0].get_lines()[0].get_data()).max() == pytest.approx(margins[0].max())

@@ -21,7 +21,7 @@ from pinograsp.contacts import (
     touching,
 )
 from pinograsp.errors import CaseRejected
-from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, ForceProblem, GridSpec, grid_values
+from pinograsp.forces import BACKENDS, OBJECTIVES, ForceProblem, GridSpec, grid_values
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
@@ -175,7 +175,7 @@ class ForcesSection(Section):
     balance: Literal["force", "wrench"] = "wrench"
     measure: Literal["impulse", "work"] = "impulse"
     objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
-    solver: Literal[FORCE_SOLVERS] = "auto"
+    solver: Literal[BACKENDS] = "auto"
     moment_length_mm: Positive | None = None
 
 

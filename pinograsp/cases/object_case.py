@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field
 from pinograsp.cases.case import NotNegative, Number, Section
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import FRICTION_MODELS, Closure, Friction, close_hand
-from pinograsp.forces import FORCE_SOLVERS, OBJECTIVES, ForceProblem, GraspConditions
+from pinograsp.forces import BACKENDS, OBJECTIVES, ForceProblem, GraspConditions
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
@@ -56,7 +56,7 @@ class ObjectCase(Section):
     balance: Literal["force", "wrench"] = "wrench"
     measure: Literal["impulse", "work"] = "impulse"
     objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
-    solver: Literal[FORCE_SOLVERS] = "auto"
+    solver: Literal[BACKENDS] = "auto"
     folder: Path = Field(Path("."), exclude=True)
 
     @classmethod

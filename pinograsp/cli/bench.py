@@ -21,7 +21,7 @@ def bench(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """How fast this machine solves: one call of optimize_forces, one tick of OnlineForces, many problems at once.
+    """How fast this machine solves: one load of a ForceSolver, one tick of OnlineForces, many problems at once.
 
     Seeded random grasps on a cylinder, exact friction cones, least squares; medians over 200 new loads. The compiled
     solvers (extra fast) are used where they are installed. The package's benchmarks, beside other solvers, are scripts
@@ -50,18 +50,8 @@ def bench(
     rows = []
     for k in contacts:
         problem, loads = _problem(pg, np, k)
-        rows.append(
-            {
-                "contacts": k,
-                "optimize_forces_us": _median(
-                    np,
-                    lambda load, problem=problem: pg.optimize_forces(
-                        problem.with_load(load), 0.9, objective="least_squares"
-                    ),
-                    loads,
-                ),
-            }
-        )
+        solver = pg.ForceSolver(problem, 0.9, objective="least_squares")
+        rows.append({"contacts": k, "solve_us": _median(np, solver.solve, loads)})
         if fast:
             online = pg.OnlineForces(problem, normal_forces=(0.01, 30.0))
             rows[-1]["online_step_us"] = _median(np, online.step, loads)

@@ -88,13 +88,16 @@ class ContactSet:
     Attributes:
         com_o: the object's centre of mass (3,) [m].
         posture: of the hand that touches there (n,) [rad]; None where the contact phase is to find it.
+        G: grasp map (6, 3k): stacked contact forces f_c -> wrench on the object, linear first [N, N m]. The force on
+            the object at contact i is h_i = R_oc,i f_c,i (Eqs. 6, 7); moments are about the centre of mass, world axes.
+        mean_distance: mean distance of the contacts from the centre of mass [m]; 1 where that is zero.
     """
 
     contacts: tuple[Contact, ...]
     com_o: Array
     posture: Array | None = None
-    # What was computed from these contacts (grasp maps and what solvers make of them): it lives as long as they do.
-    _derived: dict[str, Any] = field(init=False, repr=False, default_factory=dict)
+    G: Array = field(init=False, repr=False)
+    mean_distance: float = field(init=False, repr=False)
 
     __repr__ = brief("names", "com_o")
 
@@ -105,6 +108,11 @@ class ContactSet:
         object.__setattr__(self, "com_o", array_of("centre of mass", self.com_o, (3,)))
         if self.posture is not None:
             object.__setattr__(self, "posture", array_of("posture of the contacts", self.posture, (None,)))
+        offsets, rotations = self.points_o - self.com_o, self.rotations_oc
+        stacked = np.concatenate([rotations, skew(offsets) @ rotations], axis=1).transpose(1, 0, 2)
+        mean = float(np.linalg.norm(offsets, axis=1).mean())
+        object.__setattr__(self, "G", read_only(stacked.reshape(6, -1)))
+        object.__setattr__(self, "mean_distance", mean if mean > 0 else 1.0)
 
     def __len__(self) -> int:
         return len(self.contacts)
@@ -139,15 +147,6 @@ class ContactSet:
         """Contact frames R_oc (k, 3, 3)."""
         return frozen(np.array([c.rotation_oc for c in self.contacts]))
 
-    @property
-    def mean_distance(self) -> float:
-        """Mean distance of the contacts from the centre of mass [m]; 1 where that is zero."""
-        if "distance" not in self._derived:
-            mean = float(np.linalg.norm(self.points_o - self.com_o, axis=1).mean())
-            self._derived["distance"] = mean if mean > 0 else 1.0
-        distance: float = self._derived["distance"]
-        return distance
-
     def checked_moment_length(self, length: float | None = None) -> float:
         """The length [m] that moments are divided by, default ``mean_distance``; refused where they do not compare with
         forces then.
@@ -165,21 +164,6 @@ class ContactSet:
                 "the centre of mass"
             )
         return length
-
-    @property
-    def G(self) -> Array:
-        """Grasp map (6, 3k): stacked contact forces f_c -> wrench on the object, linear first [N, N m].
-
-        The force on the object at contact i is h_i = R_oc,i f_c,i (Eqs. 6, 7); moments are about the centre of mass,
-        world axes.
-        """
-        if "G" not in self._derived:
-            rotations = self.rotations_oc
-            moments = skew(self.points_o - self.com_o) @ rotations
-            stacked = np.concatenate([rotations, moments], axis=1).transpose(1, 0, 2)
-            self._derived["G"] = read_only(stacked.reshape(6, -1))
-        G: Array = self._derived["G"]
-        return G
 
 
 def contacts_at(

@@ -1,6 +1,6 @@
 """Contact forces: the problem, grid searches, the multiplier QP, certified convex optima, margins, robust sets."""
 
-from pinograsp.forces.backends import FORCE_SOLVERS
+from pinograsp.forces.backends import BACKENDS
 from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
 from pinograsp.forces.conditions import GraspConditions, TorqueLimit
@@ -26,10 +26,11 @@ from pinograsp.forces.robust import RobustForces, optimize_robust
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
 from pinograsp.forces.solution import Branch, ForceSolution, GridLog
+from pinograsp.forces.solver import ForceSolver
 from pinograsp.forces.solvers import SOLVERS
 
 __all__ = [
-    "FORCE_SOLVERS",
+    "BACKENDS",
     "OBJECTIVES",
     "SEARCHES",
     "SOLVERS",
@@ -43,6 +44,7 @@ __all__ = [
     "ForceClosure",
     "ForceProblem",
     "ForceSolution",
+    "ForceSolver",
     "GraspConditions",
     "GraspMargins",
     "GridLog",

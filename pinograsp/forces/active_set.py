@@ -12,11 +12,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinograsp.contacts import Friction
 from pinograsp.forces.answers import Answer
+from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
 from pinograsp.forces.solvers import solve_rows
 
 _PROXIMAL = 1e-5  # against an objective of order one; below 1e-9 dense active-set solvers lose the Hessian
+_DEFINITE = 1e-6  # least eigenvalue of a Hessian that needs no proximal weight
 _STEPS = 60
 _CONE_STEPS = 25  # where these do not do, the interior-point method is the better choice
 _WITHIN = 0.8  # the square is wider than the disc by 1 / 0.8: it never coincides with a half-space that is active
@@ -24,62 +27,90 @@ _PATIENCE = 5  # steps before the first look at the gap
 _SETTLED = 1e-6  # step in x, relative: the next error is about its square
 
 
-def solve_dense(program: Program, solver: str) -> Answer | None:
-    """The solver's answer; None where it finds no solution.
+class DenseMethod:
+    """Newton's method over a dense QP solver, for the programs that share these matrices.
 
-    On cones the answer need not have converged: like every answer it is certified by the caller.
+    Attributes:
+        solver: name of the QP solver, see :data:`~pinograsp.forces.solvers.SOLVERS`.
     """
-    k, d, n = program.k, program.d, program.k * program.d
-    fixed = _fixed_parts(program)
-    size, C, equalities, round_ = fixed["size"], fixed["C"], len(program.b), fixed["inside"]
-    lower, upper = fixed["lower"].copy(), fixed["upper"].copy()
-    normal = slice(d - 1, n, d)
-    lower[normal], upper[normal] = program.lo, program.hi
-    lower[-equalities:] = upper[-equalities:] = program.b
-    rows = slice(size + len(C) - equalities - len(program.R), size + len(C) - equalities)
-    lower[rows], upper[rows] = program.R_lo, program.R_hi
-    proximal = 0.0 if fixed["definite"] else _PROXIMAL
-    curved = any(exponent != 1 for _, exponent in program.powers)
-    H = np.zeros((size, size))
-    linear = np.zeros(size)
-    linear[:n] = program.q
-    linear[n:] = program.peak
-    x = np.zeros(size)
-    F = np.clip(np.full(k, min(1.0, 2.0 / k)), program.lo, program.hi)
-    x[normal] = F
-    x[n:] = F.max()
-    cones = _Cones(program, C, round_) if round_ else None
-    best, value = None, np.inf
-    for count in range(_STEPS if cones is None else _CONE_STEPS):
-        f = linear - proximal * x
-        H[:] = 0.0
-        if program.P is not None:
-            H[:n, :n] = program.P
-        H.flat[:: size + 1] += proximal
-        if program.powers:
-            first, second = program.slope(F)
-            f[normal] += first - second * F
-            H.flat[(size + 1) * (d - 1) : (size + 1) * n : (size + 1) * d] += second
-        if cones is not None:
-            C = cones.bend(H, x)
-        found = solve_rows(solver, H, f, C, lower, upper, equalities)
-        if found is None:
-            return best
-        new, lam = found
-        step = float(np.abs(new - x).max())
-        best = Answer(new[:n], lam[-equalities:], lam[rows])
-        done = step <= _SETTLED * max(1.0, float(np.abs(new).max()))
-        if done or (cones is None and not curved and not proximal):
-            break
-        if count >= _PATIENCE and _closed(program, best):
-            break
-        if cones is not None:
-            cones.learn(lam[size:])
-        elif curved:
-            new, value = _descended(program, x, new, value)
-        x = new
-        F = np.minimum(np.maximum(x[normal], program.lo), program.hi)
-    return best
+
+    def __init__(self, matrices: Matrices, solver: str):
+        """Stack the constraint rows and the bounds that are infinite or zero."""
+        self.solver = solver
+        k, d, n, peak = matrices.k, matrices.d, matrices.k * matrices.d, matrices.peak > 0
+        self._size, self._inside = n + peak, matrices.friction.round_dimensions
+        facets = _facets(matrices.friction, k)
+        top = np.zeros((k if peak else 0, self._size))
+        if peak:
+            top[np.arange(k), np.arange(d - 1, n, d)] = 1.0
+            top[:, n] = -1.0
+        linear = np.vstack([facets, matrices.R, matrices.A])
+        self._C = np.zeros((len(linear) + len(top), self._size))
+        self._C[: len(facets), :n] = facets
+        self._C[len(facets) : len(facets) + len(top)] = top
+        self._C[len(facets) + len(top) :, :n] = linear[len(facets) :]
+        self._lower = np.full(self._size + len(self._C), -np.inf)
+        self._upper = np.full(self._size + len(self._C), np.inf)
+        self._upper[self._size : self._size + len(facets) + len(top)] = 0.0
+        plain = matrices.P is None or peak
+        self._least_curvature = 0.0 if plain else float(np.linalg.eigvalsh(matrices.P)[0])  # of P in newtons
+
+    def solve(self, program: Program) -> Answer | None:
+        """The solver's answer; None where it finds no solution.
+
+        On cones the answer need not have converged: like every answer it is certified by the caller.
+        """
+        k, d, n = program.k, program.d, program.k * program.d
+        size, C, equalities = self._size, self._C, len(program.b)
+        lower, upper = self._lower.copy(), self._upper.copy()
+        normal = slice(d - 1, n, d)
+        lower[normal], upper[normal] = program.lo, program.hi
+        lower[-equalities:] = upper[-equalities:] = program.b
+        rows = slice(size + len(C) - equalities - len(program.R), size + len(C) - equalities)
+        lower[rows], upper[rows] = program.R_lo, program.R_hi
+        definite = self._least_curvature * program.force_scale**2 / program.objective_scale > _DEFINITE
+        proximal = 0.0 if definite else _PROXIMAL
+        curved = any(exponent != 1 for _, exponent in program.powers)
+        H = np.zeros((size, size))
+        linear = np.zeros(size)
+        linear[:n] = program.q
+        linear[n:] = program.peak
+        x = np.zeros(size)
+        F = np.clip(np.full(k, min(1.0, 2.0 / k)), program.lo, program.hi)
+        x[normal] = F
+        x[n:] = F.max()
+        cones = _Cones(program, C, self._inside) if self._inside else None
+        best, value = None, np.inf
+        for count in range(_STEPS if cones is None else _CONE_STEPS):
+            f = linear - proximal * x
+            H[:] = 0.0
+            if program.P is not None:
+                H[:n, :n] = program.P
+            H.flat[:: size + 1] += proximal
+            if program.powers:
+                first, second = program.slope(F)
+                f[normal] += first - second * F
+                H.flat[(size + 1) * (d - 1) : (size + 1) * n : (size + 1) * d] += second
+            if cones is not None:
+                C = cones.bend(H, x)
+            found = solve_rows(self.solver, H, f, C, lower, upper, equalities)
+            if found is None:
+                return best
+            new, lam = found
+            step = float(np.abs(new - x).max())
+            best = Answer(new[:n], lam[-equalities:], lam[rows])
+            done = step <= _SETTLED * max(1.0, float(np.abs(new).max()))
+            if done or (cones is None and not curved and not proximal):
+                break
+            if count >= _PATIENCE and _closed(program, best):
+                break
+            if cones is not None:
+                cones.learn(lam[size:])
+            elif curved:
+                new, value = _descended(program, x, new, value)
+            x = new
+            F = np.minimum(np.maximum(x[normal], program.lo), program.hi)
+        return best
 
 
 class _Cones:
@@ -133,38 +164,16 @@ def _descended(program: Program, x: np.ndarray, new: np.ndarray, value: float) -
     return new, reached
 
 
-def _fixed_parts(program: Program) -> dict:
-    """What does not change with the impact time: the constraint rows and the bounds that are infinite or zero."""
-    fixed = program.cache.get("rows")
-    if fixed is None:
-        k, d, n = program.k, program.d, program.k * program.d
-        size = n + (program.peak > 0)
-        inside = program.friction.round_dimensions
-        D = np.vstack([_square(inside, d), program.friction.facets])
-        facets = np.zeros((k, len(D), k, d))
-        for i in range(k):
-            facets[i, :, i, :-1] = D
-            facets[i, :, i, -1] = -1.0
-        # Rows of the square and the half-space of each cone come first, by contact; then plain facets.
-        first = 2 * inside + 1 if inside else 0
-        facets = np.vstack([facets[:, :first].reshape(-1, n), facets[:, first:].reshape(-1, n)])
-        top = np.zeros((k if program.peak > 0 else 0, size))
-        if program.peak > 0:
-            top[np.arange(k), np.arange(d - 1, n, d)] = 1.0
-            top[:, n] = -1.0
-        C = np.zeros((len(facets) + len(top) + len(program.R) + len(program.b), size))
-        C[: len(facets), :n] = facets
-        C[len(facets) : len(facets) + len(top)] = top
-        C[len(facets) + len(top) : len(C) - len(program.b), :n] = program.R
-        C[len(C) - len(program.b) :, :n] = program.A
-        lower = np.full(size + len(C), -np.inf)
-        upper = np.full(size + len(C), np.inf)
-        upper[size : size + len(facets) + len(top)] = 0.0
-        definite = program.P is not None and not program.peak and float(np.diag(program.P).min()) > 1e-6
-        definite = definite and np.linalg.eigvalsh(program.P)[0] > 1e-6
-        fixed = {"size": size, "C": C, "lower": lower, "upper": upper, "definite": definite, "inside": inside}
-        program.cache["rows"] = fixed
-    return fixed
+def _facets(friction: Friction, k: int) -> np.ndarray:
+    """Friction as rows on x <= 0: of each cone its square and its half-space come first, by contact; then facets."""
+    inside, d = friction.round_dimensions, friction.d
+    D = np.vstack([_square(inside, d), friction.facets])
+    rows = np.zeros((k, len(D), k, d))
+    for i in range(k):
+        rows[i, :, i, :-1] = D
+        rows[i, :, i, -1] = -1.0
+    first = 2 * inside + 1 if inside else 0
+    return np.vstack([rows[:, :first].reshape(-1, k * d), rows[:, first:].reshape(-1, k * d)])
 
 
 def _square(inside: int, d: int) -> np.ndarray:

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
 
 from pinograsp.errors import Status
-from pinograsp.forces.active_set import solve_dense
+from pinograsp.forces.active_set import DenseMethod
 from pinograsp.forces.answers import Answer, CertifiedForces, certify
 from pinograsp.forces.certificate import Infeasibility
-from pinograsp.forces.conic import HUGE, solve_conic
+from pinograsp.forces.conic import HUGE, ConicMethod, exponents_of
 from pinograsp.forces.infeasibility import prove
+from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
-from pinograsp.forces.solvers import SOLVERS, compiled_solvers
+from pinograsp.forces.solvers import SOLVERS, compiled_installed, compiled_solvers
+from pinograsp.forces.template import Template
 
 _USEFUL = 1e-3  # of the load: forces that miss their limits by more are no answer at all
-_COMPILED = ("interior", "newton")
-FORCE_SOLVERS = ("auto", *_COMPILED, *SOLVERS)
+COMPILED = ("interior", "newton")
+BACKENDS = ("auto", *COMPILED, *SOLVERS)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
 _DENSE_UP_TO = 20
 
@@ -30,55 +31,89 @@ class Outcome:
 
     Attributes:
         status: ``OK``, ``INFEASIBLE`` or ``INACCURATE``.
-        solver: the one that answered; of a proof the first one asked, "" if none was.
+        backend: the one that answered; of a proof the first one asked, "" if none was.
         forces: with their certificate; of an inaccurate outcome the best that were found, or None.
         infeasibility: the proof that there are no forces, or None.
     """
 
     status: Status
-    solver: str
+    backend: str
     forces: CertifiedForces | None = None
     infeasibility: Infeasibility | None = None
 
 
-def solve_certified(problem: ForceProblem, program: Program, solver: str) -> Outcome:
-    """Forces of a program, or the proof that there are none; where a certificate fails the next method is asked."""
-    if np.any(program.lo > program.hi):
-        return Outcome(status=Status.INFEASIBLE, solver="", infeasibility=prove(problem, program))
-    best = Outcome(status=Status.INACCURATE, solver=solver)
-    backends = _backends(program, solver)
-    for name in backends:
-        answer = _answer(program, name)
-        if answer is None or not all(np.abs(part).max(initial=0.0) < HUGE for part in answer[:3]):
-            continue
-        found = certify(problem, program, answer)
-        if found.certificate.is_optimal():
-            return Outcome(status=Status.OK, solver=name, forces=found)
-        # Kept for the record, unless it is of no use: the one that misses its limits least.
-        violation = found.certificate.violation
-        if violation <= _USEFUL * program.force_scale and (
-            best.forces is None or violation < best.forces.certificate.violation
-        ):
-            best = Outcome(status=Status.INACCURATE, solver=name, forces=found)
-    proof = prove(problem, program)
-    return best if proof is None else Outcome(status=Status.INFEASIBLE, solver=backends[0], infeasibility=proof)
+class Backends:
+    """The methods that solve the programs of these matrices, each prepared when it is first asked.
+
+    Attributes:
+        order: names of the methods, in the order in which they are asked.
+    """
+
+    def __init__(self, matrices: Matrices, backend: str):
+        """Of "auto" the order follows from the matrices, and from whether numba is installed; of nothing else."""
+        general = ("daqp", "clarabel") if matrices.k <= _DENSE_UP_TO else ("clarabel", "daqp")
+        if backend == "auto":
+            backend = (compiled_method(matrices) if compiled_installed() else "") or general[0]
+        self.order = tuple(dict.fromkeys((backend, *general)))
+        self._matrices = matrices
+        self._dense: dict[str, DenseMethod] = {}
+        self._conic: ConicMethod | None = None
+        self._template: Template | None = None
+
+    @property
+    def template(self) -> Template:
+        """The matrices as the compiled methods take them."""
+        if self._template is None:
+            self._template = Template(self._matrices)
+        return self._template
+
+    def takes(self, name: str) -> bool:
+        """Whether a compiled method takes these matrices."""
+        return self._matrices.separates if name == "newton" else self._matrices.decoupled
+
+    def solve(self, problem: ForceProblem, program: Program, *, first: str = "", tried: bool = False) -> Outcome:
+        """Forces of a program, or the proof that there are none; where a certificate fails the next method is asked.
+
+        ``first`` is asked before the others. ``tried``: the first of ``order`` was asked elsewhere, without success.
+        """
+        if np.any(program.lo > program.hi):
+            return Outcome(status=Status.INFEASIBLE, backend="", infeasibility=prove(problem, program))
+        order = self.order if not first else tuple(dict.fromkeys((first, *self.order)))
+        best = Outcome(status=Status.INACCURATE, backend=order[0])
+        for name in order:
+            answer = None if tried and name == self.order[0] else self._answer(program, name)
+            if answer is None or not all(np.abs(part).max(initial=0.0) < HUGE for part in answer[:3]):
+                continue
+            found = certify(problem, program, answer)
+            if found.certificate.is_optimal():
+                return Outcome(status=Status.OK, backend=name, forces=found)
+            # Kept for the record, unless it is of no use: the one that misses its limits least.
+            violation = found.certificate.violation
+            if violation <= _USEFUL * program.force_scale and (
+                best.forces is None or violation < best.forces.certificate.violation
+            ):
+                best = Outcome(status=Status.INACCURATE, backend=name, forces=found)
+        proof = prove(problem, program)
+        return best if proof is None else Outcome(status=Status.INFEASIBLE, backend=order[0], infeasibility=proof)
+
+    def _answer(self, program: Program, name: str) -> Answer | None:
+        if name in COMPILED:
+            if not self.takes(name):
+                return None
+            compiled_solvers()
+            from pinograsp.forces.compiled import solve_program
+
+            return solve_program(program, self.template, name)
+        if name == "clarabel":
+            exponents = exponents_of(program)
+            if self._conic is None or self._conic.exponents != exponents:
+                self._conic = ConicMethod(self._matrices, exponents)
+            return self._conic.solve(program)
+        if name not in self._dense:
+            self._dense[name] = DenseMethod(self._matrices, name)
+        return self._dense[name].solve(program)
 
 
-def _backends(program: Program, solver: str) -> tuple[str, ...]:
-    """The methods to ask, in order: the one asked for, then the general ones; every one takes what it can."""
-    general = ("daqp", "clarabel") if program.k <= _DENSE_UP_TO else ("clarabel", "daqp")
-    if solver == "auto":
-        compiled = sys.modules.get("pinograsp.forces.compiled")
-        solver = (compiled.template_of(program).choice(solver) if compiled else "") or general[0]
-    return tuple(dict.fromkeys((solver, *general)))
-
-
-def _answer(program: Program, name: str) -> Answer | None:
-    if name == "clarabel":
-        return solve_conic(program)
-    if name not in _COMPILED:
-        return solve_dense(program, name)
-    compiled_solvers()
-    from pinograsp.forces.compiled import solve_program
-
-    return solve_program(program, name)
+def compiled_method(matrices: Matrices) -> str:
+    """The compiled method for programs of these matrices, "" where none applies."""
+    return "newton" if matrices.separates else "interior" if matrices.decoupled else ""

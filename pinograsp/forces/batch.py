@@ -27,8 +27,9 @@ from pinograsp.checks import (
 )
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.backends import solve_certified
+from pinograsp.forces.backends import Backends
 from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
+from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import BALANCES, MEASURES, ForceProblem
 from pinograsp.forces.program import Program, assemble, weights_of
 from pinograsp.forces.solvers import compiled_solvers
@@ -370,13 +371,14 @@ def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple
     """Problem ``i`` by itself, for the general methods; ``weights`` as of :func:`weights_of`."""
     problem, own = _problem(batch, i), batch.counts[i]
     terms = {name: [tuple(term) for term in batch.energies[name][i].tolist()] for name in MEASURES if weights.get(name)}
-    return problem, assemble(problem, weights, terms, batch.low[i, :own], batch.high[i, :own])
+    matrices = matrices_of(problem, weights)
+    return problem, assemble(matrices, problem.scaled_load, terms, batch.low[i, :own], batch.high[i, :own])
 
 
 def _by_itself(batch: ForceBatch, i: int, weights, forces, torsion, answers) -> Status:
     """One problem by the general methods: its status; forces, torsion and answers get its row."""
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
-    found = solve_certified(problem, program, "auto")
+    found = Backends(program.matrices, "auto").solve(problem, program)
     if found.status is Status.OK:
         certificate = found.forces.certificate
         forces[i, :own], torsion[i, :own] = found.forces.forces_c, found.forces.torsion

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pinograsp.forces.answers import Answer
+from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
 
 _SETTINGS = {
@@ -39,22 +40,22 @@ def solve(P, q, A, b, cones):
     return clarabel.DefaultSolver(P, q, A, b, cones, settings()).solve()
 
 
-def cone_rows(program: Program) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int], sp.csc_matrix]:
+def cone_rows(matrices: Matrices) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int], sp.csc_matrix]:
     """Constraint blocks on x that every program shares, as rows of A x + s = b.
 
     The linear inequality block for [F >= lo, F <= hi, facets], the second-order block, its cone sizes, and the
     selection of F (k, k d).
     """
-    k, d = program.k, program.d
+    k, d, friction = matrices.k, matrices.d, matrices.friction
     n = k * d
     normal = np.arange(d - 1, n, d)
     select = sp.csc_matrix((np.ones(k), (np.arange(k), normal)), shape=(k, n))
-    D = program.friction.facets
+    D = friction.facets
     facets = sp.kron(sp.identity(k), np.hstack([D, -np.ones((len(D), 1))])) if len(D) else sp.csc_matrix((0, n))
     linear = sp.vstack([-select, select, facets], format="csc")
-    if program.friction.polyhedral:
+    if friction.polyhedral:
         return linear, sp.csc_matrix((0, n)), [], select
-    inside = program.friction.round_dimensions + 1  # (F, u)
+    inside = friction.round_dimensions + 1  # (F, u)
     block = np.zeros((inside, d))
     block[0, -1] = -1.0
     block[np.arange(1, inside), np.arange(inside - 1)] = -1.0
@@ -69,7 +70,7 @@ def limit_rows(program: Program):
     interior.
     """
     k, n = program.k, program.k * program.d
-    linear, second, sizes, select = cone_rows(program)
+    linear, second, sizes, select = cone_rows(program.matrices)
     facets = linear[2 * k :]
     if np.array_equal(program.lo, program.hi):
         return select, program.lo, facets, np.zeros(facets.shape[0]), second, sizes
@@ -112,68 +113,71 @@ def solve_linear(
     return z, dual[: len(equal_b)], dual[at : at + m] - dual[at + m : at + 2 * m]
 
 
-def solve_conic(program: Program) -> Answer | None:
-    """The interior-point method's answer; None where it is not finite."""
-    k, n = program.k, program.k * program.d
-    powers = [(c, p) for c, p in program.powers if p != 1]
-    parts = program.cache.get("conic")
-    if parts is None:
-        parts = _matrices(program, powers)
-        program.cache["conic"] = parts
-    P, A, cones, facets = parts
-    q = np.zeros(A.shape[1])
-    q[:n] = program.q
-    for c, p in program.powers:
-        if p == 1:
-            q[program.d - 1 : n : program.d] += c
-    q[n : n + (program.peak > 0)] = program.peak
-    first = n + (program.peak > 0)
-    for j, (c, _) in enumerate(powers):
-        q[first + j * k : first + (j + 1) * k] = c
-    b = np.zeros(A.shape[0])
-    at = len(program.b)
-    b[:at] = program.b
-    b[at : at + k], b[at + k : at + 2 * k] = -program.lo, program.hi
-    rows = at + 2 * k + facets
-    m = len(program.R)
-    b[rows : rows + m], b[rows + m : rows + 2 * m] = program.R_hi, -program.R_lo
-    if powers:
-        b[len(b) - 3 * k * len(powers) + 1 :: 3] = 1.0
-    scaled = (
-        P * 1.0
-        if program.P is None
-        else sp.csc_matrix(sp.triu(sp.block_diag([sp.csc_matrix(program.P), sp.csc_matrix((len(q) - n,) * 2)])))
-    )
-    found = solve(scaled, q, A, b, cones)
-    x, z = np.array(found.x), np.array(found.z)
-    if not (np.isfinite(x).all() and np.isfinite(z).all()):
-        return None
-    return Answer(x[:n], z[:at], z[rows : rows + m] - z[rows + m : rows + 2 * m])
+class ConicMethod:
+    """The interior-point method, for programs that share these matrices and the exponents of their powers.
+
+    Attributes:
+        exponents: of the powers of F_n that are not linear.
+    """
+
+    def __init__(self, matrices: Matrices, exponents: tuple[float, ...]):
+        """Stack the rows. Columns: x, the largest F_n where it counts, one per power and contact."""
+        k, n, m = matrices.k, matrices.k * matrices.d, len(matrices.R)
+        peak, extra = int(matrices.peak > 0), len(exponents) * k
+        linear, second, sizes, select = cone_rows(matrices)
+
+        def wide(block: sp.spmatrix, middle: sp.spmatrix | None = None) -> sp.spmatrix:
+            middle = sp.csc_matrix((block.shape[0], peak)) if middle is None else middle
+            return sp.hstack([block, middle, sp.csc_matrix((block.shape[0], extra))])
+
+        torque = sp.csc_matrix(np.vstack([matrices.R, -matrices.R]))
+        blocks = [wide(sp.csc_matrix(matrices.A)), wide(linear), wide(torque)]
+        if peak:
+            blocks.append(wide(select, sp.csc_matrix(-np.ones((k, 1)))))
+        blocks.append(wide(second))
+        cones = [clarabel.ZeroConeT(matrices.rows), clarabel.NonnegativeConeT(linear.shape[0] + 2 * m + peak * k)]
+        cones += [clarabel.SecondOrderConeT(size) for size in sizes]
+        normal = np.arange(matrices.d - 1, n, matrices.d)
+        for j, exponent in enumerate(exponents):
+            rows = sp.lil_matrix((3 * k, n + peak + extra))
+            rows[np.arange(0, 3 * k, 3), n + peak + j * k + np.arange(k)] = -1.0
+            rows[np.arange(2, 3 * k, 3), normal] = -1.0
+            blocks.append(rows)
+            cones += [clarabel.PowerConeT(1 / exponent)] * k
+        self.exponents, self._A, self._cones = exponents, sp.csc_matrix(sp.vstack(blocks)), cones
+        self._torque_at = matrices.rows + linear.shape[0]
+
+    def solve(self, program: Program) -> Answer | None:
+        """The interior-point method's answer; None where it is not finite."""
+        k, n, m, at = program.k, program.k * program.d, len(program.R), len(program.b)
+        size = self._A.shape[1]
+        q = np.zeros(size)
+        q[:n] = program.q
+        for coefficient, exponent in program.powers:
+            if exponent == 1:
+                q[program.d - 1 : n : program.d] += coefficient
+        first = n + (program.peak > 0)
+        q[n:first] = program.peak
+        curved = [coefficient for coefficient, exponent in program.powers if exponent != 1]
+        for j, coefficient in enumerate(curved):
+            q[first + j * k : first + (j + 1) * k] = coefficient
+        b = np.zeros(self._A.shape[0])
+        b[:at] = program.b
+        b[at : at + k], b[at + k : at + 2 * k] = -program.lo, program.hi
+        rows = self._torque_at
+        b[rows : rows + m], b[rows + m : rows + 2 * m] = program.R_hi, -program.R_lo
+        if curved:
+            b[len(b) - 3 * k * len(curved) + 1 :: 3] = 1.0
+        P = sp.csc_matrix((size, size))
+        if program.P is not None:
+            P = sp.csc_matrix(sp.triu(sp.block_diag([sp.csc_matrix(program.P), sp.csc_matrix((size - n,) * 2)])))
+        found = solve(P, q, self._A, b, self._cones)
+        x, z = np.array(found.x), np.array(found.z)
+        if not (np.isfinite(x).all() and np.isfinite(z).all()):
+            return None
+        return Answer(x[:n], z[:at], z[rows : rows + m] - z[rows + m : rows + 2 * m])
 
 
-def _matrices(program: Program, powers):
-    """P (empty), A, the cones and the number of facets. Columns: x, the peak if any, one per power and contact."""
-    k, n, m = program.k, program.k * program.d, len(program.R)
-    peak, extra = int(program.peak > 0), len(powers) * k
-    linear, second, sizes, select = cone_rows(program)
-
-    def wide(block, middle=None):
-        middle = sp.csc_matrix((block.shape[0], peak)) if middle is None else middle
-        return sp.hstack([block, middle, sp.csc_matrix((block.shape[0], extra))])
-
-    blocks = [wide(sp.csc_matrix(program.A)), wide(linear), wide(sp.csc_matrix(np.vstack([program.R, -program.R])))]
-    if peak:
-        blocks.append(wide(select, sp.csc_matrix(-np.ones((k, 1)))))
-    blocks.append(wide(second))
-    cones = [clarabel.ZeroConeT(len(program.b)), clarabel.NonnegativeConeT(linear.shape[0] + 2 * m + peak * k)]
-    cones += [clarabel.SecondOrderConeT(size) for size in sizes]
-    normal = np.arange(program.d - 1, n, program.d)
-    for j, (_, p) in enumerate(powers):
-        rows = sp.lil_matrix((3 * k, n + peak + extra))
-        rows[np.arange(0, 3 * k, 3), n + peak + j * k + np.arange(k)] = -1.0
-        rows[np.arange(2, 3 * k, 3), normal] = -1.0
-        blocks.append(rows)
-        cones += [clarabel.PowerConeT(1 / p)] * k
-    A = sp.csc_matrix(sp.vstack(blocks))
-    size = A.shape[1]
-    return sp.csc_matrix((size, size)), A, cones, linear.shape[0] - 2 * k
+def exponents_of(program: Program) -> tuple[float, ...]:
+    """Exponents of the powers of F_n that are not linear."""
+    return tuple(exponent for _, exponent in program.powers if exponent != 1)

@@ -19,8 +19,9 @@ from tqdm import tqdm
 from pinograsp.checks import instance_of, number, one_of
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import CertifiedForces
-from pinograsp.forces.backends import FORCE_SOLVERS, Outcome, solve_certified
+from pinograsp.forces.backends import BACKENDS, Backends, Outcome
 from pinograsp.forces.certificate import Infeasibility
+from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import Branch, ForceSolution, solution_of
@@ -35,7 +36,7 @@ def optimize_grasp(
     problem: ForceProblem,
     *,
     objective: str | Mapping[str, float] | None = None,
-    solver: str = "auto",
+    backend: str = "auto",
     gap: float = 1e-6,
     progress: bool | None = None,
 ) -> ForceSolution:
@@ -43,7 +44,7 @@ def optimize_grasp(
 
     Args:
         problem: contacts, load, friction, limits; any deceleration shape.
-        objective, solver: as for :func:`~pinograsp.forces.optimize.optimize_forces`.
+        objective, backend: as for :func:`~pinograsp.forces.optimize.optimize_forces`.
         gap: relative gap at which the search ends [-].
         progress: progress bar on stderr: None (long searches on a terminal), True or False.
 
@@ -55,12 +56,12 @@ def optimize_grasp(
         reached.
 
     Raises:
-        InvalidInput: unknown objective or solver, or a gap below 1e-9.
+        InvalidInput: unknown objective or backend, or a gap below 1e-9.
     """
     started = time.perf_counter()
     instance_of("problem", problem, ForceProblem)
     instance_of("progress", progress, bool, type(None))
-    search = _Search(problem, weights_of(objective, problem), one_of("solver", solver, FORCE_SOLVERS))
+    search = _Search(problem, weights_of(objective, problem), one_of("backend", backend, BACKENDS))
     gap = number("gap", gap, above=0)
     if gap < 1e-9:
         raise InvalidInput(f"gap: expected at least 1e-9 (the certificates' own accuracy), got {gap:g}")
@@ -81,11 +82,13 @@ def optimize_grasp(
 
 
 class _Search:
-    def __init__(self, problem: ForceProblem, weights: dict[str, float], solver: str):
-        self.problem, self.weights, self.solver = problem, weights, solver
-        self.first = solver  # the one to ask first: with "auto" the one that answered last
+    def __init__(self, problem: ForceProblem, weights: dict[str, float], backend: str):
+        self.problem, self.weights, self.backend = problem, weights, backend
+        self.matrices = matrices_of(problem, weights)
+        self.backends = Backends(self.matrices, backend)
+        self.first = self.backends.order[0]  # the one to ask first: with "auto" the one that answered last
         self.best: CertifiedForces | None = None
-        self.best_value, self.best_time, self.best_solver = float("inf"), self.problem.impact_time_range[0], ""
+        self.best_value, self.best_time, self.best_backend = float("inf"), self.problem.impact_time_range[0], ""
         self.open: list[tuple[float, int, float, float]] = []
         self.closed_bound = float("inf")  # least bound of intervals set aside
         self.log: list[Branch] = []
@@ -131,17 +134,17 @@ class _Search:
     def visit(self, t: float) -> None:
         """Best forces at one impact time; they become the incumbent if they are the cheapest so far."""
         terms = energy_terms_at(self.problem, self.weights, t)
-        program = assemble(self.problem, self.weights, terms, *self.problem.normal_force_range(t))
+        program = assemble(self.matrices, self.problem.scaled_load, terms, *self.problem.normal_force_range(t))
         found = self.solved(program)
         if found.status is Status.OK and found.forces.certificate.objective < self.best_value:
             self.best, self.best_value = found.forces, found.forces.certificate.objective
-            self.best_time, self.best_solver = t, found.solver
+            self.best_time, self.best_backend = t, found.backend
 
     def solved(self, program: Program) -> Outcome:
         """The outcome of a program; of the proofs the one that came closest to feasibility is kept."""
-        found = solve_certified(self.problem, program, self.first)
-        if self.solver == "auto" and found.status is Status.OK:
-            self.first = found.solver
+        found = self.backends.solve(self.problem, program, first=self.first)
+        if self.backend == "auto" and found.status is Status.OK:
+            self.first = found.backend
         proof = found.infeasibility
         if proof is not None and (self.proof is None or proof.margin < self.proof.margin):
             self.proof = proof
@@ -153,7 +156,7 @@ class _Search:
         early, late = (energy_terms_at(problem, self.weights, t) for t in (a, b))
         terms = {m: tuple((min(one, two), power) for (one, power), (two, _) in zip(early[m], late[m])) for m in early}
         (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
-        program = assemble(problem, self.weights, terms, lo, hi)
+        program = assemble(self.matrices, problem.scaled_load, terms, lo, hi)
         found = self.solved(program)
         self.undecided += found.status is Status.INACCURATE
         if found.status is Status.INFEASIBLE:
@@ -170,7 +173,7 @@ class _Search:
         if self.best is None:
             undecided = Status.INACCURATE if self.unresolved or self.open else Status.INFEASIBLE
             outcome = Outcome(
-                status=Status.INTERRUPTED if interrupted else undecided, solver=self.solver, infeasibility=self.proof
+                status=Status.INTERRUPTED if interrupted else undecided, backend=self.backend, infeasibility=self.proof
             )
         else:
             left = min([self.closed_bound, self.best_value, *(bound for bound, *_ in self.open)])
@@ -178,7 +181,7 @@ class _Search:
             closed = certificate.relative_gap <= gap * (1 + 1e-9)
             status = Status.INTERRUPTED if interrupted else Status.OK if closed else Status.INACCURATE
             forces = replace(self.best, certificate=certificate)
-            outcome = Outcome(status=status, solver=self.best_solver, forces=forces)
+            outcome = Outcome(status=status, backend=self.best_backend, forces=forces)
         return solution_of(
             self.problem,
             outcome,

@@ -265,7 +265,7 @@ def grid_solution(
     search: str,
     log: GridLog,
     started: float,
-    solver: str = "",
+    backend: str = "",
     closest: np.ndarray | None = None,
 ) -> ForceSolution:
     """The record of a finished search; ``closest`` is the least residual seen (6,) where there is no cell."""
@@ -280,7 +280,7 @@ def grid_solution(
         status=status,
         problem=problem,
         search=search,
-        solver=solver,
+        backend=backend,
         impact_time=impact_time,
         acceleration=read_only(acceleration),
         multipliers=read_only(multipliers),

@@ -118,7 +118,7 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
     if problem.torques is not None:
         joints = problem.torques.limited_joints
         if len(w):
-            weights[problem.torques.limited] = w / problem._assembled["rows"][3]
+            weights[problem.torques.limited] = w / program.matrices.R_norm
     wrench = np.zeros(6)
     wrench[: problem.rows] = y
     return Infeasibility(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,7 +47,6 @@ BY_CAP = "largest normal force of the contact"
 
 # What is beyond these is a slip of the unit: solvers would be left with numbers that no longer add up.
 _STRONG, _DEAR = 1e12, 1e100  # [N], energy per newton
-_KEPT = 16  # sets of matrices kept per contact set: a sweep over mu must not fill the memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,6 +104,20 @@ class TorqueLimits:
         return tau
 
 
+class NormalForceLimits(NamedTuple):
+    """Range of F_n at t_F.
+
+    Attributes:
+        least: [N].
+        largest: [N].
+        reason: which of Eqs. (13) sets the largest.
+    """
+
+    least: float
+    largest: float
+    reason: str
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: with_load copies all attributes at once
 class ForceProblem:
     """k contacts, a load, friction, and the constraints of Eqs. (13)-(16).
@@ -129,6 +143,8 @@ class ForceProblem:
         shape: of the deceleration over the grasp phase; constant by default, as in the paper.
         object: what is held (a shape of :mod:`pinograsp.objects`), where it is known: its surface tells how deep links
             are.
+        scaled_columns: grasp map with moments divided by ``moment_length``: (rows, k, 3), columns per contact x, y, z
+            [-].
     """
 
     contacts: ContactSet
@@ -149,8 +165,7 @@ class ForceProblem:
     torques: TorqueLimits | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
     object: Body | None = None
-    _assembled: dict = field(init=False, repr=False)
-    _prepared: dict = field(init=False, repr=False)
+    scaled_columns: np.ndarray = field(init=False, repr=False)
 
     __repr__ = brief("contacts", "balance", "measure", "mu", "friction", "load", "final_time", "object")
 
@@ -192,12 +207,9 @@ class ForceProblem:
         if self.torques is not None and len(self.torques.jacobian) != k:
             raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
         put("moment_length", self.contacts.checked_moment_length(self.moment_length))
-        # Matrices that do not depend on the load or the limits are shared by all problems on the same contacts.
-        key = (self.balance, self.moment_length, self.friction, mu.tobytes(), id(self.torques))
-        problems = self.contacts._derived.setdefault("problems", {})
-        # The torques are held, so that their id stays their own.
-        put("_assembled", kept(problems, key, lambda: {"torques": self.torques, "objectives": {}}, _KEPT))
-        put("_prepared", {})  # shared by all that differ in their load alone
+        G = np.array(self.contacts.G)
+        G[3:] /= self.moment_length
+        put("scaled_columns", read_only(G[: self.rows].reshape(self.rows, k, 3)))
 
     def __reduce__(self):
         return rebuilt(self)
@@ -229,15 +241,6 @@ class ForceProblem:
         return self.mu / (self.friction.safety * np.sqrt(2))
 
     @property
-    def scaled_columns(self) -> np.ndarray:
-        """Grasp map with moments divided by ``moment_length``: (rows, k, 3), columns per contact x, y, z [-]."""
-        if "columns" not in self._assembled:
-            G = np.array(self.contacts.G)
-            G[3:] /= self.moment_length
-            self._assembled["columns"] = read_only(G[: self.rows].reshape(self.rows, self.k, 3))
-        return self._assembled["columns"]
-
-    @property
     def scaled_load(self) -> np.ndarray:
         """Load (rows,) with moments divided by ``moment_length`` [N]."""
         return read_only(np.concatenate([self.load[:3], self.load[3:] / self.moment_length])[: self.rows])
@@ -266,18 +269,19 @@ class ForceProblem:
 
     def normal_force_range(self, impact_time: float) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest F_n at t_F (k,), (k,) [N] that Eqs. (13) and the caps allow for an impact at t_I [s]."""
-        low, high, _ = self._range_at(self.checked_impact_time(impact_time))
+        low, high, _ = self.normal_force_limits(self.checked_impact_time(impact_time))
         cap = self.max_normal_force
         return np.full(self.k, low), np.full(self.k, high) if cap is None else np.minimum(cap, high)
 
     def binding_bound(self, impact_time: float, contact: int) -> str:
         """Which limit sets the largest F_n of a contact at t_I [s]: a name of Eqs. (13), or the contact's cap."""
         contact = integer("contact", contact, at_least=0, at_most=self.k - 1)
-        _, high, reason = self._range_at(self.checked_impact_time(impact_time))
+        _, high, reason = self.normal_force_limits(self.checked_impact_time(impact_time))
         capped = self.max_normal_force is not None and self.max_normal_force[contact] < high
         return BY_CAP if capped else reason
 
-    def _range_at(self, impact_time: float) -> tuple[float, float, str]:
+    def normal_force_limits(self, impact_time: float) -> NormalForceLimits:
+        """What Eqs. (13) allow of F_n at t_F for an impact at t_I [s], caps aside."""
         tau, depth = self.final_time - impact_time, self.depth_per_acceleration(impact_time)
         limits = {
             BY_ACCELERATION: self.acceleration_range[1] * depth,
@@ -300,7 +304,7 @@ class ForceProblem:
                 f"of {K:g} "
                 f"N/m^rho and an exponent of {rho:g}; check these, and the least acceleration"
             )
-        return low, min(high, _STRONG), reason
+        return NormalForceLimits(low, min(high, _STRONG), reason)
 
     def energy_terms(self, impact_time: float, measure: str | None = None) -> tuple[tuple[float, float], ...]:
         """The measure as a sum of powers of F_n: (coefficient, exponent) pairs, in the measure's unit."""
@@ -353,17 +357,6 @@ class ForceProblem:
         """
         along = np.einsum("r,rkc->kc", array_of("direction", direction, (self.rows,)), self.scaled_columns)
         return along[:, 2] - self.pyramid * (np.abs(along[:, 0]) + np.abs(along[:, 1]))
-
-
-def kept(store: dict, key, make, most: int):
-    """``store[key]``, made where it is missing; beyond ``most`` entries the one least recently asked for goes."""
-    found = store.pop(key, None)
-    if found is None:
-        found = make()
-        while len(store) >= most:
-            store.pop(next(iter(store)), None)
-    store[key] = found
-    return found
 
 
 def _load(value) -> np.ndarray:

@@ -26,10 +26,13 @@ from pinograsp.checks import instance_of, number, one_of, shown
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import load_size_of
-from pinograsp.forces.problem import MEASURES, ForceProblem, kept
+from pinograsp.forces.matrices import Matrices, matrices_of
+from pinograsp.forces.problem import MEASURES, ForceProblem
 
 OBJECTIVES = (*MEASURES, "least_squares", "peak", "motor_heat")
-_OBJECTIVES = 8  # whose matrices are kept with the contacts: some 90 kB each for 30 contacts
+
+# Per grasp-energy measure: (coefficient, exponent) pairs.
+EnergyTerms = Mapping[str, tuple[tuple[float, float], ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,23 +40,25 @@ class Program:
     """A force problem at one impact time and one objective, dimensionless. See the module for the symbols.
 
     Attributes:
-        friction: the model.
-        k: contacts.
-        d: numbers per contact. A (rows, k d), b (rows,). lo, hi (k,).
-        R (m, k d), R_lo, R_hi (m,): torque rows, scaled to unit norm.
+        matrices: what it shares with the problem's other programs.
+        b: right-hand side of the balance (rows,).
+        lo: least F_n (k,).
+        hi: largest F_n (k,).
+        R_lo: least values of the torque rows (m,).
+        R_hi: largest values of the torque rows (m,).
         powers: (coefficient, exponent) pairs of phi.
-        P (k d, k d) or None, q (k d,), peak p, constant: the rest of the objective.
-        force_scale [N]; objective_scale in the objective's unit.
+        P: quadratic objective (k d, k d), or None.
+        q: linear objective (k d,).
+        peak: p, weight of the largest F_n.
+        constant: of the objective.
+        force_scale: unit of the forces [N].
+        objective_scale: unit of the objective, in its own unit.
     """
 
-    friction: Friction
-    k: int
-    d: int
-    A: np.ndarray
+    matrices: Matrices
     b: np.ndarray
     lo: np.ndarray
     hi: np.ndarray
-    R: np.ndarray
     R_lo: np.ndarray
     R_hi: np.ndarray
     powers: tuple[tuple[float, float], ...]
@@ -63,7 +68,31 @@ class Program:
     constant: float
     force_scale: float
     objective_scale: float
-    cache: dict
+
+    @property
+    def friction(self) -> Friction:
+        """The friction model."""
+        return self.matrices.friction
+
+    @property
+    def k(self) -> int:
+        """Number of contacts."""
+        return self.matrices.k
+
+    @property
+    def d(self) -> int:
+        """Numbers per contact."""
+        return self.matrices.d
+
+    @property
+    def A(self) -> np.ndarray:
+        """Balance (rows, k d)."""
+        return self.matrices.A
+
+    @property
+    def R(self) -> np.ndarray:
+        """Torque rows (m, k d), of unit norm."""
+        return self.matrices.R
 
     def value(self, x: np.ndarray) -> float:
         """The objective at x (k d,), in units of ``objective_scale``, without the constant."""
@@ -183,9 +212,7 @@ class Program:
 
     def settled(self, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """x with the balance's residual A x - b removed by the least-norm correction."""
-        if "A_pinv" not in self.cache:
-            self.cache["A_pinv"] = np.linalg.pinv(self.A, rcond=1e-10)
-        return x - self.cache["A_pinv"] @ residual
+        return x - self.matrices.correction @ residual
 
 
 def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProblem) -> dict[str, float]:
@@ -216,145 +243,54 @@ def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProble
     return weights
 
 
-def columns_of(problem: ForceProblem) -> np.ndarray:
-    """Grasp map on x: (rows, k d), friction's scale included."""
-    stored = problem._assembled
-    if "A" not in stored:
-        base, friction = problem.scaled_columns, problem.friction
-        scale = friction.scale(problem.mu)
-        columns = np.zeros((problem.rows, problem.k, friction.d))
-        columns[:, :, :2] = base[:, :, :2] * scale[None, :, :2]
-        columns[:, :, -1] = base[:, :, 2]
-        if friction.d == 4 and problem.rows == 6:
-            normals = problem.contacts.rotations_oc[:, :, 2]
-            columns[3:, :, 2] = (normals * scale[:, 2:3]).T / problem.moment_length
-        stored["A"] = columns.reshape(problem.rows, -1)
-    return stored["A"]
-
-
-def torque_columns(problem: ForceProblem) -> np.ndarray:
-    """Joint torques from x: (n, k d) [N m per newton], friction's scale included."""
-    stored = problem._assembled
-    if "torque" not in stored:
-        rotations, friction = problem.contacts.rotations_oc, problem.friction
-        scale = friction.scale(problem.mu)
-        J = problem.torques.jacobian
-        linear = np.einsum("kxn,kxc->nkc", J[:, :3], rotations)
-        columns = np.zeros((J.shape[2], problem.k, friction.d))
-        columns[:, :, :2] = linear[:, :, :2] * scale[None, :, :2]
-        columns[:, :, -1] = linear[:, :, 2]
-        if friction.d == 4:
-            columns[:, :, 2] = np.einsum("kxn,kx->nk", J[:, 3:], rotations[:, :, 2]) * scale[:, 2]
-        stored["torque"] = columns.reshape(J.shape[2], -1)
-    return stored["torque"]
-
-
-def energy_terms_at(problem: ForceProblem, weights: Mapping[str, float], impact_time: float) -> dict:
+def energy_terms_at(problem: ForceProblem, weights: Mapping[str, float], impact_time: float) -> EnergyTerms:
     """Per grasp-energy measure of the objective its powers of F_n at t_I [s], as :func:`assemble` takes them."""
     return {m: problem.energy_terms(impact_time, m) for m in MEASURES if weights.get(m)}
 
 
 def feasibility(problem: ForceProblem, lo: np.ndarray, hi: np.ndarray) -> Program:
     """The program where only its constraints matter, for F_n in [lo, hi] (k,) [N]."""
-    return assemble(problem, {"peak": 1.0}, {}, lo, hi)
+    return assemble(matrices_of(problem, {"peak": 1.0}), problem.scaled_load, {}, lo, hi)
 
 
-def assemble(
-    problem: ForceProblem,
-    weights: Mapping[str, float],
-    terms: Mapping[str, tuple[tuple[float, float], ...]],
-    lo: np.ndarray,
-    hi: np.ndarray,
-) -> Program:
+def assemble(matrices: Matrices, load: np.ndarray, terms: EnergyTerms, lo: np.ndarray, hi: np.ndarray) -> Program:
     """The program of a force problem.
 
     Args:
-        problem: contacts, load, friction, limits.
-        weights: objective, see :func:`weights_of`.
-        terms: per grasp-energy measure in ``weights`` its powers of F_n [N] (:func:`energy_terms_at`).
-        lo, hi: range of F_n (k,) [N].
+        matrices: of its contacts, friction, torque limits and objective.
+        load: in the balance rows (rows,), moments over the moment length [N].
+        terms: per grasp-energy measure of the objective its powers of F_n [N] (:func:`energy_terms_at`).
+        lo: least F_n (k,) [N].
+        hi: largest F_n (k,) [N].
     """
-    k, d = problem.k, problem.friction.d
-    stored = problem._assembled
-    A, load = columns_of(problem), problem.scaled_load
-    scale = load_size_of(load, lo)
+    weights, scale = matrices.weights, load_size_of(load, lo)
     powers = [(weights[m] * c * scale**e, e) for m in MEASURES if weights.get(m) for c, e in terms[m]]
-    P, q, constant, largest, cache = kept(
-        stored["objectives"], tuple(weights.items()), lambda: _quadratic(problem, weights), _OBJECTIVES
-    )
     sizes = [c for c, _ in powers]
-    peak = weights.get("peak", 0.0) * scale
+    peak = matrices.peak * scale
     if peak:
         sizes.append(peak)
-    if P is not None:
-        sizes.append(0.5 * largest * scale**2)
+    if matrices.P is not None:
+        sizes.append(0.5 * matrices.P_size * scale**2)
     unit = max(sizes) if max(sizes) > 0 else 1.0
-    if "rows" not in stored:
-        stored["rows"] = _torque_rows(problem)
-        rows = stored["rows"][0].reshape(-1, k, d)
-        stored["reach"] = np.abs(rows[:, :, -1]) + problem.friction.support(
-            rows[:, :, :-1]
-        )  # largest |row . x| per newton of F_n
-    R, R_lo, R_hi, _ = stored["rows"]
-    if len(R):
+    R_lo, R_hi = matrices.R_lo, matrices.R_hi
+    if len(R_lo):
         # A limit that no admissible forces reach is drawn in to just beyond their reach: huge ones spoil a solver's
         # scaling.
-        reach = np.maximum(2.0 * stored["reach"] @ hi, scale)
+        reach = np.maximum(2.0 * matrices.R_reach @ hi, scale)
         R_lo, R_hi = np.maximum(R_lo, np.minimum(-reach, R_hi)), np.minimum(R_hi, np.maximum(reach, R_lo))
-    cache["torque limits"] = stored["rows"][1:3]
+        R_lo, R_hi = R_lo / scale, R_hi / scale
     return Program(
-        friction=problem.friction,
-        k=k,
-        d=d,
-        A=A,
+        matrices=matrices,
         b=-load / scale,
         lo=lo / scale,
         hi=hi / scale,
-        R=R,
-        R_lo=R_lo / scale if len(R) else R_lo,
-        R_hi=R_hi / scale if len(R) else R_hi,
+        R_lo=R_lo,
+        R_hi=R_hi,
         powers=tuple((c / unit, e) for c, e in powers),
-        P=None if P is None else P * (scale**2 / unit),
-        q=q * (scale / unit),
+        P=None if matrices.P is None else matrices.P * (scale**2 / unit),
+        q=matrices.q * (scale / unit),
         peak=peak / unit,
-        constant=constant / unit,
+        constant=matrices.constant / unit,
         force_scale=scale,
         objective_scale=unit,
-        cache=cache,
     )
-
-
-def _quadratic(problem: ForceProblem, weights) -> tuple[np.ndarray | None, np.ndarray, float, float, dict]:
-    """P, q and the constant of the quadratic objectives, in newtons and the objectives' units; P's largest diagonal
-    entry.
-
-    And an empty cache: solvers keep there what depends on nothing else.
-    """
-    n = problem.k * problem.friction.d
-    P, q, constant = None, np.zeros(n), 0.0
-    if weights.get("least_squares"):
-        size = np.ones((problem.k, problem.friction.d))
-        size[:, :-1] = problem.friction.scale(problem.mu)
-        size[:, 2:-1] /= problem.moment_length
-        P = np.diag(2 * weights["least_squares"] * size.ravel() ** 2)
-    if weights.get("motor_heat"):
-        T, bias, weight = torque_columns(problem), problem.torques.bias, weights["motor_heat"]
-        heat = 2 * weight * T.T @ T
-        P = heat if P is None else P + heat
-        q = 2 * weight * bias @ T
-        constant = weight * float(bias @ bias)
-    largest = 0.0 if P is None else float(np.abs(np.diag(P)).max()) or 1.0
-    return P, q, constant, largest, {}
-
-
-def _torque_rows(problem: ForceProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """R, its bounds in newtons, and the norms [m] the rows were divided by."""
-    n = problem.k * problem.friction.d
-    if problem.torques is None or not np.any(problem.torques.limited):
-        return np.zeros((0, n)), np.zeros(0), np.zeros(0), np.zeros(0)
-    limited = problem.torques.limited
-    limit, bias = problem.torques.limit[limited], problem.torques.bias[limited]
-    rows = torque_columns(problem)[limited]
-    norm = np.linalg.norm(rows, axis=1)
-    norm[norm <= 1e-12 * max(float(norm.max()), 1e-300)] = 1.0
-    return rows / norm[:, None], (-limit - bias) / norm, (limit - bias) / norm, norm

@@ -247,6 +247,6 @@ def _search(
         search=name,
         log=log,
         started=started,
-        solver=solver if name == "hybrid" else "",
+        backend=solver if name == "hybrid" else "",
         closest=search.closest.residual,
     )

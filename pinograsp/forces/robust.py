@@ -14,7 +14,6 @@ Friction coefficients within a range: the least of them is the worst case, since
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -33,9 +32,11 @@ from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, 
 from pinograsp.forces.conic import cone_rows, solve
 from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.load_set import LoadSet
+from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import MEASURES, ForceProblem
 from pinograsp.forces.program import Program, assemble, energy_terms_at, feasibility, weights_of
 from pinograsp.forces.solution import ForceSolution, solution_of
+from pinograsp.forces.solvers import compiled_installed
 
 _EDGES_FOR_BALLS = 16
 _FRICTION_ONLY = (*MEASURES, "peak")  # objectives that depend on the common F_n alone
@@ -117,7 +118,7 @@ class RobustForces:
         bound = program.lower_bound(x, y, w)
         checks = Checks(violation, gauge, residual, program.value(x), bound)
         forces = certify(problem, program, Answer(x, y, w, checks))
-        outcome = Outcome(status=self.status, solver="clarabel", forces=forces)
+        outcome = Outcome(status=self.status, backend="clarabel", forces=forces)
         found = solution_of(problem, outcome, impact_time=self.impact_time, weights={}, started=started)
         return replace(found, search="robust")
 
@@ -195,7 +196,7 @@ def optimize_robust(
     terms = energy_terms_at(problem, weights, impact_time)
     lo, hi = problem.normal_force_range(impact_time)
     largest = load_set.loads[np.argmax([problem.scaled_norm(w) for w in load_set.loads])]
-    program = assemble(replace(problem, load=largest), weights, terms, lo, hi)
+    program = assemble(matrices_of(problem, weights), _scaled(problem, largest), terms, lo, hi)
     scaled = np.array([_scaled(problem, wrench) for wrench in load_set.loads])
     targets = np.unique(-scaled / program.force_scale, axis=0)  # in force balance loads may differ by moments alone
     return _Robust(problem, program, targets, load_set, impact_time).solved(started)
@@ -287,7 +288,7 @@ class _Robust:
 
     def constraints(self):
         p, k = self.program, self.k
-        linear, second, sizes, select = cone_rows(p)
+        linear, second, sizes, select = cone_rows(p.matrices)
         facets = linear[2 * k :].toarray() if linear.shape[0] > 2 * k else np.zeros((0, k * p.d))
         select, second = select.toarray(), second.toarray()
         equal = [self.block(p.A, s) for s in range(self.s)]
@@ -456,10 +457,10 @@ class _Robust:
         )
 
     def suspects(self) -> list[ForceProblem]:
-        """The loads one by one; with the compiled solvers loaded, those that cannot be held by themselves alone."""
+        """The loads one by one; where numba is installed, those that cannot be held by themselves alone."""
         singles = [replace(self.problem, load=wrench) for wrench in self.load_set.loads]
         low, high = self.problem.normal_force_range(self.t)
-        if "pinograsp.forces.compiled" not in sys.modules or self.problem.torques is not None or np.any(low > high):
+        if not compiled_installed() or self.problem.torques is not None or np.any(low > high):
             return singles
         from pinograsp.forces.batch import ForceBatch, solve_batch
 

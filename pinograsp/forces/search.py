@@ -76,7 +76,7 @@ def refined(solution: ForceSolution, solver: str = "daqp") -> ForceSolution:
         solution,
         status=refinement.status if solution.status is Status.OK else solution.status,
         search="paper+qp",
-        solver=solver,
+        backend=solver,
         multipliers=refinement.multipliers,
         forces_c=refinement.forces_c,
         residual=refinement.certificate.residual,

@@ -20,7 +20,8 @@ import numpy as np
 from pinograsp.checks import brief, instance_of, number, read_only
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.conic import solve_conic
+from pinograsp.forces.conic import ConicMethod, exponents_of
+from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import assemble, energy_terms_at
@@ -178,10 +179,10 @@ class _Optimum:
         problem = solution.problem
         self.friction, k, d = problem.friction, problem.k, problem.friction.d
         terms = energy_terms_at(problem, solution.weights, solution.impact_time)
-        self.program = program = assemble(
-            problem, solution.weights, terms, *problem.normal_force_range(solution.impact_time)
-        )
-        found = solve_conic(program)
+        matrices = matrices_of(problem, solution.weights)
+        bounds = problem.normal_force_range(solution.impact_time)
+        self.program = program = assemble(matrices, problem.scaled_load, terms, *bounds)
+        found = ConicMethod(program.matrices, exponents_of(program)).solve(program)
         if found is None:
             raise InvalidInput(
                 "sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible"
@@ -331,7 +332,7 @@ def optimize_contacts(
     objective=None,
     reach: float = 0.01,
     tolerance: float = 1e-6,
-    solver: str = "auto",
+    backend: str = "auto",
 ) -> BetterContacts:
     """Contact points moved on the surface, each by at most ``reach``, until the certified cost falls no further nearby.
 
@@ -342,7 +343,7 @@ def optimize_contacts(
         problem: contacts and limits.
         object: a shape of :mod:`pinograsp.objects`, on whose surface the contacts are.
         impact_time: t_I [s].
-        objective, solver: as for :func:`optimize_forces`.
+        objective, backend: as for :func:`optimize_forces`.
         reach: largest way of a contact from where it was [m].
         tolerance: relative fall of the cost that ends it.
 
@@ -354,7 +355,7 @@ def optimize_contacts(
     reach = number("reach", reach, above=0, unit="m")
     tolerance = number("tolerance", tolerance, at_least=0)
     known = replace(problem, moment_length=problem.moment_length)
-    solution = optimize_forces(known, impact_time, objective=objective, solver=solver)
+    solution = optimize_forces(known, impact_time, objective=objective, backend=backend)
     if solution.status is not Status.OK:
         raise InvalidInput(
             f"optimize_contacts: expected contacts that hold the load to begin with, got '{solution.status}'"
@@ -370,7 +371,7 @@ def optimize_contacts(
         better = None
         for _ in range(_SHRINKS):
             tried = _moved(known, object, points - length / steepest * gradient, start, reach)
-            found = optimize_forces(tried, impact_time, objective=objective, solver=solver)
+            found = optimize_forces(tried, impact_time, objective=objective, backend=backend)
             if found.status is Status.OK and found.certificate.objective < costs[-1]:
                 better = tried, found
                 length *= 1.5

@@ -65,7 +65,7 @@ class ForceSolution:
             ``INTERRUPTED``.
         problem: what was solved.
         search: ``"paper"``, ``"paper+qp"``, ``"hybrid"``, ``"convex"`` or ``"robust"``.
-        solver: which one ran, "" if none did.
+        backend: which one ran, "" if none did.
         impact_time: t_I [s], None without a solution.
         acceleration: A (k,) [m/s^2].
         multipliers: (k1, k2) (k, 2).
@@ -83,7 +83,7 @@ class ForceSolution:
     status: Status
     problem: ForceProblem
     search: str
-    solver: str
+    backend: str
     impact_time: float | None
     acceleration: np.ndarray
     multipliers: np.ndarray
@@ -97,7 +97,7 @@ class ForceSolution:
     grid: GridLog | None = None
     branches: tuple[Branch, ...] = ()
 
-    __repr__ = brief("status", "search", "solver", "impact_time", "normal_forces", "residual", "elapsed")
+    __repr__ = brief("status", "search", "backend", "impact_time", "normal_forces", "residual", "elapsed")
 
     @property
     def found(self) -> bool:
@@ -199,7 +199,7 @@ def solution_of(
         status=outcome.status if status is None else status,
         problem=problem,
         search="convex",
-        solver=outcome.solver,
+        backend=outcome.backend,
         weights=weights,
         impact_time=at,
         acceleration=frozen(acceleration),

@@ -4,6 +4,8 @@ left to a default.
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 import warnings
 
 import daqp
@@ -33,6 +35,12 @@ TOLERANCES: dict[str, dict[str, float]] = {
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
 }
 SOLVERS = tuple(TOLERANCES)
+
+
+@functools.cache
+def compiled_installed() -> bool:
+    """Whether the compiled solvers can be loaded: numba (extra ``fast``) is installed."""
+    return importlib.util.find_spec("numba") is not None
 
 
 def compiled_solvers():

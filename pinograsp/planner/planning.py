@@ -205,7 +205,7 @@ def _by_optimum(hand: HandModel, problem: ForceProblem, choices: _Choices, limit
     objective = choices.objective if limit is None else None
     for _ in range(_TORQUE_ROUNDS):
         started = time.perf_counter()
-        forces = optimize_grasp(searched, objective=objective, solver=choices.solver, progress=choices.progress)
+        forces = optimize_grasp(searched, objective=objective, backend=choices.solver, progress=choices.progress)
         _refuse_failure(forces, _diagnosis)
         found = time.perf_counter()
         motion = plan_motion(hand, forces, choices.motion)

@@ -22,7 +22,15 @@ from random_grasps import random_grasp
 import pinograsp as pg
 from pinograsp.contacts import Friction
 from pinograsp.errors import ExtraMissing, InvalidInput, Status
-from pinograsp.forces import ForceProblem, TorqueLimits, force_sensitivity, optimize_forces, optimize_grasp, warm_up
+from pinograsp.forces import (
+    ForceProblem,
+    ForceSolver,
+    TorqueLimits,
+    force_sensitivity,
+    optimize_forces,
+    optimize_grasp,
+    warm_up,
+)
 
 MODELS = {
     "pyramid": Friction(),
@@ -37,9 +45,6 @@ MODELS = {
 @pytest.fixture(scope="module", autouse=True)
 def compiled():
     warm_up()
-    yield
-    # "auto" uses them only once they are loaded: leave the other tests as they are without them.
-    sys.modules.pop("pinograsp.forces.compiled", None)
 
 
 def grasps(contact_set, k, count, seed):
@@ -74,13 +79,14 @@ def test_same_optimum_as_the_general_method(contact_set, model, objective, k, so
     for contacts, load in grasps(contact_set, k, 6, 10 * k):
         torques = joint_limits(k) if limited else None
         problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=MODELS[model], torques=torques)
-        slow = optimize_forces(problem, 0.85, objective=objective, solver="clarabel")
-        # The first call takes the program's path, the second one the compiled path as a whole.
-        for _ in range(2):
-            fast = optimize_forces(problem, 0.85, objective=objective, solver=solver)
+        slow = optimize_forces(problem, 0.85, objective=objective, backend="clarabel")
+        for fast in (
+            optimize_forces(problem, 0.85, objective=objective, backend=solver),
+            ForceSolver(problem.with_load(0.5 * load), 0.85, objective=objective, backend=solver).solve(load),
+        ):
             assert fast.status is slow.status
             if fast.status is Status.OK:
-                agreed += fast.solver == solver
+                agreed += fast.backend == solver
                 assert fast.certificate.objective == pytest.approx(slow.certificate.objective, rel=2e-6)
                 assert fast.certificate.relative_gap <= 1e-6
                 assert fast.certificate.residual_force < 1e-9 and fast.certificate.violation < 1e-8
@@ -94,9 +100,12 @@ def test_same_optimum_as_the_general_method(contact_set, model, objective, k, so
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("balance", ["wrench", "force"])
-def test_both_paths_write_the_same_record(contact_set, monkeypatch, model, balance):
-    """Whole compiled calls against the program's path with the same solver, field by field."""
-    from pinograsp.forces import optimize
+def test_both_paths_write_the_same_record(contact_set, model, balance):
+    """Whole compiled calls against the program's path with the same method, field by field."""
+    from pinograsp.forces.backends import Backends
+    from pinograsp.forces.matrices import matrices_of
+    from pinograsp.forces.program import assemble, energy_terms_at
+    from pinograsp.forces.solution import solution_of
 
     for contacts, load in grasps(contact_set, 4, 3, 5):
         problem = ForceProblem(
@@ -109,12 +118,13 @@ def test_both_paths_write_the_same_record(contact_set, monkeypatch, model, balan
             torques=joint_limits(4),
         )
         objective = {"work": 1.0, "least_squares": 1e-3}
-        optimize_forces(problem, 0.85, objective=objective, solver="interior")
-        whole = optimize_forces(problem, 0.85, objective=objective, solver="interior")
-        with monkeypatch.context() as patch:
-            patch.setattr(optimize, "_compiled", lambda *_: None)
-            parts = optimize_forces(problem, 0.85, objective=objective, solver="interior")
-        assert whole.solver == parts.solver == "interior" and whole.status is parts.status is Status.OK
+        whole = optimize_forces(problem, 0.85, objective=objective, backend="interior")
+        matrices = matrices_of(problem, objective)
+        terms = energy_terms_at(problem, objective, 0.85)
+        program = assemble(matrices, problem.scaled_load, terms, *problem.normal_force_range(0.85))
+        outcome = Backends(matrices, "interior").solve(problem, program)
+        parts = solution_of(problem, outcome, impact_time=0.85, weights=objective, started=0.0)
+        assert whole.backend == parts.backend == "interior" and whole.status is parts.status is Status.OK
         for name in ("acceleration", "multipliers", "forces_c", "torsion"):
             assert getattr(whole, name) == pytest.approx(getattr(parts, name), rel=1e-5, abs=1e-6), name
             assert not getattr(whole, name).flags.writeable
@@ -164,7 +174,7 @@ def test_bounds_that_leave_no_room_go_to_the_general_method(contact_set):
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"))
     lo, _hi = problem.normal_force_range(0.85)
     for cap, status in ((lo * 0.5, Status.INFEASIBLE), (lo, Status.INFEASIBLE)):
-        found = optimize_forces(replace(problem, max_normal_force=cap), 0.85, solver="interior")
+        found = optimize_forces(replace(problem, max_normal_force=cap), 0.85, backend="interior")
         assert found.status is status
 
 
@@ -174,8 +184,8 @@ def test_force_balance_and_many_contacts(contact_set):
             problem = ForceProblem(
                 contacts=contacts, load=load, mu=0.5, balance=balance, friction=Friction(model="cone")
             )
-            found = optimize_forces(problem, 0.9, objective="least_squares", solver="newton")
-            assert found.status is Status.OK and found.solver == "newton"
+            found = optimize_forces(problem, 0.9, objective="least_squares", backend="newton")
+            assert found.status is Status.OK and found.backend == "newton"
 
 
 def test_auto_uses_them_only_where_they_apply(contact_set):
@@ -183,39 +193,42 @@ def test_auto_uses_them_only_where_they_apply(contact_set):
     settings = {"contacts": contacts, "load": load, "mu": 0.7}
     problem = ForceProblem(**settings)
     for _ in range(2):
-        assert optimize_forces(problem, 0.85).solver == "newton"
-        assert optimize_forces(problem, 0.85, objective="least_squares").solver == "newton"
-        assert optimize_forces(problem, 0.85, objective="peak").solver == "daqp"
-        assert optimize_forces(ForceProblem(**settings, friction=Friction(edges=8)), 0.85).solver == "interior"
+        assert optimize_forces(problem, 0.85).backend == "newton"
+        assert optimize_forces(problem, 0.85, objective="least_squares").backend == "newton"
+        assert optimize_forces(problem, 0.85, objective="peak").backend == "daqp"
+        assert optimize_forces(ForceProblem(**settings, friction=Friction(edges=8)), 0.85).backend == "interior"
         limited = ForceProblem(**settings, torques=joint_limits(5))
-        assert optimize_forces(limited, 0.85).solver == "interior"
-        assert optimize_forces(limited, 0.85, objective="motor_heat").solver == "daqp"  # joints that all contacts load
+        assert optimize_forces(limited, 0.85).backend == "interior"
+        assert optimize_forces(limited, 0.85, objective="motor_heat").backend == "daqp"  # joints that all contacts load
         # Asked for by name where they cannot work: the general method answers, and the record says so.
         for solver in ("newton", "interior"):
-            assert optimize_forces(problem, 0.85, objective="peak", solver=solver).solver == "daqp"
+            assert optimize_forces(problem, 0.85, objective="peak", backend=solver).backend == "daqp"
 
 
 def test_infeasible_loads_are_proven(contact_set):
     for contacts, load in grasps(contact_set, 4, 4, 7):
         problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=Friction(model="cone"))
         for solver in ("newton", "interior"):
-            found = optimize_forces(problem, 0.85, solver=solver)
+            found = optimize_forces(problem, 0.85, backend=solver)
             assert found.status is Status.INFEASIBLE and found.infeasibility.margin > 0
 
 
 def test_interior_points_recognise_infeasible_loads(contact_set):
     """Mostly without the general methods' help: the multipliers end as a certificate, and never as anything else."""
-    from pinograsp.forces.compiled import template_of
     from pinograsp.forces.kernels import CONVERGED, INFEASIBLE, interior_point, powers_of
+    from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble
+    from pinograsp.forces.template import Template
 
     proven = 0
     for contacts, load in grasps(contact_set, 4, 4, 7):
         for model in MODELS.values():
             problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=model)
             terms = {"work": problem.energy_terms(0.85, "work")}
-            program = assemble(problem, {"work": 1.0}, terms, *problem.normal_force_range(0.85))
-            fixed = template_of(program)
+            program = assemble(
+                matrices_of(problem, {"work": 1.0}), problem.scaled_load, terms, *problem.normal_force_range(0.85)
+            )
+            fixed = Template(program.matrices)
             x, y = np.empty((4, program.d)), np.empty(6)
             code, _ = interior_point(
                 *fixed.components,
@@ -246,9 +259,10 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
 
 def test_dual_newton_recognises_infeasible_loads(contact_set):
     """By itself: its ray is a certificate, whoever checks it, and there is none where there are forces."""
-    from pinograsp.forces.compiled import template_of
     from pinograsp.forces.kernels import CONVERGED, INFEASIBLE, dual_newton, newton_scratch, powers_of
+    from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble
+    from pinograsp.forces.template import Template
 
     codes = {Status.OK: CONVERGED, Status.INFEASIBLE: INFEASIBLE}
     for factor in (1e3, 1.0):
@@ -256,9 +270,11 @@ def test_dual_newton_recognises_infeasible_loads(contact_set):
             for name, model in MODELS.items():
                 problem = ForceProblem(contacts=contacts, load=factor * load, mu=0.5, friction=model)
                 terms = {"work": problem.energy_terms(0.85, "work")}
-                program = assemble(problem, {"work": 1.0}, terms, *problem.normal_force_range(0.85))
-                fixed, d = template_of(program), program.d
-                if not fixed.separates:
+                program = assemble(
+                    matrices_of(problem, {"work": 1.0}), problem.scaled_load, terms, *problem.normal_force_range(0.85)
+                )
+                fixed, d = Template(program.matrices), program.d
+                if not program.matrices.separates:
                     continue
                 x, y, q = np.full((d, 4), 0.1), np.zeros(6), np.zeros((d, 4))
                 code, _ = dual_newton(
@@ -275,16 +291,16 @@ def test_dual_newton_recognises_infeasible_loads(contact_set):
                     y,
                     np.empty(newton_scratch(d, 4)),
                 )
-                expected = codes[optimize_forces(problem, 0.85, objective="work", solver="daqp").status]
+                expected = codes[optimize_forces(problem, 0.85, objective="work", backend="daqp").status]
                 assert code == expected, name
                 assert (program.excluded(y, np.zeros(0)) > 0) == (expected == INFEASIBLE)
 
 
 def test_global_search_through_it(make_problem):
     problem = make_problem(balance="wrench", measure="work", friction=Friction(model="cone"))
-    slow = optimize_grasp(problem, solver="daqp")
+    slow = optimize_grasp(problem, backend="daqp")
     for solver in ("newton", "interior"):
-        fast = optimize_grasp(problem, solver=solver)
+        fast = optimize_grasp(problem, backend=solver)
         assert fast.certificate.objective == pytest.approx(slow.certificate.objective, rel=2e-6)
         assert fast.certificate.relative_gap <= 1e-6
 
@@ -326,9 +342,11 @@ def test_missing_numba_names_the_extra(monkeypatch):
 @pytest.mark.parametrize("limited", [False, True])
 def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
     """Bound and Farkas bound of the compiled certificate, at points and multipliers that are far from any optimum."""
-    from pinograsp.forces.compiled import solve_program, template_of
+    from pinograsp.forces.compiled import solve_program
     from pinograsp.forces.kernels import bound_of, excluded, powers_of
+    from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble, weights_of
+    from pinograsp.forces.template import Template
 
     rng, compared = np.random.default_rng(0), 0
     for contacts, load in grasps(contact_set, 4, 3, 3):
@@ -337,10 +355,12 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
         for objective in ("work", "impulse", "least_squares"):
             weights = weights_of(objective, problem)
             terms = {} if objective == "least_squares" else {objective: problem.energy_terms(0.85, objective)}
-            program = assemble(problem, weights, terms, *problem.normal_force_range(0.85))
-            fixed, k, d, r = template_of(program), program.k, program.d, len(program.R)
+            program = assemble(
+                matrices_of(problem, weights), problem.scaled_load, terms, *problem.normal_force_range(0.85)
+            )
+            fixed, k, d, r = Template(program.matrices), program.k, program.d, len(program.R)
             force, unit = program.force_scale, program.objective_scale
-            answer = solve_program(program, "interior")
+            answer = solve_program(program, Template(program.matrices), "interior")
             if answer is None:  # infeasible
                 continue
             compared += 1
@@ -396,10 +416,10 @@ for model in (pg.Friction(), pg.Friction(torsion=0.004), pg.Friction(edges=8), p
         for objective in ("work", "impulse", "least_squares"):
             for solver in ("interior", "newton"):
                 for _ in range(2):
-                    found = pg.optimize_forces(problem, 0.85, objective=objective, solver=solver)
-                primal.append([found.solver, found.certificate.objective if found.certificate else None])
+                    found = pg.optimize_forces(problem, 0.85, objective=objective, backend=solver)
+                primal.append([found.backend, found.certificate.objective if found.certificate else None])
     heavy = problem.with_load([300.0, 0, -1000.0, 0, 0, 0])
-    primal.append([str(pg.optimize_forces(heavy, 0.85, solver="interior").status), None])
+    primal.append([str(pg.optimize_forces(heavy, 0.85, backend="interior").status), None])
 print(json.dumps(primal))
 """
 
@@ -431,12 +451,12 @@ def test_problems_go_to_other_processes(contact_set):
 
     contacts, load = next(grasps(contact_set, 4, 1, 3))
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"))
-    found = [optimize_forces(problem, 0.85, solver=solver) for solver in ("clarabel", "interior", "interior")][-1]
+    found = [optimize_forces(problem, 0.85, backend=solver) for solver in ("clarabel", "interior", "interior")][-1]
     there = pickle.loads(pickle.dumps(found))
     assert not there.problem.load.flags.writeable
     known = len(compiled.whole.signatures)
     for _ in range(2):
-        again = optimize_forces(there.problem, 0.85, solver="interior")
+        again = optimize_forces(there.problem, 0.85, backend="interior")
         assert again.certificate.objective == pytest.approx(found.certificate.objective, rel=1e-8)
     assert len(compiled.whole.signatures) == known
 
@@ -575,7 +595,7 @@ def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
         problem = replace(
             grasp.problem, friction=Friction(model="soft", torsion=0.004), moment_length=grasp.problem.moment_length
         )
-        solution = optimize_forces(problem, grasp.impact_time, objective="least_squares", solver="interior")
+        solution = optimize_forces(problem, grasp.impact_time, objective="least_squares", backend="interior")
         if not solution.found:
             continue
         own, rng = force_sensitivity(solution), np.random.default_rng(seed)
@@ -585,7 +605,7 @@ def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
                 problem.with_load(problem.load + h * way),
                 grasp.impact_time,
                 objective="least_squares",
-                solver="clarabel",
+                backend="clarabel",
             )
             for h in (step, -step)
         ]

@@ -8,7 +8,7 @@ import pytest
 import pinograsp as pg
 from pinograsp.errors import Status
 from pinograsp.forces.batch import program_of
-from pinograsp.forces.conic import solve_conic
+from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.spatial import tangent_frame
 
 MODELS = {"cone": pg.Friction(model="cone"), "pyramid": pg.Friction(), "soft": pg.Friction(model="soft", torsion=3e-3)}
@@ -95,7 +95,7 @@ def checked(batch: pg.ForceBatch, objective: str, sample) -> dict:
     worst, refused = 0.0, 0
     for i in sample:
         _, program = program_of(batch, int(i), {objective: 1.0})
-        other = solve_conic(program)
+        other = ConicMethod(program.matrices, exponents_of(program)).solve(program)
         if found.ok[i]:
             if other is not None:
                 x = other[0]

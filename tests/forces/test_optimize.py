@@ -48,7 +48,7 @@ def judged(grasp, backend, expectation):
     p, t = grasp.problem, grasp.impact_time
     status, expected, who = expectation
     solver = ("daqp" if p.k <= 20 else "clarabel") if backend == "default" else backend
-    found = optimize_forces(p, t, objective=grasp.objective, solver=solver)
+    found = optimize_forces(p, t, objective=grasp.objective, backend=solver)
     verdict, difference, wrong = str(found.status), np.nan, []
     if found.status is Status.OK:
         size = size_of(p, t, grasp.objective, expected if status == "optimal" else found.certificate.objective)
@@ -228,8 +228,8 @@ def test_all_solvers_find_the_same_optimum(seed):
     status, expected, _ = optimum(grasp)
     assert status == "optimal"
     for solver in SOLVERS:
-        found = optimize_forces(grasp.problem, grasp.impact_time, objective=grasp.objective, solver=solver)
-        assert found.status is Status.OK and found.solver == solver
+        found = optimize_forces(grasp.problem, grasp.impact_time, objective=grasp.objective, backend=solver)
+        assert found.status is Status.OK and found.backend == solver
         assert found.certificate.objective == pytest.approx(expected, rel=1e-6)
 
 
@@ -237,7 +237,7 @@ def test_all_solvers_find_the_same_optimum(seed):
 def test_dense_solvers_handle_round_cones_too(model):
     grasp = random_grasp(11, family=model, k=6, degenerate="", load="plain", torques=False)
     values = [
-        optimize_forces(grasp.problem, grasp.impact_time, objective="work", solver=solver).certificate.objective
+        optimize_forces(grasp.problem, grasp.impact_time, objective="work", backend=solver).certificate.objective
         for solver in SOLVERS
     ]
     assert np.ptp(values) <= 1e-6 * min(values)
@@ -276,7 +276,7 @@ def test_one_to_sixty_contacts():
 )
 @pytest.mark.parametrize("solver", ["auto", "clarabel"])
 def test_the_case_study_has_this_optimum(make_problem, balance, work_mJ, forces, solver):
-    found = optimize_forces(make_problem(balance=balance, measure="work"), 0.9, solver=solver)
+    found = optimize_forces(make_problem(balance=balance, measure="work"), 0.9, backend=solver)
     assert found.status is Status.OK and found.weights == {"work": 1.0}
     assert f"{1e3 * found.work:.2f}" == f"{1e3 * found.certificate.objective:.2f}" == work_mJ
     assert tuple(f"{F:.3f}" for F in found.normal_forces) == forces
@@ -745,9 +745,9 @@ def test_impact_times_outside_the_motion_are_refused(make_problem, search, impac
         ({"objective": {"work": 0.0, "peak": 0.0}}, "at least one weight above 0"),
         ({"objective": {"work": 1.0, "speed": 1.0}}, "objective: expected one of"),
         ({"objective": "motor_heat"}, "torques"),
-        ({"solver": "gurobi"}, "solver: expected one of"),
-        ({"solver": "DAQP"}, "solver: expected one of"),
-        ({"solver": None}, "solver: expected one of"),
+        ({"backend": "gurobi"}, "backend: expected one of"),
+        ({"backend": "DAQP"}, "backend: expected one of"),
+        ({"backend": None}, "backend: expected one of"),
     ],
 )
 def test_unknown_objectives_and_solvers_are_refused(make_problem, options, message):

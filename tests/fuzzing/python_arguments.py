@@ -257,7 +257,7 @@ def _fill() -> None:
         problem=w.problem,
         impact_time=0.9,
         objective={"work": 1.0, "least_squares": 1e-4},
-        solver="auto",
+        backend="auto",
     )
     call(
         pg.optimize_forces,
@@ -265,20 +265,22 @@ def _fill() -> None:
         problem=w.problem,
         impact_time=0.9,
         objective="peak",
-        solver="clarabel",
+        backend="clarabel",
     )
-    call(pg.optimize_grasp, problem=w.problem, objective="work", solver="auto", gap=1e-3, progress=False)
+    call(pg.optimize_grasp, problem=w.problem, objective="work", backend="auto", gap=1e-3, progress=False)
+    call(pg.ForceSolver, problem=w.problem, impact_time=0.9, objective="work", backend="clarabel")
+    call(pg.ForceSolver(w.problem, 0.9, backend="clarabel").solve, load=problem["load"])
     call(pg.diagnose, problem=w.problem, impact_time=0.9)
     call(pg.grasp_margins, solution=w.solution, tolerance=1e-2)
     call(
-        pg.disturbance_margin,
+        forces.disturbance_margin,
         problem=w.problem,
         direction=problem["load"],
         normal_forces=w.solution.normal_forces,
         impact_time=None,
     )
     call(
-        pg.disturbance_margin,
+        forces.disturbance_margin,
         "disturbance_margin at a time",
         problem=w.problem,
         direction=problem["load"],
@@ -288,7 +290,14 @@ def _fill() -> None:
     call(pg.forces.min_weight, contacts=w.contacts, mu=0.7, edges=8, balance="wrench")
     call(pg.LoadSet, loads=w.loads.loads, ball=0.1)
     call(pg.LoadSet.around, load=problem["load"], box=[0.1, 0.1, 0.1, 0, 0, 0], ball=0.1, mass_range=(0.9, 1.1))
-    call(pg.optimize_robust, problem=w.problem, loads=w.loads, impact_time=0.85, mu_range=(0.65, 0.8), objective="work")
+    call(
+        pg.optimize_robust,
+        problem=w.problem,
+        load_set=w.loads,
+        impact_time=0.85,
+        mu_range=(0.65, 0.8),
+        objective="work",
+    )
     call(
         forces.holding_probability,
         problem=w.problem,
@@ -313,7 +322,7 @@ def _fill() -> None:
         objective="work",
         reach=1e-3,
         tolerance=1e-2,
-        solver="auto",
+        backend="auto",
     )
     k = len(w.contacts)
     call(

@@ -1,0 +1,181 @@
+"""What the programs of a force problem share, whatever its load and impact time: matrices, in newtons. Pure functions.
+
+Scaled variables are per contact x_i = (u_i, F_i): tangential force (and torsion) and normal force, so that friction of
+every model reads u_i in F_i U (:mod:`pinograsp.contacts.friction`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import brief
+from pinograsp.contacts import Friction
+from pinograsp.forces.problem import ForceProblem
+
+_SAME = 1e-12  # between weights that count as equal, relative
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Matrices:
+    """A force problem's matrices for one objective; see :mod:`pinograsp.forces.program` for the symbols.
+
+    Attributes:
+        friction: the model.
+        k: contacts.
+        d: numbers per contact.
+        weights: the objective, ``{name: weight}``.
+        A: balance (rows, k d), moments over the moment length.
+        correction: pseudo-inverse of A (k d, rows): the least change of x that removes a residual.
+        R: torque rows (m, k d), of unit norm.
+        R_lo: least values of R x (m,) [N].
+        R_hi: largest values of R x (m,) [N].
+        R_norm: what the rows were divided by (m,) [m].
+        R_reach: largest absolute value of row . x per newton of F_n (m, k).
+        P: quadratic objective (k d, k d), or None.
+        P_size: its largest diagonal entry.
+        q: linear objective (k d,).
+        constant: of the objective.
+    """
+
+    friction: Friction
+    k: int
+    d: int
+    weights: dict[str, float]
+    A: np.ndarray
+    correction: np.ndarray
+    R: np.ndarray
+    R_lo: np.ndarray
+    R_hi: np.ndarray
+    R_norm: np.ndarray
+    R_reach: np.ndarray
+    P: np.ndarray | None
+    P_size: float
+    q: np.ndarray
+    constant: float
+
+    __repr__ = brief("friction", "k", "weights")
+
+    @property
+    def rows(self) -> int:
+        """Balance rows: 3 or 6."""
+        return len(self.A)
+
+    @property
+    def peak(self) -> float:
+        """Weight of the largest normal force."""
+        return self.weights.get("peak", 0.0)
+
+    @property
+    def decoupled(self) -> bool:
+        """Whether the objective couples no two contacts: what the compiled interior-point method takes."""
+        return not self.peak and (self.P is None or np.count_nonzero(self.P) == np.count_nonzero(self.blocks()))
+
+    @property
+    def separates(self) -> bool:
+        """Whether the dual's inner problems have a closed form: what the compiled Newton method takes."""
+        if not self.decoupled or len(self.R) or not self.friction.separates:
+            return False
+        if self.P is None:
+            return True
+        blocks = self.blocks()
+        diagonal = np.einsum("kjj->kj", blocks)
+        own = diagonal[:, : self.friction.round_dimensions]
+        return np.count_nonzero(blocks) <= np.count_nonzero(diagonal) and (
+            own.shape[1] == 0 or bool(np.all(np.ptp(own, axis=1) <= _SAME * own.max()))
+        )
+
+    def blocks(self) -> np.ndarray:
+        """P's blocks of each contact (k, d, d)."""
+        at = np.arange(self.k)
+        return self.P.reshape(self.k, self.d, self.k, self.d)[at, :, at, :]
+
+
+def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices:
+    """The matrices of a problem for the objective ``weights``, see :func:`~pinograsp.forces.program.weights_of`."""
+    k, d, friction = problem.k, problem.friction.d, problem.friction
+    widths = friction.scale(problem.mu)
+    A = balance_columns(problem)
+    torque = None if problem.torques is None else torque_columns(problem, widths)
+    R, R_lo, R_hi, R_norm = _torque_rows(problem, torque)
+    rows = R.reshape(-1, k, d)
+    P, q, constant = _quadratic(problem, weights, widths, torque)
+    return Matrices(
+        friction=friction,
+        k=k,
+        d=d,
+        weights=dict(weights),
+        A=A,
+        correction=np.linalg.pinv(A, rcond=1e-10),
+        R=R,
+        R_lo=R_lo,
+        R_hi=R_hi,
+        R_norm=R_norm,
+        R_reach=np.abs(rows[:, :, -1]) + friction.support(rows[:, :, :-1]),
+        P=P,
+        P_size=0.0 if P is None else float(np.diag(P).max()) or 1.0,
+        q=q,
+        constant=constant,
+    )
+
+
+def balance_columns(problem: ForceProblem) -> np.ndarray:
+    """Grasp map on x: (rows, k d), friction's scale included."""
+    base, friction = problem.scaled_columns, problem.friction
+    scale = friction.scale(problem.mu)
+    columns = np.zeros((problem.rows, problem.k, friction.d))
+    columns[:, :, :2] = base[:, :, :2] * scale[None, :, :2]
+    columns[:, :, -1] = base[:, :, 2]
+    if friction.d == 4 and problem.rows == 6:
+        normals = problem.contacts.rotations_oc[:, :, 2]
+        columns[3:, :, 2] = (normals * scale[:, 2:3]).T / problem.moment_length
+    return columns.reshape(problem.rows, -1)
+
+
+def torque_columns(problem: ForceProblem, widths: np.ndarray) -> np.ndarray:
+    """Joint torques from x: (n, k d) [N m per newton]; ``widths`` (k, d - 1): friction's scale."""
+    rotations, d = problem.contacts.rotations_oc, problem.friction.d
+    J = problem.torques.jacobian
+    linear = np.einsum("kxn,kxc->nkc", J[:, :3], rotations)
+    columns = np.zeros((J.shape[2], problem.k, d))
+    columns[:, :, :2] = linear[:, :, :2] * widths[None, :, :2]
+    columns[:, :, -1] = linear[:, :, 2]
+    if d == 4:
+        columns[:, :, 2] = np.einsum("kxn,kx->nk", J[:, 3:], rotations[:, :, 2]) * widths[:, 2]
+    return columns.reshape(J.shape[2], -1)
+
+
+def _quadratic(
+    problem: ForceProblem, weights: Mapping[str, float], widths: np.ndarray, torque: np.ndarray | None
+) -> tuple[np.ndarray | None, np.ndarray, float]:
+    """P, q and the constant of the quadratic objectives, in newtons and the objectives' units."""
+    n = problem.k * problem.friction.d
+    P, q, constant = None, np.zeros(n), 0.0
+    if weights.get("least_squares"):
+        size = np.ones((problem.k, problem.friction.d))
+        size[:, :-1] = widths
+        size[:, 2:-1] /= problem.moment_length
+        P = np.diag(2 * weights["least_squares"] * size.ravel() ** 2)
+    if weights.get("motor_heat"):
+        bias, weight = problem.torques.bias, weights["motor_heat"]
+        heat = 2 * weight * torque.T @ torque
+        P = heat if P is None else P + heat
+        q = 2 * weight * bias @ torque
+        constant = weight * float(bias @ bias)
+    return P, q, constant
+
+
+def _torque_rows(
+    problem: ForceProblem, torque: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """R, its bounds in newtons, and the norms [m] the rows were divided by."""
+    if torque is None or not np.any(problem.torques.limited):
+        return np.zeros((0, problem.k * problem.friction.d)), np.zeros(0), np.zeros(0), np.zeros(0)
+    limited = problem.torques.limited
+    limit, bias = problem.torques.limit[limited], problem.torques.bias[limited]
+    rows = torque[limited]
+    norm = np.linalg.norm(rows, axis=1)
+    norm[norm <= 1e-12 * max(float(norm.max()), 1e-300)] = 1.0
+    return rows / norm[:, None], (-limit - bias) / norm, (limit - bias) / norm, norm

@@ -1,0 +1,107 @@
+"""Least-cost contact forces for one load after another: prepare once, solve many times."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+from numpy.typing import ArrayLike
+
+from pinograsp.checks import instance_of, one_of, record_of
+from pinograsp.errors import Status
+from pinograsp.forces.backends import BACKENDS, COMPILED, Backends
+from pinograsp.forces.matrices import matrices_of
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import assemble, energy_terms_at, weights_of
+from pinograsp.forces.solution import ForceSolution, solution_of
+from pinograsp.forces.solvers import compiled_solvers
+
+
+class ForceSolver:
+    """The forces of least cost at one impact time, for one load after another.
+
+    Everything that does not depend on the load is prepared here, once, and lives as long as the solver does; answers do
+    not depend on those before.
+
+    Attributes:
+        problem: contacts, friction and limits; its load is the default one.
+        impact_time: t_I [s].
+        weights: the objective, ``{name: weight}``.
+        backends: names of the methods, in the order in which they are asked.
+    """
+
+    def __init__(
+        self,
+        problem: ForceProblem,
+        impact_time: float,
+        *,
+        objective: str | Mapping[str, float] | None = None,
+        backend: str = "auto",
+    ):
+        """Prepare all but the load.
+
+        Args:
+            problem: contacts, load, friction, limits.
+            impact_time: t_I [s]; it sets the range of F_n (Eqs. 13) and the energy.
+            objective: as for :func:`~pinograsp.forces.optimize_forces`.
+            backend: as for :func:`~pinograsp.forces.optimize_forces`.
+
+        Raises:
+            InvalidInput: an impact time not below t_F, an unknown objective or backend.
+            ExtraMissing: a compiled backend was asked for, and numba is not installed.
+        """
+        self.problem = instance_of("problem", problem, ForceProblem)
+        self.impact_time = problem.checked_impact_time(impact_time)
+        self.weights = weights_of(objective, problem)
+        one_of("backend", backend, BACKENDS)
+        self._matrices = matrices_of(problem, self.weights)
+        self._backends = Backends(self._matrices, backend)
+        self.backends = self._backends.order
+        self._terms = energy_terms_at(problem, self.weights, self.impact_time)
+        self._least, self._largest = problem.normal_force_range(self.impact_time)
+        self._compiled = None
+        if self.backends[0] in COMPILED and self._backends.takes(self.backends[0]):
+            compiled_solvers()
+            from pinograsp.forces.compiled import Prepared
+
+            self._compiled = Prepared(problem, self._backends.template, self.backends[0], self.impact_time)
+
+    def solve(self, load: ArrayLike | None = None) -> ForceSolution:
+        """The forces for a load (6,), linear first, about the centre of mass, world axes [N, N m].
+
+        Args:
+            load: default: the problem's.
+
+        Returns:
+            A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``;
+            or ``INACCURATE`` where neither could be certified.
+
+        Raises:
+            InvalidInput: a load that is not six finite numbers.
+        """
+        started = time.perf_counter()
+        problem = self.problem if load is None else self.problem.with_load(load)
+        if self._compiled is not None:
+            found = self._compiled.forces(problem.load)
+            if found is not None:
+                return record_of(
+                    ForceSolution,
+                    {
+                        "status": Status.OK,
+                        "problem": problem,
+                        "search": "convex",
+                        "backend": found.backend,
+                        "weights": self.weights.copy(),
+                        "impact_time": self.impact_time,
+                        "acceleration": found.acceleration,
+                        "multipliers": found.multipliers,
+                        "forces_c": found.forces_c,
+                        "torsion": found.torsion,
+                        "residual": found.certificate.residual,
+                        "certificate": found.certificate,
+                        "elapsed": time.perf_counter() - started,
+                    },
+                )
+        program = assemble(self._matrices, problem.scaled_load, self._terms, self._least, self._largest)
+        outcome = self._backends.solve(problem, program, tried=self._compiled is not None)
+        return solution_of(problem, outcome, impact_time=self.impact_time, weights=self.weights.copy(), started=started)
