@@ -67,8 +67,6 @@ OWNERS = {
     "pyarrow": {"sweep"},
     "distributed": {"sweep"},
 }
-# Types that a record of forces names, of files that import it: the one circle there is.
-KNOWN = {"pinograsp.forces.optimize", "pinograsp.forces.global_optimum"}
 # Tests of what no single room does.
 ABOUT_ALL = {"test_architecture.py", "test_examples.py", "test_frozen_records.py", "test_fuzzing.py"}
 # Rooms that must work without the solvers: pictures and reports of stored runs.
@@ -145,9 +143,7 @@ def test_no_file_imports_the_front_door():
 
 
 def test_no_files_import_each_other_in_a_circle():
-    graph = {module: frozenset(names & FILES.keys()) for module, names in imports().items()}
-    graph["pinograsp.forces.solution"] -= KNOWN  # to go
-    assert not circle(graph)
+    assert not circle({module: frozenset(names & FILES.keys()) for module, names in imports().items()})
 
 
 @pytest.mark.parametrize(
