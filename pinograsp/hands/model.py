@@ -188,9 +188,11 @@ class HandModel:
         text_of(f"frame of hand '{self.name}'", name)
         for kind in (pin.FrameType.BODY, pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
             if self.model.existFrame(name, kind):
-                return int(self.model.getFrameId(name, kind))
+                index: int = self.model.getFrameId(name, kind)
+                return index
         one_of(f"frame of hand '{self.name}'", name, [frame.name for frame in self.model.frames])
-        return int(self.model.getFrameId(name))
+        index = self.model.getFrameId(name)
+        return index
 
     def placed(self, pose: ArrayLike) -> HandModel:
         """The same hand with its root frame at ``pose`` = oMh (4, 4)."""
