@@ -142,7 +142,7 @@ _MOST_JOBS = 1000
 
 def floats_of(name: str, value: object, wanted: str = "numbers") -> Array:
     """``value`` as a float array of any shape: no texts, truth values, complex numbers, dates or masks. Infinity and
-    NaN are left.
+    NaN are kept.
     """
     try:
         if np.ma.is_masked(value) or isinstance(value, bytearray):
@@ -176,7 +176,7 @@ def at_least_zero(name: str, value: object) -> Array:
 
 
 def alike(names: str, *arrays: Array) -> None:
-    """:class:`InvalidInput` unless the arrays can be computed with together, element by element."""
+    """:class:`InvalidInput` unless the arrays broadcast against each other."""
     try:
         np.broadcast_shapes(*(array.shape for array in arrays))
     except ValueError:

@@ -130,12 +130,12 @@ class GeometryFailed(PinograspError):
 
 
 class SimulationDiverged(PinograspError):
-    """A simulation has come apart. ``time`` [s] and ``time_step`` [s] say when."""
+    """A simulation has diverged. ``time`` [s] and ``time_step`` [s] say when."""
 
     def __init__(self, time: float, time_step: float):
         self.time, self.time_step = time, time_step
         super().__init__(
-            f"the simulation came apart at {time:.4g} s (step {1e3 * time_step:g} ms): take a smaller time_step "
+            f"the simulation diverged at {time:.4g} s (step {1e3 * time_step:g} ms): take a smaller time_step "
             "or softer servos"
         )
 

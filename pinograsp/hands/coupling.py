@@ -99,7 +99,7 @@ def narrowed(limits: dict[str, Limits], couplings: dict[str, Coupling], notes: l
         own, leader = limits[name].seen_from(coupling.inverse(name)), free[coupling.followed]
         low, high = max(leader.lower, own.lower), min(leader.upper, own.upper)
         if high - low < 0.5 * (leader.upper - leader.lower):
-            # Limits of coupled joints are often copied without their sign; half the range lost is no range meant.
+            # Limits of coupled joints are often copied without their sign: then they would take half the range or more.
             notes.append(f"limits of {name} do not fit what {coupling.followed} makes it do: ignored")
         elif (low, high) != (leader.lower, leader.upper):
             free[coupling.followed] = replace(leader, lower=low, upper=high)

@@ -114,7 +114,7 @@ def drop(element: ElementTree.Element, *tags: str) -> None:
 
 
 def floats(text: str) -> list[float]:
-    """Numbers separated by blanks; ValueError where there are others, or infinite ones, or very many."""
+    """Numbers separated by blanks; ValueError for anything else, for infinite ones and for too long a text."""
     if len(text) > _MOST_DIGITS:
         raise ValueError(f"more than {_MOST_DIGITS} characters")
     values = [float(value) for value in text.split()]
@@ -126,7 +126,7 @@ def floats(text: str) -> list[float]:
 def numbers(
     element: ElementTree.Element, key: str, count: int, default: str | None = None, most: float = math.inf
 ) -> list[float]:
-    """``count`` finite numbers of an attribute, no larger than ``most``; ValueError where there are others."""
+    """``count`` finite numbers of an attribute, no larger than ``most``; ValueError for anything else."""
     text = element.get(key, default)
     try:
         values = [] if text is None else floats(text)

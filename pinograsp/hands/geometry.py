@@ -18,7 +18,7 @@ from pinograsp.spatial import FARTHEST
 
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
 _DENSITY = 1000.0
-_FLAT = 1e-6  # volume of a mesh that is flat but for rounding, of its longest edge's cube
+_FLAT = 1e-6  # volume over the longest extent's cube, of a mesh that is flat up to rounding
 
 Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
 
@@ -60,13 +60,13 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
     counts: dict[str, int] = {}
     for shape in shapes:
         try:
-            solid = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
+            form = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
         except (ValueError, OSError) as error:
             broken.append(f"{shape.link} ({shape.path}: {error})")
             continue
         frame, link = frames[shape.link]
         i = counts[shape.link] = counts.get(shape.link, -1) + 1
-        one = pin.GeometryObject(f"{shape.link}_{i}", link.parentJoint, frame, link.placement * shape.placement, solid)
+        one = pin.GeometryObject(f"{shape.link}_{i}", link.parentJoint, frame, link.placement * shape.placement, form)
         if shape.kind == "mesh":
             one.meshPath, one.meshScale = shape.path, np.array(shape.size)
         geometry.addGeometryObject(one)
@@ -156,7 +156,7 @@ def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[s
 
     These are those moved by the joints ``unweighed``, and those that have no mass, nor any link beyond them.
 
-    Returns the joints that move no mass even so.
+    Returns the joints that still move no mass.
     """
 
     def moved(joint: int) -> float:

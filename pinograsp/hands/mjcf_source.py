@@ -95,7 +95,7 @@ class Source:
                 parent[place:place] = list(included)
 
     def _included(self, name: str, path: Path) -> tuple[Path, ElementTree.Element]:
-        """The file that is meant, beside the one that includes it or beside the first, and what it holds."""
+        """The named file, beside the one that includes it or beside the first, and its outermost element."""
         found = next((one.resolve() for one in (path.parent / name, self.folder / name) if os.path.isfile(one)), None)
         if found is None:
             raise ValueError("no such file")

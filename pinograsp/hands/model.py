@@ -200,7 +200,7 @@ class HandModel:
         if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
             raise InvalidInput(f"hand pose: expected the last row 0 0 0 1, got {pose[3].tolist()}")
         if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-12:
-            U, _, V = np.linalg.svd(pose[:3, :3])  # typed with few digits: the nearest rotation
+            U, _, V = np.linalg.svd(pose[:3, :3])  # given with few digits: the nearest rotation
             pose = read_only(pose_of(pose[:3, 3], U @ V))
         move = pin.SE3(pose) * pin.SE3(self.pose).inverse()
         model, geometry = self.model.copy(), self.geometry.copy()

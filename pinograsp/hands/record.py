@@ -290,10 +290,10 @@ def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> pin.GeometryM
             raise InvalidInput(f"hand record: {where}size: expected numbers above zero [m], got {size}")
         _near(f"{where}size", size)
         placement = _placement(one, where)
-        solid = _mesh(_field(one, "path", str, where), size, problems) if from_file else PRIMITIVES[kind](*size)
-        if solid is not None:
-            solid = hull_of(solid) or solid if kind == "hull" else solid
-            added = pin.GeometryObject(name, joint, frame, placement, solid)
+        form = _mesh(_field(one, "path", str, where), size, problems) if from_file else PRIMITIVES[kind](*size)
+        if form is not None:
+            form = hull_of(form) or form if kind == "hull" else form
+            added = pin.GeometryObject(name, joint, frame, placement, form)
             if from_file:
                 added.meshPath, added.meshScale = one["path"], np.array(size)
             geometry.addGeometryObject(added)

@@ -59,7 +59,7 @@ def overview() -> tuple[list[dict[str, Any]], list[str]]:
     for name, entry in CATALOGUE.items():
         try:
             hand = load_hand(name)
-        except HandNotLoaded as error:  # one that is not there does not hide the others
+        except HandNotLoaded as error:  # a missing hand does not hide the others
             problems.append(str(error))
             continue
         rows.append(

@@ -1,10 +1,10 @@
 """Xacro files, expanded without allowing an untrusted file more than arithmetic.
 
 Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes other files, and reads environment
-variables. Unless the caller trusts the file, a copy of xacro is used that can do none of this by itself: wherever it
-comes upon an expression, a ``$(...)`` or a file, in whatever text and however late, it asks this module. That evaluates
-arithmetic (never by Python's ``eval``), knows ``$(arg ...)``, and hands out the files of the own folder, which are read
-and looked through once, before.
+variables. Unless the caller trusts the file, a copy of xacro expands it that can do none of this: for every expression,
+every ``$(...)`` and every file, wherever and whenever it meets them, it calls this module. That evaluates arithmetic
+(never by Python's ``eval``), knows ``$(arg ...)``, and gives it files of the description's own folder, which are read
+and checked once, before the expansion.
 """
 
 from __future__ import annotations
@@ -93,17 +93,17 @@ def _guarded(path: Path, mappings: dict[str, str]) -> minidom.Document:
 
 
 class _Refused(Exception):
-    """What the file asks for is not done."""
+    """The file asks for something that is not allowed."""
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
 
 
 class _Files:
-    """A file and those that it includes, parsed once and looked through.
+    """A file and those that it includes, parsed and checked once.
 
     Attributes:
-        problems: everything that goes beyond arithmetic and the own folder.
+        problems: everything that goes beyond arithmetic and the file's own folder.
     """
 
     def __init__(self, path: Path):
@@ -123,10 +123,10 @@ class _Files:
                 raise ValueError(f"{one.name}: {error}") from error
 
     def document(self, name: str) -> minidom.Document:
-        """A copy of the parsed file; :class:`_Refused` where it is not one that was looked through."""
+        """A copy of the parsed file; :class:`_Refused` where it is not one that was checked."""
         found = self._documents.get(Path(name).resolve())
         if found is None:
-            raise _Refused(f"the file '{name}' is not there, or is none that may be included")
+            raise _Refused(f"the file '{name}' is missing, or may not be included")
         return found.cloneNode(True)  # type: ignore[return-value]  # None is for shallow copies
 
     def _look_through(self, path: Path) -> list[Path]:
@@ -197,10 +197,10 @@ def _beyond_arithmetic() -> frozenset[str]:
     return frozenset(xacro._global_symbols) - set(arithmetic.FUNCTIONS) - {"math"}
 
 
-# -- a copy of xacro that can do nothing by itself ---------------------------------------------------------------------
+# -- a copy of xacro that calls this module ----------------------------------------------------------------------------
 
 _ONE_AT_A_TIME = threading.Lock()
-# What the copy must have for the guard to be in its way: other versions might evaluate or open elsewhere.
+# What the copy must have for the guard to replace it: other versions might evaluate or open elsewhere.
 _REPLACED = (
     "safe_eval",
     "eval_extension",
@@ -229,7 +229,7 @@ def _harmless_xacro() -> Any:  # xacro has no types
     module.get_include_files, module.parse_macro_arg = guard.included, _parameter
     module.replace_node = guard.replaced(module.replace_node)
     module._global_symbols = {}
-    for name in ("load_yaml", *_DISABLED):  # not needed any more: a way that leads there is one that was overlooked
+    for name in ("load_yaml", *_DISABLED):  # not needed: a call of one of them is a gap in the guard
         setattr(module, name, _disabled)
     return module
 
@@ -243,7 +243,7 @@ _Nodes: TypeAlias = minidom.Node | list[minidom.Node] | None
 
 
 class _Guard:
-    """What the copy of xacro asks, and how much it may do for one file."""
+    """What the copy of xacro calls instead, and its limits for one file."""
 
     def __init__(self, module: Any):  # the copy of xacro, which has no types
         self.module = module

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _Solid = TypeVar("_Solid", bound="Body")
 
 # Nearer than this to a centre, an axis or a mid-plane [m], no direction to the surface is preferred over another;
-# nearer than this to an edge, no curvature is. Far above rounding for things of a metre, far below any tolerance.
+# nearer than this to an edge, no curvature is. Far above rounding for objects of a metre, far below any tolerance.
 NO_DIRECTION = 1e-9
 _FAR = 1e100  # [m] squares of more overflow
 

@@ -214,7 +214,7 @@ class TriangleSurface:
 
 
 def _widened(squared: Array) -> Array:
-    """Squared distances that take in all that is as near to within NO_DIRECTION."""
+    """Squares of the distances with NO_DIRECTION added."""
     widened: Array = (np.sqrt(squared) + NO_DIRECTION) ** 2
     return widened
 

@@ -23,7 +23,7 @@ _SUPPORT = 200.0  # [rad/s] of the object on the support that lets it go
 _COARSEST = 0.05  # [s] between samples, which are steps at least
 _FEWEST_STEPS = 10  # until the grasp is complete
 _MOST_STEPS = 2_000_000  # their samples take half a gigabyte
-_FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has come apart
+_FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has diverged
 
 
 def simulate(

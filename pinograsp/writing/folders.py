@@ -57,8 +57,8 @@ class NewFolder:
 
     @classmethod
     def fresh(cls, name: str, beside: Path) -> NewFolder:
-        """One that does not exist and that nobody is writing: ``name``, ``name-2``, ... with letters that are safe in
-        names.
+        """The first of ``name``, ``name-2``, ... that does not exist and is not being written, with characters that
+        are safe in names.
         """
         for count in itertools.count(1):
             folder = beside / (safe_name(name) if count == 1 else f"{safe_name(name)}-{count}")
