@@ -7,6 +7,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import warnings
+from types import ModuleType
 
 import daqp
 import numpy as np
@@ -43,7 +44,7 @@ def compiled_installed() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-def compiled_solvers():
+def compiled_solvers() -> ModuleType:
     """The module :mod:`pinograsp.forces.kernels`; its first import takes a while, and compiling it, once per machine,
     much longer.
 

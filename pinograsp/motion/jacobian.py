@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pinocchio as pin
 
-from pinograsp.spatial import skew
+from pinograsp.spatial import Array, skew
 
 
-def point_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: np.ndarray) -> np.ndarray:
+def point_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: Array) -> Array:
     """Jacobian (3, n) of the linear velocity, world axes, of a point (3,) fixed in a joint's frame [m].
 
     Needs ``pin.computeJointJacobians`` at the current q. Pinocchio gives the joint frame's Jacobian
@@ -17,9 +16,10 @@ def point_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: np.nda
     return contact_jacobian(model, data, joint, point_l)[:3]
 
 
-def contact_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: np.ndarray) -> np.ndarray:
+def contact_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: Array) -> Array:
     """Jacobian (6, n), world axes, of a point (3,) fixed in a joint's frame [m]: linear, then angular velocity."""
-    J = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)  # (6,) where nv is 1
+    # Pinocchio's has the shape (6,) where nv is 1.
+    J: Array = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)
     arm = data.oMi[joint].rotation @ point_l
     J[:3] -= skew(arm) @ J[3:]
     return J

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import (
     are_rotations,
@@ -21,6 +24,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem
 from pinograsp.forces.solvers import compiled_solvers
 from pinograsp.hands import HandModel
+from pinograsp.spatial import Array
 
 _HUGE, _FAR = 1e12, 1e6  # loads [N, N m]; positions [rad, m] and friction: beyond them numbers mean nothing
 _MOST = 50  # Newton steps of one try; a warm start needs one to five
@@ -39,13 +43,15 @@ class OnlineForces:
     no forces at all keep the joints within their limits, these do not count.
 
     Attributes:
-        forces: (k, 3) in the contacts' axes [N]. moments: about the normals (k,) [N m]. torques: (n,) [N m], empty
-            without a hand.
+        forces: (k, 3) in the contacts' axes [N].
+        moments: about the normals (k,) [N m].
+        torques: (n,) [N m], empty without a hand.
         residual: what forces and load leave over (6,), about the centre of mass [N, N m].
         status: ``OK``; ``INFEASIBLE``: no forces within the limits of this tick, its rates and ramps included, balance
             the load, and none leave less (least squares; moments over the problem's moment length); ``INACCURATE``:
             neither is proven within the steps allowed, these are the closest that were found.
-        steps: Newton steps of the last tick. names: the contacts.
+        steps: Newton steps of the last tick.
+        names: the contacts.
 
     The arrays are overwritten by the next step: copy what must stay.
     """
@@ -55,8 +61,8 @@ class OnlineForces:
         problem: ForceProblem,
         *,
         hand: HandModel | None = None,
-        q=None,
-        normal_forces: tuple | None = None,
+        q: ArrayLike | None = None,
+        normal_forces: tuple[ArrayLike, ArrayLike] | None = None,
         max_rate: float | None = None,
         ramp: float = 0.1,
         period: float = 1e-3,
@@ -94,20 +100,7 @@ class OnlineForces:
         self.period = number("period", period, above=0, unit="s")
         ramp = number("ramp", ramp, at_least=0, unit="s")
         self._rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
-        n = 0 if hand is None else hand.n
-        parts = kernels.online_memory(friction.d, k, n)
-        (
-            self._memory,
-            self._settings,
-            self._load,
-            self._frames,
-            self._limits,
-            self._torque_limit,
-            self._out,
-            self._state,
-        ) = parts
-        self.forces, self.moments = self._out[: 3 * k].reshape(k, 3), self._out[3 * k : 4 * k]
-        self.residual, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
+        self._share(kernels.online_memory(friction.d, k, 0 if hand is None else hand.n))
         self.status, self.steps, self._started = Status.OK, 0, False
         self._com = np.array(problem.contacts.com_o)
         self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
@@ -150,7 +143,24 @@ class OnlineForces:
         problem, motion = plan.problem, plan.motion
         return cls(problem, **{"hand": plan.hand, "q": motion.q[-1]} | settings)
 
-    def _range(self, given) -> np.ndarray:
+    def _share(self, memory: Sequence[Array]) -> None:
+        """Name the parts of the memory that the compiled code works in."""
+        k = self.problem.k
+        (
+            self._memory,
+            self._settings,
+            self._load,
+            self._frames,
+            self._limits,
+            self._torque_limit,
+            self._out,
+            self._state,
+        ) = memory
+        self.forces, self.moments = self._out[: 3 * k].reshape(k, 3), self._out[3 * k : 4 * k]
+        self.residual, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
+
+    def _range(self, given: tuple[ArrayLike, ArrayLike] | None) -> Array:
+        """Least and largest F_n of the contacts (2, k) [N]."""
         problem = self.problem
         if given is None:
             # A loop holds, however the impact was: of the limits of Eqs. (13) the depth alone counts, which the
@@ -160,11 +170,11 @@ class OnlineForces:
             high = high if problem.max_normal_force is None else np.minimum(high, problem.max_normal_force)
             return np.array([np.minimum(low, high), high])
         try:
-            low, high = given
+            least, largest = given
         except (TypeError, ValueError):
             raise InvalidInput(f"normal forces: expected (least, largest) [N], got {shown(given)}") from None
         both = np.array(
-            [each_of(f"{name} normal forces", value, problem.k) for name, value in (("least", low), ("largest", high))]
+            [each_of("least normal forces", least, problem.k), each_of("largest normal forces", largest, problem.k)]
         )
         if np.any(both[0] < 0) or np.any(both[0] > both[1]):
             raise InvalidInput(
@@ -172,8 +182,10 @@ class OnlineForces:
             )
         return both
 
-    def _attach(self, hand: HandModel, q) -> None:
-        contacts, chains = self.problem.contacts, []
+    def _attach(self, hand: HandModel, q: ArrayLike | None) -> None:
+        """Take in the hand's model, at its posture q (n,)."""
+        contacts = self.problem.contacts
+        chains: list[int] = []  # three for each joint that moves a contact: contact, column of the Jacobian, joint
         self._model = hand.model.copy()
         self._model.gravity.linear = np.array(self.problem.gravity_o)
         self._data = self._model.createData()
@@ -195,16 +207,16 @@ class OnlineForces:
         self._move(array_of("q", posture, (hand.n,)))
         self._jacobian = self._data.J.T.reshape(-1)  # Pinocchio's own memory: it follows the posture
 
-    def _torque_rows(self, chains) -> list[int]:
+    def _torque_rows(self, chains: Sequence[int]) -> list[int]:
         """Which torque limits concern which contacts, as the compiled code takes it; nothing where there are none."""
-        problem = self.problem
-        if problem.torques is None or not problem.torques.limited.any():
+        problem, torques = self.problem, self.problem.torques
+        if torques is None or not torques.limited.any():
             return []
-        self._torque_limit[:] = problem.torques.limit
+        self._torque_limit[:] = torques.limit
         k, m, friction = problem.k, problem.rows, problem.friction
-        enters = np.zeros((len(problem.torques.limit), k), dtype=bool)
-        for contact, _, joint in zip(chains[::3], chains[1::3], chains[2::3]):
-            enters[joint, contact] = problem.torques.limited[joint]
+        enters = np.zeros((len(torques.limit), k), dtype=bool)
+        for contact, joint in zip(chains[::3], chains[2::3]):
+            enters[joint, contact] = torques.limited[joint]
         count = enters.sum(axis=1)
         order = np.concatenate([np.flatnonzero(count > 1), np.flatnonzero(count == 1)])
         rows, shared = len(order), int((count > 1).sum())
@@ -225,11 +237,11 @@ class OnlineForces:
         used[np.arange(2 * (e - rounded)), rounded + np.arange(2 * (e - rounded)) // 2] = 1
         return [rows, shared, most, *row_of, *own.ravel(), *touched.ravel(), *counts.ravel(), *used.ravel()]
 
-    def _move(self, q: np.ndarray) -> None:
+    def _move(self, q: Array) -> None:
         pin.computeJointJacobians(self._model, self._data, q)
         self._gravity = pin.computeGeneralizedGravity(self._model, self._data, q)
 
-    def _place(self, points, rotations) -> None:
+    def _place(self, points: Array, rotations: Array) -> None:
         self._frames[:, :3] = points - self._com
         self._frames[:, 3:12] = np.reshape(rotations, (-1, 9))
 
@@ -248,7 +260,14 @@ class OnlineForces:
         """Forget the last tick: the next one starts cold, and its forces at any rate."""
         self._started, self._state[:6] = False, 0.0
 
-    def step(self, load, *, q=None, poses=None, mu=None) -> tuple[np.ndarray, np.ndarray, Status]:
+    def step(
+        self,
+        load: ArrayLike,
+        *,
+        q: ArrayLike | None = None,
+        poses: ArrayLike | None = None,
+        mu: ArrayLike | None = None,
+    ) -> tuple[Array, Array, Status]:
         """Forces (k, 3) [N], torques (n,) [N m] and status for the load of this tick.
 
         Args:
@@ -273,33 +292,36 @@ class OnlineForces:
         self.status = self._codes[code]
         return self.forces, self.torques, self.status
 
-    def _update(self, q, poses, mu) -> None:
+    def _update(self, q: ArrayLike | None, poses: ArrayLike | None, mu: ArrayLike | None) -> None:
         # All checked before anything changes.
         k = len(self._frames)
+        posture = frames = None
         if q is not None:
             if self.hand is None:
                 raise InvalidInput("q: expected none, there is no hand")
-            q = _checked("q", q, (self.hand.n,), _FAR)
+            posture = _checked("q", q, (self.hand.n,), _FAR)
         if poses is not None:
-            poses = _checked("poses", poses, (k, 4, 4), _FAR)
-            if not are_rotations(poses[:, :3, :3]).all():
+            frames = _checked("poses", poses, (k, 4, 4), _FAR)
+            if not are_rotations(frames[:, :3, :3]).all():
                 raise InvalidInput("poses: expected contact frames with orthonormal right-handed rotations")
         if mu is not None:
-            mu = _checked("mu", each_of("mu", mu, k), (k,), _FAR)
-            if mu.min() < 0:
-                raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(mu.tolist())}")
-            self._frames[:, 12] = mu
-        if poses is not None:
-            self._place(poses[:, :3, 3], poses[:, :3, :3])
-        if q is not None:
-            self._move(q)
+            each = _checked("mu", each_of("mu", mu, k), (k,), _FAR)
+            if each.min() < 0:
+                raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(each.tolist())}")
+            self._frames[:, 12] = each
+        if frames is not None:
+            self._place(frames[:, :3, 3], frames[:, :3, :3])
+        if posture is not None:
+            self._move(posture)
 
 
-def _checked(name: str, value, shape: tuple, limit: float) -> np.ndarray:
+def _checked(name: str, value: ArrayLike, shape: tuple[int, ...], limit: float) -> Array:
     """An array of finite numbers up to ``limit``; quick where it is one."""
-    if type(value) is not np.ndarray or value.shape != shape or value.dtype.char != "d":
-        value = array_of(name, value, shape)
-    if not np.vdot(value, value) < limit * limit and not np.abs(value).max() < limit:  # the first is quicker
-        array_of(name, value, shape)
-        raise InvalidInput(f"{name}: expected numbers below {limit:g}, got {value.tolist()}")
-    return value
+    if type(value) is np.ndarray and value.shape == shape and value.dtype.char == "d":
+        array: Array = value
+    else:
+        array = array_of(name, value, shape)
+    if not np.vdot(array, array) < limit * limit and not np.abs(array).max() < limit:  # the first is quicker
+        array_of(name, array, shape)
+        raise InvalidInput(f"{name}: expected numbers below {limit:g}, got {array.tolist()}")
+    return array

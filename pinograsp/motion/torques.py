@@ -4,42 +4,48 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, each_of, floats_of, instance_of, one_of, shown
 from pinograsp.contacts import PALM, ContactSet
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import TorqueLimits
+from pinograsp.forces import TorqueLimit, TorqueLimits
 from pinograsp.hands import HandModel
 from pinograsp.motion.jacobian import contact_jacobian
+from pinograsp.spatial import Array
 
 
-def inverse_dynamics(hand: HandModel, q, dq, ddq, *, gravity_o=(0.0, 0.0, -9.81)) -> np.ndarray:
+def inverse_dynamics(
+    hand: HandModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, gravity_o: ArrayLike = (0.0, 0.0, -9.81)
+) -> Array:
     """M ddq + h (m, n) [N m] along trajectories (m, n): inertia, Coriolis and gravity, no contact (RNEA).
 
     ``gravity_o`` (3,) [m/s^2] acts in the world.
     """
-    q, dq, ddq = (array_of("trajectory", v, (None, hand.n)) for v in (q, dq, ddq))
-    if not len(q) == len(dq) == len(ddq):
-        raise InvalidInput(f"trajectories: expected equal lengths, got {len(q)}, {len(dq)}, {len(ddq)}")
+    paths = [array_of("trajectory", path, (None, hand.n)) for path in (q, dq, ddq)]
+    if len({len(path) for path in paths}) > 1:
+        raise InvalidInput(f"trajectories: expected equal lengths, got {', '.join(str(len(path)) for path in paths)}")
     model = hand.model
     if not np.array_equal(model.gravity.linear, gravity_o):
         model = model.copy()
         model.gravity.linear = array_of("gravity", gravity_o, (3,))
-    tau = pin.rneaInParallel(1, pin.ModelPool(model, 1), q.T, dq.T, ddq.T)  # one call, no loop in Python
-    return tau.reshape(hand.n, -1).T  # flat where there is one joint
+    tau = pin.rneaInParallel(1, pin.ModelPool(model, 1), *(path.T for path in paths))  # one call, no loop in Python
+    torques: Array = tau.reshape(hand.n, -1).T  # flat where there is one joint
+    return torques
 
 
-def contact_torques(jacobians, wrenches_o) -> np.ndarray:
+def contact_torques(jacobians: Array, wrenches_o: Array) -> Array:
     """Sum over contacts of J^T f (m, n) [N m].
 
     Args:
         jacobians: contact Jacobians (m, c, r, n), world axes: r = 3 (linear velocity) or 6 (linear first).
         wrenches_o: on the object (m, c, r): forces [N], and with r = 6 moments [N m].
     """
-    return np.einsum("mcxn,mcx->mn", jacobians, wrenches_o)
+    torques: Array = np.einsum("mcxn,mcx->mn", jacobians, wrenches_o)
+    return torques
 
 
-def effort_of(hand: HandModel, torque_limit: float | str | np.ndarray | None) -> np.ndarray:
+def effort_of(hand: HandModel, torque_limit: TorqueLimit) -> Array:
     """Largest |torque| per joint (n,) [N m] that a ``torque_limit`` means; infinity: not limited.
 
     Args:
@@ -61,14 +67,22 @@ def effort_of(hand: HandModel, torque_limit: float | str | np.ndarray | None) ->
 
 
 def torque_limits(
-    hand: HandModel, contacts: ContactSet, q, *, depth=0.0, limit="effort", gravity_o=(0.0, 0.0, -9.81)
+    hand: HandModel,
+    contacts: ContactSet,
+    q: ArrayLike,
+    *,
+    depth: ArrayLike = 0.0,
+    limit: TorqueLimit = "effort",
+    gravity_o: ArrayLike = (0.0, 0.0, -9.81),
 ) -> TorqueLimits:
     """What the joints of ``hand`` can bear while holding still at ``q`` (n,) [rad]: for ``ForceProblem(torques=...)``.
 
     Each contact point, pressed in by ``depth``, is taken as a point of its link at ``q``; gravity torques are the bias.
 
     Args:
-        hand, contacts, q: the posture at which the contacts' links touch the object.
+        hand: the hand.
+        contacts: where it touches the object.
+        q: the posture (n,) [rad] at which it does.
         depth: penetration of the contact points along their normals at ``q`` [m], one or (k,): at t_F the links have
             gone that far (``solution.profile.final_depth``).
         limit: largest |torque| per joint (n,) [N m] (a number applies to all), or ``"effort"``, the default: the hand's

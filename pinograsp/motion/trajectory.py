@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from numpy.typing import ArrayLike
 
-from pinograsp.checks import brief, instance_of, integer, mapping_of, number, one_of, read_only
-from pinograsp.contacts import PALM
-from pinograsp.contacts.penetration import Penetration
+from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
+from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution, RobustForces
-from pinograsp.hands import HandModel
-from pinograsp.motion.approach import STARTS, approach
-from pinograsp.motion.contact_ik import MOST_SAMPLES, contact_postures, moving_groups
+from pinograsp.hands import Finger, HandModel
+from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach
+from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
+from pinograsp.motion.surfaces import TRACKED, press_surfaces
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
+from pinograsp.spatial import Array
 
-# Contact points must follow their path to this [m]; a thousandth of a typical penetration.
-_TRACKED = 1e-6
-# Rounds that make up for links that turn as they press, and times at which they are looked at: the turn is smooth.
-_SURFACE_ROUNDS, _KNOTS = 8, 5
-# Surfaces may miss their depth by this between those times [m]: half a per cent of a force of 5 N.
-_SURFACE = 1e-5
 _HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do not move them
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
@@ -45,16 +41,16 @@ class MotionSpec:
         acceleration_at_start: ``"rest"`` (ddq = 0) or ``"paper"`` (ddq = -ddq at impact).
     """
 
-    posture: dict[str, np.ndarray] | None = None
-    start: dict[str, np.ndarray] | None = None
+    posture: Mapping[str, ArrayLike] | None = None
+    start: Mapping[str, ArrayLike] | None = None
     spread: float = math.radians(3.0)
     samples: int = 13
     time_step: float = 1e-3
-    acceleration_at_start: str = "rest"
+    acceleration_at_start: StartAcceleration = "rest"
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "spread", number("spread", self.spread, at_least=0, unit="rad"))
         object.__setattr__(self, "time_step", number("time step", self.time_step, above=0, unit="s"))
         one_of("acceleration at start", self.acceleration_at_start, STARTS)
@@ -122,117 +118,234 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
     instance_of("solution", solution, ForceSolution, RobustForces)
     if isinstance(solution, RobustForces):
         solution = solution.under()
-    problem, contacts = solution.problem, solution.problem.contacts
-    gravity_o = problem.gravity_o
+    contacts = solution.problem.contacts
     postures = contact_postures(
         hand, contacts, reference=_of_touching(contacts, spec.posture), spread=spec.spread, samples=spec.samples
     )
-    profile = solution.profile
-    t_I, t_F = profile.impact_time, profile.final_time
-    if t_F / spec.time_step > _MOST_TIMES:
-        raise InvalidInput(f"time step: expected at least {t_F / _MOST_TIMES:g} s, got {spec.time_step:g} s")
-    before = np.linspace(0.0, t_I, max(2, math.ceil(t_I / spec.time_step - 1e-9)) + 1)
-    after = np.linspace(t_I, t_F, max(4, math.ceil((t_F - t_I) / spec.time_step - 1e-9)) + 1)
-    start = hand.configuration(spec.start or {})
-    # F_n follows Eq. (4) in time; its direction in the contact frame is that of t_F.
-    depth, rate = profile.depth(after), profile.rate(after)
-    normal = problem.compliance.normal_force(depth, rate)
-    forces_c = normal[:, :, None] * problem.forces(np.ones(problem.k), solution.multipliers)
-    forces_o = np.einsum("kij,mkj->mki", contacts.rotations_oc, forces_c)
-    # A soft finger's moment about the normal grows with F_n as the tangential forces do.
-    per_newton = solution.torsion / solution.normal_forces if solution.torsion.size else np.zeros(problem.k)
-    moments_o = (normal * per_newton)[:, :, None] * contacts.rotations_oc[:, :, 2]
-    wrenches_o = np.concatenate([forces_o, moments_o], axis=2)
-
-    m, impact = before.size + after.size - 1, before.size - 1
-    q, dq, ddq = np.tile(start, (m, 1)), np.zeros((m, hand.n)), np.zeros((m, hand.n))
-    contact_part = np.zeros((m, hand.n))
-    velocities, tracking, slip = np.zeros((m, problem.k, 3)), np.zeros(problem.k), np.zeros(problem.k)
-    notes, remedies = list(hand.notes), []
-    clean = on_path = True
+    planning = _Planning(hand, solution, spec)
     groups = moving_groups(hand, contacts)
     for finger, which in groups:
-        found, own = postures[finger.name], [contacts[i] for i in which]
-        closed = found.method == "closing"
-        if closed:
-            candidates = [_press_surfaces(hand, finger, own, found, contacts, problem.object, profile, which, after)]
+        planning.move(finger, which, postures[finger.name])
+    planning.move_idle({int(i) for finger, _ in groups for i in finger.dofs})
+    return planning.result({name: len(found.angles) for name, found in postures.items()})
+
+
+def _of_touching(contacts: ContactSet, posture: Mapping[str, ArrayLike] | None) -> dict[str, ArrayLike]:
+    touching = {contact.finger for contact in contacts if contact.finger != PALM}
+    return {name: angles for name, angles in (posture or {}).items() if name in touching}
+
+
+class _Planning:
+    """A motion while it is put together, finger by finger."""
+
+    def __init__(self, hand: HandModel, solution: ForceSolution, spec: MotionSpec):
+        self.hand, self.problem, self.profile, self.spec = hand, solution.problem, solution.profile, spec
+        self.before, self.after = _sample_times(solution.profile, spec.time_step)
+        self.times, self.impact = np.concatenate([self.before[:-1], self.after]), self.before.size - 1
+        self.start = hand.configuration(spec.start or {})
+        self.forces_o, self.wrenches_o = _contact_wrenches(solution, self.after)
+        m, n, k = self.times.size, hand.n, self.problem.k
+        self.path = JointPath(q=np.tile(self.start, (m, 1)), dq=np.zeros((m, n)), ddq=np.zeros((m, n)))
+        self.contact_torques, self.velocities = np.zeros((m, n)), np.zeros((m, k, 3))
+        self.tracking, self.slip = np.zeros(k), np.zeros(k)
+        self.notes, self.remedies = list(hand.notes), list[str]()
+        self.within_limits = self.on_path = True
+
+    def move(self, finger: Finger, which: Sequence[int], found: ContactPostures) -> None:
+        """Move a finger, from its best posture ``found``, as its contacts ``which`` ask for."""
+        hand, contacts, start = self.hand, self.problem.contacts, self.start[finger.dofs]
+        if found.method == "closing":
+            motion = press_surfaces(hand, finger, contacts, which, found, self.problem.object, self.profile, self.after)
+            candidates, paths = [motion], [self.gentle_path(finger, motion, start)]
         else:
+            own = [contacts[i] for i in which]
             candidates = [
-                press(hand, finger, own, angles, points, profile, which, after)
+                press(hand, finger, own, angles, points, self.profile, which, self.after)
                 for angles, points in zip(found.angles, found.points_l)
             ]
-        paths = [_with_approach(c, before, start[finger.dofs], spec) for c in candidates]
-        if closed:
-            paths = [
-                _gentler(hand, finger, c, p, before, start[finger.dofs], spec, notes) for c, p in zip(candidates, paths)
-            ]
-        torques = [contact_torques(c.jacobians, wrenches_o[:, which]) for c in candidates]
-        peaks = _peak_torques(hand, finger.dofs, paths, torques, start, impact, gravity_o)
-        chosen = _choose(hand, finger, candidates, paths, peaks)
+            paths = [self.with_approach(motion, start) for motion in candidates]
+        torques = [contact_torques(motion.jacobians, self.wrenches_o[:, which]) for motion in candidates]
+        chosen = self.choose(finger, candidates, paths, torques)
         motion, path = candidates[chosen], paths[chosen]
-        q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path
-        contact_part[impact:, finger.dofs] = torques[chosen]
-        velocities[impact:, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
-        tracking[which], slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
-        outside = _outside_limits(hand, finger, path[0])
+        self.follow(finger, path)
+        self.contact_torques[self.impact :, finger.dofs] = torques[chosen]
+        self.velocities[self.impact :, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
+        self.tracking[which], self.slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
+        self.judge(finger, which, motion, path, found.method == "closing")
+
+    def follow(self, finger: Finger, path: JointPath) -> None:
+        """Take a finger's path into the hand's."""
+        for whole_hand, own in ((self.path.q, path.q), (self.path.dq, path.dq), (self.path.ddq, path.ddq)):
+            whole_hand[:, finger.dofs] = own
+
+    def move_idle(self, busy: set[int]) -> None:
+        """Move fingers without contacts to the posture that is given for them; ``busy`` joints are taken."""
+        for name, angles in (self.spec.posture or {}).items():
+            finger = self.hand.finger(name)
+            if busy.intersection(finger.dofs.tolist()):
+                continue
+            zero = np.zeros(finger.n)
+            goal = self.hand.configuration({name: angles})[finger.dofs]
+            self.follow(
+                finger, approach(self.times, self.profile.final_time, self.start[finger.dofs], goal, zero, zero)
+            )
+
+    def with_approach(self, motion: FingerMotion, start: Array, share: ArrayLike = 1.0) -> JointPath:
+        """The path of one finger over both phases; the sample at t_I is the grasp phase's.
+
+        ``share`` of the grasp phase's acceleration, by joint, is there at the end of the approach.
+        """
+        rise = approach(
+            self.before,
+            self.before[-1],
+            start,
+            motion.q[0],
+            motion.dq[0],
+            np.asarray(share) * motion.ddq[0],
+            acceleration_at_start=self.spec.acceleration_at_start,
+        )
+        return JointPath(
+            q=np.concatenate([rise.q[:-1], motion.q]),
+            dq=np.concatenate([rise.dq[:-1], motion.dq]),
+            ddq=np.concatenate([rise.ddq[:-1], motion.ddq]),
+        )
+
+    def gentle_path(self, finger: Finger, motion: FingerMotion, start: Array) -> JointPath:
+        """The path with joints that leave their limits on the way arriving without the grasp phase's acceleration.
+
+        Joints that start and end near a limit have no room to swing back for it. The jump of the acceleration is noted.
+        """
+        path = self.with_approach(motion, start)
+        beyond = dict(_outside_limits(self.hand, finger, path.q))
+        if not beyond:
+            return path
+        share = [0.0 if joint in beyond else 1.0 for joint in finger.actuated]
+        left = dict(_outside_limits(self.hand, finger, self.with_approach(motion, start, share).q))
+        mended = [joint for joint, by in beyond.items() if left.get(joint, 0.0) < by]
+        if not mended:
+            return path
+        self.notes.append(
+            f"the acceleration of {', '.join(mended)} jumps at impact: no room within the limits to build it up"
+        )
+        return self.with_approach(motion, start, [0.0 if joint in mended else 1.0 for joint in finger.actuated])
+
+    def choose(
+        self,
+        finger: Finger,
+        candidates: Sequence[FingerMotion],
+        paths: Sequence[JointPath],
+        torques: Sequence[Array],
+    ) -> int:
+        """The candidate with the fewest faults, among them the one with the least peak torque."""
+        peaks = [self.peak_torque(finger, path, own) for path, own in zip(paths, torques)]
+        faults = [
+            int(motion.errors.max() > TRACKED) + bool(motion.limited or _outside_limits(self.hand, finger, path.q))
+            for motion, path in zip(candidates, paths)
+        ]
+        best = min(range(len(peaks)), key=lambda i: (faults[i], peaks[i]))
+        return next(i for i in range(len(peaks)) if faults[i] == faults[best] and peaks[i] <= peaks[best] + _TIE)
+
+    def peak_torque(self, finger: Finger, path: JointPath, torques: Array) -> float:
+        """Infinity norm of the finger's torques over both phases [N m]."""
+        m, n = self.path.q.shape
+        q, dq, ddq = np.tile(self.start, (m, 1)), np.zeros((m, n)), np.zeros((m, n))
+        q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path.q, path.dq, path.ddq
+        total = inverse_dynamics(self.hand, q, dq, ddq, gravity_o=self.problem.gravity_o)[:, finger.dofs]
+        total[self.impact :] += torques
+        return float(np.abs(total).max())
+
+    def judge(self, finger: Finger, which: Sequence[int], motion: FingerMotion, path: JointPath, closed: bool) -> None:
+        """Note what keeps a finger off its path or takes it beyond its limits, and what helps."""
+        hand = self.hand
+        outside = [(joint, _displacement(hand, joint, by)) for joint, by in _outside_limits(hand, finger, path.q)]
         stopped = [
             f"{joint} was stopped by its limit at {_limit_met(hand, joint, motion.q[-1, i])} in the grasp phase"
             for i, joint in enumerate(finger.actuated)
             if joint in motion.limited
         ]
-        notes += stopped
-        notes += [
-            f"{joint} leaves its limits by {_displacement(hand, joint, by)} in the approach" for joint, by in outside
-        ]
-        if tracking[which].max() > _TRACKED:
-            on_path = False
-            remedies.append(_why_off_path(finger, own, motion, stopped, closed, after[1] - after[0]))
+        self.notes += stopped
+        self.notes += [f"{joint} leaves its limits by {by} in the approach" for joint, by in outside]
+        if motion.errors.max() > TRACKED:
+            self.on_path = False
+            own = [self.problem.contacts[i] for i in which]
+
+            step = float(self.after[1] - self.after[0])
+            self.remedies.append(_why_off_path(finger, own, motion, stopped, closed, step))
         elif stopped:
-            clean = False
-            remedies.append(f"{'; '.join(stopped)}: widen the limit, or take another contact posture")
+            self.within_limits = False
+            self.remedies.append(f"{'; '.join(stopped)}: widen the limit, or take another contact posture")
         if outside:
-            clean = False
-            swinging = ", ".join(f"{joint} (by {_displacement(hand, joint, by)})" for joint, by in outside)
-            remedies.append(f"{swinging} swings beyond its limits in the approach: start elsewhere, or touch later")
-    busy = {int(i) for finger, _ in groups for i in finger.dofs}
-    for name, angles in (spec.posture or {}).items():
-        if not busy.intersection(hand.finger(name).dofs.tolist()):  # an idle finger, on its own path to its own posture
-            finger = hand.finger(name)
-            zero = np.zeros(finger.n)
-            times = np.concatenate([before[:-1], after])
-            goal = hand.configuration({name: angles})[finger.dofs]
-            path = approach(times, t_F, start[finger.dofs], goal, zero, zero)
-            q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path
-    total = inverse_dynamics(hand, q, dq, ddq, gravity_o=gravity_o) + contact_part
-    # The deceleration ends at t_F, and its torques with it.
-    still = np.zeros((1, hand.n))
-    holding = inverse_dynamics(hand, q[-1:], still, still, gravity_o=gravity_o)[0] + contact_part[-1]
-    notes += [
-        f"{joint} needs up to {peak:.3g} N m, more than its effort limit of {limit:g} N m"
-        for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
-        if 0 < limit < peak
-    ]
-    return Motion(
-        status=Status.NOT_TRACKED if not on_path else Status.OK if clean else Status.JOINT_LIMIT,
-        notes=tuple(notes),
-        times=read_only(np.concatenate([before[:-1], after])),
-        impact=impact,
-        q=read_only(q),
-        dq=read_only(dq),
-        ddq=read_only(ddq),
-        torques=read_only(total),
-        holding_torques=read_only(holding),
-        forces_o=read_only(np.concatenate([np.zeros((impact, problem.k, 3)), forces_o])),
-        contact_velocities=read_only(velocities),
-        tracking_error=read_only(tracking),
-        slip=read_only(slip),
-        postures={name: len(found.angles) for name, found in postures.items()},
-        peak_torque=float(np.abs(total).max()),
-        remedy=". ".join(remedies),
-    )
+            self.within_limits = False
+            swinging = ", ".join(f"{joint} (by {by})" for joint, by in outside)
+            self.remedies.append(
+                f"{swinging} swings beyond its limits in the approach: start elsewhere, or touch later"
+            )
+
+    def result(self, postures: dict[str, int]) -> Motion:
+        """The motion with its torques; ``postures`` were tried by finger."""
+        hand, path, gravity_o = self.hand, self.path, self.problem.gravity_o
+        total = inverse_dynamics(hand, path.q, path.dq, path.ddq, gravity_o=gravity_o) + self.contact_torques
+        # The deceleration ends at t_F, and its torques with it.
+        still = np.zeros((1, hand.n))
+        holding = inverse_dynamics(hand, path.q[-1:], still, still, gravity_o=gravity_o)[0] + self.contact_torques[-1]
+        self.notes += [
+            f"{joint} needs up to {peak:.3g} N m, more than its effort limit of {limit:g} N m"
+            for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
+            if 0 < limit < peak
+        ]
+        status = Status.OK if self.within_limits else Status.JOINT_LIMIT
+        return Motion(
+            status=status if self.on_path else Status.NOT_TRACKED,
+            notes=tuple(self.notes),
+            times=frozen(self.times),
+            impact=self.impact,
+            q=frozen(path.q),
+            dq=frozen(path.dq),
+            ddq=frozen(path.ddq),
+            torques=frozen(total),
+            holding_torques=frozen(holding),
+            forces_o=frozen(np.concatenate([np.zeros((self.impact, self.problem.k, 3)), self.forces_o])),
+            contact_velocities=frozen(self.velocities),
+            tracking_error=frozen(self.tracking),
+            slip=frozen(self.slip),
+            postures=postures,
+            peak_torque=float(np.abs(total).max()),
+            remedy=". ".join(self.remedies),
+        )
 
 
-def _why_off_path(finger, contacts, motion: FingerMotion, stopped: list[str], closed: bool, step: float) -> str:
+def _sample_times(profile: PenetrationProfile, time_step: float) -> tuple[Array, Array]:
+    """Samples [s] of the approach, from 0 to t_I, and of the grasp phase, from t_I to t_F."""
+    t_I, t_F = profile.impact_time, profile.final_time
+    if t_F / time_step > _MOST_TIMES:
+        raise InvalidInput(f"time step: expected at least {t_F / _MOST_TIMES:g} s, got {time_step:g} s")
+    before = np.linspace(0.0, t_I, max(2, math.ceil(t_I / time_step - 1e-9)) + 1)
+    after = np.linspace(t_I, t_F, max(4, math.ceil((t_F - t_I) / time_step - 1e-9)) + 1)
+    return before, after
+
+
+def _contact_wrenches(solution: ForceSolution, times: Array) -> tuple[Array, Array]:
+    """Forces (m, k, 3) on the object [N], and with the moments about the normals wrenches (m, k, 6), world axes."""
+    problem, profile = solution.problem, solution.profile
+    rotations = problem.contacts.rotations_oc
+    # F_n follows Eq. (4) in time; its direction in the contact frame is that of t_F.
+    normal = problem.compliance.normal_force(profile.depth(times), profile.rate(times))
+    forces_c = normal[:, :, None] * problem.forces(np.ones(problem.k), solution.multipliers)
+    forces_o = np.einsum("kij,mkj->mki", rotations, forces_c)
+    # A soft finger's moment about the normal grows with F_n as the tangential forces do.
+    per_newton = solution.torsion / solution.normal_forces if solution.torsion.size else np.zeros(problem.k)
+    moments_o = (normal * per_newton)[:, :, None] * rotations[:, :, 2]
+    return forces_o, np.concatenate([forces_o, moments_o], axis=2)
+
+
+def _why_off_path(
+    finger: Finger,
+    contacts: Sequence[Contact],
+    motion: FingerMotion,
+    stopped: Sequence[str],
+    closed: bool,
+    step: float,
+) -> str:
     """What keeps contact points from their paths, and what helps."""
     missed = f"{finger.name} misses its path by {1e3 * motion.errors.max():.2g} mm"
     if stopped:
@@ -245,132 +358,33 @@ def _why_off_path(finger, contacts, motion: FingerMotion, stopped: list[str], cl
     if finger.n < asked:
         coupled = f" (the others of its {len(finger.joints)} follow)" if finger.coupled else ""
         return (
-            f"{moves}, and it has no more actuated joints than {', '.join(finger.actuated)}{coupled}: the motion "
-            "is the closest there is; "
-            "for more, plan fewer contacts on it, or forces that press them alike"
+            f"{moves}, and it has no more actuated joints than {', '.join(finger.actuated)}{coupled}: the motion is "
+            "the closest there is; for more, plan fewer contacts on it, or forces that press them alike"
         )
     if ways < asked:
         return f"{moves}, and its joints, as they stand at impact, can give {ways}: take another contact posture"
     if motion.surfaces:
         return (
-            f"{missed}: an edge or another place of its link is in the way: place the hand otherwise, or "
-            "press less deep (max_depth)"
+            f"{missed}: an edge or another place of its link is in the way: place the hand otherwise, or press less "
+            "deep (max_depth)"
         )
     return f"{missed}: its joints could follow: use a smaller time step than {step:g} s"
 
 
-def _limit_met(hand, joint: str, value: float) -> str:
+def _limit_met(hand: HandModel, joint: str, value: float) -> str:
     """The limit of a joint that is nearest to a position, with its unit."""
     at = hand.joint_names.index(joint)
-    return _displacement(hand, joint, min(hand.lower[at], hand.upper[at], key=lambda limit: abs(limit - value)))
+    limits = (float(hand.lower[at]), float(hand.upper[at]))
+    return _displacement(hand, joint, min(limits, key=lambda limit: abs(limit - value)))
 
 
-def _displacement(hand, joint: str, value: float) -> str:
+def _displacement(hand: HandModel, joint: str, value: float) -> str:
     """A joint's displacement with its unit."""
     slides = hand.is_prismatic(hand.model.getJointId(joint))
     return f"{1e3 * value:.2f} mm" if slides else f"{math.degrees(value):.2f} deg"
 
 
-def _press_surfaces(hand, finger, own, found, contacts, object, profile, which, times) -> FingerMotion:
-    """The grasp phase of a closed finger: its surface, not the point that touched first, goes as deep as ``profile``
-    says.
-    """
-    angles, points = found.angles[0], found.points_l[0]
-    deeper = np.zeros((times.size, len(which)))
-    knots = np.unique(np.linspace(0, times.size - 1, _KNOTS).astype(int))
-    surfaces = None if object is None else Penetration(hand, object, contacts)
-    asked, best, least, off = np.zeros((knots.size, len(which))), None, np.inf, np.zeros(len(which))
-    step = reached = None  # the last change of what is asked, and the depths before it
-    slope = np.ones_like(asked)  # by secants: what rolls to another place of its link moves faster or slower there
-    for _ in range(_SURFACE_ROUNDS):
-        motion = press(hand, finger, own, angles, points, profile, which, times, normals_first=True, deeper=deeper)
-        best = motion if best is None else best
-        if surfaces is None or motion.errors.max() > _TRACKED:
-            break  # what cannot be followed is not mended by asking for more
-        q, depths = np.array(contacts.posture), np.empty_like(asked)
-        for i, knot in enumerate(knots):
-            q[finger.dofs] = motion.q[knot]
-            depths[i] = surfaces.at(q, which)[0]
-        missing = profile.depth(times[knots])[:, which] - depths
-        if np.abs(missing).max() < least:
-            best, least, off = motion, np.abs(missing).max(), np.abs(missing).max(axis=0)
-        if least < _TRACKED:
-            return best
-        if reached is not None:
-            moved = np.abs(step) > _TRACKED
-            slope[moved] = np.clip((depths - reached)[moved] / step[moved], 0.1, 2.0)
-        step, reached = missing / slope, depths
-        asked = asked + step
-        deeper = CubicSpline(times[knots], asked)(times)
-    # A surface that has other places in the way (links with edges) is off by what is left.
-    errors = np.maximum(best.errors, np.where(off > _SURFACE, off, 0.0))
-    return replace(best, errors=read_only(errors), surfaces=bool(best.errors.max() <= _TRACKED < errors.max()))
-
-
-def _of_touching(contacts, posture) -> dict[str, np.ndarray]:
-    touching = {contact.finger for contact in contacts if contact.finger != PALM}
-    return {name: angles for name, angles in (posture or {}).items() if name in touching}
-
-
-def _gentler(hand, finger, motion: FingerMotion, path, before, start, spec: MotionSpec, notes: list[str]):
-    """The path with joints that leave their limits on the way arriving without the grasp phase's acceleration.
-
-    Joints that start and end near a limit have no room to swing back for it. The jump of the acceleration is noted.
-    """
-    beyond = dict(_outside_limits(hand, finger, path[0]))
-    if not beyond:
-        return path
-    share = np.array([0.0 if joint in beyond else 1.0 for joint in finger.actuated])
-    left = dict(_outside_limits(hand, finger, _with_approach(motion, before, start, spec, share)[0]))
-    mended = [joint for joint, by in beyond.items() if left.get(joint, 0.0) < by]
-    if not mended:
-        return path
-    notes.append(f"the acceleration of {', '.join(mended)} jumps at impact: no room within the limits to build it up")
-    share = np.array([0.0 if joint in mended else 1.0 for joint in finger.actuated])
-    return _with_approach(motion, before, start, spec, share)
-
-
-def _with_approach(motion: FingerMotion, before, start, spec: MotionSpec, share=1.0):
-    """(q, dq, ddq) of one finger over both phases; the sample at t_I is the grasp phase's.
-
-    ``share`` of the grasp phase's acceleration, by joint, is there at the end of the approach.
-    """
-    rise = approach(
-        before,
-        before[-1],
-        start,
-        motion.q[0],
-        motion.dq[0],
-        share * motion.ddq[0],
-        acceleration_at_start=spec.acceleration_at_start,
-    )
-    return tuple(np.concatenate([a[:-1], b]) for a, b in zip(rise, (motion.q, motion.dq, motion.ddq)))
-
-
-def _peak_torques(hand, dofs, paths, torques, start, impact, gravity_o) -> np.ndarray:
-    """Infinity norm of the finger's torques over both phases, per candidate."""
-    peaks = []
-    for path, contact_part in zip(paths, torques):
-        full = [np.tile(base, (len(path[0]), 1)) for base in (start, 0 * start, 0 * start)]
-        for whole, own in zip(full, path):
-            whole[:, dofs] = own
-        total = inverse_dynamics(hand, *full, gravity_o=gravity_o)[:, dofs]
-        total[impact:] += contact_part
-        peaks.append(np.abs(total).max())
-    return np.array(peaks)
-
-
-def _choose(hand, finger, candidates, paths, peaks) -> int:
-    faults = [
-        (c.errors.max() > _TRACKED) + bool(c.limited or _outside_limits(hand, finger, path[0]))
-        for c, path in zip(candidates, paths)
-    ]
-    best = min(range(len(peaks)), key=lambda i: (faults[i], peaks[i]))
-    tied = [i for i in range(len(peaks)) if faults[i] == faults[best] and peaks[i] <= peaks[best] + _TIE]
-    return tied[0]
-
-
-def _outside_limits(hand, finger, q) -> list[tuple[str, float]]:
+def _outside_limits(hand: HandModel, finger: Finger, q: Array) -> list[tuple[str, float]]:
     """Joints of the finger that leave their limits along q (m, n_f), and by how much [rad]."""
     beyond = np.maximum(hand.lower[finger.dofs] - q, q - hand.upper[finger.dofs]).max(axis=0)
     return [(joint, float(by)) for joint, by in zip(finger.actuated, beyond) if by > 1e-6]

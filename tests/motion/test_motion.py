@@ -303,7 +303,8 @@ def test_approach_meets_its_boundary_conditions(start, first):
     q0, q, dq, ddq = rng.normal(size=(4, 5))
     T = 0.9
     times = np.linspace(0, T, 4001)
-    p, v, a = approach(times, T, q0, q, dq, ddq, acceleration_at_start=start)
+    path = approach(times, T, q0, q, dq, ddq, acceleration_at_start=start)
+    p, v, a = path.q, path.dq, path.ddq
     for got, wanted in ((p[0], q0), (v[0], 0 * dq), (a[0], first * ddq), (p[-1], q), (v[-1], dq), (a[-1], ddq)):
         assert np.abs(got - wanted).max() < 1e-10
     assert np.abs(np.gradient(p, times, axis=0)[1:-1] - v[1:-1]).max() < 1e-4

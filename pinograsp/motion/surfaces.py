@@ -1,0 +1,87 @@
+"""Grasp phase of a closed finger: the surface of its links, not the points that touched first, goes in as planned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from pinograsp.checks import frozen
+from pinograsp.contacts import ContactSet, PenetrationProfile
+from pinograsp.contacts.penetration import Penetration
+from pinograsp.hands import Finger, HandModel
+from pinograsp.motion.contact_ik import ContactPostures
+from pinograsp.motion.grasp_ik import FingerMotion, press
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array
+
+# Contact points must follow their path to this [m]; a thousandth of a typical penetration.
+TRACKED = 1e-6
+# Rounds that make up for links that turn as they press, and times at which they are looked at: the turn is smooth.
+_ROUNDS, _KNOTS = 8, 5
+# Surfaces may miss their depth by this between those times [m]: half a per cent of a force of 5 N.
+_SURFACE = 1e-5
+
+
+def press_surfaces(
+    hand: HandModel,
+    finger: Finger,
+    contacts: ContactSet,
+    which: Sequence[int],
+    found: ContactPostures,
+    body: Body | None,
+    profile: PenetrationProfile,
+    times: Array,
+) -> FingerMotion:
+    """The grasp phase of a closed finger whose links' surfaces go in by ``profile``.
+
+    Args:
+        hand: the closed hand.
+        finger: its finger that moves.
+        contacts: all contacts, with the posture of the closed hand.
+        which: those of the finger.
+        found: the finger's posture and its contact points.
+        body: what is held; None: not known, so that the points that touched first go in by ``profile``.
+        profile: penetration of all contacts.
+        times: samples (m,) [s] from t_I to t_F.
+    """
+    own = [contacts[i] for i in which]
+    knots = np.unique(np.linspace(0, times.size - 1, _KNOTS).astype(int))
+
+    def pressed(deeper: Array) -> FingerMotion:
+        spline: Array = CubicSpline(times[knots], deeper)(times)
+        start, points = found.angles[0], found.points_l[0]
+        return press(hand, finger, own, start, points, profile, which, times, normals_first=True, deeper=spline)
+
+    asked = np.zeros((knots.size, len(own)))
+    best = pressed(asked)
+    if body is None or contacts.posture is None:
+        return best
+    surfaces = Penetration(hand, body, contacts)
+    least, off = np.inf, np.zeros(len(own))
+    last: tuple[Array, Array] | None = None  # the last change of what is asked, and the depths before it
+    slope = np.ones_like(asked)  # by secants: what rolls to another place of its link moves faster or slower there
+    for i in range(_ROUNDS):
+        motion = pressed(asked) if i else best
+        if motion.errors.max() > TRACKED:
+            break  # a path that cannot be followed is not mended by asking for more
+        q, depths = np.array(contacts.posture), np.empty_like(asked)
+        for row, knot in enumerate(knots):
+            q[finger.dofs] = motion.q[knot]
+            depths[row] = surfaces.at(q, which)[0]
+        missing = profile.depth(times[knots])[:, list(which)] - depths
+        if np.abs(missing).max() < least:
+            best, least, off = motion, float(np.abs(missing).max()), np.abs(missing).max(axis=0)
+        if least < TRACKED:
+            return best
+        if last is not None:
+            change, reached = last
+            moved = np.abs(change) > TRACKED
+            slope[moved] = np.clip((depths - reached)[moved] / change[moved], 0.1, 2.0)
+        last = missing / slope, depths
+        asked = asked + last[0]
+    # A surface that has other places in the way (links with edges) is off by what is left.
+    errors = np.maximum(best.errors, np.where(off > _SURFACE, off, 0.0))
+    return replace(best, errors=frozen(errors), surfaces=bool(best.errors.max() <= TRACKED < errors.max()))
