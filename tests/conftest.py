@@ -115,6 +115,11 @@ def paper_case():
 
 
 @pytest.fixture(scope="session")
+def paper_plan(paper_case):
+    return paper_case.plan()
+
+
+@pytest.fixture(scope="session")
 def hand(paper_case):
     return paper_case.load_hand()
 

@@ -37,8 +37,8 @@ def closed(name, body):
 
 
 @pytest.fixture(scope="module")
-def paper(paper_case):
-    return paper_case.plan()
+def paper(paper_plan):
+    return paper_plan
 
 
 @pytest.fixture(scope="module")

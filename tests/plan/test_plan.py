@@ -23,8 +23,8 @@ from pinograsp.writing import NewFolder, folders
 
 
 @pytest.fixture(scope="module")
-def plan(paper_case):
-    return paper_case.plan()
+def plan(paper_plan):
+    return paper_plan
 
 
 @pytest.fixture(scope="module")

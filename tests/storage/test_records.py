@@ -390,8 +390,8 @@ def test_a_strangers_open_mesh_is_refused():
 
 
 @pytest.fixture(scope="module")
-def plan(paper_case):
-    return paper_case.plan()
+def plan(paper_plan):
+    return paper_plan
 
 
 def test_a_run_folder_holds_hand_and_object(plan, tmp_path):
