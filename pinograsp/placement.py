@@ -35,6 +35,7 @@ from pinograsp.hands import HandModel
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of, torque_limits
 from pinograsp.objects.body import Body
+from pinograsp.spatial import Array
 from pinograsp.writing import write_errors
 
 _ALIGNED = 0.7  # share of the samples whose object axes are aligned with the hand's
@@ -56,7 +57,7 @@ class Placement:
         load_factor: largest multiple of the load that can be held at that impact time.
     """
 
-    pose: np.ndarray
+    pose: Array
     closure: Closure
     forces: ForceSolution
     energy: float
@@ -140,7 +141,9 @@ def find_placements(
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
     seeds = np.random.SeedSequence(seed).spawn(count)
-    found, outcomes, tried, interrupted = [], {}, 0, False
+    found: list[Placement] = []
+    outcomes: dict[str, int] = {}
+    tried, interrupted = 0, False
     bar = tqdm(
         total=count, desc="placements", unit="sample", disable=None if progress is None else not progress, leave=False
     )
@@ -148,9 +151,9 @@ def find_placements(
     with tempfile.TemporaryDirectory() as folder, interrupts_kept() as interrupt:
         case = _Case(hand=hand, body=body, conditions=conditions, impact_time=impact_time, wrap=wrap)
         try:
-            if joblib.effective_n_jobs(jobs) > 1:
-                case = _handed_over(case, Path(folder) / "case.pickle")
-            with parallel_results(_try, ((case, one) for one in seeds), jobs, return_as="generator") as results:
+            parallel = joblib.effective_n_jobs(jobs) > 1
+            task = _in_a_file(case, Path(folder) / "case.pickle") if parallel else case
+            with parallel_results(_try, ((task, one) for one in seeds), jobs, return_as="generator") as results:
                 for outcome, placement in results:
                     if isinstance(outcome, Exception):
                         raise outcome
@@ -187,7 +190,7 @@ class _Case:
 
 
 def _check(hand: HandModel, body: Body, conditions: GraspConditions, impact_time: float) -> None:
-    """What every sample would stumble over, told at once: a problem of one contact under the same conditions."""
+    """Raise at once what every sample would raise: with a problem of one contact under the same conditions."""
     instance_of("hand", hand, HandModel)
     instance_of("body", body, Body)
     instance_of("conditions", conditions, GraspConditions)
@@ -198,28 +201,29 @@ def _check(hand: HandModel, body: Body, conditions: GraspConditions, impact_time
     effort_of(hand, conditions.torque_limit)
 
 
-def _handed_over(case: _Case, path: Path) -> str:
-    """The case in a file, for other processes."""
+def _in_a_file(case: _Case, path: Path) -> str:
+    """Write the case to a file, for other processes; its name."""
     try:
-        whole = cloudpickle.dumps(case)
+        content = cloudpickle.dumps(case)
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise InvalidInput(
             f"find_placements: hand, object or conditions cannot go to other processes ({error}): use jobs=1"
         ) from None
     with write_errors(path):
-        path.write_bytes(whole)
+        path.write_bytes(content)
     return str(path)
 
 
 @functools.lru_cache(maxsize=1)
 def _case(path: str) -> _Case:
-    return pickle.loads(Path(path).read_bytes())
+    case: _Case = pickle.loads(Path(path).read_bytes())
+    return case
 
 
-def _try(case: _Case | str, seed) -> tuple[str | Exception, Placement | None]:
-    """What came of one sample, or the error that it ended in."""
+def _try(case: _Case | str, seed: np.random.SeedSequence) -> tuple[str | Exception, Placement | None]:
+    """The outcome of one sample, or the error that it ended in."""
     try:
-        return _tried(case, seed)
+        return _outcome(case, seed)
     except PinograspError as error:  # plain ones: those that carry more do not survive the way to another process
         return (InvalidInput if isinstance(error, InvalidInput) else PinograspError)(str(error)), None
     except Exception as error:
@@ -228,8 +232,8 @@ def _try(case: _Case | str, seed) -> tuple[str | Exception, Placement | None]:
         return PinograspError(f"find_placements: a sample failed with {what}"), None
 
 
-def _tried(case: _Case | str, seed) -> tuple[str, Placement | None]:
-    """What came of one sample of a case, or of the file it is in; a placement comes without its hand and object."""
+def _outcome(case: _Case | str, seed: np.random.SeedSequence) -> tuple[str, Placement | None]:
+    """The outcome of one sample of a case, or of the file it is in; a placement comes without its hand and object."""
     case = _case(case) if isinstance(case, str) else case
     wrap = case.wrap
     try:
@@ -245,7 +249,9 @@ def _tried(case: _Case | str, seed) -> tuple[str, Placement | None]:
     outcome, placement = hold(closure, case.conditions, impact_time=case.impact_time)
     if placement is not None:
         forces = replace(placement.forces, problem=replace(placement.forces.problem, object=None))
-        placement = replace(placement, closure=replace(placement.closure, hand=None, object=None), forces=forces)
+        # Whoever asked for the sample has both, and puts them back.
+        closure = replace(placement.closure, hand=None, object=None)  # type: ignore[arg-type]  # meshes are heavy
+        placement = replace(placement, closure=closure, forces=forces)
     return outcome, placement
 
 
@@ -261,7 +267,7 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
     contacts = closure.contacts()
     problem = problem_of(closure.hand, closure.object, contacts, conditions)
     forces = optimize_forces(problem, impact_time)
-    if forces.status is not Status.OK:
+    if forces.status is not Status.OK or forces.certificate is None:
         return f"forces {forces.status}", None
     return "holds", Placement(
         pose=closure.hand.pose,
@@ -278,6 +284,8 @@ def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: Gr
     limit = effort_of(hand, conditions.torque_limit)
     if not np.isfinite(limit).any():
         return problem
+    if contacts.posture is None:
+        raise InvalidInput("torque limits: expected contacts with a posture, as a closed hand's have: close the hand")
     torques = torque_limits(hand, contacts, contacts.posture, limit=limit, gravity_o=problem.gravity_o)
     return replace(problem, torques=torques)
 
@@ -305,9 +313,7 @@ def _hand_moved(closure: Closure) -> Closure:
     )
 
 
-def _sample(
-    hand: HandModel, body: Body, rng: np.random.Generator, wrap: bool
-) -> tuple[HandModel, np.ndarray, np.ndarray] | str:
+def _sample(hand: HandModel, body: Body, rng: np.random.Generator, wrap: bool) -> tuple[HandModel, Array, Array] | str:
     """The hand placed so that the object lies in its grasp, with an open and a closed posture; or why not, in words."""
     data = hand.model.createData()
     low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
@@ -335,14 +341,15 @@ def _sample(
         placed = hand.placed(pose.homogeneous)
         opened, closed = open_and_closed(placed, body)
         if clearance(placed, body, opened) > 0:
-            if wrap:
-                placed = _pressed_on(placed, body, opened, pose.rotation @ hand.pose[:3, :3].T @ approach)
-            return "the hand passes the object by" if placed is None else (placed, opened, closed)
+            if not wrap:
+                return placed, opened, closed
+            pressed = _pressed_on(placed, body, opened, pose.rotation @ hand.pose[:3, :3].T @ approach)
+            return "the hand passes the object by" if pressed is None else (pressed, opened, closed)
         at = at + approach * 0.3 * body.bounding_radius
     return "the open hand overlaps the object"
 
 
-def _pressed_on(hand: HandModel, body: Body, q: np.ndarray, direction: np.ndarray) -> HandModel | None:
+def _pressed_on(hand: HandModel, body: Body, q: Array, direction: Array) -> HandModel | None:
     """The hand moved along ``direction`` (3,) until it touches the object; None where it passes by."""
     pose, moved = np.array(hand.pose), 0.0
     for _ in range(_ADVANCES):
@@ -357,11 +364,12 @@ def _pressed_on(hand: HandModel, body: Body, q: np.ndarray, direction: np.ndarra
     return None
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.linalg.norm(v)
+def _unit(v: Array) -> Array:
+    unit: Array = v / np.linalg.norm(v)
+    return unit
 
 
-def _rotations_of_a_cube() -> list[np.ndarray]:
+def _rotations_of_a_cube() -> list[Array]:
     signed = (
         np.eye(3)[list(order)] * np.array(signs)[:, None]
         for order in itertools.permutations(range(3))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,13 +12,14 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
-from pinograsp.checks import instance_of, path_of
+from pinograsp.checks import instance_of, number, path_of
 from pinograsp.contacts import (
-    FRICTION_MODELS,
     Compliance,
     ContactSet,
     DecelerationShape,
     Friction,
+    FrictionModel,
+    Measure,
     contacts_at,
     touching,
 )
@@ -27,13 +30,11 @@ from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
 from pinograsp.plan import GraspPlan
 from pinograsp.planner import Search, plan_grasp
-from pinograsp.spatial import pose_of, rotation_rpy
+from pinograsp.spatial import Array, pose_of, rotation_rpy
 
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
-_SMALLEST, _LARGEST = (
-    1e-12,
-    1e12,
-)  # of numbers: nothing that a hand holds is outside, and computing stays away from the ends of floats
+# Of numbers: nothing that a hand holds is outside, and computing stays away from the ends of floats.
+_SMALLEST, _LARGEST = 1e-12, 1e12
 _MOST_STEPS = 200_000  # of the motion
 _LONGEST_NAME = 100  # it becomes a folder's
 _MOST_VALUES, _MOST_CELLS = 10_000, 1_000_000  # of a grid: along one direction; impact times x accelerations
@@ -88,7 +89,7 @@ class ObjectSection(Section):
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
-    def _height_fits_shape(self):
+    def _height_fits_shape(self) -> ObjectSection:
         if (self.shape == "cylinder") != (self.height_mm is not None):
             raise ValueError("height_mm is needed for a cylinder and only there")
         return self
@@ -107,13 +108,13 @@ class FrictionSection(Section):
     """Friction model; ``safety`` divides mu, ``torsion_mm`` is the largest moment per newton of normal force."""
 
     mu: NotNegative
-    model: Literal[FRICTION_MODELS] = "pyramid"
+    model: FrictionModel = "pyramid"
     edges: Annotated[int, Field(ge=4, le=128, multiple_of=2)] = 4
     safety: Annotated[float, Field(ge=1, le=1000)] = 1.0
     torsion_mm: NotNegative = 0.0
 
     @model_validator(mode="after")
-    def _soft_fingers_have_torsion(self):
+    def _soft_fingers_have_torsion(self) -> FrictionSection:
         if self.model == "soft" and self.torsion_mm == 0:
             raise ValueError("model 'soft' needs torsion_mm above 0")
         return self
@@ -135,7 +136,7 @@ class DecelerationSection(Section):
     sampled: Annotated[tuple[Number, ...], Field(max_length=10_000)] | None = None
 
     @model_validator(mode="after")
-    def _one_shape(self):
+    def _one_shape(self) -> DecelerationSection:
         if sum(v is not None for v in (self.linear, self.polynomial, self.sampled)) != 1:
             raise ValueError("give one of linear, polynomial and sampled")
         return self
@@ -146,7 +147,7 @@ class DecelerationSection(Section):
             return DecelerationShape.linear(*self.linear)
         if self.polynomial is not None:
             return DecelerationShape.polynomial(self.polynomial)
-        return DecelerationShape.sampled(self.sampled)
+        return DecelerationShape.sampled(() if self.sampled is None else self.sampled)
 
 
 class LimitsSection(Section):
@@ -162,7 +163,7 @@ class LimitsSection(Section):
     deceleration: Literal["constant"] | DecelerationSection = "constant"
 
     @model_validator(mode="after")
-    def _impact_before_end(self):
+    def _impact_before_end(self) -> LimitsSection:
         if self.impact_time[1] >= self.final_time:
             raise ValueError(f"impact_time {self.impact_time[1]:g} s must lie before final_time {self.final_time:g} s")
         return self
@@ -173,7 +174,7 @@ class ForcesSection(Section):
 
     search: Search = "hybrid"
     balance: Literal["force", "wrench"] = "wrench"
-    measure: Literal["impulse", "work"] = "impulse"
+    measure: Measure = "impulse"
     objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
     solver: Literal[BACKENDS] = "auto"
     moment_length_mm: Positive | None = None
@@ -187,7 +188,7 @@ class Steps(Section):
     step: Positive
 
     @model_validator(mode="after")
-    def _not_too_many(self):
+    def _not_too_many(self) -> Steps:
         if self.count > _MOST_VALUES:
             raise ValueError(f"expected at most {_MOST_VALUES} values, got {self.count:.3g}: take a larger step")
         return self
@@ -210,7 +211,7 @@ class GridSection(Section):
     residual_limit: NotNegative = 0.1
 
     @model_validator(mode="after")
-    def _not_too_many(self):
+    def _not_too_many(self) -> GridSection:
         times, accelerations = (
             values.count if isinstance(values, Steps) else len(values)
             for values in (self.impact_times, self.accelerations)
@@ -262,7 +263,7 @@ class Case(Section):
         )
 
     @model_validator(mode="after")
-    def _not_too_many_steps(self):
+    def _not_too_many_steps(self) -> Case:
         steps = self.limits.final_time / self.motion.time_step
         if steps > _MOST_STEPS:
             raise ValueError(
@@ -270,7 +271,7 @@ class Case(Section):
             )
         return self
 
-    def settings(self) -> dict:
+    def settings(self) -> dict[str, Any]:
         """The case as plain values, defaults filled in: what a run's file echoes."""
         return self.model_dump(mode="json", by_alias=True)
 
@@ -282,7 +283,9 @@ class Case(Section):
             pose=pose_of(1e-3 * np.array(self.hand.position_mm), rotation_rpy(*np.radians(self.hand.rpy_deg))),
             palm=self.hand.palm,
             fingers=self.hand.fingers,
-            limits={joint: np.radians(bounds) for joint, bounds in self.hand.limits_deg.items()},
+            limits={
+                joint: (math.radians(low), math.radians(high)) for joint, (low, high) in self.hand.limits_deg.items()
+            },
             **self.hand.xacro_args,
         )
 
@@ -292,36 +295,39 @@ class Case(Section):
         pose = pose_of(1e-3 * np.array(o.position_mm), rotation_rpy(*np.radians(o.rpy_deg)))
         if o.shape == "sphere":
             return Sphere(radius=1e-3 * o.radius_mm, mass=o.mass, pose=pose)
-        return Cylinder(radius=1e-3 * o.radius_mm, height=1e-3 * o.height_mm, mass=o.mass, pose=pose)
+        return Cylinder(
+            radius=1e-3 * o.radius_mm, height=1e-3 * number("height_mm", o.height_mm), mass=o.mass, pose=pose
+        )
 
     def make_contacts(self, hand: HandModel) -> ContactSet:
         """The contacts of ``hand`` on the object."""
         instance_of("hand", hand, HandModel)
-        points: dict[str, list] = {}
-        links: dict[str, list] = {}
-        lengths: dict[str, list] = {}
+        points: dict[str, list[Array]] = {}
+        links: dict[str, list[str | None]] = {}
+        lengths: dict[str, list[float | None]] = {}
         for contact in self.contacts:
             points.setdefault(contact.finger, []).append(1e-3 * np.array(contact.point_mm))
             links.setdefault(contact.finger, []).append(contact.link)
             lengths.setdefault(contact.finger, []).append(
                 None if contact.length_mm is None else 1e-3 * contact.length_mm
             )
-        for finger, named in links.items():
-            if any(link is None for link in named) and any(link is not None for link in named):
+        named = {finger: [link for link in own if link is not None] for finger, own in links.items()}
+        for finger, own in links.items():
+            if 0 < len(named[finger]) < len(own):
                 raise CaseRejected(
                     f"case '{self.name}': finger '{finger}': name the link of all its contacts or of none"
                 )
-        made = contacts_at(
+        contacts = contacts_at(
             hand,
             self.make_object(),
-            points,
-            links={finger: named for finger, named in links.items() if named[0] is not None},
+            {finger: np.array(own) for finger, own in points.items()},
+            links={finger: own for finger, own in named.items() if own},
             lengths={finger: given for finger, given in lengths.items() if any(v is not None for v in given)},
             gravity_o=self.gravity,
         )
         if self.motion.touch == "length":
-            return made
-        return touching(hand, self.make_object(), made, hand.configuration(_radians(self.motion.posture_deg)))
+            return contacts
+        return touching(hand, self.make_object(), contacts, hand.configuration(_radians(self.motion.posture_deg)))
 
     def make_problem(self, hand: HandModel) -> ForceProblem:
         """The force problem of ``hand`` holding the object."""
@@ -355,8 +361,8 @@ class Case(Section):
     def make_grid(self) -> GridSpec:
         """The search grid."""
 
-        def values(spec: Steps | tuple[float, ...]):
-            return grid_values(spec.start, spec.stop, spec.step) if isinstance(spec, Steps) else spec
+        def values(spec: Steps | tuple[float, ...]) -> Array:
+            return np.array(grid_values(spec.start, spec.stop, spec.step) if isinstance(spec, Steps) else spec)
 
         return GridSpec(
             impact_times=values(self.grid.impact_times),
@@ -393,8 +399,8 @@ class Case(Section):
         )
 
 
-def _radians(angles_deg: dict) -> dict[str, np.ndarray]:
-    return {finger: np.radians(angles) for finger, angles in angles_deg.items()}
+def _radians(angles_deg: Angles) -> dict[str, Array]:
+    return {finger: np.radians(np.array(angles)) for finger, angles in angles_deg.items()}
 
 
 def builtin_cases() -> list[str]:
@@ -402,7 +408,7 @@ def builtin_cases() -> list[str]:
     return sorted(path.stem for path in Path(__file__).parent.glob("*.yaml"))
 
 
-def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = None) -> Case:
+def load_case(source: str | Path, changes: Mapping[str, Any] | Sequence[str] | None = None) -> Case:
     """A case by name or from a YAML file, with some values changed.
 
     Args:
@@ -424,7 +430,7 @@ def load_case(source: str | Path, changes: dict[str, Any] | list[str] | None = N
     return validated(Case, {**data, "folder": path.resolve().parent}, f"case '{name}'")
 
 
-def with_changes(case: Case, changes: dict[str, Any]) -> Case:
+def with_changes(case: Case, changes: Mapping[str, Any]) -> Case:
     """``case`` with some values changed, as ``load_case`` changes those of a file; errors alike."""
     data = case.settings()
     for key, value in changes.items():

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field
 
 from pinograsp.cases.case import NotNegative, Number, Section
 from pinograsp.cases.reading import validated
-from pinograsp.contacts import FRICTION_MODELS, Closure, Friction, close_hand
+from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.forces import BACKENDS, OBJECTIVES, ForceProblem, GraspConditions
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
@@ -46,7 +46,7 @@ class ObjectCase(Section):
     root: str | None = None
     at: Annotated[tuple[Number, ...], AfterValidator(_pose)] | None = None
     mu: NotNegative = 0.7
-    friction: Literal[FRICTION_MODELS] = "cone"
+    friction: FrictionModel = "cone"
     safety: Annotated[float, Field(ge=1, le=1000)] = 1.0
     samples: Annotated[int, Field(ge=1, le=100_000)] = 48
     seed: Annotated[int, Field(ge=0)] = 0
@@ -54,13 +54,13 @@ class ObjectCase(Section):
     hulls: bool = False
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"
-    measure: Literal["impulse", "work"] = "impulse"
+    measure: Measure = "impulse"
     objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
     solver: Literal[BACKENDS] = "auto"
     folder: Path = Field(Path("."), exclude=True)
 
     @classmethod
-    def of(cls, **values) -> ObjectCase:
+    def of(cls, **values: Any) -> ObjectCase:
         """From keyword arguments.
 
         Raises:
@@ -68,7 +68,7 @@ class ObjectCase(Section):
         """
         return validated(cls, values, "hand and object")
 
-    def settings(self) -> dict:
+    def settings(self) -> dict[str, Any]:
         """As plain values, defaults filled in."""
         return self.model_dump(mode="json")
 
@@ -144,7 +144,7 @@ class ObjectCase(Section):
         return Friction(model=self.friction, safety=self.safety, torsion=torsion)
 
 
-def object_fields(spec: str | dict) -> dict[str, Any]:
+def object_fields(spec: str | dict[str, Any]) -> dict[str, Any]:
     """An object's text as its fields, so that one of them can be changed: ``{"shape": ..., "radius": "0.02", ...}``."""
     if isinstance(spec, dict):
         return dict(spec)
@@ -153,7 +153,7 @@ def object_fields(spec: str | dict) -> dict[str, Any]:
     return {"shape": shape.strip(), **{name.strip(): value.strip() for name, _, value in parts}}
 
 
-def _text(value) -> str:
+def _text(value: object) -> str:
     if isinstance(value, list | tuple):
         return "x".join(map(str, value))
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
 
 from pinograsp.checks import items_of, mapping_of, shown
 from pinograsp.errors import CaseRejected
 
 _DEEPEST, _MOST_PARTS = 50, 3_000_000  # lists and mappings within each other, and values with aliases written out
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
-def validated(kind: type[BaseModel], data: dict, what: str):
-    """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` names all that is wrong with
-    ``what``.
-    """
+def validated(kind: type[_Model], data: Mapping[str, Any], what: str) -> _Model:
+    """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` lists all faults of ``what``."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -29,7 +29,7 @@ def validated(kind: type[BaseModel], data: dict, what: str):
         raise CaseRejected(f"{what} is not valid: " + "; ".join(lines)) from None
 
 
-def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, keys: str) -> dict:
+def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, keys: str) -> dict[str, Any]:
     """The mapping in a YAML file of at most ``biggest`` bytes; ``kind`` and ``name`` are what errors call it.
 
     Raises:
@@ -41,7 +41,7 @@ def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, ke
         if not os.path.isfile(path):
             raise CaseRejected(f"no {what}: expected {wanted}")
         with path.open("rb") as file:
-            content = file.read(biggest + 1)  # the size that a file system tells may be wrong
+            content = file.read(biggest + 1)  # the size that a file system reports may be wrong
         if len(content) > biggest:
             raise CaseRejected(
                 f"{what}: {max(len(content), path.stat().st_size)} bytes; a {kind} file has at most {biggest}"
@@ -55,12 +55,16 @@ def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, ke
     return data
 
 
-def check_extent(data, what: str) -> None:
+def check_extent(data: object, what: str) -> None:
     """Refuse plain values that are nested too deep, or, with the aliases of YAML, too many."""
     parts, left = 0, [(data, 0)]
     while left:
         one, depth = left.pop()
-        inner = [*one, *one.values()] if isinstance(one, dict) else one if isinstance(one, list | tuple | set) else ()
+        inner: Sequence[object] | set[object] = ()
+        if isinstance(one, dict):
+            inner = [*one, *one.values()]
+        elif isinstance(one, list | tuple | set):
+            inner = one
         parts += len(inner)
         if depth > _DEEPEST:
             raise CaseRejected(f"{what}: expected at most {_DEEPEST} lists and mappings within each other")
@@ -69,7 +73,7 @@ def check_extent(data, what: str) -> None:
         left += [(part, depth + 1) for part in inner if isinstance(part, dict | list | tuple | set)]
 
 
-def _parse_yaml(text: str, what: str):
+def _parse_yaml(text: str, what: str) -> Any:
     opened = np.cumsum([(char in "[{") - (char in "]}") for char in text if char in "[]{}"] or [0])
     if opened.max() > 2 * _DEEPEST:  # the reader would take many seconds; texts may hold some brackets as well
         raise CaseRejected(f"{what}: expected at most {_DEEPEST} lists and mappings within each other")
@@ -81,7 +85,7 @@ def _parse_yaml(text: str, what: str):
         raise CaseRejected(f"{what}: not valid YAML: {' '.join(str(error).split())}") from error
 
 
-def changes_of(changes) -> dict[str, Any]:
+def changes_of(changes: Mapping[str, Any] | Iterable[str] | None) -> dict[str, Any]:
     """Changes of a case by key, given as a mapping or as texts ``key=value``."""
     if changes is None or isinstance(changes, Mapping):
         return {} if changes is None else mapping_of("changes", changes, "{key: value} with texts as keys")
@@ -94,25 +98,26 @@ def changes_of(changes) -> dict[str, Any]:
     return parsed
 
 
-def put_value(data: dict, key: str, value) -> None:
+def put_value(data: dict[str, Any], key: str, value: object) -> None:
     """Put a value at a dotted key of nested mappings and lists."""
     *parents, last = key.split(".")
+    at: dict[str, Any] | list[Any] = data
     for i, parent in enumerate(parents):
-        inner = data.setdefault(parent, {}) if isinstance(data, dict) else None
-        if isinstance(data, list) and parent.isdecimal() and int(parent) < len(data):
-            inner = data[int(parent)]
+        inner = at.setdefault(parent, {}) if isinstance(at, dict) else None
+        if isinstance(at, list) and parent.isdecimal() and int(parent) < len(at):
+            inner = at[int(parent)]
         if not isinstance(inner, dict | list):
             raise CaseRejected(f"--set {key}: '{'.'.join(parents[: i + 1])}' holds no further keys")
-        data = inner
-    if isinstance(data, list):
-        if not last.isdecimal() or int(last) >= len(data):
-            raise CaseRejected(f"--set {key}: expected an index below {len(data)}, got '{last}'")
-        data[int(last)] = value
+        at = inner
+    if isinstance(at, list):
+        if not last.isdecimal() or int(last) >= len(at):
+            raise CaseRejected(f"--set {key}: expected an index below {len(at)}, got '{last}'")
+        at[int(last)] = value
     else:
-        data[last] = value
+        at[last] = value
 
 
-def line_of(error, known: list[str] = ()) -> str:
+def line_of(error: ErrorDetails, known: Sequence[str] = ()) -> str:
     """One of pydantic's errors in words; an unknown key with the nearest spelling among ``known``."""
     where = place_of(error)
     text, got = error["msg"].removeprefix("Value error, "), error["input"]
@@ -124,6 +129,6 @@ def line_of(error, known: list[str] = ()) -> str:
     return f"{where}: {text}" if where else text
 
 
-def place_of(error) -> str:
-    """The dotted key that one of pydantic's errors is about, without tags of unions, which only blur it."""
+def place_of(error: ErrorDetails) -> str:
+    """The dotted key that one of pydantic's errors is about, without the tags of unions, which would only confuse."""
     return ".".join(str(part) for part in error["loc"] if part not in ("Steps", "tuple[float, ...]", "range", "list"))
