@@ -27,7 +27,7 @@ from pinograsp.forces.kernels import (
     whole,
 )
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, energy_terms_at
+from pinograsp.forces.program import EnergyTerms, Program
 from pinograsp.forces.template import Template, joined
 
 
@@ -81,23 +81,19 @@ class CompiledForces(NamedTuple):
         certificate: of the forces.
         forces_c: contact forces (k, 3) [N].
         torsion: moments about the contact normals (k,) [N m].
-        multipliers: (k1, k2) (k, 2).
-        acceleration: A (k,) [m/s^2].
     """
 
     backend: str
     certificate: Certificate
     forces_c: np.ndarray
     torsion: np.ndarray
-    multipliers: np.ndarray
-    acceleration: np.ndarray
 
 
 class Prepared:
     """Everything of a force problem but its load, at one impact time, for one objective and compiled method."""
 
-    def __init__(self, problem: ForceProblem, template: Template, method: str, impact_time: float):
-        """Pack all numbers as :func:`pinograsp.forces.kernels.whole` takes them."""
+    def __init__(self, problem: ForceProblem, template: Template, method: str, impact_time: float, terms: EnergyTerms):
+        """Pack all numbers as :func:`pinograsp.forces.kernels.whole` takes them; ``terms`` at ``impact_time`` [s]."""
         self._k, weights = problem.k, template.matrices.weights
         names = problem.torques.limited_joints if len(template.order) else ()
         self._joints = tuple(names[row] for row in template.order)
@@ -106,7 +102,6 @@ class Prepared:
         law, caps = problem.compliance, problem.max_normal_force
         depth = problem.depth_per_acceleration(impact_time)
         limits = (method == "newton", low, high, law.stiffness, law.exponent, depth)
-        terms = energy_terms_at(problem, weights, impact_time)
         powers = [(weights[m] * c, e) for m, own in terms.items() for c, e in own]
         self._at = joined((limits, np.full(self._k, np.inf) if caps is None else caps, powers), float)
 
@@ -146,8 +141,6 @@ class Prepared:
             certificate=certificate,
             forces_c=out[6:end].reshape(k, 3),
             torsion=out[end : end + k],
-            multipliers=out[end + k : end + 3 * k].reshape(k, 2),
-            acceleration=out[end + 3 * k :],
         )
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from tqdm import tqdm
 
-from pinograsp.checks import array_of, brief, instance_of, integer, number, read_only, shown
+from pinograsp.checks import array_of, brief, frozen, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import BY_ACCELERATION, BY_DEPTH, BY_SPEED, ForceProblem
 from pinograsp.forces.solution import ForceSolution, GridLog
@@ -245,8 +245,9 @@ def grid_log(
     *,
     qp_solves: int = 0,
     cuts: int = 0,
+    closest: np.ndarray | None = None,
 ) -> GridLog:
-    """The log of a finished search."""
+    """The log of a finished search; ``closest`` is the least residual seen (6,) [N, N m]."""
     return GridLog(
         points=grid.points(problem.k),
         cells=grid.cells(problem.k),
@@ -254,6 +255,7 @@ def grid_log(
         cuts=cuts,
         rejections=rejections,
         residual_bound=0.0 if cell is None else cell.residual_bound,
+        closest=read_only(np.zeros(6) if cell is not None or closest is None else closest),
     )
 
 
@@ -266,27 +268,21 @@ def grid_solution(
     log: GridLog,
     started: float,
     backend: str = "",
-    closest: np.ndarray | None = None,
 ) -> ForceSolution:
-    """The record of a finished search; ``closest`` is the least residual seen (6,) where there is no cell."""
+    """The record of a finished search."""
     if cell is None:
-        impact_time, acceleration, multipliers, forces = None, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3))
-        residual = np.zeros(6) if closest is None else closest
+        impact_time, forces = None, np.zeros((0, 3))
     else:
-        impact_time, acceleration = cell.table.impact_time, cell.table.acceleration[cell.indices]
-        multipliers, forces = cell.multipliers, problem.forces(cell.table.normal_force[cell.indices], cell.multipliers)
-        residual = problem.residual(forces)
+        impact_time = cell.table.impact_time
+        forces = problem.forces(cell.table.normal_force[cell.indices], cell.multipliers)
     return ForceSolution(
         status=status,
         problem=problem,
         search=search,
         backend=backend,
         impact_time=impact_time,
-        acceleration=read_only(acceleration),
-        multipliers=read_only(multipliers),
-        forces_c=read_only(forces),
-        torsion=read_only(np.zeros(len(forces))),
-        residual=read_only(residual),
+        forces_c=frozen(forces),
+        torsion=frozen(np.zeros(len(forces))),
         grid=log,
         elapsed=time.perf_counter() - started,
     )

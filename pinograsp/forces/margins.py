@@ -204,7 +204,7 @@ def force_closure(
         friction=Friction(model="cone") if friction is None else friction,
         balance=balance,
     )
-    A = balance_columns(problem)
+    A = balance_columns(problem, problem.friction.scale(problem.mu))
     rank = int(np.linalg.matrix_rank(A, tol=1e-9 * max(1.0, float(np.abs(A).max()))))
     margin, y = _interior(problem)
     closed = rank == problem.rows and margin > 1e-8
@@ -222,7 +222,7 @@ def min_weight(contacts: ContactSet, mu, *, edges: int = 8, balance: str = "wren
     span zero with full weights (Li et al., FRoGGeR, 2023). A linear program.
     """
     problem = ForceProblem(contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(edges=edges), balance=balance)
-    A = balance_columns(problem).reshape(problem.rows, problem.k, 3)
+    A = balance_columns(problem, problem.friction.scale(problem.mu)).reshape(problem.rows, problem.k, 3)
     corners = problem.friction.vertices
     edge_wrenches = (A[:, :, :2] @ corners.T + A[:, :, 2:]).reshape(problem.rows, -1)
     count = edge_wrenches.shape[1]

@@ -97,7 +97,7 @@ def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices
     """The matrices of a problem for the objective ``weights``, see :func:`~pinograsp.forces.program.weights_of`."""
     k, d, friction = problem.k, problem.friction.d, problem.friction
     widths = friction.scale(problem.mu)
-    A = balance_columns(problem)
+    A = balance_columns(problem, widths)
     torque = None if problem.torques is None else torque_columns(problem, widths)
     R, R_lo, R_hi, R_norm = _torque_rows(problem, torque)
     rows = R.reshape(-1, k, d)
@@ -121,16 +121,15 @@ def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices
     )
 
 
-def balance_columns(problem: ForceProblem) -> np.ndarray:
-    """Grasp map on x: (rows, k d), friction's scale included."""
+def balance_columns(problem: ForceProblem, widths: np.ndarray) -> np.ndarray:
+    """Grasp map on x: (rows, k d); ``widths`` (k, d - 1): friction's scale."""
     base, friction = problem.scaled_columns, problem.friction
-    scale = friction.scale(problem.mu)
     columns = np.zeros((problem.rows, problem.k, friction.d))
-    columns[:, :, :2] = base[:, :, :2] * scale[None, :, :2]
+    columns[:, :, :2] = base[:, :, :2] * widths[None, :, :2]
     columns[:, :, -1] = base[:, :, 2]
     if friction.d == 4 and problem.rows == 6:
         normals = problem.contacts.rotations_oc[:, :, 2]
-        columns[3:, :, 2] = (normals * scale[:, 2:3]).T / problem.moment_length
+        columns[3:, :, 2] = (normals * widths[:, 2:3]).T / problem.moment_length
     return columns.reshape(problem.rows, -1)
 
 

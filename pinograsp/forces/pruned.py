@@ -239,7 +239,15 @@ def _search(
     else:
         status = Status.INACCURATE if search.uncertain and exact else Status.INFEASIBLE
     cell = None if search.best is None else search.best.cell
-    log = g.grid_log(problem, grid, cell, rejections, qp_solves=search.qp_solves, cuts=len(search.cuts))
+    log = g.grid_log(
+        problem,
+        grid,
+        cell,
+        rejections,
+        qp_solves=search.qp_solves,
+        cuts=len(search.cuts),
+        closest=search.closest.residual,
+    )
     return grid_solution(
         problem,
         cell,
@@ -248,5 +256,4 @@ def _search(
         log=log,
         started=started,
         backend=solver if name == "hybrid" else "",
-        closest=search.closest.residual,
     )

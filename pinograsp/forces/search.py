@@ -77,9 +77,7 @@ def refined(solution: ForceSolution, solver: str = "daqp") -> ForceSolution:
         status=refinement.status if solution.status is Status.OK else solution.status,
         search="paper+qp",
         backend=solver,
-        multipliers=refinement.multipliers,
         forces_c=refinement.forces_c,
-        residual=refinement.certificate.residual,
         grid=replace(
             solution.grid,
             residual_bound=refinement.certificate.lower_bound,

@@ -35,7 +35,7 @@ class Branch:
     fate: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GridLog:
     """What a grid search did.
 
@@ -46,6 +46,7 @@ class GridLog:
         cuts: rejecting half-spaces learnt from them.
         rejections: cells rejected, by constraint; they and the optimum add up to ``cells``.
         residual_bound: certified least norm of the residual of any multipliers at the normal forces found [N].
+        closest: the least residual seen where nothing was found (6,) [N, N m], else zeros.
     """
 
     points: int
@@ -54,6 +55,7 @@ class GridLog:
     cuts: int
     rejections: dict[str, int]
     residual_bound: float
+    closest: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
@@ -67,10 +69,7 @@ class ForceSolution:
         search: ``"paper"``, ``"paper+qp"``, ``"hybrid"``, ``"convex"`` or ``"robust"``.
         backend: which one ran, "" if none did.
         impact_time: t_I [s], None without a solution.
-        acceleration: A (k,) [m/s^2].
-        multipliers: (k1, k2) (k, 2).
-        forces_c: contact forces (k, 3) [N]. All empty without a solution.
-        residual: what forces and load leave over (6,) [N, N m]; without a solution the least one seen.
+        forces_c: contact forces (k, 3) [N], empty without a solution.
         elapsed: [s].
         torsion: moments about the contact normals (k,) [N m] (soft fingers), zeros otherwise.
         weights: of the objective of a convex search, ``{name: weight}``.
@@ -85,10 +84,7 @@ class ForceSolution:
     search: str
     backend: str
     impact_time: float | None
-    acceleration: np.ndarray
-    multipliers: np.ndarray
     forces_c: np.ndarray
-    residual: np.ndarray
     elapsed: float
     torsion: np.ndarray = field(default_factory=lambda: read_only(np.zeros(0)))
     weights: dict[str, float] = field(default_factory=dict)
@@ -108,6 +104,30 @@ class ForceSolution:
     def normal_forces(self) -> np.ndarray:
         """F_n at t_F (k,) [N]."""
         return self.forces_c[:, 2]
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """(k1, k2) (k, 2) of Eqs. (27, 28) [-]; zeros where there is no friction or no normal force."""
+        if not self.found:
+            return read_only(np.zeros((0, 2)))
+        half = (self.problem.pyramid * self.normal_forces)[:, None]
+        return frozen(np.divide(self.forces_c[:, :2], half, out=np.zeros((len(half), 2)), where=half > 0))
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """A (k,) [m/s^2] that ends at the normal forces."""
+        if self.impact_time is None:
+            return read_only(np.zeros(0))
+        return frozen(self.problem.acceleration(np.maximum(self.normal_forces, 0.0), self.impact_time))
+
+    @property
+    def residual(self) -> np.ndarray:
+        """What forces and load leave over (6,) [N, N m]; without forces the least that was seen."""
+        if self.found:
+            return frozen(self.problem.residual(self.forces_c, self.torsion))
+        if self.infeasibility is not None:
+            return self.infeasibility.residual
+        return self.problem.load if self.grid is None else self.grid.closest
 
     @property
     def duration(self) -> float:
@@ -184,30 +204,17 @@ def solution_of(
     branches: tuple[Branch, ...] = (),
 ) -> ForceSolution:
     """The record of a convex outcome; ``status`` where it is not the outcome's own, ``started`` by the clock."""
-    if outcome.forces is None:
-        forces, torsion, multipliers, acceleration = np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2)), np.zeros(0)
-        residual = problem.load if outcome.infeasibility is None else outcome.infeasibility.residual
-        certificate, at = None, None
-    else:
-        forces, torsion, certificate = outcome.forces.forces_c, outcome.forces.torsion, outcome.forces.certificate
-        half = problem.pyramid * forces[:, 2]
-        multipliers = np.zeros((problem.k, 2))
-        multipliers[half > 0] = forces[half > 0, :2] / half[half > 0, None]
-        acceleration = problem.acceleration(np.maximum(forces[:, 2], 0.0), impact_time)
-        residual, at = certificate.residual, impact_time
+    found = outcome.forces
     return ForceSolution(
         status=outcome.status if status is None else status,
         problem=problem,
         search="convex",
         backend=outcome.backend,
         weights=weights,
-        impact_time=at,
-        acceleration=frozen(acceleration),
-        multipliers=frozen(multipliers),
-        forces_c=frozen(forces),
-        torsion=frozen(torsion),
-        residual=residual,
-        certificate=certificate,
+        impact_time=None if found is None else impact_time,
+        forces_c=frozen(np.zeros((0, 3))) if found is None else found.forces_c,
+        torsion=frozen(np.zeros(0)) if found is None else found.torsion,
+        certificate=None if found is None else found.certificate,
         infeasibility=outcome.infeasibility,
         branches=branches,
         elapsed=time.perf_counter() - started,

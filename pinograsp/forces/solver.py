@@ -60,11 +60,12 @@ class ForceSolver:
         self._terms = energy_terms_at(problem, self.weights, self.impact_time)
         self._least, self._largest = problem.normal_force_range(self.impact_time)
         self._compiled = None
-        if self.backends[0] in COMPILED and self._backends.takes(self.backends[0]):
+        method = self.backends[0]
+        if method in COMPILED and self._backends.takes(method):
             compiled_solvers()
             from pinograsp.forces.compiled import Prepared
 
-            self._compiled = Prepared(problem, self._backends.template, self.backends[0], self.impact_time)
+            self._compiled = Prepared(problem, self._backends.template, method, self.impact_time, self._terms)
 
     def solve(self, load: ArrayLike | None = None) -> ForceSolution:
         """The forces for a load (6,), linear first, about the centre of mass, world axes [N, N m].
@@ -93,11 +94,8 @@ class ForceSolver:
                         "backend": found.backend,
                         "weights": self.weights.copy(),
                         "impact_time": self.impact_time,
-                        "acceleration": found.acceleration,
-                        "multipliers": found.multipliers,
                         "forces_c": found.forces_c,
                         "torsion": found.torsion,
-                        "residual": found.certificate.residual,
                         "certificate": found.certificate,
                         "elapsed": time.perf_counter() - started,
                     },

@@ -238,7 +238,7 @@ def test_a_robust_squeeze_is_carried_out(hand, make_problem):
     problem = make_problem(balance="wrench")
     robust = optimize_robust(problem, LoadSet.around(problem.load, box=[0.1, 0, 0.1, 0, 0, 0]), 0.82)
     spec = MotionSpec(samples=1, time_step=0.02)
-    motion = plan_motion(hand, robust, spec)
+    motion = plan_motion(hand, robust.under(), spec)
     assert motion.status is Status.OK
     normals = np.einsum("kx,kx->k", motion.forces_o[-1], problem.contacts.rotations_oc[:, :, 2])
     assert normals == pytest.approx(robust.normal_forces, rel=1e-9)
@@ -248,6 +248,6 @@ def test_a_robust_squeeze_is_carried_out(hand, make_problem):
     assert np.abs(motion.holding_torques).max() > np.abs(alone.holding_torques).max()
     nothing = optimize_robust(problem, LoadSet(loads=[100 * problem.load]), 0.85)
     with pytest.raises(InvalidInput, match="infeasible"):
-        plan_motion(hand, nothing)
+        plan_motion(hand, nothing.under())
     with pytest.raises(InvalidInput, match="solution"):
         plan_motion(hand, problem)
