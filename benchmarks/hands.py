@@ -76,7 +76,7 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
             "seconds": f"{time.perf_counter() - started:.1f}",
             "why": str(error).splitlines()[0][:160],
         }
-    bears = pg.grasp_margins(plan.forces).load_factor
+    bears = pg.grasp_margins(plan.solution).load_factor
     certificate, limits = plan.forces.certificate, hand.effort
     share = np.abs(plan.motion.torques[-1])[limits > 0] / limits[limits > 0]
     return found | {
@@ -86,8 +86,8 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
         "links": len({contact.link for contact in plan.problem.contacts}),
         "energy_Ns": f"{certificate.objective:.4g}",
         "gap": f"{certificate.relative_gap:.1e}",
-        "residual_N": f"{certificate.residual_force:.1e}",
-        "residual_Nm": f"{certificate.residual_moment:.1e}",
+        "residual_N": f"{plan.forces.residual_force:.1e}",
+        "residual_Nm": f"{plan.forces.residual_moment:.1e}",
         "load_factor": f"{best.load_factor:.2f}",
         "squeeze_bears": "" if bears is None or np.isinf(bears) else f"{bears:.3f}",
         "effort_used": f"{share.max():.3f}" if share.size else "no limits",

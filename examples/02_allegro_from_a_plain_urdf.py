@@ -14,7 +14,7 @@ best = found.best
 print(f"{len(found.placements)} of {found.tried} placements hold; the best {best.load_factor:.1f} times the load")
 
 plan = pg.plan_grasp_on(best.closure.hand, best.closure, conditions)
-print(plan.status, plan.problem.contacts.names, plan.forces.normal_forces.round(3), "N")
+print(plan.status, plan.contacts.names, plan.forces.normal_forces.round(3), "N")
 print(f"peak torque {plan.motion.peak_torque:.3f} N m")
 for caution in plan.cautions:
     print("caution:", caution)

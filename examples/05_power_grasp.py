@@ -14,5 +14,5 @@ print(
     plan.status,
     f"{plan.problem.k} contacts, {1e3 * plan.forces.work:.3f} mJ, peak torque {plan.motion.peak_torque:.3f} N m",
 )
-for name, force in zip(plan.problem.contacts.names, plan.forces.normal_forces):
+for name, force in zip(plan.contacts.names, plan.forces.normal_forces):
     print(f"{name:>12}: {force:.3f} N")

@@ -9,8 +9,9 @@ import numpy as np
 import pinograsp as pg
 
 plan = pg.load_case("paper", {"forces.search": "convex", "friction.model": "cone"}).plan()
-online = pg.OnlineForces.of(plan, max_rate=200.0, ramp=0.05)  # compiles here, not in the loop
 load, q = np.array(plan.problem.load), plan.motion.q[-1]
+# Compiles here, not in the loop.
+online = pg.OnlineForces(plan.problem, hand=plan.hand, q=q, max_rate=200.0, ramp=0.05)
 
 spent = []
 for tick in range(1000):

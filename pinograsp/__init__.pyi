@@ -57,18 +57,13 @@ from .objects import (
     Sphere as Sphere,
     object_from as object_from,
 )
-from .plan import (
-    GraspPlan as GraspPlan,
-)
 from .planner import (
+    GraspPlan as GraspPlan,
+    load_run as load_run,
     plan_grasp as plan_grasp,
     plan_grasp_on as plan_grasp_on,
+    save_run as save_run,
 )
 from .referee import (
     simulate as simulate,
-)
-from .storage import (
-    load_run as load_run,
-    run_of as run_of,
-    save_run as save_run,
 )

@@ -4,162 +4,146 @@ from __future__ import annotations
 
 import base64
 import html
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from pinograsp.checks import instance_of, items_of, path_of, shown
-from pinograsp.errors import InvalidInput
-from pinograsp.storage import Run
-from pinograsp.words import (
+from pinograsp.checks import instance_of, items_of, path_of
+from pinograsp.plan import ComparisonRow, PlanFailure, PlanRecord, Simulation
+from pinograsp.plan.answer import (
     disturbance_held,
     does_it_hold,
     friction_model,
     friction_used,
     load_factor,
-    number,
-    printable,
     shares,
     work,
+    work_in_words,
 )
+from pinograsp.words import number, printable
 from pinograsp.writing import place_of, write_errors
 
 _LONGEST = 2000  # characters of a line that someone else wrote
 
 
-def headline(run: Run, check: dict | None = None) -> list[str]:
-    """The answer first, a line of Markdown each: does it hold, how hard, how much energy, with which margin, and what
-    the referee saw.
-
-    ``check``: ``check.json`` of a simulation of the run, if there was one.
+def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str]:
+    """The answer first, a line of Markdown each: does it hold, how hard, how much energy, which margin, was it
+    simulated.
     """
-    instance_of("run", run, Run)
-    _checked_check(check)
-    s = run.summary
-    forces = s["normal_forces_N"]
-    listed = ", ".join(f"{name} {value:.2f} N" for name, value in forces.items())
-    energy = f"{_work(run)}; {s['impulse_Ns']:.3f} N s as impulse (Eq. 11)"
-    if s["certificate"] is not None:
-        energy += (
-            f"; within a share of {max(s['certificate']['relative_gap'], 0.0):.0e} of the least {_objective(s)}, proven"
-        )
-    margin = f"the squeeze holds {load_factor(s['margins'])}"
-    for what, values in friction_used(s):
-        used = [value for value in values.values() if value is not None]
+    instance_of("plan", plan, PlanRecord)
+    instance_of("simulation", simulation, Simulation, type(None))
+    forces, certificate = plan.forces, plan.forces.certificate
+    listed = ", ".join(f"{name} {value:.2f} N" for name, value in _normal_forces(plan).items())
+    energy = f"{work(plan)}; {forces.impulse:.3f} N s as impulse (Eq. 11)"
+    if certificate is not None:
+        share = max(certificate.relative_gap, 0.0)
+        energy += f"; within a share of {share:.0e} of the least {_objective(plan)}, proven"
+    margin = f"the squeeze holds {load_factor(plan.require_margins())}"
+    for what, values in friction_used(plan):
+        used = [value for value in values.values() if math.isfinite(value)]
         margin += f"; {what}: up to {100 * max(used):.0f} %" if used else ""
+    total, peak = sum(_normal_forces(plan).values()), plan.motion.peak_torque
     lines = [
-        ("Does it hold?", does_it_hold(s, check).text),
-        (
-            "How hard?",
-            f"{sum(forces.values()):.2f} N of normal force in all: {listed}; at most {s['peak_torque_Nm']:.3g} N "
-            "m at a joint.",
-        ),
+        ("Does it hold?", does_it_hold(plan, simulation).text),
+        ("How hard?", f"{total:.2f} N of normal force in all: {listed}; at most {peak:.3g} N m at a joint."),
         ("How much energy?", f"{energy}."),
         ("Which margin?", f"{margin[0].upper()}{margin[1:]}."),
     ]
-    if check is None:
+    if simulation is None:
         lines.append(("Simulated?", "Not yet: pinograsp check does it."))
     else:
-        verdict = "Held" if check["held"] else "Lost"
-        off = f"normal forces at most {100 * check['force_error']:.1f} % off the plan"
-        lines.append(("Simulated?", f"{verdict} ({check['engine']}): {check['reason']}; {off}."))
+        verdict = simulation.verdict
+        off = f"normal forces at most {100 * verdict.force_error:.1f} % off the plan"
+        ended = "Held" if verdict.held else "Lost"
+        lines.append(("Simulated?", f"{ended} ({simulation.engine}): {verdict.reason}; {off}."))
     return [f"**{what}** {_escaped(text)}" for what, text in lines]
 
 
-def _checked_check(check) -> None:
-    if check is not None and not (
-        isinstance(check, Mapping) and {"held", "engine", "reason", "force_error"} <= set(check)
-    ):
-        raise InvalidInput(f"check: expected the check.json of a simulation, got {shown(check)}")
+def _normal_forces(plan: PlanRecord) -> dict[str, float]:
+    return dict(zip(plan.contacts.names, plan.forces.normal_forces.tolist()))
 
 
-def answer(run: Run, check: dict | None = None) -> list[tuple[str, str]]:
-    """The answer in a few lines: (what, value with its unit); ``check`` as for :func:`headline`."""
-    instance_of("run", run, Run)
-    s = run.summary
-    forces = ", ".join(f"{name} {value:.3f}" for name, value in s["normal_forces_N"].items())
-    multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in s["multipliers"].items())
+def answer(plan: PlanRecord, simulation: Simulation | None = None) -> list[tuple[str, str]]:
+    """The answer in a few lines: (what, value with its unit)."""
+    instance_of("plan", plan, PlanRecord)
+    forces, motion, names = plan.forces, plan.motion, plan.contacts.names
+    normal = ", ".join(f"{name} {value:.3f}" for name, value in _normal_forces(plan).items())
+    multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in zip(names, forces.multipliers))
+    solved = f"{forces.search}, solver {forces.backend or 'none'}, {plan.balance} balance, least {_objective(plan)}"
     lines = [
-        ("does it hold?", does_it_hold(s, check).text),
-        ("status", s["status"]),
-        ("search", f"{s['search']}, solver {s['solver']}, {s['balance']} balance, least {_objective(s)}"),
-        ("friction", friction_model(s["friction"])),
-        ("impact time t_I", f"{s['impact_time_s']:g} s"),
-        ("normal forces", f"{forces} N"),
+        ("does it hold?", does_it_hold(plan, simulation).text),
+        ("status", str(plan.status)),
+        ("search", solved),
+        ("friction", friction_model(plan.friction)),
+        ("impact time t_I", f"{forces.impact_time:g} s"),
+        ("normal forces", f"{normal} N"),
         ("multipliers k1, k2", multipliers),
-        ("grasp energy (work)", _work(run)),
-        ("grasp energy (impulse)", f"{s['impulse_Ns']:.4f} N s by Eq. (11)"),
-        ("net force, net moment", f"{s['residual_N']:.2e} N, {s['residual_Nm']:.2e} N m"),
-        ("largest penetration", f"{1e3 * s['max_penetration_m']:.3f} mm"),
-        ("peak joint torque", f"{s['peak_torque_Nm']:.4f} N m"),
-        ("postures tried", ", ".join(f"{name} {count}" for name, count in s["postures_tried"].items())),
-        *_proof(s),
-        *_safety(s),
-        ("planning time", f"{s['elapsed_s']:.3f} s"),
+        ("grasp energy (work)", work(plan)),
+        ("grasp energy (impulse)", f"{forces.impulse:.4f} N s by Eq. (11)"),
+        ("net force, net moment", f"{forces.residual_force:.2e} N, {forces.residual_moment:.2e} N m"),
+        ("largest penetration", f"{1e3 * forces.final_depths.max():.3f} mm"),
+        ("peak joint torque", f"{motion.peak_torque:.4f} N m"),
+        ("postures tried", ", ".join(f"{name} {count}" for name, count in motion.postures.items())),
+        *_proof(plan),
+        *_safety(plan),
+        ("planning time", f"{sum(plan.elapsed.values()):.3f} s"),
     ]
     return [(printable(what), printable(value, _LONGEST)) for what, value in lines]
 
 
-def _work(run: Run) -> str:
-    law = run.arrays.get("contact_law")
-    return work(run.summary["work_J"], None if law is None else float(law[2]))
-
-
-def _objective(s: dict) -> str:
-    weights = s["certificate"]["weights"] if s["certificate"] else {s["measure"]: 1.0}
+def _objective(plan: PlanRecord) -> str:
+    certificate = plan.forces.certificate
+    weights = {plan.measure: 1.0} if certificate is None else certificate.weights
     parts = [name if weight == 1.0 else f"{weight:g} {name}" for name, weight in weights.items() if weight]
     return " + ".join(parts)
 
 
-def _proof(s: dict) -> list[tuple[str, str]]:
-    certificate = s["certificate"]
+def _proof(plan: PlanRecord) -> list[tuple[str, str]]:
+    certificate = plan.forces.certificate
     if certificate is None:
         return []
-    gap = f"no forces cost less than {number(certificate['lower_bound'], 7)} "
-    gap += f"(ours {number(certificate['objective'], 7)}), "
-    gap += f"gap {certificate['relative_gap']:.1e}"
-    return [("proven", gap), ("active limits", "; ".join(certificate["active"]) or "none")]
+    gap = f"no forces cost less than {number(certificate.lower_bound, 7)} (ours {number(certificate.objective, 7)}), "
+    gap += f"gap {certificate.relative_gap:.1e}"
+    return [("proven", gap), ("active limits", "; ".join(certificate.active) or "none")]
 
 
-def _safety(s: dict) -> list[tuple[str, str]]:
+def _safety(plan: PlanRecord) -> list[tuple[str, str]]:
     """The margins: what the grasp bears beyond its load with these normal forces."""
-    m = s["margins"]
+    margins = plan.require_margins()
+    closure = "force closure" if margins.force_closure else "no force closure"
+    quality = (
+        f"{closure}, Ferrari-Canny epsilon {number(margins.ferrari_canny, 3)}, "
+        f"smallest singular value {number(margins.min_singular_value, 3)}"
+    )
     return [
-        *((what, shares(values)) for what, values in friction_used(s)),
-        ("load held by these forces", load_factor(m)),
-        ("disturbance held besides", disturbance_held(m, s["friction"]["safety"])),
-        (
-            "grasp",
-            f"{'force closure' if m['force_closure'] else 'no force closure'}, Ferrari-Canny epsilon "
-            f"{number(m['ferrari_canny_L1'], 3)}, smallest singular value {number(m['min_singular_value'], 3)}",
-        ),
+        *((what, shares(values)) for what, values in friction_used(plan)),
+        ("load held by these forces", load_factor(margins)),
+        ("disturbance held besides", disturbance_held(margins, plan.friction.safety)),
+        ("grasp", quality),
     ]
 
 
-def failure(run: Run) -> str:
-    """``report.md`` of a search that proved that there is no grasp."""
-    instance_of("run", run, Run)
-    s = run.summary
-    first, *rest = s["message"].splitlines() or [""]
+def failure(found: PlanFailure) -> str:
+    """``report.md`` of a search that found that there is no grasp."""
+    instance_of("found", found, PlanFailure)
+    first, *rest = found.message.splitlines() or [""]
     return "\n".join(
         [
-            f"# No grasp: {_title(run)}",
+            f"# No grasp: {_escaped(found.name, 200)}",
             "",
-            f"**{s['status']}**: {_escaped(first)}",
+            f"**{found.status}**: {_escaped(first)}",
             "",
             *(f"- {_escaped(line)}" for line in rest),
             "",
-            *_made_with(run),
+            *_made_with(found.versions),
         ]
     )
 
 
-def _title(run: Run) -> str:
-    return _escaped(run.settings.get("name") or run.layout["hand"], 200)
-
-
-def _made_with(run: Run) -> list[str]:
-    return [f"Made with {_escaped(', '.join(f'{name} {version}' for name, version in run.versions.items()))}.", ""]
+def _made_with(versions: Mapping[str, str]) -> list[str]:
+    return [f"Made with {_escaped(', '.join(f'{name} {version}' for name, version in versions.items()))}.", ""]
 
 
 def _escaped(text: str, most: int = _LONGEST) -> str:
@@ -174,81 +158,80 @@ def _code(key: str) -> str:
     return f"`{printable(key).replace('`', chr(39)).strip() or '-'}`"
 
 
-def markdown(run: Run, figures: list[str] | None = None, check: dict | None = None) -> str:
-    """``report.md`` of a run.
-
-    ``figures``: names of the files beside it. ``check``: ``check.json`` of a simulation.
-    """
-    instance_of("run", run, Run)
-    s = run.summary
-    lines = [f"# Grasp plan: {_title(run)}", ""]
-    lines += [*(f"- {line}" for line in headline(run, check)), "", *_figures(figures, _FIRST), "## In figures", ""]
-    lines += _table(("quantity", "value"), answer(run, check))
-    if s["remedy"]:
-        lines += [f"**{s['status']}**: {_escaped(s['remedy'])}", ""]
-    if s["cautions"]:
-        lines += ["## Cautions", "", *(f"- {_escaped(caution)}" for caution in s["cautions"]), ""]
-    if s["notes"]:
-        lines += ["## Notes", "", *(f"- {_escaped(note)}" for note in s["notes"]), ""]
-    lines += ["## Contact forces at t_F", ""]
-    lines += _table(
-        ("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"),
-        [
-            (
-                name,
-                *(f"{f:.4f}" for f in force),
-                f"{s['accelerations_m_s2'][name]:.4f}",
-                f"{s['tracking_error_m'][name]:.1e}",
-            )
-            for name, force in s["contact_forces_N"].items()
-        ],
-    )
+def markdown(plan: PlanRecord, figures: Sequence[str] | None = None, simulation: Simulation | None = None) -> str:
+    """``report.md`` of a plan; ``figures``: names of the files beside it."""
+    instance_of("plan", plan, PlanRecord)
+    lines = [f"# Grasp plan: {_escaped(plan.name, 200)}", ""]
     lines += [
-        "Contact frame: z into the object, x against gravity in the tangent plane, y completes it. "
-        "Forces act on the object.",
+        *(f"- {line}" for line in headline(plan, simulation)),
         "",
-        "## Joint torque maxima [N m]",
+        *_figures(figures, _FIRST),
+        "## In figures",
         "",
     ]
-    lines += _table(
-        ("finger", "phase", "joints, base to tip"),
-        [
-            (finger, phase, ", ".join(number(value) for value in values))
-            for finger, phases in s["joint_torque_max_Nm"].items()
-            for phase, values in phases.items()
-        ],
-    )
-    if s["grid"] is None:
-        lines += [
-            "## Search",
-            "",
-            f"Branch and bound over t_I: {s['certificate']['branches']} intervals. Left over: "
-            f"{s['residual_N']:.1e} N, {s['residual_Nm']:.1e} N m; largest violation of a limit: "
-            f"{s['certificate']['violation_N']:.1e} N.",
-            "",
-        ]
-    else:
-        lines += _grid_section(s)
-    if s.get("comparison"):
-        lines += [
-            "## Beside the paper",
-            "",
-            "Planned as the paper does: forces alone in balance, friction used up to its limit.",
-            "",
-        ]
-        lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(s["comparison"]))
-    if run.settings.get("assumed"):
-        lines += [
-            "## Assumed inputs",
-            "",
-            *(f"- {_code(key)}: {_escaped(why)}" for key, why in run.settings["assumed"].items()),
-            "",
-        ]
+    lines += _table(("quantity", "value"), answer(plan, simulation))
+    if plan.remedy:
+        lines += [f"**{plan.status}**: {_escaped(plan.remedy)}", ""]
+    lines += _listed("Cautions", plan.cautions) + _listed("Notes", plan.notes)
+    lines += [*_contact_section(plan), *_torque_section(plan), *_search_section(plan)]
+    if plan.comparison:
+        lines += ["## Beside the paper", ""]
+        lines += ["Planned as the paper does: forces alone in balance, friction used up to its limit.", ""]
+        lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(plan.comparison))
+    if assumed := plan.settings.get("assumed"):
+        lines += ["## Assumed inputs", "", *(f"- {_code(key)}: {_escaped(why)}" for key, why in assumed.items()), ""]
     rest = [name for name in figures or () if Path(name).stem not in _FIRST]
     if rest:
         lines += ["## Figures", "", *_figures(rest, None)]
-    lines += [*_settings(run.settings), *_made_with(run)]
+    lines += [*_settings(plan.settings), *_made_with(plan.versions)]
     return "\n".join(lines)
+
+
+def _listed(title: str, texts: Sequence[str]) -> list[str]:
+    return [f"## {title}", "", *(f"- {_escaped(text)}" for text in texts), ""] if texts else []
+
+
+def _contact_section(plan: PlanRecord) -> list[str]:
+    forces = plan.forces
+    rows = [
+        (name, *(f"{f:.4f}" for f in force), f"{deceleration:.4f}", f"{missed:.1e}")
+        for name, force, deceleration, missed in zip(
+            plan.contacts.names, forces.forces_c, forces.acceleration, plan.motion.tracking_error
+        )
+    ]
+    return [
+        "## Contact forces at t_F",
+        "",
+        *_table(("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"), rows),
+        "Contact frame: z into the object, x against gravity in the tangent plane, y completes it. "
+        "Forces act on the object.",
+        "",
+    ]
+
+
+def _torque_section(plan: PlanRecord) -> list[str]:
+    rows = [
+        (finger, phase, ", ".join(number(value) for value in values))
+        for finger, phases in plan.torque_maxima().items()
+        for phase, values in phases.items()
+    ]
+    return ["## Joint torque maxima [N m]", "", *_table(("finger", "phase", "joints, base to tip"), rows)]
+
+
+def _search_section(plan: PlanRecord) -> list[str]:
+    certificate, grid = plan.forces.certificate, plan.forces.grid
+    if certificate is not None:
+        text = (
+            f"Branch and bound over t_I: {len(certificate.branches)} intervals. Left over: "
+            f"{plan.forces.residual_force:.1e} N, {plan.forces.residual_moment:.1e} N m; largest violation of a limit: "
+            f"{certificate.violation:.1e} N."
+        )
+        return ["## Search", "", text, ""]
+    if grid is None:
+        return []
+    text = f"{grid.points:.4g} grid points, {grid.cells} cells in (t_I, A), {grid.qp_solves} QPs solved."
+    rows = [(reason, str(count)) for reason, count in grid.rejections.items()]
+    return ["## Search", "", text, "", *_table(("cells rejected by", "count"), rows)]
 
 
 _FIRST = ("contact_forces",)
@@ -263,11 +246,11 @@ _CAPTIONS = {
 }
 
 
-def _figures(names, only) -> list[str]:
+def _figures(names: Sequence[str] | None, only: Sequence[str] | None) -> list[str]:
     """Figures with captions: those ``only``, or all."""
     lines = []
     for name in () if names is None else items_of("figures", names, str, Path):
-        stem = Path(name).stem
+        stem = Path(str(name)).stem
         if only is None or stem in only:
             finger = stem.removeprefix("torques_")
             caption = _CAPTIONS.get(
@@ -277,13 +260,13 @@ def _figures(names, only) -> list[str]:
     return lines
 
 
-def _settings(settings: dict) -> list[str]:
+def _settings(settings: Mapping[str, Any]) -> list[str]:
     """What was asked for, key by key."""
     rows = [(key, str(value)) for key, value in _flat(settings) if key != "name" and not key.startswith("assumed.")]
     return ["## Settings", "", *_table(("key", "value"), rows)] if rows else []
 
 
-def _flat(settings, prefix: str = ""):
+def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in settings.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{prefix}{key}.")
@@ -316,7 +299,7 @@ code { font-size: 0.9em; } pre { overflow-x: auto; background: #f5f5f5; padding:
 """
 
 
-def page(text: str, figures=(), levels=()) -> str:
+def page(text: str, figures: Sequence[str | Path] = (), levels: Sequence[str] = ()) -> str:
     """Markdown as one HTML file: nothing comes from a network, and no file comes in but ``figures``.
 
     Args:
@@ -342,7 +325,7 @@ def page(text: str, figures=(), levels=()) -> str:
         head += f'<li class="{level}">{entry}' if level else f"<li>{entry}"
     # A picture alone in its paragraph is a figure, and its description the caption.
     body = re.sub(r'<p>(<img [^>]*alt="([^"]*)"[^>]*>)</p>', r"<figure>\1<figcaption>\2</figcaption></figure>", head)
-    title = html.escape("".join(child.content for child in tokens[1].children)) if len(tokens) > 1 else ""
+    title = html.escape("".join(child.content for child in tokens[1].children or ())) if len(tokens) > 1 else ""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         'content="width=device-width, '
@@ -350,25 +333,25 @@ def page(text: str, figures=(), levels=()) -> str:
     )
 
 
-def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = None) -> None:
+def write_report(
+    run: PlanRecord | PlanFailure,
+    folder: str | Path,
+    figures: Sequence[str | Path] = (),
+    simulation: Simulation | None = None,
+) -> None:
     """``report.md`` and ``report.html`` into a folder that has the figures already.
 
     ``figures``: their names there, as :func:`~pinograsp.viz.figures.save_figures` gave them; no other file comes into
     the page.
     """
-    instance_of("run", run, Run)
-    _checked_check(check)
-    folder, names = path_of("folder", folder), [Path(name).name for name in items_of("figures", figures, str, Path)]
-    levels = []
-    if run.arrays:
-        text = markdown(run, names, check)
-        levels = [
-            does_it_hold(run.summary, check).level,
-            "",
-            "",
-            "",
-            "no" if check is not None and not check["held"] else "",
-        ]
+    instance_of("run", run, PlanRecord, PlanFailure)
+    folder = path_of("folder", folder)
+    names = [Path(str(name)).name for name in items_of("figures", figures, str, Path)]
+    levels: list[str] = []
+    if isinstance(run, PlanRecord):
+        text = markdown(run, names, simulation)
+        lost = simulation is not None and not simulation.verdict.held
+        levels = [does_it_hold(run, simulation).level, "", "", "", "no" if lost else ""]
     else:
         text = failure(run)
     with write_errors(folder):
@@ -377,75 +360,57 @@ def write_report(run: Run, folder: str | Path, figures=(), check: dict | None = 
         (folder / "report.html").write_text(page(text, [folder / name for name in names], levels), encoding="utf-8")
 
 
-def _grid_section(s: dict) -> list[str]:
-    lines = [
-        "## Search",
-        "",
-        f"{s['grid']['points']:.4g} grid points, {s['grid']['cells']} cells in (t_I, A), "
-        f"{s['grid']['qp_solves']} QPs solved.",
-        "",
-    ]
-    return lines + _table(
-        ("cells rejected by", "count"), [(reason, str(count)) for reason, count in s["grid"]["rejections"].items()]
-    )
-
-
-def comparison_rows(comparison) -> list[tuple[str, ...]]:
-    """``summary["comparison"]`` as text: quantity, unit, paper, ours, difference, note."""
+def comparison_rows(comparison: Sequence[ComparisonRow]) -> list[tuple[str, ...]]:
+    """Published figures beside ours as text: quantity, unit, paper, ours, difference, note."""
     return [
-        (
-            row["quantity"],
-            row["unit"],
-            number(row["published"]),
-            number(row["ours"]),
-            number(row["difference"], 3),
-            row["note"],
-        )
+        (row.quantity, row.unit, number(row.published), number(row.ours), number(row.difference, 3), row.note)
         for row in comparison
     ]
 
 
-def _table(header, rows) -> list[str]:
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
     return [*lines, *("| " + " | ".join(map(_escaped, row)) + " |" for row in rows), ""]
 
 
-def checked(summary: dict, figures: list[str] | None = None, studies: list[str] | None = None) -> str:
+def checked(simulation: Simulation, figures: Sequence[str] = (), studies: Sequence[str] = ()) -> str:
     """``check.md`` of a simulation: the verdict first; ``studies``: what else was tried, as text."""
-    s = summary
-    lines = [f"# {'Held' if s['held'] else 'Lost'}", "", f"{_escaped(s['reason'])}.", ""]
-    errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in s["force_errors"].items())
-    audit = "-" if s["energy_error"] is None else f"{s['energy_error']:.1e}"
-    rows = [
-        ("drift since the release", f"{s['drift_mm']:.3f} mm"),
-        ("tilt, turn about any axis", f"{s['tilt_deg']:.3f} deg, {s['turn_deg']:.3f} deg"),
-        ("normal forces off the plan", errors or "-"),
-        ("penetration off the plan at t_F", f"{s['penetration_error_mm']:.4f} mm"),
-        ("slipped by more than 0.1 mm", ", ".join(s["slipped"]) or "none"),
-        ("touching without a plan", ", ".join(s["unplanned_contacts"]) or "none"),
-        ("joints beyond their limits", ", ".join(s["joint_limit_hits"]) or "none"),
-        ("motors at their limits at the end", ", ".join(s["saturated"]) or "none"),
-        ("grasp energy at t_F", work(1e-3 * s["grasp_energy_mJ"], s["contact_exponent"])),
-        ("energy audit closes to", audit),
-        ("engine", f"{s['engine']}, {s['mode']}, step {1e3 * s['time_step_s']:g} ms, {s['elapsed_s']:.2f} s"),
-    ]
-    lines += _table(("", ""), rows)
-    if s["disturbance"]:
-        lines += [
-            "## Not as planned",
-            "",
-            *(f"- {_escaped(f'{name}: {value}')}" for name, value in s["disturbance"].items()),
-            "",
-        ]
+    instance_of("simulation", simulation, Simulation)
+    verdict = simulation.verdict
+    lines = [f"# {'Held' if verdict.held else 'Lost'}", "", f"{_escaped(verdict.reason)}.", ""]
+    lines += _table(("", ""), _verdict_rows(simulation))
+    if simulation.disturbance:
+        differences = [f"{name}: {value}" for name, value in simulation.disturbance.items()]
+        lines += _listed("Not as planned", differences)
     lines += ["## Forces at the end", ""]
+    rows = zip(simulation.parts, simulation.planned_forces, simulation.normal_forces[-1])
     lines += _table(
         ("part of the hand", "planned F_n [N]", "simulated F_n [N]"),
-        [(name, number(planned), number(s["final_forces_N"][name])) for name, planned in s["planned_forces_N"].items()],
+        [(name, number(planned), number(found)) for name, planned, found in rows],
     )
     if studies:
-        lines += ["## Further trials", "", "```text", *(study.replace("```", "'''") for study in studies), "```", ""]
-    if s["notes"]:
-        lines += ["## Notes", "", *(f"- {_escaped(note)}" for note in s["notes"]), ""]
+        texts = (study.replace("```", "'''") for study in studies)
+        lines += ["## Further trials", "", "```text", *texts, "```", ""]
+    lines += _listed("Notes", simulation.notes)
     if figures:
         lines += ["## Figures", "", *(f"![{name}]({name})" for name in figures), ""]
     return "\n".join(lines)
+
+
+def _verdict_rows(simulation: Simulation) -> list[tuple[str, str]]:
+    verdict = simulation.verdict
+    errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in verdict.force_errors.items())
+    run = f"{simulation.engine}, {simulation.mode}, step {1e3 * simulation.time_step:g} ms, {simulation.elapsed:.2f} s"
+    return [
+        ("drift since the release", f"{1e3 * verdict.drift:.3f} mm"),
+        ("tilt, turn about any axis", f"{verdict.tilt:.3f} deg, {verdict.turn:.3f} deg"),
+        ("normal forces off the plan", errors or "-"),
+        ("penetration off the plan at t_F", f"{1e3 * verdict.penetration_error:.4f} mm"),
+        ("slipped by more than 0.1 mm", ", ".join(verdict.slipped) or "none"),
+        ("touching without a plan", ", ".join(verdict.unplanned) or "none"),
+        ("joints beyond their limits", ", ".join(verdict.limit_hits) or "none"),
+        ("motors at their limits at the end", ", ".join(verdict.saturated) or "none"),
+        ("grasp energy at t_F", work_in_words(simulation.grasp_energy, simulation.exponent)),
+        ("energy audit closes to", "-" if verdict.energy_error is None else f"{verdict.energy_error:.1e}"),
+        ("engine", run),
+    ]

@@ -12,22 +12,41 @@ import pytest
 from matplotlib.figure import Figure
 
 import pinograsp as pg
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import disturbance_margin
 from pinograsp.handover import joint_trajectory
+from pinograsp.plan import PlanRecord
+from pinograsp.plan.answer import disturbance_held, does_it_hold, friction_used
+from pinograsp.planner import save_run
+from pinograsp.referee import simulate
 from pinograsp.report import answer, headline, markdown, page, write_report
-from pinograsp.storage import newest_check, run_of, save_run
+from pinograsp.storage import newest_check
 from pinograsp.viz import figures
 from pinograsp.viz.figures import save_figures
-from pinograsp.words import disturbance_held, does_it_hold, friction_used, number, printable
+from pinograsp.words import number, printable
 
 CHANGES = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.2}
 
 
 @pytest.fixture(scope="module")
 def run():
-    case = pg.load_case("paper", CHANGES)
-    return run_of(case.plan(), case.settings())
+    return pg.load_case("paper", CHANGES).plan().with_margins().with_reach()
+
+
+@pytest.fixture(scope="module")
+def simulated(run):
+    """Simulations that held, that lost, and that lost with less friction than planned."""
+    real = simulate(run, hold=0.01, time_step=1e-3, letting_go=0.01, engine="pinocchio")
+    held = replace(real, engine="mujoco", verdict=replace(real.verdict, held=True, reason="0.1 mm"))
+    lost = replace(held, verdict=replace(real.verdict, held=False, reason="it fell"))
+    return {"held": held, "lost": lost, "disturbed": replace(lost, disturbance={"mu": 0.1}), None: None}
+
+
+def ended(plan: PlanRecord, status: Status, remedy: str = "") -> PlanRecord:
+    """The same plan with another end of its motion, or of its forces."""
+    if status is Status.UNBALANCED:
+        return replace(plan, forces=replace(plan.forces, status=status))
+    return replace(plan, motion=replace(plan.motion, status=status, remedy=remedy))
 
 
 class Page(HTMLParser):
@@ -46,7 +65,7 @@ class Page(HTMLParser):
         self.texts.append(data)
 
 
-def test_the_answer_comes_first(run):
+def test_the_answer_comes_first(run, simulated):
     lines = headline(run)
     assert [re.match(r"\*\*(.*?)\*\*", line).group(1) for line in lines] == [
         "Does it hold?",
@@ -55,22 +74,23 @@ def test_the_answer_comes_first(run):
         "Which margin?",
         "Simulated?",
     ]
-    assert "Yes" in lines[0] and f"{sum(run.summary['normal_forces_N'].values()):.2f} N" in lines[1]
+    assert "Yes" in lines[0] and f"{run.forces.normal_forces.sum():.2f} N" in lines[1]
     assert (
-        f"{1e3 * run.summary['work_J']:.2f} mJ by Eq. (9), rho + 1 = 2.5 times the contacts' "
-        f"{number(1e3 * run.summary['work_J'] / 2.5)} mJ"
+        f"{1e3 * run.forces.work:.2f} mJ by Eq. (9), rho + 1 = 2.5 times the contacts' "
+        f"{number(1e3 * run.forces.work / 2.5)} mJ"
         in lines[2]
         and "proven" in lines[2]
     )
-    assert f"{run.summary['margins']['load_factor']:.3g} times" in lines[3] and "pinograsp check" in lines[4]
-    lost = {"held": False, "engine": "mujoco", "reason": "it fell", "force_error": 0.5}
-    assert "Lost (mujoco): it fell" in headline(run, lost)[4]
-    for changes, expected in (
-        ({"balance": "force"}, "moments are not balanced"),
-        ({"status": "unbalanced"}, "Almost"),
-        ({"status": "joint_limit", "remedy": "Move it."}, "not complete (joint_limit): Move it."),
+    assert f"{run.margins.load_factor:.3g} times" in lines[3] and "pinograsp check" in lines[4]
+    assert "Lost (mujoco): it fell" in headline(run, simulated["lost"])[4]
+    for changed, expected in (
+        (replace(run, balance="force"), "moments are not balanced"),
+        (ended(run, Status.UNBALANCED), "Almost"),
+        (ended(run, Status.JOINT_LIMIT, "Move it."), "not complete (joint_limit): Move it."),
     ):
-        assert expected in headline(replace(run, summary=run.summary | changes))[0]
+        assert expected in headline(changed)[0]
+    with pytest.raises(InvalidInput, match=r"with its margins.*plan.with_margins\(\)"):
+        headline(replace(run, margins=None))
 
 
 def test_the_page_needs_nothing_else(run, tmp_path):
@@ -121,41 +141,36 @@ def test_report_again_with_the_newest_check(run, tmp_path, monkeypatch):
     assert not list(folder.glob(".new-*"))
 
 
-LOST = {"held": False, "engine": "mujoco", "reason": "it fell", "force_error": 0.5, "disturbance": {}}
-HELD = LOST | {"held": True, "reason": "0.1 mm"}
-
-
-def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run):
-    plain = run.summary | {"cautions": []}
-    not_tracked = plain | {"status": "not_tracked", "remedy": "Smaller steps."}
-    for summary, check, level, words in (
+def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run, simulated):
+    plain = replace(run, cautions=())
+    not_tracked = ended(plain, Status.NOT_TRACKED, "Smaller steps.")
+    for changed, check, level, words in (
         (plain, None, "yes", "Yes. The"),
-        (plain, HELD, "yes", "Held in simulation"),
-        (plain, LOST, "no", "No. Lost in simulation: it fell."),
-        (plain, LOST | {"disturbance": {"mu": 0.1}}, "caution", "under disturbances"),
-        (plain | {"cautions": ["thumb slides"]}, None, "caution", "Yes, with cautions"),
-        (plain | {"balance": "force"}, None, "caution", "Not certain: moments are not balanced"),
-        (plain | {"balance": "force"}, LOST, "no", "No. Lost in simulation"),
-        (plain | {"status": "unbalanced"}, None, "caution", "Almost"),
+        (plain, "held", "yes", "Held in simulation"),
+        (plain, "lost", "no", "No. Lost in simulation: it fell."),
+        (plain, "disturbed", "caution", "under disturbances"),
+        (replace(plain, cautions=("thumb slides",)), None, "caution", "Yes, with cautions"),
+        (replace(plain, balance="force"), None, "caution", "Not certain: moments are not balanced"),
+        (replace(plain, balance="force"), "lost", "no", "No. Lost in simulation"),
+        (ended(plain, Status.UNBALANCED), None, "caution", "Almost"),
         (
             not_tracked,
             None,
             "caution",
             "Not certain: the contact forces hold the load, but the hand cannot follow their paths. Smaller steps.",
         ),
-        (not_tracked, HELD, "caution", "Smaller steps. Held in simulation."),
-        (not_tracked, LOST, "no", "No. Lost in simulation: it fell."),
+        (not_tracked, "held", "caution", "Smaller steps. Held in simulation."),
+        (not_tracked, "lost", "no", "No. Lost in simulation: it fell."),
     ):
-        told = does_it_hold(summary, check)
+        told = does_it_hold(changed, simulated[check])
         assert told.level == level and words in told.text and told.text.startswith("Yes. ") == (level == "yes")
-        changed = replace(run, summary=summary)
-        assert told.text in " ".join(headline(changed, check)[0].replace("\\", "").split())
-        assert dict(answer(changed, check))["does it hold?"] == told.text
+        assert told.text in " ".join(headline(changed, simulated[check])[0].replace("\\", "").split())
+        assert dict(answer(changed, simulated[check]))["does it hold?"] == told.text
 
 
-def test_the_page_shows_the_answer_in_its_colour(run, tmp_path):
-    for check, level in ((None, "yes"), (HELD, "yes"), (LOST, "no")):
-        write_report(replace(run, summary=run.summary | {"cautions": []}), tmp_path, (), check)
+def test_the_page_shows_the_answer_in_its_colour(run, simulated, tmp_path):
+    for check, level in ((None, "yes"), ("held", "yes"), ("lost", "no")):
+        write_report(replace(run, cautions=()), tmp_path, (), simulated[check])
         text = (tmp_path / "report.html").read_text()
         assert re.search(rf'<h1>.*</h1>\s*<ul>\s*<li class="{level}">\s*<strong>Does it hold', text)
         assert text.count('<li class="no">') == (2 if level == "no" else 0)
@@ -189,21 +204,27 @@ WICKED = (
 )
 
 
+def with_thumb(plan: PlanRecord, name: str) -> PlanRecord:
+    """The same plan whose thumb, and its contact, have another name."""
+    fingers = {name if key == "thumb" else key: dofs for key, dofs in plan.layout.fingers.items()}
+    contacts = replace(plan.contacts, names=(name, *plan.contacts.names[1:]))
+    return replace(plan, layout=replace(plan.layout, fingers=fingers), contacts=contacts)
+
+
 @pytest.mark.parametrize("name", WICKED)
-def test_names_of_others_are_text_wherever_they_stand(run, tmp_path, name):
+def test_names_of_others_are_text_wherever_they_stand(run, simulated, tmp_path, name):
     (tmp_path / "secret.png").write_bytes(b"secret")
 
-    def renamed(value):
-        if isinstance(value, dict):
-            return {name if key == "thumb" else key: renamed(one) for key, one in value.items()}
-        return name if value == "thumb" else value
-
-    summary = {**renamed(run.summary), "notes": [name], "cautions": [name], "remedy": name}
-    check = LOST | {"reason": name}
     wicked = replace(
-        run, summary=summary, settings={name: name, "assumed": {name: name}, "name": name}, versions={name: name}
+        with_thumb(run, name),
+        motion=replace(run.motion, status=Status.JOINT_LIMIT, remedy=name),
+        notes=(name,),
+        cautions=(name,),
+        settings={name: name, "assumed": {name: name}, "name": name},
+        versions={name: name},
     )
-    write_report(wicked, tmp_path, (), check)
+    lost = simulated["lost"]
+    write_report(wicked, tmp_path, (), replace(lost, verdict=replace(lost.verdict, reason=name)))
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     made = Page(text)
     assert (
@@ -249,13 +270,7 @@ def test_the_page_takes_in_its_own_figures_alone(tmp_path):
 
 def test_figures_show_names_as_they_are(run, tmp_path):
     for name in ("$\\frac{1}{0}$", "_left_out", "../../up", "a\x00b", "x" * 3000, "", "\u202egnp"):
-        contacts = [name, "index", "middle"]
-        layout = {
-            **run.layout,
-            "contacts": contacts,
-            "fingers": {name if key == "thumb" else key: dofs for key, dofs in run.layout["fingers"].items()},
-        }
-        changed = replace(run, layout=layout)
+        changed = with_thumb(run, name)
         for figure in (figures.contact_forces(changed), figures.joint_torques(changed, name)):
             figure.canvas.draw()
         legend = figures.friction_use(changed).axes[0].get_legend()
@@ -272,7 +287,7 @@ def test_figures_show_names_as_they_are(run, tmp_path):
 def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
     from pinograsp.viz.scene import scene_of
 
-    (what, cone), (limit, model) = friction_used(run.summary)
+    (what, cone), (limit, model) = friction_used(run)
     drawn = figures.friction_use(run).axes[0]
     assert what == "friction used, of mu F_n" and f"{what} [%]" == drawn.get_ylabel()
     assert 100 * np.array(list(cone.values())) == pytest.approx(
@@ -280,7 +295,7 @@ def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
     )
     scene = scene_of(run)
     assert scene.used[scene.frame_at(scene.closed)] == pytest.approx(list(cone.values()), rel=1e-6)
-    assert limit == "of the pyramid" and model == run.summary["margins"]["friction_used"]
+    assert limit == "of the pyramid" and list(model.values()) == run.margins.friction_used.tolist()
     told, facts = dict(answer(run)), dict(scene.facts)
     for same in (
         what,
@@ -291,59 +306,57 @@ def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
         "friction",
     ):
         assert told[same].split()[0] == facts[same].split()[0], same
-    exact = run.summary | {"friction": run.summary["friction"] | {"model": "cone", "edges": None}}
+    exact = replace(run, friction=replace(run.friction, model="cone", edges=None))
     assert len(friction_used(exact)) == 1
 
 
 def test_advice_that_was_taken_is_not_given_again(run):
-    margins = run.summary["margins"] | {"disturbance_any_N": 0.0, "disturbance_force_N": 0.0}
+    margins = replace(run.margins, disturbance=0.0, disturbance_force=0.0)
     for safety, closed, advice in ((1.0, True, True), (1.3, True, False), (1.3, False, False), (1.0, False, False)):
-        told = disturbance_held(margins | {"force_closure": closed}, safety)
+        told = disturbance_held(replace(margins, force_closure=closed), safety)
         assert ("safety factor above 1" in told) == advice and ("no force closure" in told) != closed
     from pinograsp.viz.scene import scene_of
 
-    slipping = run.summary["margins"] | {"slip_distance_N": dict.fromkeys(margins["slip_distance_N"], -1e-14)}
-    assert dict(scene_of(replace(run, summary=run.summary | {"margins": slipping})).facts)["least slip margin"] == "0 N"
+    slipping = replace(run.margins, slip_distance=np.full(3, -1e-14))
+    assert dict(scene_of(replace(run, margins=slipping)).facts)["least slip margin"] == "0 N"
 
 
 def test_energy_figure_ends_at_the_plans_energy(run):
     """Trapezoids over 100 samples: within a thousandth."""
     work, impulse = figures.grasp_energy(run).axes
-    for axes, expected in ((work, 1e3 * run.summary["work_J"]), (impulse, run.summary["impulse_Ns"])):
+    for axes, expected in ((work, 1e3 * run.forces.work), (impulse, run.forces.impulse)):
         ends = [line.get_ydata()[-1] for line in axes.get_lines()]
         assert ends[-1] == pytest.approx(expected, rel=2e-3) and sum(ends[:-1]) == pytest.approx(ends[-1])
 
 
 def test_friction_figure_agrees_with_the_forces(run):
     axes = figures.friction_use(run).axes[0]
-    for line, (name, force), mu in zip(axes.get_lines(), run.summary["contact_forces_N"].items(), run.arrays["mu"]):
+    forces = zip(run.contacts.names, run.forces.forces_c, run.friction.mu)
+    for line, (name, force, mu) in zip(axes.get_lines(), forces):
         assert line.get_label() == name
         assert line.get_ydata()[-1] == pytest.approx(100 * np.hypot(*force[:2]) / (mu * force[2]), rel=1e-6)
 
 
 def test_margin_figure_shows_what_disturbance_margin_says(run):
-    case = pg.load_case("paper", CHANGES)
-    plan = case.plan()
-    problem = replace(plan.problem, friction=replace(plan.problem.friction, safety=1.0))
-    directions, margins = run.arrays["margin_directions"], run.arrays["margin_forces"]
+    problem = replace(run.problem, friction=replace(run.problem.friction, safety=1.0))
+    directions, margins = run.reach.directions, run.reach.forces
     assert directions.shape == (*margins.shape, 3) and np.linalg.norm(directions, axis=2) == pytest.approx(1.0)
     for plane in range(3):
         for i in (0, 7, 20):
             wrench = np.append(directions[plane, i], np.zeros(3))
-            held = disturbance_margin(problem, wrench, normal_forces=plan.forces.normal_forces)
+            held = disturbance_margin(problem, wrench, normal_forces=run.forces.normal_forces)
             assert margins[plane, i] == pytest.approx(max(0.0, held), abs=1e-6)
     panels = figures.wrench_margin(run).axes
     assert len(panels) == 3 and np.hypot(*panels[0].get_lines()[0].get_data()).max() == pytest.approx(margins[0].max())
-    old = replace(run, arrays={name: value for name, value in run.arrays.items() if not name.startswith("margin")})
-    with pytest.raises(InvalidInput, match="plan it again"):
-        figures.wrench_margin(old)
+    with pytest.raises(InvalidInput, match="with_reach"):
+        figures.wrench_margin(replace(run, reach=None))
 
 
 def test_search_figure_brackets_the_optimum(run):
     _, gap = figures.search_over_time(run).axes
-    assert gap.get_lines()[0].get_ydata()[-1] == pytest.approx(run.summary["certificate"]["objective"], rel=1e-6)
+    assert gap.get_lines()[0].get_ydata()[-1] == pytest.approx(run.forces.certificate.objective, rel=1e-6)
     with pytest.raises(InvalidInput, match="convex"):
-        figures.search_over_time(replace(run, arrays=run.arrays | {"branches": np.zeros((0, 4))}))
+        figures.search_over_time(replace(run, forces=replace(run.forces, certificate=None)))
 
 
 def test_rates_are_the_angles_derivatives(run):
@@ -386,22 +399,20 @@ def records_of(thing, found: dict) -> dict:
 
 
 def test_records_print_on_a_few_lines(hand, cylinder):
-    from pinograsp.referee import simulate
     from pinograsp.viz.scene import scene_of
 
     case = pg.load_case("paper", {**CHANGES, "motion.time_step": 0.02})
     plan = case.plan()
-    run = run_of(plan, case.settings())
     closure = pg.close_hand(hand, cylinder)
     simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01, engine="pinocchio")
     found = {}
     for thing in (
         plan,
-        run,
         closure,
         simulation,
-        scene_of(run),
-        pg.grasp_margins(plan.forces),
+        scene_of(plan),
+        pg.grasp_margins(plan.solution),
+        plan.with_margins().margins,
         joint_trajectory(plan, rate=50),
     ):
         records_of(thing, found)
@@ -409,5 +420,5 @@ def test_records_print_on_a_few_lines(hand, cylinder):
     for kind, record in [*found.items(), (type(case), case)]:
         told = repr(record)
         assert len(told) <= 300 and "\n" not in told and told.startswith(kind.__name__), told[:400]
-    assert "status=ok" in repr(plan) and "humanoid_hand" in repr(plan) and "thumb" in repr(run) and "'ok'" in repr(run)
+    assert "status=ok" in repr(plan) and "humanoid_hand" in repr(plan) and "thumb" in repr(plan.contacts)
     assert simulation.verdict.reason[:20] in repr(simulation.verdict) and "mujoco" not in repr(simulation)

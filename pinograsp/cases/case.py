@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,8 +29,7 @@ from pinograsp.forces import BACKENDS, OBJECTIVES, ForceProblem, GridSpec, grid_
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
-from pinograsp.plan import GraspPlan
-from pinograsp.planner import Search, plan_grasp
+from pinograsp.planner import GraspPlan, Search, plan_grasp
 from pinograsp.spatial import Array, pose_of, rotation_rpy
 
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
@@ -386,7 +386,7 @@ class Case(Section):
     def plan(self, *, progress: bool | None = None) -> GraspPlan:
         """Plan the case: see :func:`~pinograsp.planner.plan_grasp`."""
         hand = self.load_hand()
-        return plan_grasp(
+        plan = plan_grasp(
             hand,
             self.make_problem(hand),
             grid=self.make_grid(),
@@ -397,6 +397,7 @@ class Case(Section):
             motion=self.make_motion(),
             progress=progress,
         )
+        return replace(plan, settings=self.settings())
 
 
 def _radians(angles_deg: Angles) -> dict[str, Array]:

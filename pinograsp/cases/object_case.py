@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,8 +20,7 @@ from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
 from pinograsp.placement import PlacementSearch, find_placements
-from pinograsp.plan import GraspPlan
-from pinograsp.planner import Search, plan_grasp_on
+from pinograsp.planner import GraspPlan, Search, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
 
 _TORSION = 5e-3  # [m] of soft fingers, as on the command line
@@ -120,7 +120,7 @@ class ObjectCase(Section):
         :func:`~pinograsp.planner.plan_grasp_on`.
         """
         closure = self.closure() if closure is None else closure
-        return plan_grasp_on(
+        plan = plan_grasp_on(
             closure.hand,
             closure,
             self._conditions(),
@@ -129,6 +129,8 @@ class ObjectCase(Section):
             objective=self.objective,
             progress=progress,
         )
+        name = self.object if isinstance(self.object, str) else str(self.object.get("shape", "object"))
+        return replace(plan, settings={"name": f"{self.hand}, {name}", **self.settings()})
 
     def _conditions(self) -> GraspConditions:
         return GraspConditions(

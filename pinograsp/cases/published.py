@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from pinograsp.forces import GridSpec, grid_search, optimize_grasp, refine_multi
 from pinograsp.hands import HandModel
 from pinograsp.motion import contact_postures
 from pinograsp.motion.grasp_ik import press
-from pinograsp.plan import GraspPlan
+from pinograsp.plan import ComparisonRow
+from pinograsp.planner import GraspPlan
 
 # What the paper can be compared with: forces alone in balance, its friction pyramid used up to the limit, contacts on
 # the lines along the links, constant deceleration, no caps, no torque limits.
@@ -48,27 +49,7 @@ TORQUES_NM = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """One line of the comparison. ``published`` is None where the paper prints nothing."""
-
-    quantity: str
-    unit: str
-    published: float | None
-    ours: float | None
-    note: str = ""
-
-    @property
-    def difference(self) -> float | None:
-        """ours - published."""
-        return None if self.published is None or self.ours is None else self.ours - self.published
-
-    def summary(self) -> dict:
-        """As plain JSON values."""
-        return asdict(self) | {"difference": self.difference}
-
-
-def compare(case: Case) -> list[Row]:
+def compare(case: Case) -> list[ComparisonRow]:
     """Published figures beside those of ``case`` planned with the paper's own choices (``AS_PUBLISHED``) and, where a
     figure depends on balance or measure, of each choice.
 
@@ -85,28 +66,30 @@ def compare(case: Case) -> list[Row]:
     fingers = list(NORMAL_FORCES_N)
     published = np.array(list(NORMAL_FORCES_N.values()))
     rows = [
-        Row(quantity="impact time t_I", unit="s", published=IMPACT_TIME_S, ours=forces.impact_time),
+        ComparisonRow(quantity="impact time t_I", unit="s", published=IMPACT_TIME_S, ours=forces.impact_time),
         *(
-            Row(quantity=f"normal force {name}", unit="N", published=NORMAL_FORCES_N[name], ours=float(ours))
+            ComparisonRow(quantity=f"normal force {name}", unit="N", published=NORMAL_FORCES_N[name], ours=float(ours))
             for name, ours in zip(fingers, forces.normal_forces)
         ),
-        Row(quantity="sum of normal forces", unit="N", published=published.sum(), ours=forces.normal_forces.sum()),
-        Row(
+        ComparisonRow(
+            quantity="sum of normal forces", unit="N", published=published.sum(), ours=forces.normal_forces.sum()
+        ),
+        ComparisonRow(
             quantity="grasp energy (work)",
             unit="mJ",
             published=ENERGY_MJ,
             ours=1e3 * forces.work,
             note="rho + 1 times the contacts' own",
         ),
-        Row(quantity="grasp energy (impulse)", unit="N s", published=None, ours=forces.impulse),
-        Row(
+        ComparisonRow(quantity="grasp energy (impulse)", unit="N s", published=None, ours=forces.impulse),
+        ComparisonRow(
             quantity="largest penetration",
             unit="mm",
             published=PENETRATION_MM,
-            ours=1e3 * float(forces.profile.final_depth.max()),
+            ours=1e3 * float(forces.final_depths.max()),
         ),
-        Row(quantity="net force left", unit="N", published=NET_FORCE_N, ours=forces.residual_force),
-        Row(
+        ComparisonRow(quantity="net force left", unit="N", published=NET_FORCE_N, ours=forces.residual_force),
+        ComparisonRow(
             quantity="net moment left", unit="N m", published=None, ours=forces.residual_moment, note="not in the paper"
         ),
     ]
@@ -114,14 +97,14 @@ def compare(case: Case) -> list[Row]:
     at = float(problem.energy(published, IMPACT_TIME_S, "work").sum())
     impulse = float(problem.energy(published, IMPACT_TIME_S, "impulse").sum())
     rows += [
-        Row(quantity="work at the published forces", unit="mJ", published=ENERGY_MJ, ours=1e3 * at),
-        Row(quantity="impulse at the published forces", unit="N s", published=None, ours=impulse),
+        ComparisonRow(quantity="work at the published forces", unit="mJ", published=ENERGY_MJ, ours=1e3 * at),
+        ComparisonRow(quantity="impulse at the published forces", unit="N s", published=None, ours=impulse),
     ]
     balance = replace(problem, balance="force")
     for mu in dict.fromkeys((float(problem.mu[0]), 0.693, 0.8)):
         left = refine_multipliers(replace(balance, mu=mu), published, solver=solver)
         rows.append(
-            Row(
+            ComparisonRow(
                 quantity=f"QP at the published forces, mu = {mu:g}",
                 unit="N",
                 published=NET_FORCE_N,
@@ -130,7 +113,7 @@ def compare(case: Case) -> list[Row]:
             )
         )
     rows.append(
-        Row(
+        ComparisonRow(
             quantity="energy, not optimised (MSC.Adams)",
             unit="mJ",
             published=UNOPTIMISED_ENERGY_MJ,
@@ -141,7 +124,7 @@ def compare(case: Case) -> list[Row]:
     return rows + _torques(plan)
 
 
-def _optima(problem, grid: GridSpec, solver: str) -> list[Row]:
+def _optima(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
     """The hybrid's optimum for both balances and measures, the paper's own search, and the latest feasible impact."""
     rows = []
     for balance in ("force", "wrench"):
@@ -150,18 +133,20 @@ def _optima(problem, grid: GridSpec, solver: str) -> list[Row]:
             best = grid_search(chosen, grid, solver=solver, progress=False)
             name = f"hybrid, {balance} balance, least {measure}"
             if not best.found:
-                rows.append(Row(quantity=name, unit="", published=None, ours=None, note="no grasp on this grid"))
+                rows.append(
+                    ComparisonRow(quantity=name, unit="", published=None, ours=None, note="no grasp on this grid")
+                )
                 continue
             split = " + ".join(f"{f:.3f}" for f in best.normal_forces)
             rows += [
-                Row(
+                ComparisonRow(
                     quantity=f"{name}: work",
                     unit="mJ",
                     published=ENERGY_MJ,
                     ours=1e3 * best.work,
                     note=f"F_n {split} N",
                 ),
-                Row(
+                ComparisonRow(
                     quantity=f"{name}: impulse",
                     unit="N s",
                     published=None,
@@ -172,7 +157,7 @@ def _optima(problem, grid: GridSpec, solver: str) -> list[Row]:
     paper = grid_search(replace(problem, balance="force"), grid, search="paper", solver=solver, progress=False)
     if paper.found:
         rows.append(
-            Row(
+            ComparisonRow(
                 quantity="the paper's grid search: net force",
                 unit="N",
                 published=NET_FORCE_N,
@@ -188,7 +173,7 @@ def _optima(problem, grid: GridSpec, solver: str) -> list[Row]:
     return rows
 
 
-def _certified(problem, grid: GridSpec, solver: str) -> list[Row]:
+def _certified(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
     """The certified global optimum, and what it saves against the hybrid's grid."""
     best = optimize_grasp(problem)
     if not best.found:
@@ -201,7 +186,7 @@ def _certified(problem, grid: GridSpec, solver: str) -> list[Row]:
         costs = rival.work if problem.measure == "work" else rival.impulse
         note += f", {1 - certificate.objective / costs:.2%} below the grid"
     return [
-        Row(
+        ComparisonRow(
             quantity=f"certified optimum, {problem.balance} balance: {problem.measure}",
             unit=unit,
             published=ENERGY_MJ if problem.measure == "work" else None,
@@ -211,25 +196,25 @@ def _certified(problem, grid: GridSpec, solver: str) -> list[Row]:
     ]
 
 
-def _latest_impact(problem, grid: GridSpec, solver: str) -> list[Row]:
+def _latest_impact(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
     """Latest t_I on a 1 ms grid at which the hybrid finds a grasp, and its impulse."""
     low, high = problem.impact_time_range
     for t_I in np.round(np.arange(high, low - 5e-4, -1e-3), 3):
         found = grid_search(problem, replace(grid, impact_times=[t_I]), solver=solver, progress=False)
         if found.found:
             return [
-                Row(
+                ComparisonRow(
                     quantity=f"latest feasible t_I (1 ms grid), {problem.balance} balance",
                     unit="s",
                     published=None,
                     ours=float(t_I),
                 ),
-                Row(quantity="  impulse there", unit="N s", published=None, ours=found.impulse),
+                ComparisonRow(quantity="  impulse there", unit="N s", published=None, ours=found.impulse),
             ]
     return []
 
 
-def _torques(plan: GraspPlan) -> list[Row]:
+def _torques(plan: GraspPlan) -> list[ComparisonRow]:
     """Torque maxima per phase, finger and joint; in the grasp phase with the force the published torques belong to."""
     rows = []
     maxima = plan.torque_maxima()
@@ -238,7 +223,7 @@ def _torques(plan: GraspPlan) -> list[Row]:
             if phase == "grasp":
                 in_plane = _in_plane_force(plan.hand, plan, finger)
                 rows.append(
-                    Row(
+                    ComparisonRow(
                         quantity=f"{finger}: in-plane force of the published torques",
                         unit="N",
                         published=NORMAL_FORCES_N[finger],
@@ -249,7 +234,9 @@ def _torques(plan: GraspPlan) -> list[Row]:
             for joint, value, ours in zip(plan.hand.finger(finger).joints, published, maxima[finger][phase]):
                 ratio = f"published / ours = {value / ours:.2f}" if ours else ""
                 rows.append(
-                    Row(quantity=f"{phase} torque {joint}", unit="N m", published=value, ours=float(ours), note=ratio)
+                    ComparisonRow(
+                        quantity=f"{phase} torque {joint}", unit="N m", published=value, ours=float(ours), note=ratio
+                    )
                 )
     return rows
 
@@ -267,8 +254,9 @@ def _in_plane_force(hand: HandModel, plan: GraspPlan, finger: str) -> float:
     angles = np.radians(FINAL_ANGLES_DEG[finger])
     found = contact_postures(hand, _only(contacts, i), reference={finger: angles}, samples=1)[finger]
     nearest = int(np.argmin(np.abs(found.angles - angles).max(axis=1)))
-    t_I, t_F = plan.forces.profile.impact_time, plan.forces.profile.final_time
-    still = replace(plan.forces.profile, acceleration=np.zeros(1))
+    profile = plan.searched().profile
+    t_I, t_F = profile.impact_time, profile.final_time
+    still = replace(profile, acceleration=np.zeros(1))
     J = press(
         hand, chain, [contacts[i]], found.angles[nearest], found.points_l[nearest], still, [0], np.linspace(t_I, t_F, 3)
     ).jacobians[0, 0, :3]

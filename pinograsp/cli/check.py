@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, new_folder
 from pinograsp.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from pinograsp.plan import PlanMargins
+    from pinograsp.planner import GraspPlan
+    from pinograsp.referee.task import Task
+    from pinograsp.writing import NewFolder
 
 _MOST_TRIALS = 100_000  # of each error
 
@@ -72,11 +79,11 @@ def check(
 
       pinograsp check runs/paper --monte-carlo 100
     """
-    from pinograsp.storage import load_run
+    from pinograsp.planner import load_run
 
     if not 0 <= monte_carlo <= _MOST_TRIALS:
         raise InvalidInput(f"--monte-carlo: expected a number of trials from 0 to {_MOST_TRIALS}, got {monte_carlo}")
-    load_run(run)  # says what is wrong with it before anything is made
+    plan = load_run(run)  # says what is wrong with it before anything is made
     with new_folder(out, force, "check", run) as folder:
         place = folder.place
         if (place / "plan.json").exists() or place in (run.resolve(), *run.resolve().parents):
@@ -90,7 +97,7 @@ def check(
         wrong = (push, shake, mu, mass, offset, turn, start_error)
         studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
         studies["trials"] = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
-        summary = _check(run, folder, settings, wrong, studies, as_json)
+        summary = _check(plan, run, folder, settings, wrong, studies, as_json)
     if as_json:
         typer.echo(json.dumps({**summary, "folder": str(folder.path)}, allow_nan=False))
     if summary.get("monte_carlo", {}).get("interrupted"):
@@ -99,46 +106,43 @@ def check(
         raise typer.Exit(3)
 
 
-def _check(run: Path, folder, settings: dict, wrong: tuple, studies: dict, as_json: bool) -> dict:
-    import numpy as np
-
+def _check(
+    plan: GraspPlan, run: Path, folder: NewFolder, settings: dict, wrong: tuple, studies: dict, as_json: bool
+) -> dict:
     from pinograsp.referee import simulate
     from pinograsp.referee.task import Task
     from pinograsp.report import checked
-    from pinograsp.storage import load_run
+    from pinograsp.storage import write_simulation
     from pinograsp.viz.checks import save_check_figures
     from pinograsp.writing import list_in
 
-    loaded = load_run(run)
-    task = Task.of(loaded)
+    task = Task.of(plan)
     disturbance = _disturbance(task, *wrong)
     if studies["monte_carlo"] and disturbance.summary():
         raise InvalidInput("--monte-carlo: expected without other disturbances, it draws its own")
     simulation = simulate(task, disturbance=disturbance, **settings)
-    summary = simulation.summary()
     if not as_json:
         typer.echo(simulation.describe())
-    texts = []
-    for name, study in _studies(run, task, loaded.summary["margins"], studies, disturbance, settings, as_json):
-        summary[name] = study.summary()
+    tried, texts = {}, []
+    for name, study in _studies(run, task, plan.require_margins(), studies, disturbance, settings, as_json):
+        tried[name] = study.summary()
         texts.append(study.describe())
         if not as_json:
             typer.echo(texts[-1])
 
     def fill(path: Path) -> None:
-        (path / "check.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        np.savez_compressed(path / "check.npz", **simulation.arrays())
+        write_simulation(simulation, path, tried)
         figures = [figure.name for figure in save_check_figures(simulation, path)]
-        (path / "check.md").write_text(checked(summary, figures, texts), encoding="utf-8")
+        (path / "check.md").write_text(checked(simulation, figures, texts), encoding="utf-8")
 
     list_in(run, f"{folder.place}/")  # in the run's folder it is a part of the run
     folder.write(fill)
     if not as_json:
         typer.echo(f"\nwritten to {folder.path}: check.md, check.json, check.npz and figures")
-    return summary
+    return {**simulation.summary(), **tried}
 
 
-def _studies(run: Path, task, margins: dict, studies: dict, disturbance, settings: dict, as_json: bool):
+def _studies(run: Path, task: Task, margins: PlanMargins, studies: dict, disturbance, settings: dict, as_json: bool):
     """The studies that were asked for, by name; the planner's own margins stand beside the thresholds."""
     from pinograsp.referee import Errors, load_threshold, monte_carlo, slip_threshold
     from pinograsp.referee.monte_carlo import FILE
@@ -162,11 +166,12 @@ def _studies(run: Path, task, margins: dict, studies: dict, disturbance, setting
         if study.interrupted:
             return
     if studies["thresholds"]:
-        least = max(margins["least_mu"].values()) if "least_mu" in margins else None
+        least = float(margins.least_mu.max())
+        held = margins.load_factor if math.isfinite(margins.load_factor) else None
         yield "slip_threshold", slip_threshold(task, planned=least, disturbance=disturbance, **settings)
         yield (
             "load_threshold",
-            load_threshold(task, planned=margins["load_factor"], disturbance=disturbance, **settings),
+            load_threshold(task, planned=held, disturbance=disturbance, **settings),
         )
 
 

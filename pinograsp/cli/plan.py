@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -27,7 +27,12 @@ from pinograsp.cli.app import (
     console,
     new_folder,
 )
-from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp, Status
+from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
+
+if TYPE_CHECKING:
+    from pinograsp.cases import Case
+    from pinograsp.planner import GraspPlan
+    from pinograsp.writing import NewFolder
 
 _SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 or mesh:path=mug.stl,scale=0.001,density=600 \\[m, kg]"
 _WIDE = 120  # columns of a terminal that shows notes beside figures
@@ -106,7 +111,6 @@ def plan(
 
 def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None, force: bool, as_json: bool) -> None:
     from pinograsp.cases import load_case
-    from pinograsp.storage import run_of
 
     chosen = [f'forces.{key}="{value}"' for key, value in options.items() if value is not None]
     loaded = load_case(case, [*(changes or []), *chosen])
@@ -118,27 +122,20 @@ def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None,
             if error.solution.search == "convex":
                 _keep_proof(error, loaded, folder)
             raise
-        run = run_of(planned, loaded.settings())
-        if case == "paper":
-            run = replace(run, summary=run.summary | _beside_the_paper(loaded, run.summary["notes"]))
-        _finish(run, folder, as_json)
+        _finish(_beside_the_paper(planned, loaded) if case == "paper" else planned, folder, as_json)
 
 
-def _beside_the_paper(case, notes: list[str]) -> dict:
-    """The published figures beside those of the case planned with the paper's own choices; a note where it has no such
-    plan.
+def _beside_the_paper(plan: GraspPlan, case: Case) -> GraspPlan:
+    """The plan with the published figures beside those of the case planned with the paper's own choices; with a note
+    where it has no such plan.
     """
     from pinograsp.cases.published import compare
 
     try:
-        return {"comparison": [row.summary() for row in compare(case)]}
+        return replace(plan, comparison=tuple(compare(case)))
     except NoGrasp as error:
-        return {
-            "notes": [
-                *notes,
-                f"nothing stands beside the paper's figures: with its own choices there is no grasp ({error})",
-            ]
-        }
+        note = f"nothing stands beside the paper's figures: with its own choices there is no grasp ({error})"
+        return replace(plan, notes=(*plan.notes, note))
 
 
 def _object_case(hand: str, object: str, root: str | None, at: str | None, **options):
@@ -169,11 +166,8 @@ def _closed(case, as_json: bool):
 
 def _plan_object(case, out, force: bool, as_json: bool) -> None:
     """Place the hand, close it on the object, plan."""
-    from pinograsp.storage import run_of
-
     with new_folder(out, force, f"{Path(case.hand).stem}-{case.object.split(':')[0]}") as folder:
-        planned = case.plan(_closed(case, as_json), progress=bar(as_json))
-        _finish(run_of(planned, {"name": f"{case.hand}, {case.object}", **case.settings()}), folder, as_json)
+        _finish(case.plan(_closed(case, as_json), progress=bar(as_json)), folder, as_json)
 
 
 @app.command()
@@ -215,43 +209,43 @@ def close(
         raise typer.Exit(3)
 
 
-def _finish(run, folder, as_json: bool) -> None:
-    """Save a run with its report and figures, print it, and leave with its exit code."""
-    from pinograsp.storage import save_run
+def _finish(plan: GraspPlan, folder: NewFolder, as_json: bool) -> None:
+    """Save a plan with its report and figures, print it, and leave with its exit code."""
+    from pinograsp.planner import save_run
+
+    plan = plan.with_margins().with_reach()
 
     def extras(path: Path) -> None:
         from pinograsp.report import write_report
-        from pinograsp.viz.figures import save_figures
 
-        write_report(run, path, [figure.name for figure in save_figures(run, path)])
+        write_report(plan, path, [figure.name for figure in plan.save_figures(path)])
 
-    save_run(run, folder, extras=extras)
+    save_run(plan, folder, extras=extras)
     if as_json:
-        typer.echo(json.dumps({**run.summary, "folder": str(folder.path)}, allow_nan=False))
+        typer.echo(json.dumps({**plan.summary(), "folder": str(folder.path)}, allow_nan=False))
     else:
-        _print(run, folder.path)
-    if code := Status(run.summary["status"]).exit_code:
-        raise typer.Exit(code)
+        _print(plan, folder.path)
+    if plan.status.exit_code:
+        raise typer.Exit(plan.status.exit_code)
 
 
-def _keep_proof(error, loaded, folder) -> None:
+def _keep_proof(error: GraspInfeasible, case: Case, folder: NewFolder) -> None:
+    from pinograsp.planner import failure_of, save_run
     from pinograsp.report import write_report
-    from pinograsp.storage import run_of_failure, save_run
 
-    layout = {"hand": loaded.hand.source, "contacts": [contact.finger for contact in loaded.contacts]}
-    run = run_of_failure(error, layout, loaded.settings())
-    save_run(run, folder, extras=lambda path: write_report(run, path))
+    failure = failure_of(error, case.hand.source, case.settings())
+    save_run(failure, folder, extras=lambda path: write_report(failure, path))
     typer.echo(f"the proof is written to {folder.path}: report.html, report.md, plan.json", err=True)
 
 
-def _print(run, folder: Path) -> None:
+def _print(plan: GraspPlan, folder: Path) -> None:
     """The answer comes last: what is printed before it may be longer than a terminal."""
     from rich.table import Table
 
     from pinograsp.report import answer, comparison_rows
 
     screen = console()
-    if run.summary.get("comparison"):
+    if plan.comparison:
         title = "Beside the paper (planned as the paper does, forces alone in balance)"
         beside = Table(title=title, title_justify="left", box=None, header_style="bold", padding=(0, 1, 0, 0))
         beside.add_column("quantity")
@@ -261,24 +255,24 @@ def _print(run, folder: Path) -> None:
         shown = None if screen.width >= _WIDE else -1  # notes are in the report as well
         if shown is None:
             beside.add_column("note")
-        for row in comparison_rows(run.summary["comparison"]):
+        for row in comparison_rows(plan.comparison):
             beside.add_row(*row[:shown])
         screen.print(beside)
         screen.print()
-    for note in run.summary["notes"]:
+    for note in plan.notes:
         screen.print(f"note: {note}")
-    for caution in run.summary["cautions"]:
+    for caution in plan.cautions:
         screen.print(f"caution: {caution}")
     table = Table(
-        title=f"Grasp plan '{run.settings['name']}'",
+        title=f"Grasp plan '{plan.name}'",
         show_header=False,
         box=None,
         title_justify="left",
         padding=(0, 1, 0, 0),
     )
-    for row in answer(run):
+    for row in answer(plan):
         table.add_row(*row)
     screen.print(table)
-    if run.summary["remedy"]:
-        screen.print(f"{run.summary['status']}: {run.summary['remedy']}")
+    if plan.remedy:
+        screen.print(f"{plan.status}: {plan.remedy}")
     screen.print(f"written to {folder}: report.html, report.md, plan.json, plan.npz and figures", soft_wrap=True)

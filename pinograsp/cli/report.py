@@ -26,26 +26,29 @@ def report(
 
       pinograsp check runs/paper && pinograsp report runs/paper
     """
+    from pinograsp.plan import PlanFailure
+    from pinograsp.plan.answer import does_it_hold
     from pinograsp.report import write_report
-    from pinograsp.storage import load_check, load_run, newest_check
+    from pinograsp.storage import newest_check, read_check, read_run
     from pinograsp.viz.figures import save_figures
-    from pinograsp.words import does_it_hold
     from pinograsp.writing import add_files
 
-    load_run(run)  # says what is wrong with it before anything is made
+    read_run(run, with_scene=False)  # says what is wrong with it before anything is made
 
-    told = []
+    answers = []
 
     def fill(path: Path) -> None:
-        loaded = load_run(run)  # that of the folder in which the files are to be: another may have taken its place
+        # That of the folder in which the files are to be: another may have taken its place.
+        loaded = read_run(run, with_scene=False)
+        if isinstance(loaded, PlanFailure):
+            write_report(loaded, path)
+            answers.append(f"No grasp ({loaded.status}).")
+            return
         found = check if check is not None else newest_check(run)
-        figures = [figure.name for figure in save_figures(loaded, path)] if loaded.arrays else []
-        verdict = None if found is None else load_check(found)[0]
-        write_report(loaded, path, figures, verdict)
-        told.append(
-            does_it_hold(loaded.summary, verdict).text if loaded.arrays else f"No grasp ({loaded.summary['status']})."
-        )
+        simulation = None if found is None else read_check(found)
+        write_report(loaded, path, [figure.name for figure in save_figures(loaded, path)], simulation)
+        answers.append(does_it_hold(loaded, simulation).text)
 
     add_files(run, fill)
-    typer.echo(f"Does it hold? {told[-1]}")
+    typer.echo(f"Does it hold? {answers[-1]}")
     typer.echo(f"written to {run}: report.html, report.md and figures")

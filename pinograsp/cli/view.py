@@ -40,12 +40,14 @@ def view(
 
       pinograsp view runs/paper --port 9000 --no-browser
     """
-    from pinograsp.storage import load_run, newest_check
+    from pinograsp.planner import load_run
+    from pinograsp.storage import newest_check, read_check
 
     if html is not None and os.path.lexists(html) and not force:
         raise ResultsNotWritten(f"'{html}' already exists: choose another --html, or overwrite it with --force")
     loaded = load_run(run)
-    simulation = check if check is not None else newest_check(run)
+    found = check if check is not None else newest_check(run)
+    simulation = None if found is None else read_check(found)
     if html is not None:
         from pinograsp.viz.viewer import save_html
         from pinograsp.writing import list_in
@@ -60,7 +62,7 @@ def view(
 
     with show(loaded, simulation=simulation, port=port, open_browser=browser) as viewer:
         try:
-            beside = "" if simulation is None else f", with the simulation in {simulation}"
+            beside = "" if found is None else f", with the simulation in {found}"
             typer.echo(f"{run} at {viewer.url}{beside}; Ctrl-C ends it")
             viewer.wait()
         except KeyboardInterrupt:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -151,8 +151,8 @@ class ForceProblem:
     load: np.ndarray
     mu: np.ndarray
     compliance: Compliance = field(default_factory=Compliance)
-    balance: str = "wrench"
-    measure: str = "impulse"
+    balance: Literal["wrench", "force"] = "wrench"
+    measure: Literal["impulse", "work"] = "impulse"
     final_time: float = 1.0
     impact_time_range: tuple[float, float] = (0.80, 0.95)
     acceleration_range: tuple[float, float] = (0.01, 1.0)

@@ -10,7 +10,7 @@ from the plan is measured and told.
 
 from __future__ import annotations
 
-from pinograsp.handover.build import joint_trajectory
+from pinograsp.handover.build import Sampling, joint_trajectory
 from pinograsp.handover.trajectory import JointTrajectory, read_csv, read_ros2
 
-__all__ = ["JointTrajectory", "joint_trajectory", "read_csv", "read_ros2"]
+__all__ = ["JointTrajectory", "Sampling", "joint_trajectory", "read_csv", "read_ros2"]

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from pinograsp.checks import array_of, number, read_only, shown
+from pinograsp.checks import array_of, instance_of, number, read_only
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.handover.quintic import between, interpolated
 from pinograsp.handover.trajectory import JointTrajectory
 from pinograsp.hands import HandModel
 from pinograsp.motion.torques import inverse_dynamics
+from pinograsp.plan import Motion, PlanRecord
 
 _BLEND = 0.01  # [s] a few periods of any controller; a jump of 60 rad/s^2 then costs 0.1 mrad
 # An acceleration that changes by more than this share of the joint's largest from one sample to the next, and this,
@@ -25,97 +29,64 @@ _LEAST_LEAD, _TURNING, _SLIDING = 0.5, 1.0, 0.05
 _SLACK = 1e-6  # [rad or m] beyond a limit, as elsewhere
 _NOTHING = 1e-12  # [rad or m] of a deviation: rounding
 _FAR = 1e-4  # [m] of a contact point from the plan: forces of stiff contacts change by several per cent
-_MOST, _FEW = 1_000_000, 10  # samples: more is a mistyped rate, fewer in the grasp phase are told
+_MOST, _FEW = 1_000_000, 10  # samples: more is a mistyped rate, fewer in the grasp phase are noted
+
+
+class Sampling(TypedDict, total=False):
+    """How a plan is sampled for a controller: the keyword arguments of :func:`joint_trajectory`."""
+
+    rate: float
+    start: ArrayLike | None
+    lead: float | None
+    blend: float | None
 
 
 def joint_trajectory(
-    plan, *, rate: float = 1000.0, start=None, lead: float | None = None, blend: float | None = None
+    plan: PlanRecord,
+    *,
+    rate: float = 1000.0,
+    start: ArrayLike | None = None,
+    lead: float | None = None,
+    blend: float | None = None,
 ) -> JointTrajectory:
     """A plan's motion at a controller's rate, from ``start``, with continuous acceleration and rest at both ends.
 
     Args:
-        plan: a :class:`~pinograsp.plan.GraspPlan`, or a :class:`~pinograsp.storage.Run` of one.
+        plan: fresh or read back.
         rate: samples per second [Hz].
         start: posture to come from (n,) [rad or m]; default: the plan's first. The way from it is straight in joint
             space and not checked for collisions.
         lead: how long that takes [s]; default: at half the velocity limits, 1 rad/s or 0.05 m/s at most, 0.5 s at
             least. Without ``start``: how long the hand waits in the first posture.
-        blend: how long it takes to lead across a jump of the acceleration [s]; default 10 ms, or half of the
-            shorter phase.
+        blend: how long it takes to lead across a jump of the acceleration [s]; default 10 ms, or half of the shorter
+            phase.
 
     Raises:
-        InvalidInput: a plan without motion, numbers out of range, a start outside the joint limits, or a lead too short
-            for the velocity limits.
+        InvalidInput: a plan without its hand, numbers out of range, a start outside the joint limits, or a lead too
+            short for the velocity limits.
     """
-    hand, arrays, status = _parts(plan)
+    hand, motion = instance_of("plan", plan, PlanRecord).require_hand(), plan.motion
     rate = number("rate", rate, above=0, unit="Hz")
-    times, impact = arrays["times"], int(arrays["impact"])
-    t_F = times[-1]
-    longest = 0.5 * min(times[impact], t_F - times[impact])
-    half = 0.5 * number("blend", min(_BLEND, longest) if blend is None else blend, above=0, unit="s")
-    if 2 * half > longest * (1 + 1e-9):
-        raise InvalidInput(f"blend: expected at most {longest:.4g} s, half of the shorter phase, got {2 * half:g} s")
-    knots = _knots(arrays, impact)
-    first, last = knots[0][0], knots[0][-1]
+    half = _half_blend(motion, blend)
+    first = motion.q[0]
     origin = first if start is None else _start(hand, start)
-    lead = _lead(hand, np.abs(first - origin), lead, rate)
+    path = _path(motion, origin, _lead(hand, np.abs(first - origin), lead, rate), half)
 
-    # The plan's ends are blended into rest, from half a blend before t = 0 and until half a blend after t_F.
-    soft_start, soft_end = (np.any(knots[1][i]) or np.any(knots[2][i]) for i in (0, -1))
-    begin = lead + (half if soft_start else 0.0)
-    jumps = [*_jumps(times, arrays, impact), *([0.0] if soft_start else []), *([t_F] if soft_end else [])]
-    near = (
-        np.any([np.abs(times - jump) < half - 1e-9 for jump in jumps], axis=0)
-        if jumps
-        else np.zeros(times.size, dtype=bool)
-    )
-    near[0], near[-1] = soft_start, soft_end
-    kept = np.flatnonzero(~near)
-    path = [_rest(0.0, origin)] if lead > 0 else []
-    path += [_rest(lead, first)] if soft_start else []
-    path += [(begin + times[kept], *(values[kept] for values in knots))]
-    path += [_rest(begin + t_F + half, last)] if soft_end else []
-    nodes, *states = (np.concatenate(parts) for parts in zip(*path))
-    blends = [(times[i], times[j]) for i, j in itertools.pairwise(kept) if j > i + 1]
-    blends = [
-        *([(-half, times[kept[0]])] if soft_start else []),
-        *blends,
-        *([(times[kept[-1]], t_F + half)] if soft_end else []),
-    ]
-
-    if nodes[-1] * rate >= _MOST:
+    if path.end * rate >= _MOST:
         raise InvalidInput(
-            f"rate: expected fewer than {_MOST} samples in {nodes[-1]:.4g} s, got {rate:g} Hz: take a lower one"
+            f"rate: expected fewer than {_MOST} samples in {path.end:.4g} s, got {rate:g} Hz: take a lower one"
         )
-    clock = (
-        np.arange(math.ceil(nodes[-1] * rate - 1e-9) + 1) / rate
-    )  # to the end or just past it, where the hand is at rest
-    q, dq, ddq = between(nodes, states, np.minimum(clock, nodes[-1]))
-    q[-1], dq[-1], ddq[-1] = last, 0.0, 0.0
-    gravity_o = arrays["gravity"]
-    contact = arrays["torques"] - inverse_dynamics(hand, arrays["q"], arrays["dq"], arrays["ddq"], gravity_o=gravity_o)
-    effort = inverse_dynamics(hand, q, dq, ddq, gravity_o=gravity_o) + interpolated(clock - begin, times, contact)
+    # To the end or just past it, where the hand is at rest.
+    clock = np.arange(math.ceil(path.end * rate - 1e-9) + 1) / rate
+    q, dq, ddq = between(path.nodes, path.states, np.minimum(clock, path.end))
+    q[-1], dq[-1], ddq[-1] = motion.q[-1], 0.0, 0.0
+    own = inverse_dynamics(hand, motion.q, motion.dq, motion.ddq, gravity_o=plan.gravity_o)
+    effort = inverse_dynamics(hand, q, dq, ddq, gravity_o=plan.gravity_o)
+    effort = effort + interpolated(clock - path.begin, motion.times, motion.torques - own)
 
-    # What a controller makes of the samples, against the plan: at its own samples, half-way between, and in the blends
-    # beyond.
-    beyond = half * np.linspace(0, 1, 9)
-    looked = np.concatenate([times, 0.5 * (times[1:] + times[:-1]), t_F + beyond, *([-beyond] if soft_start else [])])
-    wanted = between(times, knots, np.clip(looked, 0.0, t_F))[0]
-    played = between(clock, (q, dq, ddq), np.minimum(begin + looked, clock[-1]))[0]
-    notes = [] if status is Status.OK else [f"the plan's status is {status}: {status.remedy}"]
-    notes += _limit_notes(hand, q, dq, effort)
-    if (t_F - times[impact]) * rate < _FEW:
-        notes.append(
-            f"fewer than {_FEW} samples in the grasp phase at {rate:g} Hz: the controller must interpolate with "
-            "their rates"
-        )
-    off = _contact_deviation(hand, arrays, impact, wanted, played)
-    if off and max(off.values()) > _FAR:
-        notes.append(
-            f"{max(off, key=off.get)} is up to {1e3 * max(off.values()):.2g} mm off the plan: take a shorter "
-            "blend, a higher rate, or a "
-            "plan with a finer time step"
-        )
+    wanted, played = _compared(motion, path, clock, (q, dq, ddq), half)
+    off = _contact_deviation(hand, plan, wanted, played)
+    t_I, t_F = float(motion.times[motion.impact]), float(motion.times[-1])
     return JointTrajectory(
         names=hand.joint_names,
         times=clock,
@@ -125,60 +96,145 @@ def joint_trajectory(
         effort=effort,
         joints=tuple(hand.model.names)[1:],
         couplings=hand.couplings,
-        begin=begin,
-        impact_time=begin + float(times[impact]),
-        final_time=begin + float(t_F),
-        blends=tuple((begin + float(a), begin + float(b)) for a, b in blends),
+        begin=path.begin,
+        impact_time=path.begin + t_I,
+        final_time=path.begin + t_F,
+        blends=tuple((path.begin + a, path.begin + b) for a, b in path.blends),
         deviation=read_only(np.abs(played - wanted).max(axis=0)),
         contact_deviation=off,
-        notes=tuple(notes),
+        notes=(*_plan_notes(plan, rate), *_limit_notes(hand, q, dq, effort), *_deviation_notes(off)),
     )
 
 
-def _parts(plan):
-    """Hand, arrays and status of a plan or a run."""
-    if hasattr(plan, "motion") and hasattr(plan, "problem"):
-        motion, contacts = plan.motion, plan.problem.contacts
-        arrays = {name: getattr(motion, name) for name in ("times", "impact", "q", "dq", "ddq", "torques")}
-        arrays |= {"gravity": plan.problem.gravity_o, "points_o": contacts.points_o, "contact_names": contacts.names}
-        return plan.hand, arrays | {"contact_links": [contact.link for contact in contacts]}, plan.status
-    if not (hasattr(plan, "arrays") and hasattr(plan, "layout")):
-        raise InvalidInput(f"plan: expected a GraspPlan or the run of one, got {shown(plan)}")
-    needed = ("times", "impact", "q", "dq", "ddq", "torques", "gravity", "points_o", "contact_names", "contact_links")
-    if missing := [name for name in needed if name not in plan.arrays]:
-        raise InvalidInput(f"plan: expected one with its motion, got a run without {', '.join(missing)}: plan it again")
-    return plan.hand(), plan.arrays, Status(plan.summary["status"])
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Path:
+    """Nodes of the path, with position, velocity and acceleration.
+
+    Attributes:
+        nodes: (b,) [s].
+        states: q, dq, ddq at the nodes (b, n).
+        knots: q, dq, ddq of the plan's samples (m, n).
+        begin: t = 0 of the plan [s].
+        blends: intervals in which the path is not the plan's, on the plan's clock [s].
+        starts_softly: whether the plan's start is blended into rest.
+    """
+
+    nodes: np.ndarray
+    states: tuple[np.ndarray, ...]
+    knots: tuple[np.ndarray, ...]
+    begin: float
+    blends: tuple[tuple[float, float], ...]
+    starts_softly: bool
+
+    @property
+    def end(self) -> float:
+        """When the hand is at rest again [s]."""
+        return float(self.nodes[-1])
 
 
-def _knots(arrays, impact: int) -> list[np.ndarray]:
+def _half_blend(motion: Motion, blend: float | None) -> float:
+    """Half of the time that leads across a jump of the acceleration [s]."""
+    longest = 0.5 * min(motion.times[motion.impact], motion.times[-1] - motion.times[motion.impact])
+    half = 0.5 * number("blend", min(_BLEND, longest) if blend is None else blend, above=0, unit="s")
+    if 2 * half > longest * (1 + 1e-9):
+        raise InvalidInput(f"blend: expected at most {longest:.4g} s, half of the shorter phase, got {2 * half:g} s")
+    return half
+
+
+def _path(motion: Motion, origin: np.ndarray, lead: float, half: float) -> _Path:
+    """The plan's samples without those near a jump, from ``origin``, with rest at both ends."""
+    times, knots = motion.times, _knots(motion)
+    t_F, first, last = times[-1], knots[0][0], knots[0][-1]
+    # The plan's ends are blended into rest, from half a blend before t = 0 and until half a blend after t_F.
+    soft_start, soft_end = (bool(np.any(knots[1][i]) or np.any(knots[2][i])) for i in (0, -1))
+    begin = lead + (half if soft_start else 0.0)
+    jumps = [*_jumps(motion), *([0.0] if soft_start else []), *([t_F] if soft_end else [])]
+    near = np.zeros(times.size, dtype=bool)
+    for jump in jumps:
+        near |= np.abs(times - jump) < half - 1e-9
+    near[0], near[-1] = soft_start, soft_end
+    kept = np.flatnonzero(~near)
+    parts = [_rest(0.0, origin)] if lead > 0 else []
+    parts += [_rest(lead, first)] if soft_start else []
+    parts += [(begin + times[kept], *(values[kept] for values in knots))]
+    parts += [_rest(begin + t_F + half, last)] if soft_end else []
+    nodes, *states = (np.concatenate(columns) for columns in zip(*parts))
+    blends = [(-half, float(times[kept[0]]))] if soft_start else []
+    blends += [(float(times[i]), float(times[j])) for i, j in itertools.pairwise(kept) if j > i + 1]
+    blends += [(float(times[kept[-1]]), float(t_F + half))] if soft_end else []
+    return _Path(
+        nodes=nodes,
+        states=tuple(states),
+        knots=knots,
+        begin=begin,
+        blends=tuple(blends),
+        starts_softly=soft_start,
+    )
+
+
+def _compared(
+    motion: Motion, path: _Path, clock: np.ndarray, samples: tuple[np.ndarray, ...], half: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The plan's positions, and what a controller makes of the samples (s, n): at the plan's samples, half-way between,
+    and in the blends beyond.
+    """
+    times, t_F = motion.times, motion.times[-1]
+    beyond = half * np.linspace(0, 1, 9)
+    before = [-beyond] if path.starts_softly else []
+    looked = np.concatenate([times, 0.5 * (times[1:] + times[:-1]), t_F + beyond, *before])
+    wanted = between(times, path.knots, np.clip(looked, 0.0, t_F))[0]
+    return wanted, between(clock, samples, np.minimum(path.begin + looked, clock[-1]))[0]
+
+
+def _plan_notes(plan: PlanRecord, rate: float) -> list[str]:
+    notes = [] if plan.status is Status.OK else [f"the plan's status is {plan.status}: {plan.status.remedy}"]
+    times, impact = plan.motion.times, plan.motion.impact
+    if (times[-1] - times[impact]) * rate < _FEW:
+        notes.append(
+            f"fewer than {_FEW} samples in the grasp phase at {rate:g} Hz: "
+            "the controller must interpolate with their rates"
+        )
+    return notes
+
+
+def _deviation_notes(off: dict[str, float]) -> list[str]:
+    if not off or max(off.values()) <= _FAR:
+        return []
+    return [
+        f"{max(off, key=off.__getitem__)} is up to {1e3 * max(off.values()):.2g} mm off the plan: "
+        "take a shorter blend, a higher rate, or a plan with a finer time step"
+    ]
+
+
+def _knots(motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, dq, ddq (m, n) of the plan's samples, as smooth as its positions.
 
     The approach is a polynomial. In the grasp phase rates are those that were asked for step by step, corrections
     included, of which they are not quite the derivative: there both come from a spline through the positions.
     """
-    q, dq, ddq = (np.array(arrays[name]) for name in ("q", "dq", "ddq"))
-    spline = CubicSpline(arrays["times"][impact:], q[impact:])
-    grasp = arrays["times"][impact + 1 :]
+    q, dq, ddq = np.array(motion.q), np.array(motion.dq), np.array(motion.ddq)
+    impact, grasp = motion.impact, motion.times[motion.impact + 1 :]
+    spline = CubicSpline(motion.times[impact:], q[impact:])
     dq[impact + 1 :], ddq[impact + 1 :] = spline(grasp, 1), spline(grasp, 2)
-    return [q, dq, ddq]
+    return q, dq, ddq
 
 
-def _jumps(times, arrays, impact: int) -> np.ndarray:
+def _jumps(motion: Motion) -> np.ndarray:
     """Times from t_I on at which the acceleration of a joint changes abruptly (second differences of it) [s]."""
-    steps = np.diff(times)[:, None]
-    acceleration = 2 * np.diff(np.diff(arrays["q"], axis=0) / steps, axis=0) / (steps[1:] + steps[:-1])
+    steps = np.diff(motion.times)[:, None]
+    acceleration = 2 * np.diff(np.diff(motion.q, axis=0) / steps, axis=0) / (steps[1:] + steps[:-1])
     rough = np.abs(np.diff(acceleration, 2, axis=0))  # at times[2:-2]
-    found = (rough > np.maximum(_JUMP * np.abs(arrays["ddq"]).max(axis=0), _LEAST_JUMP)).any(axis=1)
+    found = (rough > np.maximum(_JUMP * np.abs(motion.ddq).max(axis=0), _LEAST_JUMP)).any(axis=1)
     at = np.flatnonzero(found) + 2
-    return times[at[at >= impact - 1]]
+    return motion.times[at[at >= motion.impact - 1]]
 
 
-def _rest(time: float, q: np.ndarray):
+def _rest(time: float, q: np.ndarray) -> tuple[np.ndarray, ...]:
     still = np.zeros((1, q.size))
     return np.array([time]), q[None], still, still
 
 
-def _start(hand: HandModel, start) -> np.ndarray:
+def _start(hand: HandModel, start: ArrayLike) -> np.ndarray:
     q = array_of("start", start, (hand.n,))
     beyond = np.maximum(hand.lower - q, q - hand.upper)
     if beyond.max() > _SLACK:
@@ -190,7 +246,7 @@ def _start(hand: HandModel, start) -> np.ndarray:
     return q
 
 
-def _lead(hand: HandModel, way, lead: float | None, rate: float) -> float:
+def _lead(hand: HandModel, way: np.ndarray, lead: float | None, rate: float) -> float:
     """How long the joints take to go their ``way`` (n,) from rest to rest [s]."""
     limit = np.where(hand.velocity > 0, hand.velocity, np.inf)
     least = _PEAK * way / limit
@@ -207,7 +263,7 @@ def _lead(hand: HandModel, way, lead: float | None, rate: float) -> float:
     return lead
 
 
-def _limit_notes(hand: HandModel, q, dq, effort) -> list[str]:
+def _limit_notes(hand: HandModel, q: np.ndarray, dq: np.ndarray, effort: np.ndarray) -> list[str]:
     beyond = np.maximum(hand.lower - q, q - hand.upper).max(axis=0)
     notes = [
         f"{name} leaves its limits by {by:.2g} rad or m" for name, by in zip(hand.joint_names, beyond) if by > _SLACK
@@ -222,17 +278,14 @@ def _limit_notes(hand: HandModel, q, dq, effort) -> list[str]:
     return notes
 
 
-def _contact_deviation(hand: HandModel, arrays, impact: int, wanted, played) -> dict[str, float]:
+def _contact_deviation(hand: HandModel, plan: PlanRecord, wanted: np.ndarray, played: np.ndarray) -> dict[str, float]:
     """Largest distance of each contact point, as a point of its link, between two motions (s, n) [m]."""
-    rows = [
-        (str(name), str(link), point)
-        for name, link, point in zip(arrays["contact_names"], arrays["contact_links"], arrays["points_o"])
-        if str(link)
-    ]
+    contacts = plan.contacts
+    rows = [row for row in zip(contacts.names, contacts.links, contacts.points_o) if row[1]]
     if not rows:
         return {}
     names, links, points = zip(*rows)
-    touching = hand.frame_placements(arrays["q"][impact], links)
+    touching = hand.frame_placements(plan.motion.q[plan.motion.impact], links)
     local = np.array([np.linalg.solve(placement, [*point, 1.0]) for placement, point in zip(touching, points)])
     worst = np.zeros(len(links))
     for one, other in zip(wanted, played):

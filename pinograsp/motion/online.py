@@ -135,14 +135,6 @@ class OnlineForces:
         self.step(np.zeros(6))  # compiles, and must not count
         self._state[:6], self._out[:], self._started = 0.0, 0.0, False
 
-    @classmethod
-    def of(cls, plan, **settings) -> OnlineForces:
-        """For a plan's grasp, from the posture that it ends in; ``settings`` as for the class."""
-        if not (hasattr(plan, "problem") and hasattr(plan, "motion")):
-            raise InvalidInput(f"plan: expected a GraspPlan, got {shown(plan)}")
-        problem, motion = plan.problem, plan.motion
-        return cls(problem, **{"hand": plan.hand, "q": motion.q[-1]} | settings)
-
     def _share(self, memory: Sequence[Array]) -> None:
         """Name the parts of the memory that the compiled code works in."""
         k = self.problem.k

@@ -19,6 +19,7 @@ from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_p
 from pinograsp.motion.grasp_ik import FingerMotion, press
 from pinograsp.motion.surfaces import TRACKED, press_surfaces
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
+from pinograsp.plan import Motion
 from pinograsp.spatial import Array
 
 _HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do not move them
@@ -58,47 +59,6 @@ class MotionSpec:
         for name in ("posture", "start"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, mapping_of(name, getattr(self, name), "{finger: joint angles}"))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Motion:
-    """Joint trajectory and torques from t = 0 to t_F.
-
-    Attributes:
-        status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``.
-        remedy: what causes that, and what to do, empty for ``OK``.
-        notes: position and effort limits met or exceeded, by joint.
-        times: (m,) [s]; sample ``impact`` is t_I, the last of the approach and the first of the grasp phase.
-        q, dq, ddq: (m, n) [rad, rad/s, rad/s^2].
-        torques: (m, n) [N m];
-        holding_torques: (n,), those that hold still after t_F.
-        forces_o: contact forces on the object (m, k, 3), world axes [N].
-        contact_velocities: velocities of the contact points J dq (m, k, 3) [m/s], zero before the impact.
-        tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the
-            normal.
-        slip: largest distance across the normal, of a closed grasp whose joints cannot follow it (k,) [m].
-        postures: number of contact-phase postures tried per finger.
-        peak_torque: infinity norm of ``torques`` [N m].
-    """
-
-    status: Status
-    notes: tuple[str, ...]
-    times: np.ndarray
-    impact: int
-    q: np.ndarray
-    dq: np.ndarray
-    ddq: np.ndarray
-    torques: np.ndarray
-    holding_torques: np.ndarray
-    forces_o: np.ndarray
-    contact_velocities: np.ndarray
-    tracking_error: np.ndarray
-    slip: np.ndarray
-    postures: dict[str, int]
-    peak_torque: float
-    remedy: str = ""
-
-    __repr__ = brief("status", "peak_torque", "impact", "times", "q", "notes")
 
 
 def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | None = None) -> Motion:

@@ -1,5 +1,16 @@
-"""From a force problem, or a hand and an object, to a grasp plan."""
+"""From a force problem, or a hand and an object, to a grasp plan; plans to files and back."""
 
+from pinograsp.planner.assemble import failure_of
+from pinograsp.planner.grasp_plan import GraspPlan, load_run, save_run
 from pinograsp.planner.planning import Objective, Search, plan_grasp, plan_grasp_on
 
-__all__ = ["Objective", "Search", "plan_grasp", "plan_grasp_on"]
+__all__ = [
+    "GraspPlan",
+    "Objective",
+    "Search",
+    "failure_of",
+    "load_run",
+    "plan_grasp",
+    "plan_grasp_on",
+    "save_run",
+]

@@ -23,9 +23,12 @@ from pinograsp.forces import (
     optimize_grasp,
 )
 from pinograsp.hands import HandModel
-from pinograsp.motion import Motion, MotionSpec, effort_of, plan_motion, torque_limits
+from pinograsp.motion import MotionSpec, effort_of, plan_motion, torque_limits
 from pinograsp.objects.body import Body
-from pinograsp.plan import GraspPlan
+from pinograsp.plan import Motion
+from pinograsp.planner.assemble import assembled
+from pinograsp.planner.grasp_plan import GraspPlan
+from pinograsp.spatial import Array
 
 Search = Literal["convex", "hybrid", "paper", "paper+qp"]
 Objective = str | Mapping[str, float] | None
@@ -162,7 +165,7 @@ def _planned(
     hand: HandModel,
     problem: ForceProblem,
     choices: _Choices,
-    limit: np.ndarray | None,
+    limit: Array | None,
     elapsed: dict[str, float],
     closure: Closure | None,
 ) -> GraspPlan:
@@ -175,7 +178,10 @@ def _planned(
         forces, motion, spent = _by_grid(hand, problem, choices)
     else:
         forces, motion, spent = _by_optimum(hand, problem, choices, limit)
-    return GraspPlan(hand=hand, forces=forces, motion=motion, elapsed={**elapsed, **spent}, closure=closure)
+    notes: tuple[str, ...] = ()
+    if limit is not None and not np.isfinite(limit).any():
+        notes = (f"no joint of '{hand.name}' has an effort limit: torques are not limited",)
+    return assembled(hand, forces, motion, elapsed={**elapsed, **spent}, closure=closure, notes=notes)
 
 
 Stages = tuple[ForceSolution, Motion, dict[str, float]]
@@ -192,7 +198,7 @@ def _by_grid(hand: HandModel, problem: ForceProblem, choices: _Choices) -> Stage
     return forces, motion, {"forces": found - started, "motion": time.perf_counter() - found}
 
 
-def _by_optimum(hand: HandModel, problem: ForceProblem, choices: _Choices, limit: np.ndarray | None) -> Stages:
+def _by_optimum(hand: HandModel, problem: ForceProblem, choices: _Choices, limit: Array | None) -> Stages:
     """The torques depend on the posture at t_F, which depends on the forces: a few rounds settle both."""
     heated = isinstance(choices.objective, str | Mapping) and "motor_heat" in choices.objective
     if limit is None and heated and problem.torques is None:

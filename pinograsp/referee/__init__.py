@@ -3,10 +3,10 @@
 Shares no contact, force, torque or energy code with what it judges.
 """
 
+from pinograsp.plan import Simulation, Verdict
 from pinograsp.referee.monte_carlo import Errors, MonteCarlo, monte_carlo
 from pinograsp.referee.settings import Disturbance, Push, Servo
 from pinograsp.referee.simulate import simulate
-from pinograsp.referee.simulation import Simulation, Verdict
 from pinograsp.referee.thresholds import LoadThreshold, SlipThreshold, load_threshold, slip_threshold
 
 __all__ = [

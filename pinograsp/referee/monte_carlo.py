@@ -319,7 +319,7 @@ def drawn_errors(task, errors: Errors, seed: int, name: str, trial: int) -> tupl
             value = told["start_error"] = rng.normal(size=task.hand.n) * size * np.where(slides, _ARM, 1.0)
         else:
             direction = rng.normal(size=3)
-            most = size * task.object.mass * _STANDARD_GRAVITY
+            most = size * task.body.mass * _STANDARD_GRAVITY
             value = rng.uniform(0.0, most) * direction / np.linalg.norm(direction)
             told["pushes"] = (Push(wrench_o=np.concatenate([value, np.zeros(3)])),)
         drawn[kind] = np.asarray(value).tolist()
@@ -344,14 +344,14 @@ def _identity(task) -> dict:
         "end": task.q[-1].tolist(),
         "torque_limit": [float(v) if np.isfinite(v) else None for v in task.torque_limit],
         "shapes": [type(one.geometry).__name__ for one in task.hand.geometry.geometryObjects],
-        "object_radius": task.object.bounding_radius,
+        "object_radius": task.body.bounding_radius,
         "impact_time": task.impact_time,
         "final_time": task.final_time,
         "law": list(task.law),
         "torsion": task.torsion,
-        "object": type(task.object).__name__,
-        "object_mass": task.object.mass,
-        "object_inertia": task.object.inertia_b.tolist(),
-        "object_pose": task.object.pose.tolist(),
+        "object": type(task.body).__name__,
+        "object_mass": task.body.mass,
+        "object_inertia": task.body.inertia_b.tolist(),
+        "object_pose": task.body.pose.tolist(),
         **{name: np.asarray(getattr(task, name)).tolist() for name in names},
     }

@@ -28,7 +28,7 @@ class MujocoEngine:
         flat = len(set(task.links)) < len(task.links)
         self.model, notes = build(
             hand,
-            task.object,
+            task.body,
             time_step=time_step,
             gravity_o=task.gravity_o,
             servo=servo,

@@ -14,8 +14,8 @@ import numpy as np
 
 from pinograsp.checks import array_of, brief, number
 from pinograsp.errors import InvalidInput
+from pinograsp.plan import Simulation
 from pinograsp.referee.simulate import simulate
-from pinograsp.referee.simulation import Simulation
 from pinograsp.referee.task import Task
 
 _FIRST, _STEP, _MOST = 0.005, 1.25, 0.3  # of the way: overclosings that are tried; too much throws the object out again
@@ -89,7 +89,7 @@ def naive_grasp(
         InvalidInput: a start and a target that do not differ.
     """
     task = plan if isinstance(plan, Task) else Task.of(plan)
-    for name in {"mode", "release", "object"} & settings.keys():
+    for name in {"mode", "release", "body"} & settings.keys():
         raise InvalidInput(
             f"setting '{name}': not accepted here, the joints are moved as commanded and the object is let go"
         )

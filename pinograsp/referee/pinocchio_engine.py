@@ -21,7 +21,7 @@ class PinocchioEngine:
     """
 
     def __init__(self, task, *, time_step: float, servo, mass_factor: float):
-        hand, body = task.hand, task.object
+        hand, body = task.hand, task.body
         self.dt, self.servo, self.limit = time_step, servo, task.torque_limit
         self.coupled, self.parts = bool(hand.couplings), hand.model.njoints
         # One with the hand's own inertia; in the other implicit damping counts as inertia: (M + dt D) a = f.

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pinograsp.checks import brief, instance_of, shown
+from pinograsp.checks import brief, instance_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.storage import Run, load_run
+from pinograsp.plan import PlanFailure, PlanRecord
+from pinograsp.storage import read_run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -19,7 +20,8 @@ class Task:
     """A plan as the referee sees it: the commands, and what they are said to bring about.
 
     Attributes:
-        hand, object: where they are at the start.
+        hand: where it is at the start.
+        body: the object, where it is at the start.
         times: (m,) [s].
         q, dq: commanded (m, n).
         torques: feed-forward (m, n) [N m], and after the end holding_torques (n,).
@@ -39,7 +41,7 @@ class Task:
     """
 
     hand: HandModel
-    object: Body
+    body: Body
     times: np.ndarray
     q: np.ndarray
     dq: np.ndarray
@@ -60,61 +62,54 @@ class Task:
     load: np.ndarray
     gravity_o: np.ndarray
 
-    __repr__ = brief("hand", "object", "names", "normal_forces", "mu", "impact_time", "final_time")
+    __repr__ = brief("hand", "body", "names", "normal_forces", "mu", "impact_time", "final_time")
 
     @classmethod
-    def of(cls, plan, object: Body | None = None) -> Task:
-        """From a grasp plan, a run, or a run's folder; ``object`` where the plan does not know its own.
+    def of(cls, plan: PlanRecord | str | Path, body: Body | None = None) -> Task:
+        """From a plan, fresh or read back, or a run's folder; ``body`` where the plan does not know its own.
 
         Raises:
-            InvalidInput: neither, an older run, or no object.
+            InvalidInput: neither, a search without a plan, or no object.
         """
-        instance_of("object", object, Body, type(None))
-        if isinstance(plan, str | Path):
-            plan = load_run(plan)
-        if isinstance(plan, Run):
-            hand, thing, arrays = plan.hand(), object or plan.object(), plan.arrays
-        elif hasattr(plan, "arrays") and hasattr(plan, "hand"):
-            hand, thing, arrays = plan.hand, object or plan.problem.object, plan.arrays()
-        else:
-            raise InvalidInput(f"simulate: expected a grasp plan, or the folder of a run, got {shown(plan)}")
-        if thing is None:
+        instance_of("body", body, Body, type(None))
+        record = read_run(plan) if isinstance(plan, str | Path) else plan
+        if isinstance(record, PlanFailure):
+            raise InvalidInput(f"simulate: expected a plan, got a search that found none ({record.status})")
+        hand, motion, forces = instance_of("plan", record, PlanRecord).require_hand(), record.motion, record.forces
+        body = body or record.body
+        if body is None:
             raise InvalidInput(
-                "simulate: this plan does not know its object's shape: give object=..., a pinograsp.objects shape"
+                "simulate: this plan does not know its object's shape: give body=..., a pinograsp.objects shape"
             )
-        if "contact_law" not in arrays:
-            raise InvalidInput("simulate: this run was written by an older version: plan it again")
-        links = tuple(str(link) for link in arrays["contact_links"])
-        if not all(links):
+        contacts, law = record.contacts, record.law
+        if not all(contacts.links):
             raise InvalidInput("simulate: expected contacts of a hand; these were made without one (hand=None)")
-        gravity = arrays["gravity"]
-        load = np.array(arrays["load"])
+        load = np.array(record.load)
         # The weight acts on the simulated object by itself. A plan that did not know its object has the given one's in
         # its load.
-        load[:3] -= (float(arrays["object_mass"]) or thing.mass) * gravity
-        impact = int(arrays["impact"])
+        load[:3] -= (record.body_mass or body.mass) * record.gravity_o
         return cls(
             hand=hand,
-            object=thing,
-            times=arrays["times"],
-            q=arrays["q"],
-            dq=arrays["dq"],
-            torques=arrays["torques"],
-            holding_torques=arrays["holding_torques"],
-            torque_limit=arrays["torque_limit"],
-            impact_time=float(arrays["times"][impact]),
-            final_time=float(arrays["times"][-1]),
-            names=tuple(str(name) for name in arrays["contact_names"]),
-            links=links,
-            points_o=arrays["points_o"],
-            forces_o=arrays["forces_o"][-1],
-            normal_forces=arrays["normal_forces"][-1],
-            depths=arrays["depth"][-1],
-            mu=arrays["mu"],
-            torsion=float(arrays["torsion_length"]),
-            law=tuple(float(v) for v in arrays["contact_law"]),
+            body=body,
+            times=motion.times,
+            q=motion.q,
+            dq=motion.dq,
+            torques=motion.torques,
+            holding_torques=motion.holding_torques,
+            torque_limit=record.torque_limit,
+            impact_time=float(motion.times[motion.impact]),
+            final_time=float(motion.times[-1]),
+            names=contacts.names,
+            links=contacts.links,
+            points_o=contacts.points_o,
+            forces_o=motion.forces_o[-1],
+            normal_forces=forces.normal_history[-1],
+            depths=forces.final_depths,
+            mu=record.friction.mu,
+            torsion=record.friction.torsion,
+            law=(law.stiffness, law.damping, law.exponent),
             load=load,
-            gravity_o=gravity,
+            gravity_o=record.gravity_o,
         )
 
     def joint_of(self, link: str) -> int:

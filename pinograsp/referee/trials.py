@@ -16,13 +16,14 @@ import joblib
 
 from pinograsp.checks import instance_of, number, one_of
 from pinograsp.errors import InvalidInput, SimulationDiverged
+from pinograsp.plan import PlanRecord
 from pinograsp.referee.settings import Disturbance, Servo
 from pinograsp.referee.simulate import simulate
 from pinograsp.referee.task import Task
 from pinograsp.writing import write_errors
 
-# "object" belongs to the task, and what is never let go always holds.
-_OTHERS = ("plan", "object", "release", "disturbance")
+# "body" belongs to the task, and what is never let go always holds.
+_OTHERS = ("plan", "body", "release", "disturbance")
 _DEFAULTS = {name: one.default for name, one in inspect.signature(simulate).parameters.items() if name not in _OTHERS}
 
 
@@ -41,15 +42,15 @@ class Outcome:
     drift: float | None
 
 
-def common_settings(plan, settings: dict) -> tuple[Task, dict]:
+def common_settings(plan: PlanRecord | Task | str | Path, settings: dict) -> tuple[Task, dict]:
     """The task of a plan, and all settings of its simulations, defaults included.
 
     Raises:
         InvalidInput: a plan that cannot be simulated, or a setting that does not exist here.
     """
     settings = dict(settings)
-    thing = settings.pop("object", None)
-    task = plan if isinstance(plan, Task) else Task.of(plan, thing)
+    body = settings.pop("body", None)
+    task = plan if isinstance(plan, Task) else Task.of(plan, body)
     for name in settings:
         if name in _OTHERS:
             raise InvalidInput(f"setting '{name}': not accepted here, every trial is told by the study")

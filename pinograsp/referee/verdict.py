@@ -4,19 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinograsp.referee.simulation import GONE, MOVED, RESTING, TURNED, Verdict
+from pinograsp.plan import Verdict
+from pinograsp.referee.sample import History
+from pinograsp.referee.task import Task
 
+# Held: at the end of the hold the object has moved less than this since the release, and hardly moves any more.
+MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
+RESTING = 5e-4  # [m] of motion in the last fifth of the hold
+GONE = 0.05  # [m] moved this far it does not come back
 _SLIPPED = 1e-4  # [m]
 _BEYOND = 1e-3  # [rad or m] past a joint's limit
 _AT_LIMIT = 1e-6  # of a torque limit
 
 
-def verdict_of(task, joints, shown, release, audited: bool, complete: int, gone: bool, samples: dict) -> Verdict:
-    """The verdict on a task from the samples of its simulation: ``release`` [s] or None; ``complete``: the sample at
-    t_F, before which the object does not move; ``gone``: it was that far away that the simulation ended early.
+def verdict_of(
+    task: Task, history: History, depths: np.ndarray, release: float | None, *, gone: bool, audited: bool
+) -> Verdict:
+    """The verdict on a task.
+
+    Args:
+        task: what was tried.
+        history: the samples; the object does not move before that at t_F.
+        depths: planned, of the history's parts (p,) [m].
+        release: when the object was let go [s]; None: never.
+        gone: whether it was so far away that the simulation ended early.
+        audited: whether the energies can be compared.
     """
-    times, poses = samples["times"], samples["object_poses"]
-    normal, planned = samples["normal_forces"], samples["planned_forces"]
+    times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
+    normal, planned = history.normal_forces, history.planned_forces
     start, end = poses[complete], poses[-1]
     drift = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
     turned = end[:3, :3] @ start[:3, :3].T
@@ -34,15 +49,12 @@ def verdict_of(task, joints, shown, release, audited: bool, complete: int, gone:
         np.abs(normal[last].mean(axis=0) - planned)[should]
         / np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
     )
-    labels = [name for name, wanted in zip(samples["parts"], should) if wanted]
-    depth_planned = np.zeros(len(shown))
-    for i, part in enumerate(shown):
-        depth_planned[i] = max((d for d, joint in zip(task.depths, joints) if joint == part), default=0.0)
-    missed = np.abs(samples["depths"][complete] - depth_planned)[should]
-    slipped = samples["slips"][-1] - samples["slips"][complete] > _SLIPPED
-    hand, q = task.hand, samples["q"]
+    labels = [name for name, wanted in zip(parts, should) if wanted]
+    missed = np.abs(history.depths[complete] - depths)[should]
+    slipped = history.slips[-1] - history.slips[complete] > _SLIPPED
+    hand, q = task.hand, history.q
     beyond = ((q < hand.lower - _BEYOND) | (q > hand.upper + _BEYOND)).any(axis=0)
-    at_limit = np.abs(samples["torques"][last]).max(axis=0) >= task.torque_limit * (1 - _AT_LIMIT)
+    at_limit = np.abs(history.torques[last]).max(axis=0) >= task.torque_limit * (1 - _AT_LIMIT)
     return Verdict(
         held=held,
         reason=reason,
@@ -52,19 +64,25 @@ def verdict_of(task, joints, shown, release, audited: bool, complete: int, gone:
         force_error=float(errors.max(initial=0.0)),
         force_errors=dict(zip(labels, errors.tolist())),
         penetration_error=float(missed.max(initial=0.0)),
-        slipped=tuple(name for name, yes in zip(samples["parts"], slipped) if yes),
+        slipped=tuple(name for name, yes in zip(parts, slipped) if yes),
         unplanned=tuple(
-            name
-            for name, wanted, found in zip(samples["parts"], should, (normal > 0).any(axis=0))
-            if found and not wanted
+            name for name, wanted, found in zip(parts, should, (normal > 0).any(axis=0)) if found and not wanted
         ),
         limit_hits=tuple(name for name, yes in zip(hand.joint_names, beyond) if yes),
         saturated=tuple(name for name, yes in zip(hand.joint_names, at_limit) if yes),
-        energy_error=_energy_error(samples["energies"]) if audited else None,
+        energy_error=_energy_error(history.energies) if audited else None,
     )
 
 
-def _held(times, poses, normal, drift: float, turn: float, release, gone: bool) -> tuple[bool, str]:
+def _held(
+    times: np.ndarray,
+    poses: np.ndarray,
+    normal: np.ndarray,
+    drift: float,
+    turn: float,
+    release: float | None,
+    gone: bool,
+) -> tuple[bool, str]:
     if release is None:
         return True, "the object was never let go"
     since = times[-1] - release
@@ -84,6 +102,6 @@ def _held(times, poses, normal, drift: float, turn: float, release, gone: bool) 
 def _energy_error(energies: dict[str, np.ndarray]) -> float:
     """Largest gap between energy put in and energy held or lost, relative to all that was put in and given out."""
     put_in = energies["joint_work"] + energies["load_work"]
-    kept = sum(energies[name] for name in ("mechanical", "elastic", "damped", "slipped"))
+    kept = np.sum([energies[name] for name in ("mechanical", "elastic", "damped", "slipped")], axis=0)
     turned_over = np.abs(np.array(list(energies.values()))).max()
     return float(np.abs(put_in - kept).max() / max(turned_over, 1e-12))

@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pinograsp.errors import InvalidInput
+from pinograsp.checks import instance_of
+from pinograsp.plan import Simulation
 from pinograsp.viz.figures import COLOURS, label_of
 
 
-def _hold(axes, simulation) -> None:
+def _hold(axes: Axes, simulation: Simulation) -> None:
     """Mark when the object was let go."""
     if simulation.release is not None:
         axes.axvspan(simulation.release, simulation.times[-1], color="0.92", zorder=0)
@@ -21,9 +23,9 @@ def _hold(axes, simulation) -> None:
     axes.set_xlabel("time [s]")
 
 
-def forces_beside_plan(simulation) -> Figure:
+def forces_beside_plan(simulation: Simulation) -> Figure:
     """Simulated normal forces over time, with what was planned for the end, and how much of the friction they use."""
-    _is_simulation(simulation)
+    instance_of("simulation", simulation, Simulation)
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
     times, drawn = simulation.times, simulation.times >= _first_touch(simulation)
@@ -40,9 +42,9 @@ def forces_beside_plan(simulation) -> Figure:
     return figure
 
 
-def object_motion(simulation) -> Figure:
+def object_motion(simulation: Simulation) -> Figure:
     """Where the object goes after it was let go: drift and turn."""
-    _is_simulation(simulation)
+    instance_of("simulation", simulation, Simulation)
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     drift, slip = figure.subplots(1, 2)
     times, poses = simulation.times, simulation.object_poses
@@ -69,9 +71,9 @@ def object_motion(simulation) -> Figure:
     return figure
 
 
-def energy_audit(simulation) -> Figure:
+def energy_audit(simulation: Simulation) -> Figure:
     """Energy put in by motors and load, and where it went."""
-    _is_simulation(simulation)
+    instance_of("simulation", simulation, Simulation)
     figure = Figure(figsize=(6.4, 3.8), layout="constrained")
     axes, energies = figure.subplots(), simulation.energies
     put_in = energies["joint_work"] + energies["load_work"]
@@ -93,12 +95,7 @@ def energy_audit(simulation) -> Figure:
     return figure
 
 
-def _is_simulation(simulation) -> None:
-    if not (hasattr(simulation, "verdict") and hasattr(simulation, "object_poses")):
-        raise InvalidInput(f"simulation: expected a pinograsp.referee.Simulation, got {type(simulation).__name__}")
-
-
-def _first_touch(simulation) -> float:
+def _first_touch(simulation: Simulation) -> float:
     """A tenth of the pressing before anything touches [s]."""
     touching = np.flatnonzero((simulation.normal_forces > 0).any(axis=1))
     if not touching.size:
@@ -107,7 +104,7 @@ def _first_touch(simulation) -> float:
     return first - 0.1 * abs(until - first)
 
 
-def save_check_figures(simulation, folder: str | Path) -> list[Path]:
+def save_check_figures(simulation: Simulation, folder: str | Path) -> list[Path]:
     """Write the figures of a simulation as PNG; returns their paths."""
     figures = {"forces": forces_beside_plan, "object": object_motion, "energy": energy_audit}
     paths = []

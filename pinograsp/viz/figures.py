@@ -1,5 +1,5 @@
-"""Figures of a run, as Matplotlib figures: the paper's Figs. 14 to 18 and more. They need a
-:class:`~pinograsp.storage.Run` only.
+"""Figures of a plan, as Matplotlib figures: the paper's Figs. 14 to 18 and more. They need a
+:class:`~pinograsp.plan.PlanRecord` only.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from pinograsp.checks import array_of, floats_of, instance_of, items_of, mapping_of, one_of
 from pinograsp.errors import InvalidInput
-from pinograsp.storage import Run
+from pinograsp.plan import PlanRecord
 from pinograsp.words import printable
 
 # Okabe-Ito colours, told apart by colour-blind readers too, and line styles for print.
@@ -33,9 +33,9 @@ def _lines(axes, times, values, labels) -> None:
         axes.plot(times, values[:, i], _STYLES[i % 4], color=COLOURS[i % 7], linewidth=1.6, label=label_of(label))
 
 
-def _phases(axes, run: Run) -> None:
+def _phases(axes, plan: PlanRecord) -> None:
     """Mark the impact and name the phases on either side."""
-    impact, end = run.summary["impact_time_s"], run.summary["final_time_s"]
+    impact, end = plan.forces.impact_time, plan.forces.final_time
     axes.axvspan(impact, end, color="0.92", zorder=0)
     axes.axvline(impact, color="0.4", linewidth=0.8)
     foot = {"transform": axes.get_xaxis_transform(), "va": "bottom", "fontsize": 8, "color": "0.35"}
@@ -45,17 +45,17 @@ def _phases(axes, run: Run) -> None:
     axes.set_xlabel("time [s]")
 
 
-def _moving(run: Run) -> list[str]:
+def _moving(plan: PlanRecord) -> list[str]:
     """Fingers that move or carry torque from contact, in the hand's order."""
-    q = run.arrays["q"]
-    return [name for name, dofs in run.layout["fingers"].items() if np.ptp(q[:, dofs], axis=0).max(initial=0.0) > 0]
+    q = plan.motion.q
+    return [name for name, dofs in plan.layout.fingers.items() if np.ptp(q[:, dofs], axis=0).max(initial=0.0) > 0]
 
 
-def _per_finger(run: Run, values: np.ndarray, ylabel: str) -> Figure:
+def _per_finger(plan: PlanRecord, values: np.ndarray, ylabel: str) -> Figure:
     """values (m, n) over time, a panel per moving finger."""
-    fingers = _moving(run)
+    fingers = _moving(plan)
     if not fingers:
-        raise InvalidInput("figure: expected a run in which joints move, got one in which none does")
+        raise InvalidInput("figure: expected a plan in which joints move, got one in which none does")
     columns = min(3, len(fingers))
     rows = -(-len(fingers) // columns)
     figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
@@ -63,37 +63,37 @@ def _per_finger(run: Run, values: np.ndarray, ylabel: str) -> Figure:
     for axes in panels[len(fingers) :]:
         axes.set_axis_off()
     for axes, name in zip(panels, fingers):
-        dofs = run.layout["fingers"][name]
-        _lines(axes, run.arrays["times"], values[:, dofs], [run.layout["joints"][i] for i in dofs])
-        _phases(axes, run)
-        axes.set(title=label_of(name), ylabel=ylabel, xlim=(0, run.summary["final_time_s"]))
+        dofs = plan.layout.fingers[name]
+        _lines(axes, plan.motion.times, values[:, dofs], [plan.layout.joints[i] for i in dofs])
+        _phases(axes, plan)
+        axes.set(title=label_of(name), ylabel=ylabel, xlim=(0, plan.forces.final_time))
         axes.legend(fontsize=8, loc="center left")
     return figure
 
 
-def joint_angles(run: Run) -> Figure:
+def joint_angles(plan: PlanRecord) -> Figure:
     """Joint angles over time, a panel per moving finger (Fig. 14 d-f)."""
-    instance_of("run", run, Run)
-    return _per_finger(run, np.degrees(run.arrays["q"]), "joint angle [deg]")
+    instance_of("plan", plan, PlanRecord)
+    return _per_finger(plan, np.degrees(plan.motion.q), "joint angle [deg]")
 
 
-def joint_rates(run: Run) -> Figure:
+def joint_rates(plan: PlanRecord) -> Figure:
     """Joint rates over time, a panel per moving finger."""
-    instance_of("run", run, Run)
-    return _per_finger(run, np.degrees(run.arrays["dq"]), "joint rate [deg/s]")
+    instance_of("plan", plan, PlanRecord)
+    return _per_finger(plan, np.degrees(plan.motion.dq), "joint rate [deg/s]")
 
 
-def joint_torques(run: Run, finger: str) -> Figure:
+def joint_torques(plan: PlanRecord, finger: str) -> Figure:
     """Joint torques of one finger over time: the whole motion, and the approach alone (Figs. 15-17 b)."""
-    instance_of("run", run, Run)
-    dofs = run.layout["fingers"][one_of("finger", finger, run.layout["fingers"])]
-    labels = [run.layout["joints"][i] for i in dofs]
-    times, torques, impact = run.arrays["times"], run.arrays["torques"][:, dofs], int(run.arrays["impact"])
+    instance_of("plan", plan, PlanRecord)
+    dofs = plan.layout.fingers[one_of("finger", finger, plan.layout.fingers)]
+    labels = [plan.layout.joints[i] for i in dofs]
+    times, torques, impact = plan.motion.times, plan.motion.torques[:, dofs], plan.motion.impact
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     whole, early = figure.subplots(1, 2)
     _lines(whole, times, torques, labels)
-    _phases(whole, run)
-    whole.set(title=f"{label_of(finger)}: joint torques", ylabel="torque [N m]", xlim=(0, run.summary["final_time_s"]))
+    _phases(whole, plan)
+    whole.set(title=f"{label_of(finger)}: joint torques", ylabel="torque [N m]", xlim=(0, plan.forces.final_time))
     whole.legend(fontsize=8, loc="center left")
     _lines(early, times[: impact + 1], 1e3 * torques[: impact + 1], labels)
     early.grid(alpha=0.3, linewidth=0.5)
@@ -101,26 +101,26 @@ def joint_torques(run: Run, finger: str) -> Figure:
     return figure
 
 
-def contact_forces(run: Run) -> Figure:
+def contact_forces(plan: PlanRecord) -> Figure:
     """Normal forces with the net force on the object, and penetration depth, in the grasp phase (Fig. 18)."""
-    instance_of("run", run, Run)
-    impact, summary = int(run.arrays["impact"]), run.summary
+    instance_of("plan", plan, PlanRecord)
+    impact, phases = plan.motion.impact, plan.forces
     # A fifth of the grasp phase before the impact shows where the contact begins.
-    lead = (summary["final_time_s"] - summary["impact_time_s"]) / 5
-    drawn = run.arrays["times"] >= summary["impact_time_s"] - lead
-    times = run.arrays["times"][drawn]
+    lead = (phases.final_time - phases.impact_time) / 5
+    drawn = plan.motion.times >= phases.impact_time - lead
+    times = plan.motion.times[drawn]
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
-    labels = run.layout["contacts"]
-    _lines(force, times, run.arrays["normal_forces"][drawn], labels)
+    labels = plan.contacts.names
+    _lines(force, times, plan.forces.normal_history[drawn], labels)
     # Until it is released at t_F something else carries the object: its weight counts from there.
-    from_fingers = run.arrays["forces_o"].sum(axis=1)[drawn]
+    from_fingers = plan.motion.forces_o.sum(axis=1)[drawn]
     force.plot(
         times, np.linalg.norm(from_fingers, axis=1), color="0.2", linewidth=1.2, label="resultant of the contacts"
     )
-    left = np.linalg.norm(run.arrays["residual_force_o"][impact:], axis=1)
+    left = np.linalg.norm(plan.residual_force_o[impact:], axis=1)
     force.plot(
-        run.arrays["times"][impact:],
+        plan.motion.times[impact:],
         left,
         color="0.55",
         linewidth=1.2,
@@ -128,26 +128,26 @@ def contact_forces(run: Run) -> Figure:
         label="net force, load included",
     )
     force.set(ylabel="force [N]")
-    _lines(depth, times, 1e3 * run.arrays["depth"][drawn], labels)
+    _lines(depth, times, 1e3 * plan.forces.depths[drawn], labels)
     depth.set(ylabel="penetration depth [mm]")
     for axes in (force, depth):
-        _phases(axes, run)
+        _phases(axes, plan)
         axes.set_xlim(times[0], times[-1])
         axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
 
 
-def grasp_energy(run: Run) -> Figure:
+def grasp_energy(plan: PlanRecord) -> Figure:
     """Grasp energy as it builds up in the grasp phase: work (Eq. 9) and impulse (Eq. 11), with a factor rho + 1."""
-    instance_of("run", run, Run)
-    impact, arrays = int(run.arrays["impact"]), run.arrays
-    times, rates = arrays["times"][impact:], arrays["rate"][impact:]
-    forces = (1 + arrays["contact_law"][2]) * arrays["normal_forces"][impact:]
+    instance_of("plan", plan, PlanRecord)
+    impact = plan.motion.impact
+    times, rates = plan.motion.times[impact:], plan.forces.rates[impact:]
+    forces = (1 + plan.law.exponent) * plan.forces.normal_history[impact:]
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     labels = ("grasp energy as work, Eq. (9):\nrho + 1 times the contacts' work [mJ]", "as impulse, Eq. (11) [N s]")
     for axes, power, ylabel, scale in zip(figure.subplots(1, 2), (forces * rates, forces), labels, (1e3, 1.0)):
         grown = scale * cumulative_trapezoid(power, times, axis=0, initial=0.0)
-        _lines(axes, times, grown, run.layout["contacts"])
+        _lines(axes, times, grown, plan.contacts.names)
         axes.plot(times, grown.sum(axis=1), color="0.2", linewidth=2.0, label="all")
         axes.set(ylabel=ylabel, xlabel="time [s]", xlim=(times[0], times[-1]))
         axes.grid(alpha=0.3, linewidth=0.5)
@@ -155,26 +155,26 @@ def grasp_energy(run: Run) -> Figure:
     return figure
 
 
-def friction_use(run: Run) -> Figure:
+def friction_use(plan: PlanRecord) -> Figure:
     """How much of Coulomb's cone, mu F_n, each contact uses over the grasp phase; above 100 % it would slip."""
-    instance_of("run", run, Run)
-    arrays, friction = run.arrays, run.summary["friction"]
-    forces = np.einsum("kji,mkj->mki", arrays["rotations_oc"], arrays["forces_o"])
-    limit = arrays["mu"] * forces[:, :, 2]
+    instance_of("plan", plan, PlanRecord)
+    times, safety = plan.motion.times, plan.friction.safety
+    forces = np.einsum("kji,mkj->mki", plan.contacts.rotations_oc, plan.motion.forces_o)
+    limit = plan.friction.mu * forces[:, :, 2]
     pressed = limit > 1e-3 * limit.max()  # where next to nothing presses the share says nothing
     share = np.where(pressed, np.hypot(forces[:, :, 0], forces[:, :, 1]) / np.where(pressed, limit, 1.0), np.nan)
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
-    drawn = arrays["times"] >= run.summary["impact_time_s"]
-    _lines(axes, arrays["times"][drawn], 100 * share[drawn], run.layout["contacts"])
+    drawn = times >= plan.forces.impact_time
+    _lines(axes, times[drawn], 100 * share[drawn], plan.contacts.names)
     axes.axhline(100, color="0.2", linewidth=1.2)
-    axes.text(arrays["times"][-1], 99, "slips above ", ha="right", va="top", fontsize=8, color="0.2")
-    if friction["safety"] > 1:
-        axes.axhline(100 / friction["safety"], color="0.4", linewidth=0.9, linestyle=":")
+    axes.text(times[-1], 99, "slips above ", ha="right", va="top", fontsize=8, color="0.2")
+    if safety > 1:
+        axes.axhline(100 / safety, color="0.4", linewidth=0.9, linestyle=":")
         axes.text(
-            arrays["times"][-1],
-            99 / friction["safety"],
-            f"safety factor {friction['safety']:g} ",
+            times[-1],
+            99 / safety,
+            f"safety factor {safety:g} ",
             ha="right",
             va="top",
             fontsize=8,
@@ -187,13 +187,12 @@ def friction_use(run: Run) -> Figure:
     return figure
 
 
-def wrench_margin(run: Run) -> Figure:
+def wrench_margin(plan: PlanRecord) -> Figure:
     """The largest force in each direction that may come on top of the load while the squeeze stays, in three planes."""
-    instance_of("run", run, Run)
-    arrays = run.arrays
-    if "margin_forces" not in arrays:
-        raise InvalidInput("figure: this run did not keep its margins in all directions: plan it again")
-    directions, margins = arrays["margin_directions"], arrays["margin_forces"]
+    instance_of("plan", plan, PlanRecord)
+    if plan.reach is None:
+        raise InvalidInput("figure: expected a plan with its margins by direction, got one without: plan.with_reach()")
+    directions, margins = plan.reach.directions, plan.reach.forces
     figure = Figure(figsize=(11.4, 4.2), layout="constrained")
     planes = (("x", "y"), ("x", "z"), ("y", "z"))
     for axes, plane, along, reach, colour in zip(figure.subplots(1, 3), planes, directions, margins, COLOURS):
@@ -211,16 +210,16 @@ def wrench_margin(run: Run) -> Figure:
     return figure
 
 
-def search_over_time(run: Run) -> Figure:
+def search_over_time(plan: PlanRecord) -> Figure:
     """Grasp energy against the impact time: what is proven for each interval of t_I, the best found, and the gap as it
     closes.
     """
-    instance_of("run", run, Run)
-    branches = run.arrays["branches"]
-    if not len(branches):
-        raise InvalidInput("figure: expected a run of search='convex'; the grids prove no bounds")
-    unit = {"work": "J", "impulse": "N s"}.get(run.summary["measure"], "")
-    start, end, bound, best = branches.T
+    instance_of("plan", plan, PlanRecord)
+    certificate = plan.forces.certificate
+    if certificate is None or not len(certificate.branches):
+        raise InvalidInput("figure: expected a plan of search='convex'; the grids prove no bounds")
+    unit = {"work": "J", "impulse": "N s"}[plan.measure]
+    start, end, bound, best = certificate.branches.T
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     map_, gap = figure.subplots(1, 2)
     known = np.isfinite(bound)
@@ -243,16 +242,14 @@ def search_over_time(run: Run) -> Figure:
             alpha=0.5,
             label="no forces in this interval",
         )
-    final = run.summary["certificate"]["objective"]
-    map_.plot(run.summary["impact_time_s"], final, "o", color=COLOURS[1], label="found")
-    map_.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(run.summary['measure'])} [{unit}]")
-    steps = np.arange(1, len(branches) + 1)
+    map_.plot(plan.forces.impact_time, certificate.objective, "o", color=COLOURS[1], label="found")
+    map_.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(plan.measure)} [{unit}]")
+    steps = np.arange(1, len(best) + 1)
     known = np.isfinite(best)
     gap.step(steps[known], best[known], where="post", color=COLOURS[1], linewidth=1.6, label="best found")
-    dual = run.summary["certificate"]["lower_bound"]
-    gap.axhline(dual, color=COLOURS[0], linewidth=1.4, linestyle="--", label="proven in the end")
-    gap.set(xlabel="intervals looked at", ylabel=f"{label_of(run.summary['measure'])} [{unit}]")
-    gap.set_title(f"gap in the end {run.summary['certificate']['relative_gap']:.1e}", fontsize=10)
+    gap.axhline(certificate.lower_bound, color=COLOURS[0], linewidth=1.4, linestyle="--", label="proven in the end")
+    gap.set(xlabel="intervals looked at", ylabel=f"{label_of(plan.measure)} [{unit}]")
+    gap.set_title(f"gap in the end {certificate.relative_gap:.1e}", fontsize=10)
     for axes in (map_, gap):
         axes.grid(alpha=0.3, linewidth=0.5)
         axes.legend(fontsize=8)
@@ -292,18 +289,18 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
     return figure
 
 
-def save_figures(run: Run, folder: str | Path) -> list[Path]:
-    """Write every figure of a run as PNG; returns the paths in the order of the paper's figures."""
-    touching = {name.split("/")[0] for name in run.layout["contacts"]}
-    figures = {"joint_angles": joint_angles(run), "joint_rates": joint_rates(run)} if _moving(run) else {}
-    figures |= {f"torques_{name}": joint_torques(run, name) for name in run.layout["fingers"] if name in touching}
-    figures["contact_forces"] = contact_forces(run)
-    figures["grasp_energy"] = grasp_energy(run)
-    figures["friction_use"] = friction_use(run)
-    if "margin_forces" in run.arrays:
-        figures["wrench_margin"] = wrench_margin(run)
-    if len(run.arrays["branches"]):
-        figures["search_over_time"] = search_over_time(run)
+def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
+    """Write every figure of a plan as PNG; returns the paths in the order of the paper's figures."""
+    touching = {name.split("/")[0] for name in plan.contacts.names}
+    figures = {"joint_angles": joint_angles(plan), "joint_rates": joint_rates(plan)} if _moving(plan) else {}
+    figures |= {f"torques_{name}": joint_torques(plan, name) for name in plan.layout.fingers if name in touching}
+    figures["contact_forces"] = contact_forces(plan)
+    figures["grasp_energy"] = grasp_energy(plan)
+    figures["friction_use"] = friction_use(plan)
+    if plan.reach is not None:
+        figures["wrench_margin"] = wrench_margin(plan)
+    if plan.forces.certificate is not None and len(plan.forces.certificate.branches):
+        figures["search_over_time"] = search_over_time(plan)
     paths = []
     for name, figure in figures.items():
         path = (

@@ -9,24 +9,24 @@ from pathlib import Path
 
 import numpy as np
 
-from pinograsp.storage import Run
+from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, arrow
 from pinograsp.writing import write_file
 
 
-def save_html(run: Run, path: str | Path, *, simulation=None) -> Path:
-    """Write a page that shows a run: one file, which opens from disk, without a server or a network; returns its path.
+def save_html(plan: PlanRecord, path: str | Path, *, simulation: Simulation | None = None) -> Path:
+    """Write a page that shows a plan: one file, which opens from disk, without a server or a network; returns its path.
 
     Args:
-        run, simulation: as for :func:`~pinograsp.viz.viewer.view`.
+        plan, simulation: as for :func:`~pinograsp.viz.viewer.view`.
         path: of the file; what is there is overwritten.
 
     Raises:
         InvalidInput, HandNotLoaded: as there.
         ResultsNotWritten: the file cannot be written.
     """
-    return write_file(path, _page(scene_of(run, simulation)).encode())
+    return write_file(path, _page(scene_of(plan, simulation)).encode())
 
 
 class _Bytes:

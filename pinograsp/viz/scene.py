@@ -2,53 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import brief
+from pinograsp.checks import brief, instance_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
-from pinograsp.spatial import tangent_frame
-from pinograsp.storage import Run, load_check
-from pinograsp.viz.figures import COLOURS
-from pinograsp.viz.scene_meshes import Links, Solid, Triangles, cloud_of, friction_cone, placed, sevens, solids_of
-from pinograsp.words import (
+from pinograsp.objects.body import Body
+from pinograsp.plan import Motion, PlanRecord, Simulation
+from pinograsp.plan.answer import (
     Answer,
     disturbance_held,
     does_it_hold,
     friction_model,
     friction_used,
     load_factor,
-    number,
     shares,
     work,
 )
+from pinograsp.spatial import tangent_frame
+from pinograsp.viz.figures import COLOURS
+from pinograsp.viz.scene_meshes import Links, Solid, Triangles, cloud_of, friction_cone, placed, sevens, solids_of
+from pinograsp.words import number
 
 # Instants shown in the approach, in the grasp phase, and after it: the shortest phase is the one to look at closely.
 _APPROACH, _GRASP, _HOLD = 150, 100, 150
 _ARROW = 0.3  # of the scene's size: length of the largest force's arrow, before it is rounded to a scale of 1, 2 or 5
 _ELEVATION = np.radians(22.0)  # of the camera, unless something is in the way
 _SAMPLES = 4000  # points on the hand that may hide contacts
-_NEEDED = {
-    "times",
-    "impact",
-    "q",
-    "torques",
-    "holding_torques",
-    "forces_o",
-    "normal_forces",
-    "points_o",
-    "rotations_oc",
-    "com_o",
-    "load",
-    "gravity",
-    "mu",
-    "contact_links",
-    "torque_limit",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -206,109 +190,129 @@ class ViewScene:
         return "Simulated hold: the object is let go, only the fingers hold it."
 
 
-def scene_of(run: Run, simulation=None) -> ViewScene:
-    """The scene of a run, with a simulation of it: a :class:`~pinograsp.referee.simulation.Simulation`, or a check's
-    folder.
+def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScene:
+    """The scene of a plan, with a simulation of it.
 
     Raises:
-        InvalidInput: a run without a plan or without its hand, or a simulation that is not one of this run.
+        InvalidInput: a plan without its hand, or a simulation that is not one of this plan.
     """
-    if not isinstance(run, Run):
-        raise InvalidInput(f"viewer: expected a run (pinograsp.load_run, pinograsp.run_of), got {type(run).__name__}")
-    if missing := sorted(_NEEDED - run.arrays.keys()):
-        why = run.summary.get("status", "unknown")
+    hand = instance_of("plan", plan, PlanRecord).require_hand()
+    motion, contacts, body = plan.motion, plan.contacts, plan.body
+    instance_of("simulation", simulation, Simulation, type(None))
+    if simulation is not None and simulation.q.shape[1] != hand.n:
         raise InvalidInput(
-            f"viewer: expected a run with a plan, got one without {', '.join(missing)} (status {why}): plan it again"
+            f"simulation: expected one of this plan's hand, {hand.n} joints, got {simulation.q.shape[1]}"
         )
-    hand, thing = run.hand(), run.object() if run.scene.get("object") is not None else None
-    arrays, layout = run.arrays, run.layout
-    if arrays["q"].shape[1] != hand.n or len(layout["contacts"]) != len(arrays["points_o"]):
-        raise InvalidInput(
-            f"viewer: expected a run whose arrays are those of its hand ({hand.n} joints): plan it again"
-        )
-    try:
-        facts = tuple(_facts(run))
-    except (KeyError, TypeError) as error:
-        raise InvalidInput(f"viewer: expected the summary of a plan, got one without {error}: plan it again") from error
-    check = None if simulation is None else _check_of(simulation, hand.n)
-    times, plan = _instants(arrays, check)
+    times, at = _instants(motion, simulation)
     links = Links(hand)
-    colours = tuple(COLOURS[i % len(COLOURS)] for i in range(len(arrays["points_o"])))
-    solids = solids_of(hand, thing, links, dict(zip((str(link) for link in arrays["contact_links"]), colours)))
-    link_poses = links.poses(arrays["q"][plan])
-    object_pose = None if thing is None else sevens(thing.pose)
-    forces = arrays["forces_o"][plan]
-    normal, tangential, used = _friction_used(run, forces)
-
-    gravity = arrays["gravity"]
-    up = -gravity / np.linalg.norm(gravity) if np.any(gravity) else np.array([0.0, 0.0, 1.0])
-    cloud = np.concatenate(
-        [cloud_of(solids, link_poses[i], object_pose) for i in np.linspace(0, len(times) - 1, 8).astype(int)]
-    )
-    view = _view(
-        up, arrays["points_o"], arrays["rotations_oc"][:, :, 2], _spread(solids, link_poses[-1]), arrays["com_o"]
-    )
-    size = float(np.ptp(cloud, axis=0).max())
-    right = np.cross(up, view) / np.linalg.norm(np.cross(up, view))
+    colours = tuple(COLOURS[i % len(COLOURS)] for i in range(len(contacts.names)))
+    solids = solids_of(hand, body, links, dict(zip(contacts.links, colours)))
+    link_poses, object_pose = links.poses(motion.q[at]), None if body is None else sevens(body.pose)
+    stage = _Stage(plan, solids, link_poses, object_pose)
     simulated = None
-    if check is not None:
-        simulated = _simulated(run, check, times, links, hand, thing, 1.15 * np.ptp(cloud @ right) * right)
-        cloud = np.concatenate([cloud, cloud + simulated.beside])
-    axes = np.stack([right, np.cross(view, right), view])
-    low, high = (cloud @ axes.T).min(axis=0), (cloud @ axes.T).max(axis=0)
-    largest = np.linalg.norm(np.vstack([arrays["forces_o"][-1], arrays["load"][:3]]), axis=1).max()
-    scale = _rounded(_ARROW * size / max(float(largest), 1e-9))
-    friction, height = run.summary["friction"], 0.16 * size
-    edges = friction["edges"] if friction["model"] == "pyramid" else None
-    held = times > arrays["times"][-1]
-    q, torques = arrays["q"][plan], np.where(held[:, None], arrays["holding_torques"], arrays["torques"][plan])
+    if simulation is not None:
+        simulated = _simulated(plan, simulation, times, links, hand, stage.beside)
+        stage.add(simulated.beside)
+    normal, tangential, used = _friction_used(plan, motion.forces_o[at])
+    held, height = times > motion.times[-1], 0.16 * stage.size
+    q, torques = motion.q[at], np.where(held[:, None], motion.holding_torques, motion.torques[at])
+    centre, extent = stage.frame()
     return ViewScene(
-        title=str(run.settings.get("name", layout["hand"])),
-        subtitle=f"{hand.name}, {hand.n} joints" + ("" if thing is None else f"; {_in_words(thing)}"),
-        answer=does_it_hold(run.summary, check),
-        status=str(run.summary["status"]),
-        remedy=str(run.summary.get("remedy", "")),
-        facts=facts,
-        cautions=tuple(map(str, run.summary.get("cautions", ()))),
+        title=plan.name,
+        subtitle=f"{hand.name}, {hand.n} joints" + ("" if body is None else f"; {_in_words(body)}"),
+        answer=does_it_hold(plan, simulation),
+        status=str(plan.status),
+        remedy=plan.remedy,
+        facts=tuple(_facts(plan)),
+        cautions=plan.cautions,
         times=times,
-        touch=float(arrays["times"][int(arrays["impact"])]),
-        closed=float(arrays["times"][-1]),
+        touch=float(motion.times[motion.impact]),
+        closed=float(motion.times[-1]),
         solids=solids,
         link_poses=link_poses,
         object_pose=object_pose,
-        contacts=tuple(map(str, layout["contacts"])),
+        contacts=contacts.names,
         colours=colours,
-        points_o=arrays["points_o"],
-        rotations_oc=arrays["rotations_oc"],
-        cones=tuple(friction_cone(float(mu), height, edges) for mu in arrays["mu"]),
+        points_o=contacts.points_o,
+        rotations_oc=contacts.rotations_oc,
+        cones=tuple(friction_cone(float(mu), height, plan.friction.edges) for mu in plan.friction.mu),
         cone_height=height,
-        pyramids=edges is not None,
-        forces_o=forces,
+        pyramids=plan.friction.edges is not None,
+        forces_o=motion.forces_o[at],
         normal=normal,
         tangential=tangential,
         used=used,
-        load_o=arrays["load"][:3],
-        com_o=arrays["com_o"],
-        joints=tuple(map(str, layout["joints"])),
-        fingers=_busy(layout["fingers"], q, torques),
+        load_o=plan.load[:3],
+        com_o=contacts.com_o,
+        joints=plan.layout.joints,
+        fingers=_busy(plan.layout.fingers, q, torques),
         sliding=np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]),
         q=q,
         torques=torques,
-        limits=arrays["torque_limit"],
-        force_scale=scale,
-        up=up,
-        ground=float((cloud @ up).min()),
-        centre=(low + high) / 2 @ axes,
-        view=view,
-        extent=(high - low) / 2,
+        limits=plan.torque_limit,
+        force_scale=_force_scale(plan, stage.size),
+        up=stage.up,
+        ground=stage.ground,
+        centre=centre,
+        view=stage.view,
+        extent=extent,
         simulated=simulated,
     )
+
+
+class _Stage:
+    """Where the scene is looked at from, and how much room it takes.
+
+    Attributes:
+        up: against gravity (3,).
+        view: unit direction towards the camera (3,).
+        right: (3,).
+        size: the longest side of what is shown [m].
+    """
+
+    def __init__(
+        self, plan: PlanRecord, solids: tuple[Solid, ...], link_poses: np.ndarray, object_pose: np.ndarray | None
+    ):
+        gravity, contacts = plan.gravity_o, plan.contacts
+        self.up = -gravity / np.linalg.norm(gravity) if np.any(gravity) else np.array([0.0, 0.0, 1.0])
+        shown = np.linspace(0, len(link_poses) - 1, 8).astype(int)
+        self.cloud = np.concatenate([cloud_of(solids, link_poses[i], object_pose) for i in shown])
+        normals = contacts.rotations_oc[:, :, 2]
+        self.view = _view(self.up, contacts.points_o, normals, _spread(solids, link_poses[-1]), contacts.com_o)
+        self.right = np.cross(self.up, self.view) / np.linalg.norm(np.cross(self.up, self.view))
+        self.size = float(np.ptp(self.cloud, axis=0).max())
+
+    @property
+    def beside(self) -> np.ndarray:
+        """How far to move what is to stand beside (3,) [m]."""
+        return 1.15 * np.ptp(self.cloud @ self.right) * self.right
+
+    def add(self, shift: np.ndarray) -> None:
+        """Make room for the same once more, moved by ``shift`` (3,) [m]."""
+        self.cloud = np.concatenate([self.cloud, self.cloud + shift])
+
+    @property
+    def ground(self) -> float:
+        """Height of the lowest point along ``up`` [m]."""
+        return float((self.cloud @ self.up).min())
+
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """What to look at (3,), and half the size to the right, upwards and along the view (3,) [m]."""
+        axes = np.stack([self.right, np.cross(self.view, self.right), self.view])
+        low, high = (self.cloud @ axes.T).min(axis=0), (self.cloud @ axes.T).max(axis=0)
+        return (low + high) / 2 @ axes, (high - low) / 2
+
+
+def _force_scale(plan: PlanRecord, size: float) -> float:
+    """Length of arrows [m/N]."""
+    largest = np.linalg.norm(np.vstack([plan.motion.forces_o[-1], plan.load[:3]]), axis=1).max()
+    return _rounded(_ARROW * size / max(float(largest), 1e-9))
 
 
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def _busy(fingers: dict, q: np.ndarray, torques: np.ndarray) -> dict[str, list[int]]:
+def _busy(fingers: Mapping[str, tuple[int, ...]], q: np.ndarray, torques: np.ndarray) -> dict[str, list[int]]:
     """Joints by finger, of the fingers that move or bear torque; each joint once."""
     busy, seen = {}, set()
     for name, dofs in fingers.items():
@@ -319,13 +323,13 @@ def _busy(fingers: dict, q: np.ndarray, torques: np.ndarray) -> dict[str, list[i
     return busy
 
 
-def _instants(arrays, check) -> tuple[np.ndarray, np.ndarray]:
+def _instants(motion: Motion, simulation: Simulation | None) -> tuple[np.ndarray, np.ndarray]:
     """The instants shown (f,) [s], and the plan's sample at each; after its end it stays as it is."""
-    times, impact = arrays["times"], int(arrays["impact"])
-    last = len(times) - 1
-    shown = np.unique(np.round(np.r_[np.linspace(0, impact, _APPROACH), np.linspace(impact, last, _GRASP)]).astype(int))
+    times, last = motion.times, len(motion.times) - 1
+    phases = np.r_[np.linspace(0, motion.impact, _APPROACH), np.linspace(motion.impact, last, _GRASP)]
+    shown = np.unique(np.round(phases).astype(int))
     after = np.zeros(0)
-    if check is not None and (later := check["times"][check["times"] > times[-1]]).size:
+    if simulation is not None and (later := simulation.times[simulation.times > times[-1]]).size:
         after = later[np.unique(np.linspace(0, later.size - 1, _HOLD).astype(int))]
     return np.r_[times[shown], after], np.r_[shown, np.full(after.size, last)]
 
@@ -389,92 +393,68 @@ def _rounded(scale: float) -> float:
 # -- forces ------------------------------------------------------------------------------------------------------------
 
 
-def _friction_used(run: Run, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _friction_used(plan: PlanRecord, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Normal and tangential forces (f, k) [N] and the share of Coulomb's cone, mu F_n, that they use."""
-    local = np.einsum("kji,fkj->fki", run.arrays["rotations_oc"], forces)
+    local = np.einsum("kji,fkj->fki", plan.contacts.rotations_oc, forces)
     normal, tangential = local[..., 2], np.linalg.norm(local[..., :2], axis=2)
     pressing = normal > 1e-9 * max(float(normal.max(initial=0.0)), 1e-9)
     with np.errstate(divide="ignore", invalid="ignore"):
-        used = tangential / (run.arrays["mu"] * normal)
+        used = tangential / (plan.friction.mu * normal)
     return normal, tangential, np.where(pressing & np.isfinite(used), used, np.nan)
 
 
-def _facts(run: Run):
+def _facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
     """The plan in a few lines: energy, friction, margins."""
-    s, law = run.summary, run.arrays.get("contact_law")
-    yield "balance", {"wrench": "forces and moments", "force": "forces only"}.get(s["balance"], s["balance"])
-    yield "friction", friction_model(s["friction"])
-    yield "grasp energy (work)", work(s["work_J"], None if law is None else float(law[2]))
-    if s.get("certificate"):
-        yield "proven optimal", f"gap {s['certificate']['relative_gap']:.1e}"
-    yield "net force, moment", f"{s['residual_N']:.1e} N, {s['residual_Nm']:.1e} N m"
-    yield "largest penetration", f"{1e3 * s['max_penetration_m']:.3g} mm"
-    yield "peak joint torque", f"{s['peak_torque_Nm']:.3g} N m"
-    if margins := s.get("margins"):
-        for what, values in friction_used(s):
+    forces, margins = plan.forces, plan.margins
+    yield "balance", {"wrench": "forces and moments", "force": "forces only"}[plan.balance]
+    yield "friction", friction_model(plan.friction)
+    yield "grasp energy (work)", work(plan)
+    if forces.certificate is not None:
+        yield "proven optimal", f"gap {forces.certificate.relative_gap:.1e}"
+    yield "net force, moment", f"{forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m"
+    yield "largest penetration", f"{1e3 * forces.final_depths.max():.3g} mm"
+    yield "peak joint torque", f"{plan.motion.peak_torque:.3g} N m"
+    if margins is not None:
+        for what, values in friction_used(plan):
             yield what, shares(values)
         yield "load held by these forces", load_factor(margins)
-        yield "disturbance held besides", disturbance_held(margins, s["friction"]["safety"])
-        least = round(min(margins["slip_distance_N"].values()), 6) + 0.0  # forces on the limit: -0 is 0
+        yield "disturbance held besides", disturbance_held(margins, plan.friction.safety)
+        least = round(float(margins.slip_distance.min()), 6) + 0.0  # forces on the limit: -0 is 0
         yield "least slip margin", f"{number(least, 3)} N"
-        closed = "force closure" if margins["force_closure"] else "no force closure"
-        yield "grasp", f"{closed}, Ferrari-Canny epsilon {number(margins['ferrari_canny_L1'], 3)}"
+        closed = "force closure" if margins.force_closure else "no force closure"
+        yield "grasp", f"{closed}, Ferrari-Canny epsilon {number(margins.ferrari_canny, 3)}"
 
 
 # -- the simulation ----------------------------------------------------------------------------------------------------
 
 
-def _check_of(simulation, n: int) -> dict:
-    """Summary and arrays of a simulation, or of the folder that ``pinograsp check`` wrote."""
-    if isinstance(simulation, str | Path):
-        summary, arrays = load_check(simulation)
-    elif hasattr(simulation, "summary") and hasattr(simulation, "arrays"):
-        summary, arrays = simulation.summary(), simulation.arrays()
-    else:
-        raise InvalidInput(
-            f"simulation: expected a simulation or the folder of a check, got {type(simulation).__name__}"
-        )
-    check = {**summary, **arrays}
-    parts = len(check.get("planned_forces_N", ()))
-    wanted = {"q": (n,), "object_poses": (4, 4), "normal_forces": (parts,), "forces_o": (parts, 3)}
-    samples = len(check.get("times", ()))
-    for name, shape in wanted.items():
-        if samples == 0 or np.shape(check.get(name)) != (samples, *shape):
-            raise InvalidInput(
-                f"simulation: expected one of this run's hand ({name} of shape {(samples, *shape)}), got "
-                f"{np.shape(check.get(name))}"
-            )
-    return check
-
-
-def _simulated(run: Run, check: dict, times, links: Links, hand: HandModel, thing, beside) -> Simulated:
-    at = np.clip(np.searchsorted(check["times"], times - 1e-9), 0, len(check["times"]) - 1)
-    poses, parts = check["object_poses"], tuple(check["planned_forces_N"])
-    pose = poses[0] if thing is None else thing.pose
-    points_b = (run.arrays["points_o"] - pose[:3, 3]) @ pose[:3, :3]
-    joints = np.array([_joint(hand, str(link)) for link in run.arrays["contact_links"]])
+def _simulated(
+    plan: PlanRecord, simulation: Simulation, times: np.ndarray, links: Links, hand: HandModel, beside: np.ndarray
+) -> Simulated:
+    at = np.clip(np.searchsorted(simulation.times, times - 1e-9), 0, len(simulation.times) - 1)
+    poses, parts = simulation.object_poses, simulation.parts
+    pose = poses[0] if plan.body is None else plan.body.pose
+    points_b = (plan.contacts.points_o - pose[:3, 3]) @ pose[:3, :3]
+    joints = np.array([_joint(hand, link) for link in plan.contacts.links])
     where = np.full((len(parts), 3), np.nan)
     for i, part in enumerate(parts):
-        own = np.array([name == part for name in run.layout["contacts"]])
+        own = np.array([name == part for name in plan.contacts.names])
         own = own if own.any() else (joints == _joint(hand, part)) & (joints >= 0)
         if own.any():
             where[i] = points_b[own].mean(axis=0)
-    complete = int(np.abs(check["times"] - run.arrays["times"][-1]).argmin())
-    drift = np.linalg.norm(poses[:, :3, 3] - poses[complete, :3, 3], axis=1)
-    drift[:complete] = 0.0
     return Simulated(
-        held=bool(check["held"]),
-        reason=str(check["reason"]),
-        engine=str(check["engine"]),
-        release=check["release_s"],
-        link_poses=links.poses(check["q"][at]),
+        held=simulation.verdict.held,
+        reason=simulation.verdict.reason,
+        engine=simulation.engine,
+        release=simulation.release,
+        link_poses=links.poses(simulation.q[at]),
         object_poses=sevens(poses[at]),
         parts=parts,
-        planned=np.array(list(check["planned_forces_N"].values())),
-        normal_forces=check["normal_forces"][at],
-        forces_o=check["forces_o"][at],
+        planned=simulation.planned_forces,
+        normal_forces=simulation.normal_forces[at],
+        forces_o=simulation.forces_o[at],
         points_b=where,
-        drift=drift[at],
+        drift=simulation.drift[at],
         beside=beside,
     )
 
@@ -484,5 +464,5 @@ def _joint(hand: HandModel, link: str) -> int:
     return hand.model.frames[hand.frame_id(link)].parentJoint if hand.model.existFrame(link) else -1
 
 
-def _in_words(thing) -> str:
-    return f"{type(thing).__name__.lower()} of {thing.mass:.4g} kg"
+def _in_words(body: Body) -> str:
+    return f"{type(body).__name__.lower()} of {body.mass:.4g} kg"

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from pinograsp.checks import number, shown
 from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.spatial import tangent_frame
-from pinograsp.storage import Run
 from pinograsp.viz.access import free_port, guarded
 from pinograsp.viz.page import save_html
 from pinograsp.viz.panel import foot, forces, head, told, torques
@@ -34,26 +34,32 @@ _LAYERS = {
 _FOV = np.radians(35.0)
 
 
-def view(run: Run, *, simulation=None, port: int = 8080, host: str = "localhost", open_browser: bool = True) -> Viewer:
-    """Show a run on a live page, in a browser on this machine.
+def view(
+    plan: PlanRecord,
+    *,
+    simulation: Simulation | None = None,
+    port: int = 8080,
+    host: str = "localhost",
+    open_browser: bool = True,
+) -> Viewer:
+    """Show a plan on a live page, in a browser on this machine.
 
     Args:
-        run: of a plan, fresh (:func:`~pinograsp.storage.run_of`) or read back.
-        simulation: of it, to stand beside it: a :class:`~pinograsp.referee.simulation.Simulation`, or the folder of a
-            check.
+        plan: fresh or read back; with its margins they are shown, too.
+        simulation: of it, to stand beside it.
         port: the first one to try.
         host: ``"0.0.0.0"`` lets other machines look on as well, by this one's address or name. Web pages from elsewhere
             are refused.
         open_browser: whether to open the page; its address is ``viewer.url``.
 
     Raises:
-        InvalidInput: a run without a plan or without its hand, a simulation that is not one of it, an unusable port.
+        InvalidInput: a plan without its hand, a simulation that is not one of it, an unusable port.
         HandNotLoaded: mesh files that are missing.
         ExtraMissing: viser (extra ``viz``) is not installed.
     """
     if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 65536:
         raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {shown(port)}")
-    scene = scene_of(run, simulation)
+    scene = scene_of(plan, simulation)
     viewer = Viewer(scene, port, host)
     if open_browser:
         import webbrowser

@@ -23,7 +23,7 @@ from pinograsp.cases import builtin_cases, load_case
 from pinograsp.cli import app
 from pinograsp.errors import CaseRejected
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
-from pinograsp.storage import load_run
+from pinograsp.planner import load_run
 from pinograsp.writing import NewFolder
 
 REQUIRED = {

@@ -48,14 +48,14 @@ def prepare() -> None:
     w = WORLD
     w.case = pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench"})
     w.plan = w.case.plan()
-    w.hand, w.contacts, w.problem, w.solution = w.plan.hand, w.plan.problem.contacts, w.plan.problem, w.plan.forces
+    w.hand, w.contacts, w.problem, w.solution = w.plan.hand, w.plan.problem.contacts, w.plan.problem, w.plan.solution
     w.pen = w.case.make_object()
     w.points = {contact.finger: np.array(contact.point_o) for contact in w.contacts}
     w.q = np.array(w.plan.motion.q[-1])
     w.closure = pg.close_hand(w.hand, w.pen)
     w.conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"))
     w.ball = pg.Sphere(radius=0.03, mass=0.2)
-    w.run = pg.run_of(w.plan)
+    w.run = w.plan.with_margins().with_reach()
     w.torques = pg.torque_limits(w.hand, w.contacts, w.q, limit=2.0)
     w.batch = pg.ForceBatch.of([w.problem, w.problem], impact_times=0.9)
     w.loads = pg.LoadSet.around(w.problem.load, mass_range=(0.9, 1.1))
@@ -379,7 +379,6 @@ def _fill() -> None:
         period=1e-3,
         max_steps=50,
     )
-    call(pg.OnlineForces.of, plan=w.plan, max_rate=200.0, ramp=0.1)
     call(w.online.step, load=problem["load"], q=w.q, poses=_poses(w.contacts), mu=np.array([0.7, 0.7, 0.7]))
     call(w.online.engage, contact="thumb", touches=True)
     call(
@@ -441,7 +440,6 @@ def _fill() -> None:
         progress=False,
     )
     call(placement.hold, closure=w.closure, conditions=w.conditions, impact_time=0.9)
-    call(w.plan.margins_around)
     hand = w.hand
     call(hand.configuration, angles=posture)
     call(hand.finger, name="thumb")
@@ -519,7 +517,7 @@ def _fill() -> None:
         sample=5e-3,
         release=True,
         letting_go=0.01,
-        object=w.pen,
+        body=w.pen,
     )
     quick = {"hold": 0.01, "time_step": 2e-3, "engine": "mujoco"}
     call(
@@ -536,17 +534,16 @@ def _fill() -> None:
     for threshold in (referee.slip_threshold, referee.load_threshold):
         call(threshold, plan=w.plan, tolerance=1.0, planned=0.7, jobs=1, disturbance=None, **quick)
 
-    call(pg.run_of, "run_of", plan=w.plan, settings={"a": 1})
-    call(pg.save_run, run=w.run, folder="run", force=False, extras=None)
+    call(pg.save_run, plan=w.run, folder="run", force=False, extras=None)
     call(pg.load_run, folder="kept/run")
     call(storage.newest_check, folder="absent")
-    call(storage.load_check, folder="absent")
+    call(storage.read_check, folder="absent")
     call(write_file, path="file", content=b"abc")
-    call(report.markdown, run=w.run, figures=None, check=None)
-    call(report.write_report, run=w.run, folder=".", figures=(), check=None)
+    call(report.markdown, plan=w.run, figures=None, simulation=None)
+    call(report.write_report, run=w.run, folder=".", figures=(), simulation=None)
     for figure in (figures.joint_angles, figures.contact_forces, figures.friction_use, figures.wrench_margin):
-        call(figure, run=w.run)
-    call(figures.joint_torques, run=w.run, finger="thumb")
+        call(figure, plan=w.run)
+    call(figures.joint_torques, plan=w.run, finger="thumb")
     table = {
         "mu": [0.6, 0.6, 0.7, 0.7],
         "mass": [1.0, 2.0, 1.0, 2.0],
@@ -1126,8 +1123,6 @@ SLOW = {
     "monte_carlo",
     "slip_threshold",
     "load_threshold",
-    "GraspPlan.margins_around",
-    "run_of",
     "OnlineForces",
     "find_placements",
 }

@@ -16,9 +16,11 @@ import numpy as np
 import pinograsp as pg
 from pinograsp.errors import GraspInfeasible, InvalidInput
 from pinograsp.handover import joint_trajectory
+from pinograsp.plan import PlanFailure
+from pinograsp.planner import failure_of, save_run
 from pinograsp.referee import simulate
 from pinograsp.report import write_report
-from pinograsp.storage import load_check, newest_check, run_of, run_of_failure, save_run
+from pinograsp.storage import newest_check, read_check, read_run, write_simulation
 from pinograsp.viz.figures import save_figures
 from pinograsp.viz.page import save_html
 from pinograsp.viz.scene import scene_of
@@ -114,18 +116,15 @@ def prepare() -> None:
             folder = Path(root) / name
             case = pg.load_case("paper", _SMALL | changes)
             plan = case.plan()
-            save_run(run_of(plan, case.settings()), folder)
+            save_run(plan, folder)
             simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.02, sample=0.02)
             (folder / "check").mkdir()
-            (folder / "check" / "check.json").write_text(json.dumps(simulation.summary()))
-            np.savez_compressed(folder / "check" / "check.npz", **simulation.arrays())
+            write_simulation(simulation, folder / "check", {})
         case = pg.load_case("paper", _SMALL | {"friction.mu": 0.05})
         try:
             case.plan()
         except GraspInfeasible as error:
-            save_run(
-                run_of_failure(error, {"hand": "humanoid", "contacts": ["thumb"]}, case.settings()), Path(root) / "none"
-            )
+            save_run(failure_of(error, "humanoid", case.settings()), Path(root) / "none")
         for folder in Path(root).iterdir():
             _files[folder.name] = {
                 str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()
@@ -192,7 +191,7 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
 def run(case: dict) -> str:
     folder, use = Path(case["folder"]), case["use"]
     try:
-        loaded = pg.load_run(folder)
+        loaded = read_run(folder, with_scene=False) if use in ("report", "figures") else pg.load_run(folder)
     except InvalidInput as error:
         _well_told(error)
         return "run refused"
@@ -200,18 +199,19 @@ def run(case: dict) -> str:
     check, refused = None, ""
     if newest is not None:
         try:
-            check = load_check(newest)[0]
+            check = read_check(newest)
         except InvalidInput as error:
             _well_told(error)
             refused = ", check refused"
     try:
         if use in ("report", "figures"):
-            figures = save_figures(loaded, folder) if use == "figures" and loaded.arrays else []
+            drawn = use == "figures" and not isinstance(loaded, PlanFailure)
+            figures = save_figures(loaded, folder) if drawn else []
             write_report(loaded, folder, figures, check)
         elif use == "page":
-            save_html(loaded, folder / "page.html", simulation=None if check is None else newest)
+            save_html(loaded, folder / "page.html", simulation=check)
         elif use == "scene":
-            scene_of(loaded, None if check is None else newest)
+            scene_of(loaded, check)
         elif use == "simulate":
             simulate(loaded, hold=0.002, time_step=1e-3, letting_go=0.002, sample=0.02, engine=case["engine"])
         else:

@@ -21,9 +21,9 @@ from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.handover import JointTrajectory, joint_trajectory, read_csv, read_ros2
 from pinograsp.motion import MotionSpec, plan_motion
 from pinograsp.placement import find_placements
+from pinograsp.planner import load_run, save_run
 from pinograsp.referee import Servo
 from pinograsp.referee.scene import build
-from pinograsp.storage import load_run, run_of, save_run
 
 COLUMNS = ("q", "dq", "ddq", "effort")
 
@@ -144,7 +144,7 @@ def test_the_way_from_the_start_takes_its_time(psyonic, panda):
 
 
 def test_a_start_with_the_papers_acceleration_is_blended(paper):
-    moved = plan_motion(paper.hand, paper.forces, MotionSpec(start={}, acceleration_at_start="paper", samples=1))
+    moved = plan_motion(paper.hand, paper.solution, MotionSpec(start={}, acceleration_at_start="paper", samples=1))
     plan = replace(paper, motion=moved)
     assert np.abs(moved.ddq[0]).max() > 1.0
     steps = []
@@ -215,7 +215,7 @@ def test_efforts_are_the_plans_torques(paper, psyonic, panda):
 
 
 def test_a_stored_run_gives_the_same(panda, tmp_path):
-    folder = save_run(run_of(panda), tmp_path / "run")
+    folder = save_run(panda, tmp_path / "run")
     mine, theirs = joint_trajectory(panda), joint_trajectory(load_run(folder))
     for name in ("times", *COLUMNS, "deviation"):
         assert getattr(theirs, name) == pytest.approx(getattr(mine, name), abs=1e-12)
@@ -565,9 +565,9 @@ def test_numbers_that_cannot_be_are_refused(psyonic):
     ):
         with pytest.raises(InvalidInput, match=words):
             joint_trajectory(psyonic, **settings)
-    with pytest.raises(InvalidInput, match="expected a GraspPlan"):
+    with pytest.raises(InvalidInput, match="plan: expected a PlanRecord"):
         joint_trajectory("plan")
-    with pytest.raises(InvalidInput, match="GraspPlan"):
+    with pytest.raises(InvalidInput, match="plan: expected a PlanRecord"):
         joint_trajectory(psyonic.motion)
 
 

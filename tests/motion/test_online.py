@@ -28,6 +28,11 @@ MODELS = {
 LOW, HIGH = 0.1, 8.0
 
 
+def online_of(plan, **settings):
+    """The loop of a plan's grasp, from the posture that it ends in."""
+    return pg.OnlineForces(plan.problem, hand=plan.hand, q=plan.motion.q[-1], **settings)
+
+
 def problem_of(k, seed, friction, balance="wrench"):
     rng = np.random.default_rng(seed)
     body = pg.Cylinder(radius=0.03, height=0.2, mass=0.2)
@@ -281,7 +286,7 @@ def plan():
 
 
 def test_torques_of_the_papers_hand_follow_the_posture(plan):
-    online, hand, contacts = pg.OnlineForces.of(plan), plan.hand, plan.problem.contacts
+    online, hand, contacts = online_of(plan), plan.hand, plan.problem.contacts
     rng, data = np.random.default_rng(0), plan.hand.model.createData()
     q0 = plan.motion.q[-1]
     forces, torques, status = online.step(plan.problem.load)
@@ -415,7 +420,7 @@ def test_moved_contacts_and_other_friction():
     ],
 )
 def test_bad_input_changes_nothing(plan, bad):
-    online = pg.OnlineForces.of(plan)
+    online = online_of(plan)
     load = plan.problem.load
     forces, torques = (value.copy() for value in online.step(load)[:2])
     if "q" in bad and np.size(bad["q"]) == 9:
@@ -431,7 +436,7 @@ def test_bad_input_changes_nothing(plan, bad):
 
 def test_a_refused_tick_changes_nothing_at_all(plan):
     """Neither what came with it and could be used: friction, frames, posture; nor the ramps."""
-    online, other = (pg.OnlineForces.of(plan, ramp=0.01) for _ in range(2))
+    online, other = (online_of(plan, ramp=0.01) for _ in range(2))
     load, k, q = plan.problem.load, plan.problem.k, plan.motion.q[-1]
     poses = np.tile(np.eye(4), (k, 1, 1))
     for one in (online, other):
@@ -462,7 +467,7 @@ def test_loads_that_grow_over_the_plans_are_held():
     paper = pg.load_case(
         "paper", {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone"}
     ).plan()
-    online = pg.OnlineForces.of(paper, max_rate=200.0, ramp=0.1)
+    online = online_of(paper, max_rate=200.0, ramp=0.1)
     for share in np.linspace(1.0, 1.2, 50):
         forces, _, status = online.step(share * paper.problem.load, q=paper.motion.q[-1])
         assert status is Status.OK, share

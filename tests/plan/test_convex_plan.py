@@ -16,8 +16,9 @@ from pinograsp.cases import load_case
 from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.errors import CaseRejected, GraspInfeasible, GraspUndecided, InvalidInput, Status, status_of
 from pinograsp.forces import global_optimum
+from pinograsp.planner import load_run
 from pinograsp.report import failure, markdown
-from pinograsp.storage import load_run, run_of
+from pinograsp.storage import read_run
 
 CONVEX = {**AS_PUBLISHED, "forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work"}
 
@@ -34,7 +35,7 @@ def test_plan_carries_certificate_and_margins():
     assert max(margins["friction_used"].values()) == pytest.approx(1 / 1.2, rel=1e-6)
     assert margins["load_factor"] > 1.1 and margins["disturbance_any_N"] > 0 and margins["force_closure"] is True
     json.dumps(summary, allow_nan=False)
-    text = markdown(run_of(plan, case.settings()))
+    text = markdown(plan.with_margins())
     for words in ("no forces cost less than", "friction limit", "safety factor 1.2", "Branch and bound", "least work"):
         assert words in text
 
@@ -45,9 +46,7 @@ def test_motion_carries_the_forces_out(hand):
     plan = case.plan()
     forces = plan.forces
     assert np.abs(forces.torsion).max() > 1e-4
-    limits = pg.torque_limits(
-        case.load_hand(), plan.problem.contacts, plan.motion.q[-1], depth=forces.profile.final_depth
-    )
+    limits = pg.torque_limits(case.load_hand(), plan.problem.contacts, plan.motion.q[-1], depth=forces.final_depths)
     normals = plan.problem.contacts.rotations_oc[:, :, 2]
     forces_o = np.einsum("kij,kj->ki", plan.problem.contacts.rotations_oc, forces.forces_c)
     still = limits.torques(forces_o, forces.torsion[:, None] * normals)
@@ -65,7 +64,7 @@ def test_torque_limits_of_a_plan_hold_at_the_end():
     held = pg.torque_limits(hand, contacts, free.motion.q[-1])
 
     def holding(plan):
-        limits = pg.torque_limits(hand, contacts, plan.motion.q[-1], depth=plan.forces.profile.final_depth)
+        limits = pg.torque_limits(hand, contacts, plan.motion.q[-1], depth=plan.forces.final_depths)
         return np.abs(limits.torques(np.einsum("kij,kj->ki", contacts.rotations_oc, plan.forces.forces_c)))
 
     assert np.all(held.limit == hand.effort)
@@ -83,9 +82,7 @@ def test_motor_heat_is_least_for_its_own_objective():
     cheap = load_case("paper", settings).plan()
 
     def heat(plan):
-        limits = pg.torque_limits(
-            plan.hand, plan.problem.contacts, plan.motion.q[-1], depth=plan.forces.profile.final_depth
-        )
+        limits = pg.torque_limits(plan.hand, plan.problem.contacts, plan.motion.q[-1], depth=plan.forces.final_depths)
         rotations = plan.problem.contacts.rotations_oc
         return np.sum(limits.torques(np.einsum("kij,kj->ki", rotations, plan.forces.forces_c)) ** 2)
 
@@ -125,7 +122,7 @@ def test_command_finds_the_certified_optimum(command, tmp_path):
     assert document["work_J"] == pytest.approx(57.09e-3, rel=1e-4)
     assert document["certificate"]["relative_gap"] <= 1e-6
     folder = tmp_path / document["folder"]
-    assert load_run(folder).summary["certificate"]["active"]
+    assert load_run(folder).forces.certificate.active
     assert "certified optimum, wrench balance: impulse" in (folder / "report.md").read_text()
 
 
@@ -134,8 +131,10 @@ def test_command_keeps_the_proof(command, tmp_path):
     code, out, err = command("plan", "paper", "--search", "convex", *changes, "--out", "why")
     assert code == 3 and out == "" and "Traceback" not in err
     assert "smallest friction coefficient" in err and "the proof is written to why" in err
-    run = load_run(tmp_path / "why")
-    assert run.summary["status"] == "infeasible" and run.summary["proof"]["margin_N"] > 0
+    run = read_run(tmp_path / "why")
+    assert run.status is Status.INFEASIBLE and run.proof.margin > 0 and run.contacts == ("thumb", "index", "middle")
+    with pytest.raises(InvalidInput, match="holds no plan, its search found none .infeasible."):
+        load_run(tmp_path / "why")
     report = (tmp_path / "why" / "report.md").read_text()
     assert report == failure(run) and "# No grasp: paper" in report and "largest normal force" in report
     # A grid that found nothing proves nothing, and leaves nothing.

@@ -12,12 +12,12 @@ import pytest
 from matplotlib.image import imread
 
 import pinograsp
-from pinograsp import storage
 from pinograsp.cases import load_case
 from pinograsp.cases.published import compare
 from pinograsp.errors import ContactNotReached, GraspInfeasible, InvalidInput, ResultsNotWritten, Status
+from pinograsp.planner import GraspPlan, load_run, save_run
 from pinograsp.report import comparison_rows, markdown, number
-from pinograsp.storage import load_run, run_of, save_run
+from pinograsp.storage import runs
 from pinograsp.viz.figures import contact_forces, joint_angles, joint_torques, save_figures
 from pinograsp.writing import NewFolder, folders
 
@@ -113,33 +113,54 @@ def test_status_remedies():
 
 
 @pytest.fixture(scope="module")
-def run(plan, paper_case):
-    return run_of(plan, paper_case.settings())
+def run(plan):
+    return plan.with_margins().with_reach()
 
 
 def test_a_run_comes_back_as_it_was(run, tmp_path):
     folder = save_run(run, tmp_path / "a" / "run")
     back = load_run(folder)
-    assert back.summary == run.summary and back.layout == run.layout and back.versions == run.versions
-    assert back.settings == json.loads(json.dumps(run.settings))
-    assert back.scene == run.scene and back.hand().n == 20 and back.object().mass == 1.02
-    assert set(back.arrays) == set(run.arrays)
-    for name, array in run.arrays.items():
-        assert np.array_equal(back.arrays[name], array)
+    assert type(back) is GraspPlan and back.summary() == run.summary() and back.versions == run.versions
+    assert (back.layout.hand, back.layout.joints) == (run.layout.hand, run.layout.joints)
+    assert back.layout.fingers == run.layout.fingers and back.settings == json.loads(json.dumps(run.settings))
+    assert back.hand.n == 20 and back.body.mass == 1.02
+    arrays = back.arrays()
+    assert set(arrays) == set(run.arrays())
+    for name, array in run.arrays().items():
+        assert np.array_equal(arrays[name], array)
     assert json.loads((folder / "plan.json").read_text())["schema"] == "pinograsp.plan/2"
     assert os.listdir(folder.parent) == ["run"]
 
 
-def test_a_plan_is_saved_as_its_run(plan, tmp_path):
-    back = load_run(pinograsp.save_run(plan, tmp_path / "run"))
-    assert back.summary == plan.summary() and back.hand().n == 20
+def test_fresh_and_stored_plans_do_the_same(plan, tmp_path):
+    """Files for controllers, figures and pages; a stored plan is saved again as it was."""
+    back = pinograsp.load_run(pinograsp.save_run(plan, tmp_path / "run"))
+    assert back.summary() == plan.summary() and back.hand.n == 20
+    written = []
+    for name, one in (("fresh", plan), ("stored", back)):
+        folder = tmp_path / name
+        folder.mkdir()
+        one.to_csv(folder / "a.csv", rate=100.0)
+        one.to_ros2(folder / "a.json", rate=100.0)
+        one.to_mujoco(folder / "a.xml", rate=100.0)
+        written.append({path.name: path.read_bytes() for path in folder.iterdir() if path.suffix != ".npz"})
+    assert written[0] == written[1] and len(written[0]) == 3
+    assert [path.name for path in back.save_figures(tmp_path / "stored")][-1] == "wrench_margin.png"
+    save_run(back, tmp_path / "again")
+    for name in ("plan.json", "scene.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "run" / name).read_bytes()
+    with pytest.raises(InvalidInput, match="expected a plan that was just made"):
+        _ = back.problem
+
+
+def test_only_plans_are_saved(run, tmp_path):
     for other in (3, "runs/paper", None, GraspInfeasible("none", None)):
-        with pytest.raises(InvalidInput, match="plan: expected a GraspPlan, got"):
+        with pytest.raises(InvalidInput, match="plan: expected a GraspPlan or PlanFailure, got"):
             save_run(other, tmp_path / "other")
-    for broken in (replace(run_of(plan), settings={"a": object()}), replace(run_of(plan), summary={"a": float("nan")})):
+    for settings in ({"a": object()}, {"a": float("nan")}):
         with pytest.raises(InvalidInput, match="expected plain, finite values"):
-            save_run(broken, tmp_path / "other")
-    assert os.listdir(tmp_path) == ["run"]
+            save_run(replace(run, settings=settings), tmp_path / "other")
+    assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize("place", ["a" * 300, "a\0b", Path(*["a" * 200] * 30)])
@@ -152,22 +173,22 @@ def test_names_that_no_file_system_takes_are_refused(run, tmp_path, place):
 def test_what_is_read_is_of_one_run(run, tmp_path, monkeypatch):
     """Another run takes the folder's place after its first files were read."""
     folder = save_run(run, tmp_path / "run")
-    other = replace(run, settings={"name": "other"}, scene={})
-    plain = storage.read_plan
+    other = replace(run, settings={"name": "other"}, body=None)
+    plain = runs.read_arrays
 
     def replaced(*args):
-        monkeypatch.setattr(storage, "read_plan", plain)
+        monkeypatch.setattr(runs, "read_arrays", plain)
         found = plain(*args)
         save_run(other, folder, force=True)
         return found
 
-    monkeypatch.setattr(storage, "read_plan", replaced)
+    monkeypatch.setattr(runs, "read_arrays", replaced)
     back = load_run(folder)
-    assert back.settings == {"name": "other"} and back.scene == {}
+    assert back.settings == {"name": "other"} and back.body is None
 
 
 def test_stored_arrays_are_consistent(run):
-    a = run.arrays
+    a = run.arrays()
     m = a["times"].size
     assert a["q"].shape == a["torques"].shape == (m, 20) and a["forces_o"].shape == (m, 3, 3)
     normal = np.einsum("mkx,kx->mk", a["forces_o"], a["rotations_oc"][:, :, 2])
@@ -184,7 +205,7 @@ def test_settings_are_echoed_and_make_the_same_plan(run, tmp_path):
         YAML(typ="safe", pure=True).dump(run.settings, stream)
     again = load_case(path).plan().summary()
     for key in ("normal_forces_N", "multipliers", "work_J", "joint_torque_max_Nm"):
-        assert again[key] == run.summary[key]
+        assert again[key] == run.summary()[key]
 
 
 def test_existing_folders_are_kept(run, tmp_path):
@@ -193,8 +214,8 @@ def test_existing_folders_are_kept(run, tmp_path):
     with pytest.raises(ResultsNotWritten, match="--force"):
         save_run(run, folder)
     assert (folder / "plan.json").read_bytes() == before
-    save_run(replace(run, summary={**run.summary, "status": "joint_limit"}), folder, force=True)
-    assert load_run(folder).summary["status"] == "joint_limit"
+    save_run(replace(run, motion=replace(run.motion, status=Status.JOINT_LIMIT)), folder, force=True)
+    assert load_run(folder).status is Status.JOINT_LIMIT
     (folder / "notes.txt").write_text("mine")
     with pytest.raises(ResultsNotWritten, match=r"notes\.txt"):
         save_run(run, folder, force=True)
@@ -217,7 +238,7 @@ def test_a_crash_leaves_nothing_behind(run, tmp_path):
     folder = save_run(run, tmp_path / "kept")
     with pytest.raises(RuntimeError):
         save_run(run, folder, force=True, extras=crash)
-    assert load_run(folder).summary == run.summary
+    assert load_run(folder).summary() == run.summary()
     assert [p.name for p in tmp_path.iterdir()] == ["kept"]
 
 
@@ -231,7 +252,7 @@ def test_an_earlier_run_survives_a_failed_rename(run, tmp_path, monkeypatch):
     with pytest.raises(ResultsNotWritten, match="disk full"):
         save_run(run, folder, force=True)
     monkeypatch.undo()
-    assert load_run(folder).summary == run.summary
+    assert load_run(folder).summary() == run.summary()
 
 
 def test_unwritable_places_and_foreign_folders(run, tmp_path):
@@ -251,7 +272,7 @@ def test_unwritable_places_and_foreign_folders(run, tmp_path):
 
 
 def test_report_reads_well(run, rows):
-    compared = replace(run, summary=run.summary | {"comparison": [row.summary() for row in rows.values()]})
+    compared = replace(run, comparison=tuple(rows.values()))
     text = markdown(compared, ["joint_angles.png"])
     for expected in (
         "| status | ok |",
@@ -272,8 +293,9 @@ def test_report_reads_well(run, rows):
         if line.startswith("|"):
             widths.setdefault(line.count("|"), line)
     assert set(widths) <= {3, 4, 7}
-    unbalanced = replace(run, summary={**run.summary, "status": "unbalanced", "remedy": "Raise mu.", "cautions": []})
-    assert "**unbalanced**: Raise mu." in markdown(unbalanced) and "moments are not" not in markdown(unbalanced)
+    unbalanced = replace(run, forces=replace(run.forces, status=Status.UNBALANCED), cautions=())
+    assert "**unbalanced**: These normal forces" in markdown(unbalanced)
+    assert "moments are not" not in markdown(unbalanced)
 
 
 def test_numbers_for_people():
@@ -290,9 +312,7 @@ def test_numbers_for_people():
 
 
 def test_comparison_rows_are_text(rows):
-    assert all(
-        isinstance(cell, str) for row in comparison_rows([row.summary() for row in rows.values()]) for cell in row
-    )
+    assert all(isinstance(cell, str) for row in comparison_rows(list(rows.values())) for cell in row)
 
 
 def test_figures_show_what_was_planned(run, tmp_path):
@@ -305,8 +325,8 @@ def test_figures_show_what_was_planned(run, tmp_path):
     forces = contact_forces(run)
     labels = [line.get_label() for line in forces.axes[0].lines]
     assert labels[:3] == ["thumb", "index", "middle"] and "net force, load included" in labels
-    assert forces.axes[0].lines[0].get_ydata()[-1] == pytest.approx(run.summary["normal_forces_N"]["thumb"])
-    assert forces.axes[1].lines[0].get_ydata()[-1] == pytest.approx(1e3 * run.summary["max_penetration_m"])
+    assert forces.axes[0].lines[0].get_ydata()[-1] == pytest.approx(run.forces.normal_forces[0])
+    assert forces.axes[1].lines[0].get_ydata()[-1] == pytest.approx(1e3 * run.forces.final_depths.max())
     paths = save_figures(run, tmp_path)
     assert [path.name for path in paths] == [
         "joint_angles.png",

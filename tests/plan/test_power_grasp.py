@@ -57,7 +57,7 @@ def test_planned_to_the_end(plan):
     certificate, motion = plan.forces.certificate, plan.motion
     assert plan.status is Status.OK and plan.problem.balance == "wrench"
     assert certificate.relative_gap <= 1e-6
-    assert certificate.residual_force < 1e-9 and certificate.residual_moment < 1e-9
+    assert plan.forces.residual_force < 1e-9 and plan.forces.residual_moment < 1e-9
     assert np.all(np.abs(motion.torques[-1]) <= plan.hand.effort)
     # Three joints move three points of a finger along their normals exactly; across them they slip, which is told.
     assert motion.tracking_error.max() < 1e-6 and 1e-4 < motion.slip.max() < 5e-3

@@ -107,7 +107,7 @@ def test_prescribed_joints_press_with_the_planned_forces(plan):
     simulation = simulate(plan, mode="prescribed", release=False, hold=0.0)
     order = [simulation.parts.index(name) for name in plan.problem.contacts.names]
     assert simulation.normal_forces[-1][order] == pytest.approx(plan.forces.normal_forces, rel=1e-3)
-    assert simulation.depths[-1][order] == pytest.approx(plan.forces.profile.final_depth, abs=1e-6)
+    assert simulation.depths[-1][order] == pytest.approx(plan.forces.final_depths, abs=1e-6)
     assert simulation.grasp_energy == pytest.approx(plan.forces.work, rel=0.01)  # Eq. (9), by another program
     # Before anything touches, the torques that move the joints are Pinocchio's.
     early = simulation.times < 0.85
@@ -125,7 +125,7 @@ def test_meshes_press_as_deep_as_planned():
     plan = pg.plan_grasp_on(closure.hand, closure, conditions)
     simulation = simulate(plan, mode="prescribed", release=False, hold=0.0)
     order = [simulation.parts.index(name) for name in plan.problem.contacts.names]
-    assert simulation.depths[-1][order] == pytest.approx(plan.forces.profile.final_depth, abs=5e-6)
+    assert simulation.depths[-1][order] == pytest.approx(plan.forces.final_depths, abs=5e-6)
 
 
 # -- disturbances ------------------------------------------------------------------------------------------------------
@@ -356,8 +356,8 @@ def test_numbers_out_of_hand_are_no_verdict(plan):
 
 
 def test_the_weight_of_an_object_that_the_plan_does_not_know_counts_once(plan):
-    blind = replace(plan, forces=replace(plan.forces, problem=replace(plan.problem, object=None)))
-    known, told = simulate(plan, hold=0.1), simulate(blind, hold=0.1, object=plan.problem.object)
+    blind = replace(plan, body=None, body_mass=0.0)
+    known, told = simulate(plan, hold=0.1), simulate(blind, hold=0.1, body=plan.body)
     assert told.verdict.drift == pytest.approx(known.verdict.drift, rel=1e-6)
 
 
@@ -478,14 +478,14 @@ def test_naive_closing_runs_straight_from_rest_to_rest(plan):
 
 
 def test_a_run_folder_gives_the_same_simulation(plan, tmp_path):
-    folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
+    folder = pg.save_run(plan, tmp_path / "run")
     one, other = simulate(plan, hold=0.05), simulate(folder, hold=0.05)
     assert other.normal_forces[-1] == pytest.approx(one.normal_forces[-1], rel=1e-9)
     assert other.parts == one.parts
 
 
 def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
-    folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
+    folder = pg.save_run(plan, tmp_path / "run")
     code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "1e-3")
     assert code == 0 and "HELD" in out
     assert {path.name for path in (folder / "check").iterdir()} == {
@@ -523,15 +523,15 @@ def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
     again = json.loads(command(*tries)[1])["monte_carlo"]
     assert again["held"] == first["held"] and log.read_text().splitlines()[:-3] == rows[:-3]
     assert sorted(log.read_text().splitlines()[-3:]) == sorted(rows[-3:])
-    pg.save_run(pg.run_of(plan), folder, force=True)  # a run with checks in it is still ours to overwrite
-    pg.save_run(pg.run_of(plan), folder / "of" / "runs")
+    pg.save_run(plan, folder, force=True)  # a run with checks in it is still ours to overwrite
+    pg.save_run(plan, folder / "of" / "runs")
     with pytest.raises(InvalidInput, match="no run wrote"):  # a folder of runs is not
-        pg.save_run(pg.run_of(plan), folder / "of", force=True)
+        pg.save_run(plan, folder / "of", force=True)
 
 
 def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
     assert command("check", str(tmp_path))[0] == 2
-    folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
+    folder = pg.save_run(plan, tmp_path / "run")
     code, _, told = command("check", str(folder), "--out", str(folder), "--force")
     assert code == 2 and "holds a run" in told and (folder / "plan.json").exists()
     for option in (
@@ -597,15 +597,15 @@ def test_unusable_disturbances_are_refused(make):
 
 
 def test_what_is_no_plan_is_refused(plan):
-    with pytest.raises(InvalidInput, match="expected a grasp plan"):
+    with pytest.raises(InvalidInput, match="plan: expected a PlanRecord, got 42"):
         simulate(42)
-    blind = replace(plan, forces=replace(plan.forces, problem=replace(plan.problem, object=None)))
+    blind = replace(plan, body=None)
     with pytest.raises(InvalidInput, match="does not know its object"):
         simulate(blind)
 
 
 def test_without_mujoco_the_extra_is_named_and_pinocchio_serves(plan, tmp_path):
-    folder = pg.save_run(pg.run_of(plan), tmp_path / "run")
+    folder = pg.save_run(plan, tmp_path / "run")
     code = (
         "import sys; sys.modules['mujoco'] = None\n"
         "import pinograsp as pg\n"

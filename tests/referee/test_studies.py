@@ -371,7 +371,7 @@ if __name__ == "__main__":
 
 def test_interrupted_and_nothing_lost(plan, tmp_path):
     run = tmp_path / "run"
-    pg.save_run(pg.run_of(plan), run)
+    pg.save_run(plan, run)
     script = tmp_path / "script.py"
     script.write_text(INTERRUPTED, encoding="utf-8")
     file = tmp_path / "study" / "monte_carlo.jsonl"

@@ -17,17 +17,19 @@ import pytest
 import trimesh
 from shipped_hands import loaded
 
-from pinograsp.errors import HandNotLoaded, InvalidInput
+import pinograsp as pg
+from pinograsp.errors import HandNotLoaded, InvalidInput, Status
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.hands.humanoid import humanoid_hand
 from pinograsp.hands.record import hand_of, hand_record
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from pinograsp.objects.record import object_of, object_record
+from pinograsp.plan import PlanFailure, Proof
+from pinograsp.planner import load_run, save_run
 from pinograsp.referee import simulate
 from pinograsp.spatial import pose_of
-from pinograsp.storage import load_check, load_run, newest_check, run_of, run_of_failure, save_run
-from pinograsp.viz.scene import scene_of
+from pinograsp.storage import newest_check, read_check, read_run, write_simulation
 
 POSE = pose_of([0.3, -0.2, 0.5], pin.rpy.rpyToMatrix(0.4, -1.1, 2.0))
 
@@ -391,46 +393,64 @@ def test_a_strangers_open_mesh_is_refused():
 
 @pytest.fixture(scope="module")
 def plan(paper_plan):
-    return paper_plan
+    return paper_plan.with_margins().with_reach()
 
 
 def test_a_run_folder_holds_hand_and_object(plan, tmp_path):
-    run = run_of(plan)
-    folder = save_run(run, tmp_path / "run")
+    folder = save_run(plan, tmp_path / "run")
     assert (folder / "files.txt").read_text().splitlines()[1:] == ["plan.json", "plan.npz", "scene.json"]
     assert "description" not in (folder / "plan.json").read_text()
     back = load_run(folder)
-    assert back.scene == run.scene and set(back.scene) == {"hand", "object"}
-    check_same(plan.hand, back.hand())
-    assert back.object().radius == 0.01 and np.array_equal(back.object().pose, plan.problem.object.pose)
+    check_same(plan.hand, back.hand)
+    assert back.body.radius == 0.01 and np.array_equal(back.body.pose, plan.problem.object.pose)
+    scene = (folder / "scene.json").read_bytes()
     save_run(back, folder, force=True)
-    assert load_run(folder).scene == run.scene
+    assert (folder / "scene.json").read_bytes() == scene
 
 
-def test_runs_without_a_scene(plan, tmp_path):
-    folder = save_run(run_of(plan), tmp_path / "run")
-    (folder / "scene.json").unlink()  # as older versions wrote it
-    back = load_run(folder)
-    assert back.scene == {}
+class Potato(Sphere):
+    """A shape that no file knows."""
+
+
+def test_what_cannot_be_written_down_is_left_out(plan, tmp_path):
+    own = replace(plan, hand=replace(plan.hand, description=""), body=Potato(radius=0.01, mass=1.02))
+    folder = save_run(own, tmp_path / "own")
+    assert json.loads((folder / "scene.json").read_text())["hand"] is None
+    back = read_run(folder)
+    assert back.hand is None and back.body is None and back.summary() == plan.summary()
     with pytest.raises(InvalidInput, match="did not keep it: load it from its description"):
-        back.hand()
-    save_run(back, folder, force=True)
+        load_run(folder)
+    with pytest.raises(InvalidInput, match="did not keep it: load it from its description"):
+        simulate(folder)
+    (folder / "scene.json").unlink()
+    assert read_run(folder).hand is None
+
+
+def test_reports_need_no_meshes(tmp_path):
+    """A plan is read without its hand, whose mesh files may be elsewhere."""
+    case = pg.load_case("paper", {"motion.time_step": 0.02, "motion.samples": 3})
+    folder = save_run(case.plan(), tmp_path / "run")
+    scene = json.loads((folder / "scene.json").read_text())
+    scene["hand"]["geometry"][0] |= {"kind": "mesh", "size": [1.0, 1.0, 1.0], "path": "/nowhere/tip.stl"}
+    (folder / "scene.json").write_text(json.dumps(scene))
+    with pytest.raises(HandNotLoaded, match="tip.stl"):
+        load_run(folder)
+    assert read_run(folder, with_scene=False).hand is None
+
+
+def test_failures_come_back_as_they_were(tmp_path):
+    proof = Proof(margin=0.5, direction=np.arange(6.0), at_torque_limit=("a",), residual=np.ones(6))
+    failed = PlanFailure(
+        status=Status.INFEASIBLE, search="convex", message="none", proof=proof, hand="humanoid", contacts=("thumb",)
+    )
+    folder = save_run(failed, tmp_path / "run")
     assert not (folder / "scene.json").exists()
-    own = replace(back, scene={"hand": None, "object": None})
-    with pytest.raises(InvalidInput, match="did not keep it: make it again"):
-        load_run(save_run(own, tmp_path / "own")).object()
-
-
-def test_failures_have_no_scene(plan, tmp_path):
-    class Failed(Exception):
-        solution = plan.forces
-
-    folder = save_run(run_of_failure(Failed("none"), {"hand": "humanoid", "contacts": []}), tmp_path / "run")
-    assert not (folder / "scene.json").exists() and load_run(folder).scene == {}
+    back = read_run(folder)
+    assert back.summary() == failed.summary() and (back.hand, back.contacts) == ("humanoid", ("thumb",))
 
 
 def test_a_strangers_folder_is_safe_to_read(plan, tmp_path):
-    folder = save_run(run_of(plan), tmp_path / "run")
+    folder = save_run(plan, tmp_path / "run")
     good = {name: (folder / name).read_bytes() for name in ("plan.json", "plan.npz", "scene.json")}
     np.savez(tmp_path / "pickled.npz", q=np.array([{"a": 1}], dtype=object))
     for name, content in (
@@ -451,22 +471,25 @@ def test_a_strangers_folder_is_safe_to_read(plan, tmp_path):
         with pytest.raises(InvalidInput, match=r"no readable run|expected schema"):
             load_run(folder)
         (folder / name).write_bytes(good[name])
-    assert load_run(folder).hand().n == 20
-    (folder / "scene.json").write_text('{"schema": "pinograsp.scene/1", "hand": [1], "object": 3}')
-    for make in (load_run(folder).hand, load_run(folder).object):
+    assert load_run(folder).hand.n == 20
+    for scene in ({"hand": [1], "object": None}, {"hand": None, "object": 3}):
+        (folder / "scene.json").write_text(json.dumps({"schema": "pinograsp.scene/1", **scene}))
         with pytest.raises(InvalidInput, match="record"):
-            make()
+            load_run(folder)
 
 
 @pytest.fixture(scope="module")
 def whole(plan, tmp_path_factory):
     """A run and a simulation of it, on disk."""
-    folder = save_run(run_of(plan), tmp_path_factory.mktemp("whole") / "run")
+    folder = save_run(plan, tmp_path_factory.mktemp("whole") / "run")
     simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01, sample=0.02, engine="pinocchio")
     (folder / "check").mkdir()
-    (folder / "check" / "check.json").write_text(json.dumps(simulation.summary()))
-    np.savez(folder / "check" / "check.npz", **simulation.arrays())
-    load_run(folder), load_check(folder / "check")
+    write_simulation(simulation, folder / "check", {})
+    back = read_check(folder / "check")
+    assert back.describe() == simulation.describe() and back.disturbance == simulation.disturbance
+    arrays = back.arrays()
+    assert all(np.array_equal(array, arrays[name]) for name, array in simulation.arrays().items())
+    load_run(folder)
     return folder
 
 
@@ -533,7 +556,7 @@ def test_documents_are_checked_when_they_are_read(whole, tmp_path, file, path, v
 
 def refused(folder, file: str) -> None:
     """Reading the folder tells what is wrong with the file, in one line of its own."""
-    name, read = (file.split("/")[-1], load_check) if "/" in file else (file, load_run)
+    name, read = (file.split("/")[-1], read_check) if "/" in file else (file, load_run)
     with pytest.raises(InvalidInput) as told:
         read((folder / file).parent)
     message = str(told.value)
@@ -556,7 +579,7 @@ def test_documents_that_are_none_are_refused(whole, tmp_path, text):
     folder = shutil.copytree(whole, tmp_path / "run")
     for file in ("plan.json", "check/check.json"):
         (folder / file).write_bytes(text.encode("utf-8", "surrogatepass"))
-        name, read = (folder / "check", load_check) if "/" in file else (folder, load_run)
+        name, read = (folder / "check", read_check) if "/" in file else (folder, load_run)
         with pytest.raises(InvalidInput, match=r"(no readable run|pinograsp check).*(plan|check)\.json"):
             read(name)
 
@@ -629,9 +652,9 @@ def test_the_scene_must_be_of_the_plan(whole, tmp_path):
     scene = json.loads((folder / "scene.json").read_text())
     other = scene | {"hand": hand_record(load_hand("allegro_right"))}
     (folder / "scene.json").write_text(json.dumps(other))
-    for use in (lambda run: run.hand(), scene_of, lambda run: simulate(run, hold=0.01)):
+    for read in (load_run, lambda folder: simulate(folder, hold=0.01)):
         with pytest.raises(InvalidInput, match="hand of the plan"):
-            use(load_run(folder))
+            read(folder)
 
 
 @pytest.mark.parametrize(

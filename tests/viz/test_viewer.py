@@ -21,16 +21,24 @@ import pytest
 
 from pinograsp.cases import load_case
 from pinograsp.contacts.friction import Friction
-from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
+from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten, Status
 from pinograsp.hands import load_hand
-from pinograsp.hands.record import hand_record
 from pinograsp.hands.summary import overview
 from pinograsp.objects import Cylinder, Mesh
-from pinograsp.objects.record import object_record
-from pinograsp.planner import plan_grasp
+from pinograsp.plan import (
+    ContactLaw,
+    Layout,
+    Motion,
+    PlanContacts,
+    PlanForces,
+    PlanFriction,
+    PlanGrid,
+    PlanRecord,
+)
+from pinograsp.planner import GraspPlan, plan_grasp, save_run
 from pinograsp.referee import simulate
 from pinograsp.spatial import pose_of, tangent_frame
-from pinograsp.storage import Run, newest_check, run_of, save_run
+from pinograsp.storage import newest_check, read_check, write_simulation
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import friction_cone, triangles_of
 from pinograsp.viz.viewer import save_html, view
@@ -47,8 +55,8 @@ def plan():
 
 
 @pytest.fixture(scope="module")
-def run(plan) -> Run:
-    return run_of(plan, {"name": "paper"})
+def run(plan) -> GraspPlan:
+    return plan.with_margins().with_reach()
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +65,8 @@ def simulation(plan):
     return simulate(plan, hold=0.1)
 
 
-def run_with(hand, seed: int = 0) -> Run:
-    """A run of a hand that closes and presses with three fingertips' worth of made-up forces on a cylinder."""
+def run_with(hand, seed: int = 0) -> PlanRecord:
+    """A plan of a hand that closes and presses with three fingertips' worth of made-up forces on a cylinder."""
     rng = np.random.default_rng(seed)
     times = np.linspace(0, 1, 60)
     lower, upper = np.maximum(hand.lower, -2.0), np.minimum(hand.upper, 2.0)
@@ -70,43 +78,66 @@ def run_with(hand, seed: int = 0) -> Run:
     rotations = np.array([tangent_frame(normal) for normal in normals])
     strength = np.where(times[:, None] > 0.8, times[:, None] - 0.8, 0.0) * rng.uniform(5, 20, len(links))
     forces = np.einsum("mk,kij,j->mki", strength, rotations, [0.2, 0.1, 1.0])
-    arrays = {
-        "times": times,
-        "impact": np.array(48),
-        "q": q,
-        "torques": 0.1 * q,
-        "holding_torques": 0.1 * q[-1],
-        "forces_o": forces,
-        "normal_forces": strength,
-        "points_o": points,
-        "rotations_oc": rotations,
-        "com_o": thing.com_o,
-        "load": np.array([0, 0, -2.943, 0, 0, 0]),
-        "gravity": np.array([0, 0, -9.81]),
-        "mu": np.full(len(links), 0.5),
-        "contact_links": np.array(links),
-        "torque_limit": hand.effort_or_infinity,
-    }
-    layout = {
-        "hand": hand.name,
-        "joints": list(hand.joint_names),
-        "contacts": links,
-        "fingers": {finger.name: finger.dofs.tolist() for finger in hand.fingers},
-    }
-    friction = {"mu": [0.5] * len(links), "model": "cone", "edges": None, "safety": 1.0, "torsion_m": 0.0}
-    summary = {
-        "status": "ok",
-        "remedy": "",
-        "friction": friction,
-        "balance": "wrench",
-        "work_J": 0.01,
-        "residual_N": 0.0,
-        "residual_Nm": 0.0,
-        "max_penetration_m": 1e-3,
-        "peak_torque_Nm": 0.2,
-    }
-    scene = {"hand": hand_record(hand), "object": object_record(thing)}
-    return Run(summary=summary, arrays=arrays, layout=layout, settings={}, versions={}, scene=scene)
+    mu, k = np.full(len(links), 0.5), len(links)
+    motion = Motion(
+        status=Status.OK,
+        notes=(),
+        times=times,
+        impact=48,
+        q=q,
+        dq=np.gradient(q, times, axis=0),
+        ddq=np.zeros_like(q),
+        torques=0.1 * q,
+        holding_torques=0.1 * q[-1],
+        forces_o=forces,
+        contact_velocities=np.zeros_like(forces),
+        tracking_error=np.zeros(k),
+        slip=np.zeros(k),
+        postures={},
+        peak_torque=0.2,
+    )
+    pressed = PlanForces(
+        status=Status.OK,
+        search="hybrid",
+        backend="",
+        impact_time=times[48],
+        final_time=1.0,
+        forces_c=strength[-1][:, None] * [0.2, 0.1, 1.0],
+        multipliers=np.zeros((0, 2)),
+        torsion=np.zeros(k),
+        acceleration=np.ones(k),
+        work=0.01,
+        impulse=0.5,
+        residual_force=0.0,
+        residual_moment=0.0,
+        depths=1e-4 * strength,
+        rates=np.zeros_like(strength),
+        normal_history=strength,
+        certificate=None,
+        grid=PlanGrid(points=1, cells=1, rejections={}, qp_solves=0),
+    )
+    return PlanRecord(
+        layout=Layout(
+            hand=hand.name,
+            joints=tuple(hand.joint_names),
+            fingers={finger.name: tuple(finger.dofs.tolist()) for finger in hand.fingers},
+        ),
+        hand=hand,
+        body=thing,
+        contacts=PlanContacts(
+            names=tuple(links), links=tuple(links), points_o=points, rotations_oc=rotations, com_o=thing.com_o
+        ),
+        friction=PlanFriction(mu=mu, model="cone", edges=None, safety=1.0, torsion=0.0),
+        law=ContactLaw(stiffness=5e4, damping=100.0, exponent=1.5),
+        load=np.array([0, 0, -2.943, 0, 0, 0]),
+        gravity_o=np.array([0, 0, -9.81]),
+        body_mass=0.3,
+        balance="wrench",
+        measure="work",
+        torque_limit=hand.effort_or_infinity,
+        forces=pressed,
+        motion=motion,
+    )
 
 
 # -- geometry ----------------------------------------------------------------------------------------------------------
@@ -188,7 +219,7 @@ def test_every_hand_of_the_catalogue_can_be_drawn(name):
     parts = hand.geometry.geometryObjects
     assert [solid.name for solid in scene.solids] == [one.name for one in parts] + ["object"]
     data, geometry = hand.model.createData(), pin.GeometryData(hand.geometry)
-    for frame, q in ((0, run.arrays["q"][0]), (-1, run.arrays["q"][-1])):
+    for frame, q in ((0, run.motion.q[0]), (-1, run.motion.q[-1])):
         pin.updateGeometryPlacements(hand.model, data, hand.geometry, geometry, q)
         for solid, one, place in zip(scene.solids, parts, geometry.oMg):
             pose = scene.link_poses[frame, solid.link]
@@ -218,9 +249,9 @@ def test_arrows_are_in_proportion_to_the_forces(run):
     for instant in (0.3, 0.95, 1.0):
         i = scene.frame_at(instant)
         arrows = scene.arrows(i)
-        sample = int(np.abs(run.arrays["times"] - scene.times[i]).argmin())
-        forces = run.arrays["forces_o"][sample]
-        assert np.allclose(arrows[:, 0], run.arrays["points_o"])
+        sample = int(np.abs(run.motion.times - scene.times[i]).argmin())
+        forces = run.motion.forces_o[sample]
+        assert np.allclose(arrows[:, 0], run.contacts.points_o)
         assert np.allclose(arrows[:, 1] - arrows[:, 0], scene.force_scale * forces, atol=1e-12)
         assert np.allclose(scene.arrows(i, 0.002)[:, 1] - arrows[:, 0], 0.002 * forces, atol=1e-12)
     assert np.all(scene.arrows(scene.frame_at(0.3))[:, 0] == scene.arrows(scene.frame_at(0.3))[:, 1])
@@ -231,22 +262,21 @@ def test_arrows_are_in_proportion_to_the_forces(run):
 def test_friction_used_is_that_of_the_margins(run, make_problem, hand):
     """Of Coulomb's cone; the share of the model's own limit stands beside it."""
     soft = make_problem(balance="wrench", friction=Friction(model="soft", torsion=5e-3, safety=1.2))
-    for one in (run, run_of(plan_grasp(hand, soft, search="convex"))):
-        scene, least = scene_of(one), np.array(list(one.summary["margins"]["least_mu"].values()))
-        assert np.allclose(scene.used[scene.frame_at(1.0)], least / one.arrays["mu"], rtol=1e-6)
+    for one in (run, plan_grasp(hand, soft).with_margins()):
+        scene, least = scene_of(one), one.margins.least_mu
+        assert np.allclose(scene.used[scene.frame_at(1.0)], least / one.friction.mu, rtol=1e-6)
         assert np.isnan(scene.used[0]).all()
         own = [value for what, value in scene.facts if what in ("of the pyramid", "of the soft finger")]
-        assert own == [
-            ", ".join(f"{name} {100 * used:.0f} %" for name, used in one.summary["margins"]["friction_used"].items())
-        ]
+        shares = zip(one.contacts.names, one.margins.friction_used)
+        assert own == [", ".join(f"{name} {100 * used:.0f} %" for name, used in shares)]
 
 
 def test_torques_and_forces_are_the_runs_at_every_instant(run):
     scene = scene_of(run)
-    at = np.searchsorted(run.arrays["times"], scene.times)
-    assert np.array_equal(run.arrays["times"][at], scene.times)
-    assert np.array_equal(scene.torques, run.arrays["torques"][at]) and np.array_equal(scene.q, run.arrays["q"][at])
-    assert np.allclose(scene.normal, run.arrays["normal_forces"][at], atol=1e-9)
+    at = np.searchsorted(run.motion.times, scene.times)
+    assert np.array_equal(run.motion.times[at], scene.times)
+    assert np.array_equal(scene.torques, run.motion.torques[at]) and np.array_equal(scene.q, run.motion.q[at])
+    assert np.allclose(scene.normal, run.forces.normal_history[at], atol=1e-9)
     steps = np.diff(scene.times)
     touch = scene.frame_at(scene.touch)
     assert np.median(steps[touch:]) < 0.3 * np.median(steps[:touch])  # forces build up in slow motion
@@ -269,16 +299,10 @@ def test_the_camera_sees_everything(run):
 
 
 def test_runs_without_a_plan_or_a_hand_are_refused(run, tmp_path):
-    with pytest.raises(InvalidInput, match="run with its hand"):
-        scene_of(replace(run, scene={}))
-    with pytest.raises(InvalidInput, match=r"without .*forces_o.*infeasible"):
-        scene_of(replace(run, arrays={}, summary={"status": "infeasible"}))
-    with pytest.raises(InvalidInput, match="expected a run"):
+    with pytest.raises(InvalidInput, match="plan with its hand"):
+        scene_of(replace(run, hand=None))
+    with pytest.raises(InvalidInput, match="plan: expected a PlanRecord, got 'runs/paper'"):
         save_html("runs/paper", tmp_path / "a.html")
-    with pytest.raises(InvalidInput, match="20 joints"):
-        scene_of(replace(run, arrays={**run.arrays, "q": run.arrays["q"][:, :5]}))
-    with pytest.raises(InvalidInput, match="work_J"):
-        scene_of(replace(run, summary={key: value for key, value in run.summary.items() if key != "work_J"}))
     with pytest.raises(InvalidInput, match="port"):
         view(run, port=-1, open_browser=False)
     with pytest.raises(ResultsNotWritten):
@@ -287,16 +311,17 @@ def test_runs_without_a_plan_or_a_hand_are_refused(run, tmp_path):
 
 
 def test_a_run_without_its_object_shows_the_hand(run):
-    scene = scene_of(replace(run, scene={**run.scene, "object": None}))
+    scene = scene_of(replace(run, body=None))
     assert scene.object_pose is None and all(solid.link is not None for solid in scene.solids)
 
 
 def test_simulations_of_something_else_are_refused(run, simulation, tmp_path):
     with pytest.raises(InvalidInput, match="pinograsp check"):
-        scene_of(run, tmp_path)
-    with pytest.raises(InvalidInput, match="folder of a check"):
-        scene_of(run, 3)
-    with pytest.raises(InvalidInput, match="this run's hand"):
+        read_check(tmp_path)
+    for other in (tmp_path, 3):
+        with pytest.raises(InvalidInput, match="simulation: expected a Simulation or None"):
+            scene_of(run, other)
+    with pytest.raises(InvalidInput, match="this plan's hand"):
         scene_of(run, replace(simulation, q=simulation.q[:, :7]))
 
 
@@ -312,8 +337,7 @@ def test_without_viser_the_extra_is_named(run, monkeypatch, tmp_path):
 
 def stored(simulation, folder: Path) -> Path:
     folder.mkdir(parents=True)
-    (folder / "check.json").write_text(json.dumps(simulation.summary()))
-    np.savez_compressed(folder / "check.npz", **simulation.arrays())
+    write_simulation(simulation, folder, {})
     return folder
 
 
@@ -332,11 +356,11 @@ def test_the_simulation_stands_beside_the_plan_at_the_same_instants(run, simulat
     assert np.allclose(arrows[:, 0], [planned[part] for part in shown.parts], atol=1e-3)
     assert np.allclose(arrows[:, 1] - arrows[:, 0], 0.003 * shown.forces_o[i])
     # After t_F the plan stays as it is, with the torques that hold.
-    assert np.array_equal(scene.q[-1], run.arrays["q"][-1]) and np.array_equal(
-        scene.torques[-1], run.arrays["holding_torques"]
+    assert np.array_equal(scene.q[-1], run.motion.q[-1]) and np.array_equal(
+        scene.torques[-1], run.motion.holding_torques
     )
     assert abs(shown.beside @ scene.up) < 1e-12 and abs(shown.beside @ scene.view) < 1e-12  # to the right
-    again = scene_of(run, stored(simulation, tmp_path / "check"))
+    again = scene_of(run, read_check(stored(simulation, tmp_path / "check")))
     assert np.array_equal(again.simulated.link_poses, shown.link_poses) and again.simulated.reason == shown.reason
 
 
@@ -361,7 +385,7 @@ def test_names_cannot_leave_the_record(run, tmp_path):
     assert text.count("</script>") == 2 and "<script>alert" not in text
     from pinograsp.viz.panel import forces, head
 
-    scene = scene_of(replace(evil, layout={**run.layout, "contacts": ["<img src=x>", "b", "c"]}))
+    scene = scene_of(replace(evil, contacts=replace(run.contacts, names=("<img src=x>", "b", "c"))))
     assert "<script" not in head(scene) and "<img" not in forces(scene, 0)
 
 
@@ -519,7 +543,7 @@ def test_the_file_draws_the_grasp_and_follows_its_slider(offline, run):
     assert yellow(closed) > 0.01
     assert f"{scene.closed:.3f} s" in offline.locator("#clock").inner_text()
     row = offline.locator("#forces tr").nth(1).inner_text().split()
-    assert row[0] == "thumb" and float(row[1]) == pytest.approx(run.summary["normal_forces_N"]["thumb"], rel=6e-3)
+    assert row[0] == "thumb" and float(row[1]) == pytest.approx(run.forces.normal_forces[0], rel=6e-3)
     assert f"{100 * scene.used[start, 0]:.0f}" in row
     slide(offline, 0)
     opened = pixels(canvas)

@@ -1,17 +1,15 @@
-"""The record of a simulation, and its verdict."""
+"""The record of a simulation of a plan, and its verdict."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pinograsp.checks import brief
-
-# Held: at the end of the hold the object has moved less than this since the release, and hardly moves any more.
-MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
-RESTING = 5e-4  # [m] of motion in the last fifth of the hold
-GONE = 0.05  # [m] moved this far it does not come back
+from pinograsp.spatial import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +49,7 @@ class Verdict:
 
     __repr__ = brief("held", "reason", "drift", "turn", "force_error", "penetration_error", "slipped", "unplanned")
 
-    def summary(self) -> dict:
+    def summary(self) -> dict[str, Any]:
         """As plain JSON values, units in the names."""
         return {
             "held": self.held,
@@ -82,17 +80,20 @@ class Simulation:
         release: when the object was let go [s]; None: never.
         complete: the sample at which the grasp is complete, at t_F; drift and slip count from there.
         times: samples (s,) [s].
-        q, dq, torques: (s, n), torques of the motors [N m].
+        q: joint positions (s, n) [rad; m where joints slide].
+        dq: joint velocities (s, n) [rad/s or m/s].
+        torques: of the motors (s, n) [N m or N].
         object_poses: (s, 4, 4).
         parts: names of the parts of the hand that touch or should (p).
-        forces_o: on the object by part (s, p, 3) [N].
-        normal_forces, tangential_forces: (s, p) [N]; sums over a part's points.
+        forces_o: on the object by part, sums over its points (s, p, 3) [N].
+        normal_forces: likewise (s, p) [N].
+        tangential_forces: likewise (s, p) [N].
         depths: of a part's deepest point (s, p) [m].
         slips: path slipped (s, p) [m].
         planned_forces: sum of F_n by part (p,) [N].
         energies: by name (s,) [J]: ``joint_work``, ``load_work`` (put in); ``mechanical``, ``elastic`` (held),
             ``damped``, ``slipped`` (lost); ``normal_work``, the integral of F_n over the depth.
-        disturbance: what was not as planned.
+        disturbance: what was not as planned, as plain values.
         notes: where the geometry differs from the plan's.
         elapsed: [s].
         exponent: rho of the contact law.
@@ -104,20 +105,20 @@ class Simulation:
     time_step: float
     release: float | None
     complete: int
-    times: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    torques: np.ndarray
-    object_poses: np.ndarray
+    times: Array
+    q: Array
+    dq: Array
+    torques: Array
+    object_poses: Array
     parts: tuple[str, ...]
-    forces_o: np.ndarray
-    normal_forces: np.ndarray
-    tangential_forces: np.ndarray
-    depths: np.ndarray
-    slips: np.ndarray
-    planned_forces: np.ndarray
-    energies: dict[str, np.ndarray]
-    disturbance: dict
+    forces_o: Array
+    normal_forces: Array
+    tangential_forces: Array
+    depths: Array
+    slips: Array
+    planned_forces: Array
+    energies: dict[str, Array]
+    disturbance: Mapping[str, Any]
     notes: tuple[str, ...]
     elapsed: float
     exponent: float
@@ -130,14 +131,14 @@ class Simulation:
         return (self.exponent + 1) * float(self.energies["normal_work"][self.complete])
 
     @property
-    def drift(self) -> np.ndarray:
+    def drift(self) -> Array:
         """Distance of the object's centre of mass from where it was when the grasp was complete (s,) [m]; 0 before."""
         position = self.object_poses[:, :3, 3]
-        moved = np.linalg.norm(position - position[self.complete], axis=1)
+        moved: Array = np.linalg.norm(position - position[self.complete], axis=1)
         moved[: self.complete] = 0.0
         return moved
 
-    def summary(self) -> dict:
+    def summary(self) -> dict[str, Any]:
         """Verdict and settings as plain JSON values."""
         return {
             **self.verdict.summary(),
@@ -145,18 +146,19 @@ class Simulation:
             "mode": self.mode,
             "time_step_s": self.time_step,
             "release_s": self.release,
+            "complete": self.complete,
             "end_s": float(self.times[-1]),
             "planned_forces_N": dict(zip(self.parts, self.planned_forces.tolist())),
             "final_forces_N": dict(zip(self.parts, self.normal_forces[-1].tolist())),
             "grasp_energy_mJ": 1e3 * self.grasp_energy,
             "contact_exponent": self.exponent,
             "energies_mJ": {name: 1e3 * float(values[-1]) for name, values in self.energies.items()},
-            "disturbance": self.disturbance,
+            "disturbance": dict(self.disturbance),
             "notes": list(self.notes),
             "elapsed_s": self.elapsed,
         }
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> dict[str, Array]:
         """What was sampled, for files."""
         names = (
             "times",

@@ -1,0 +1,36 @@
+"""A grasp plan, its failure and its simulation as data, below all that reads them."""
+
+from pinograsp.plan.motion import Motion
+from pinograsp.plan.parts import (
+    ComparisonRow,
+    ContactLaw,
+    Layout,
+    PlanCertificate,
+    PlanContacts,
+    PlanForces,
+    PlanFriction,
+    PlanGrid,
+    PlanMargins,
+    Reach,
+)
+from pinograsp.plan.record import PlanFailure, PlanRecord, Proof
+from pinograsp.plan.simulation import Simulation, Verdict
+
+__all__ = [
+    "ComparisonRow",
+    "ContactLaw",
+    "Layout",
+    "Motion",
+    "PlanCertificate",
+    "PlanContacts",
+    "PlanFailure",
+    "PlanForces",
+    "PlanFriction",
+    "PlanGrid",
+    "PlanMargins",
+    "PlanRecord",
+    "Proof",
+    "Reach",
+    "Simulation",
+    "Verdict",
+]

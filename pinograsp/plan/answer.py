@@ -1,0 +1,131 @@
+"""What a plan says, in words and numbers for people: the same in reports, figures, on the command line and in the
+viewer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pinograsp.errors import Status
+from pinograsp.plan.parts import PlanFriction, PlanMargins
+from pinograsp.plan.record import PlanRecord
+from pinograsp.plan.simulation import Simulation
+from pinograsp.words import number, printable
+
+_LOAD = "the contact forces hold the load"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Whether a plan holds.
+
+    Attributes:
+        level: how far to trust it.
+        text: in words, the answer first.
+    """
+
+    level: Literal["yes", "caution", "no"]
+    text: str
+
+
+def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answer:
+    """The answer of a plan, and of a simulation of it where there was one.
+
+    What was seen in a simulation counts more than what was planned; a simulation that was not as planned (disturbed)
+    speaks for itself alone.
+    """
+    status = plan.status
+    if simulation is not None and not simulation.verdict.held:
+        reason = printable(simulation.verdict.reason, 400)
+        if simulation.disturbance:
+            text = f"Not with what it was tried with: lost in simulation under disturbances; {reason}."
+            return Answer("caution", text)
+        return Answer("no", f"No. Lost in simulation: {reason}.")
+    tried = "" if simulation is None else " Held in simulation."
+    if status is Status.NOT_TRACKED:
+        text = f"Not certain: {_LOAD}, but the hand cannot follow their paths. {plan.remedy}{tried}"
+        return Answer("caution", text)
+    if status is Status.UNBALANCED:
+        left = f"{number(plan.forces.residual_force, 3)} N and {number(plan.forces.residual_moment, 3)} N m"
+        return Answer("caution", f"Almost: {_LOAD} but for {left}.{tried}")
+    if status is not Status.OK:
+        text = f"The plan is not complete ({status}): {plan.remedy}"
+        return Answer("no", text) if simulation is None else Answer("caution", f"{text}{tried}")
+    if plan.balance == "force":
+        text = f"Not certain: moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}"
+        return Answer("caution", text)
+    if plan.cautions:
+        return Answer("caution", f"Yes, with cautions: {_LOAD}, forces and moments in balance.{tried}")
+    return Answer("yes", f"Yes. {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
+
+
+def friction_model(friction: PlanFriction) -> str:
+    """The model and its coefficient."""
+    low, high = float(friction.mu.min()), float(friction.mu.max())
+    mu = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    model = f"pyramid of {friction.edges} edges" if friction.edges else _model(friction)
+    torsion = f", torsion up to {1e3 * friction.torsion:g} mm x F_n" if friction.torsion else ""
+    return f"mu {mu}, {model}, safety factor {friction.safety:g}{torsion}"
+
+
+def friction_used(plan: PlanRecord) -> list[tuple[str, dict[str, float]]]:
+    """What the contacts use of friction: their share of Coulomb's cone, mu F_n; and of the model's limit where that is
+    another.
+
+    Neither counts the safety factor. Infinite: tangential force where there is no friction.
+    """
+    friction, margins, names = plan.friction, plan.require_margins(), plan.contacts.names
+    cone = {
+        name: least / mu if mu > 0 else np.inf if least > 0 else 0.0
+        for name, least, mu in zip(names, margins.least_mu.tolist(), friction.mu.tolist())
+    }
+    uses = [("friction used, of mu F_n", cone)]
+    if friction.model != "cone" or friction.torsion:
+        torsion = " with torsion" if friction.torsion and friction.model != "soft" else ""
+        uses.append((f"of the {_model(friction)}{torsion}", dict(zip(names, margins.friction_used.tolist()))))
+    return uses
+
+
+def _model(friction: PlanFriction) -> str:
+    return "soft finger" if friction.model == "soft" else friction.model
+
+
+def shares(values: dict[str, float]) -> str:
+    """Shares by name, in percent."""
+    return ", ".join(
+        f"{printable(name, 60)} {f'{100 * value:.0f} %' if np.isfinite(value) else 'slips'}"
+        for name, value in values.items()
+    )
+
+
+def work(plan: PlanRecord) -> str:
+    """Grasp energy by Eq. (9), and what of it is work that the contacts do."""
+    return work_in_words(plan.forces.work, plan.law.exponent)
+
+
+def work_in_words(joules: float, exponent: float) -> str:
+    """An energy by Eq. (9) [J], and what of it is work that contacts of that exponent do."""
+    contacts = number(1e3 * joules / (1 + exponent))
+    return f"{number(1e3 * joules)} mJ by Eq. (9), rho + 1 = {1 + exponent:g} times the contacts' {contacts} mJ"
+
+
+def disturbance_held(margins: PlanMargins, safety: float) -> str:
+    """What the grasp bears besides its load, with its normal forces; and why if some direction has nothing."""
+    moment = ""
+    if margins.disturbance_moment is not None:
+        moment = f", {number(margins.disturbance_moment, 3)} N m about any axis"
+    text = f"{number(margins.disturbance_force, 3)} N in any direction{moment}"
+    if margins.disturbance > 0:
+        return text
+    if not margins.force_closure:
+        return f"{text} (no force closure: some direction is free, whatever the friction)"
+    return text if safety > 1 else f"{text} (friction is at its limit: ask for a friction safety factor above 1)"
+
+
+def load_factor(margins: PlanMargins) -> str:
+    """The load that the normal forces hold."""
+    held = margins.load_factor
+    return f"{held:.3g} times the load" if np.isfinite(held) else "any multiple of the load"

@@ -1,0 +1,53 @@
+"""The record of a motion: joint trajectory, torques and contact forces over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pinograsp.checks import brief
+from pinograsp.errors import Status
+from pinograsp.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motion:
+    """Joint trajectory and torques from t = 0 to t_F.
+
+    Attributes:
+        status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``.
+        notes: position and effort limits met or exceeded, by joint.
+        times: (m,) [s].
+        impact: the sample at t_I, the last of the approach and the first of the grasp phase.
+        q: joint positions (m, n) [rad; m where joints slide].
+        dq: joint velocities (m, n) [rad/s or m/s].
+        ddq: joint accelerations (m, n) [rad/s^2 or m/s^2].
+        torques: (m, n) [N m or N].
+        holding_torques: torques that hold still after t_F (n,) [N m or N].
+        forces_o: contact forces on the object, world axes (m, k, 3) [N].
+        contact_velocities: velocities of the contact points J dq, zero before the impact (m, k, 3) [m/s].
+        tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the
+            normal.
+        slip: largest distance across the normal, of a closed grasp whose joints cannot follow it (k,) [m].
+        postures: number of contact-phase postures tried per finger.
+        peak_torque: infinity norm of ``torques`` [N m].
+        remedy: what causes a status other than ``OK``, and what to do; empty for ``OK``.
+    """
+
+    status: Status
+    notes: tuple[str, ...]
+    times: Array
+    impact: int
+    q: Array
+    dq: Array
+    ddq: Array
+    torques: Array
+    holding_torques: Array
+    forces_o: Array
+    contact_velocities: Array
+    tracking_error: Array
+    slip: Array
+    postures: dict[str, int]
+    peak_torque: float
+    remedy: str = ""
+
+    __repr__ = brief("status", "peak_torque", "impact", "times", "q", "notes")

@@ -1,0 +1,329 @@
+"""The parts of a plan's record: contacts, forces with their certificate, margins. Numbers and names alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from pinograsp.checks import brief
+from pinograsp.errors import Status
+from pinograsp.spatial import Array
+
+Plain = dict[str, Any]  # what JSON can hold, units in the names
+
+FrictionModel = Literal["pyramid", "cone", "soft"]
+Balance = Literal["force", "wrench"]
+Measure = Literal["impulse", "work"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Layout:
+    """Names of a hand's parts.
+
+    Attributes:
+        hand: its name.
+        joints: actuated joints (n,), in the order of q.
+        fingers: indices of the joints of each finger.
+    """
+
+    hand: str
+    joints: tuple[str, ...]
+    fingers: Mapping[str, tuple[int, ...]]
+
+    __repr__ = brief()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanContacts:
+    """Where the hand touches, k contacts.
+
+    Attributes:
+        names: (k,).
+        links: that touch (k,); empty where the contacts were made without a hand.
+        points_o: (k, 3) [m].
+        rotations_oc: contact frames, z into the object (k, 3, 3).
+        com_o: the object's centre of mass (3,) [m].
+    """
+
+    names: tuple[str, ...]
+    links: tuple[str, ...]
+    points_o: Array
+    rotations_oc: Array
+    com_o: Array
+
+    __repr__ = brief("names", "links")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanFriction:
+    """The friction that was planned with.
+
+    Attributes:
+        mu: friction coefficients (k,) [-].
+        model: ``"pyramid"``, ``"cone"`` or ``"soft"``.
+        edges: of a pyramid; None: no pyramid.
+        safety: friction is used up to mu / safety [-].
+        torsion: largest moment about a normal per newton [m]; 0: none.
+    """
+
+    mu: Array
+    model: FrictionModel
+    edges: int | None
+    safety: float
+    torsion: float
+
+    __repr__ = brief()
+
+    def summary(self) -> Plain:
+        """As plain JSON values."""
+        return {
+            "mu": self.mu.tolist(),
+            "model": self.model,
+            "edges": self.edges,
+            "safety": self.safety,
+            "torsion_m": self.torsion,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ContactLaw:
+    """F_n = (lambda d(delta)/dt + K) delta^rho (Eq. 4).
+
+    Attributes:
+        stiffness: K [N/m^rho].
+        damping: lambda [N s/m^(rho+1)].
+        exponent: rho [-].
+    """
+
+    stiffness: float
+    damping: float
+    exponent: float
+
+    __repr__ = brief()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanCertificate:
+    """Why the forces can be trusted, and how near to the best they are.
+
+    Attributes:
+        weights: what is minimised, ``{name: weight}``.
+        objective: its value at the forces.
+        lower_bound: proven for any admissible forces, in the same unit.
+        relative_gap: their difference, relative to the objective's size [-].
+        violation: largest violation of a limit [N].
+        active: limits that the forces lie on, in words.
+        branches: intervals of t_I that were searched (b, 4): start [s], end [s], proven bound, best objective then.
+    """
+
+    weights: Mapping[str, float]
+    objective: float
+    lower_bound: float
+    relative_gap: float
+    violation: float
+    active: tuple[str, ...]
+    branches: Array
+
+    __repr__ = brief()
+
+    def summary(self) -> Plain:
+        """As plain JSON values; of the branches their number."""
+        return {
+            "weights": dict(self.weights),
+            "objective": self.objective,
+            "lower_bound": self.lower_bound,
+            "relative_gap": self.relative_gap,
+            "violation_N": self.violation,
+            "active": list(self.active),
+            "branches": len(self.branches),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanGrid:
+    """What a grid search looked at.
+
+    Attributes:
+        points: size of the grid.
+        cells: its points in (t_I, A) alone.
+        rejections: cells rejected, by constraint.
+        qp_solves: QPs solved.
+    """
+
+    points: int
+    cells: int
+    rejections: Mapping[str, int]
+    qp_solves: int
+
+    __repr__ = brief()
+
+    def summary(self) -> Plain:
+        """As plain JSON values."""
+        return {
+            "points": self.points,
+            "cells": self.cells,
+            "rejections": dict(self.rejections),
+            "qp_solves": self.qp_solves,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanForces:
+    """Contact forces at t_F, and how they build up.
+
+    Attributes:
+        status: of the force search.
+        search: its name.
+        backend: which solver ran; empty: none.
+        impact_time: t_I [s].
+        final_time: t_F [s].
+        forces_c: on the object, in the contact frames (k, 3) [N].
+        multipliers: (k1, k2) of the paper's pyramid (k, 2) [-]; none (0, 2) with other friction.
+        torsion: moments about the contact normals (k,) [N m].
+        acceleration: decelerations A (k,) [m/s^2].
+        work: grasp energy by Eq. (9) [J].
+        impulse: grasp energy by Eq. (11) [N s].
+        residual_force: norm of the force that is left over [N].
+        residual_moment: norm of the moment that is left over [N m].
+        depths: penetration over the motion's times (m, k) [m].
+        rates: its rate (m, k) [m/s].
+        normal_history: normal forces over the motion's times (m, k) [N].
+        certificate: of a convex search; None: a grid's.
+        grid: what a grid search looked at; None: a convex one.
+    """
+
+    status: Status
+    search: str
+    backend: str
+    impact_time: float
+    final_time: float
+    forces_c: Array
+    multipliers: Array
+    torsion: Array
+    acceleration: Array
+    work: float
+    impulse: float
+    residual_force: float
+    residual_moment: float
+    depths: Array
+    rates: Array
+    normal_history: Array
+    certificate: PlanCertificate | None
+    grid: PlanGrid | None
+
+    __repr__ = brief("status", "search", "backend", "impact_time", "normal_forces", "certificate")
+
+    @property
+    def normal_forces(self) -> Array:
+        """F_n at t_F (k,) [N]."""
+        return self.forces_c[:, 2]
+
+    @property
+    def final_depths(self) -> Array:
+        """Penetration at t_F (k,) [m]."""
+        last: Array = self.depths[-1]
+        return last
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanMargins:
+    """What the grasp bears beyond its load with these normal forces, and its quality.
+
+    Attributes:
+        friction_used: share of the friction model's limit (k,) [-]; infinite: it slips.
+        least_mu: friction coefficient with which the contact just holds (k,) [-].
+        slip_distance: force to the friction limit (k,) [N].
+        load_factor: multiple of the load that is held; infinite: any.
+        disturbance: largest wrench that is held in any direction, moments over the moment length [N].
+        weakest_direction: the direction of the least one (6,), or (3,) in force balance.
+        disturbance_force: largest force that is held in any direction [N].
+        disturbance_moment: largest moment about any axis [N m]; None where moments are not balanced.
+        force_closure: whether the contacts can balance every wrench.
+        ferrari_canny: epsilon (L1), certified from below.
+        min_singular_value: of the grasp map.
+        isotropy: of the grasp map.
+        stiffness: of the grasp, 6 x 6, linear first [N/m, N, N m].
+    """
+
+    friction_used: Array
+    least_mu: Array
+    slip_distance: Array
+    load_factor: float
+    disturbance: float
+    weakest_direction: Array
+    disturbance_force: float
+    disturbance_moment: float | None
+    force_closure: bool
+    ferrari_canny: float
+    min_singular_value: float
+    isotropy: float
+    stiffness: Array
+
+    __repr__ = brief("friction_used", "load_factor", "disturbance_force", "force_closure", "ferrari_canny")
+
+    def summary(self, names: tuple[str, ...]) -> Plain:
+        """As plain JSON values by the contacts' ``names``; None where a figure is infinite."""
+        return {
+            "friction_used": {name: _finite(share) for name, share in zip(names, self.friction_used.tolist())},
+            "least_mu": dict(zip(names, self.least_mu.tolist())),
+            "slip_distance_N": dict(zip(names, self.slip_distance.tolist())),
+            "load_factor": _finite(self.load_factor),
+            "disturbance_any_N": self.disturbance,
+            "weakest_direction": self.weakest_direction.tolist(),
+            "disturbance_force_N": self.disturbance_force,
+            "disturbance_moment_Nm": self.disturbance_moment,
+            "force_closure": self.force_closure,
+            "ferrari_canny_L1": self.ferrari_canny,
+            "min_singular_value": self.min_singular_value,
+            "isotropy": self.isotropy,
+            "stiffness_N_m": self.stiffness.tolist(),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reach:
+    """Forces that may come on top of the load while the squeeze stays, around the planes xy, xz, yz.
+
+    Attributes:
+        directions: unit vectors (3, d, 3).
+        forces: the largest force along each (3, d) [N].
+    """
+
+    directions: Array
+    forces: Array
+
+    __repr__ = brief()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparisonRow:
+    """A published figure beside ours.
+
+    Attributes:
+        quantity: its name.
+        unit: of both figures.
+        published: None where the publication prints nothing.
+        ours: None where there is none.
+        note: what to know about it.
+    """
+
+    quantity: str
+    unit: str
+    published: float | None
+    ours: float | None
+    note: str = ""
+
+    @property
+    def difference(self) -> float | None:
+        """ours - published."""
+        return None if self.published is None or self.ours is None else self.ours - self.published
+
+    def summary(self) -> Plain:
+        """As plain JSON values."""
+        return asdict(self) | {"difference": self.difference}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

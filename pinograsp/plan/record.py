@@ -1,0 +1,279 @@
+"""A grasp plan as data: what hand-over, simulation, pictures, reports and files are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pinograsp.checks import brief
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.hands.model import HandModel
+from pinograsp.objects.body import Body
+from pinograsp.plan.motion import Motion
+from pinograsp.plan.parts import (
+    Balance,
+    ComparisonRow,
+    ContactLaw,
+    Layout,
+    Measure,
+    Plain,
+    PlanContacts,
+    PlanForces,
+    PlanFriction,
+    PlanMargins,
+    Reach,
+)
+from pinograsp.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanRecord:
+    """A grasp: contact forces, and the joint motion and torques that bring them about.
+
+    Attributes:
+        layout: names of the hand's parts.
+        hand: the hand, as it was placed; None where the record was read without it.
+        body: what is held; None where it is not known.
+        contacts: where the hand touches.
+        friction: the friction that was planned with.
+        law: the contact law.
+        load: external wrench on the object about its centre of mass, weight included (6,) [N, N m].
+        gravity_o: (3,) [m/s^2].
+        body_mass: of the object whose weight is in the load [kg]; 0: it was not known.
+        balance: ``"wrench"`` (forces and moments) or ``"force"``.
+        measure: grasp energy that was minimised, ``"impulse"`` or ``"work"``.
+        torque_limit: largest |torque| (n,) [N m or N]; infinity: none.
+        forces: contact forces at t_F, and how they build up.
+        motion: trajectory and torques.
+        margins: what the grasp bears besides its load; None: not computed.
+        reach: the same by direction; None: not computed.
+        cautions: what the plan's promise does not cover, in words: look here before a simulation or a robot does.
+        notes: what else there is to know.
+        closing: how the hand was closed, as plain values; None: the contacts were given.
+        comparison: published figures beside ours.
+        elapsed: seconds per stage, ``{"closing": ..., "forces": ..., "motion": ...}``.
+        settings: the case that made it, as plain values; empty for a plan made from Python.
+        versions: packages and their versions.
+    """
+
+    layout: Layout
+    hand: HandModel | None
+    body: Body | None
+    contacts: PlanContacts
+    friction: PlanFriction
+    law: ContactLaw
+    load: Array
+    gravity_o: Array
+    body_mass: float
+    balance: Balance
+    measure: Measure
+    torque_limit: Array
+    forces: PlanForces
+    motion: Motion
+    margins: PlanMargins | None = None
+    reach: Reach | None = None
+    cautions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    closing: Mapping[str, Any] | None = None
+    comparison: tuple[ComparisonRow, ...] = ()
+    elapsed: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    __repr__ = brief("status", "name", "hand", "contacts", "forces", "motion", "elapsed")
+
+    @property
+    def name(self) -> str:
+        """The case's name, or the hand's."""
+        return str(self.settings.get("name") or self.layout.hand)
+
+    @property
+    def status(self) -> Status:
+        """``OK``, or the first stage's complaint."""
+        return self.forces.status if self.forces.status is not Status.OK else self.motion.status
+
+    @property
+    def remedy(self) -> str:
+        """What is behind a status other than ``OK`` and what to do about it; empty for ``OK``."""
+        own = self.motion.remedy if self.forces.status is Status.OK else ""
+        return own or self.status.remedy
+
+    @property
+    def residual_force_o(self) -> Array:
+        """What contact forces and load leave over, over the motion's times (m, 3) [N]."""
+        left: Array = self.motion.forces_o.sum(axis=1) + self.load[:3]
+        return left
+
+    def require_hand(self) -> HandModel:
+        """The hand, or :class:`InvalidInput` where the record has none."""
+        if self.hand is None:
+            raise InvalidInput(
+                "expected a plan with its hand, got one that did not keep it: load it from its description, "
+                "pinograsp.load_hand"
+            )
+        return self.hand
+
+    def require_margins(self) -> PlanMargins:
+        """The margins, or :class:`InvalidInput` where they were not computed."""
+        if self.margins is None:
+            raise InvalidInput("expected a plan with its margins, got one without: plan.with_margins()")
+        return self.margins
+
+    def torque_maxima(self) -> dict[str, dict[str, Array]]:
+        """Largest |torque| per joint [N m or N], ``{finger: {"approach": (n_f,), "grasp": (n_f,)}}``."""
+        torques, impact = np.abs(self.motion.torques), self.motion.impact
+        return {
+            finger: {
+                "approach": torques[: impact + 1, list(dofs)].max(axis=0),
+                "grasp": torques[impact:, list(dofs)].max(axis=0),
+            }
+            for finger, dofs in self.layout.fingers.items()
+        }
+
+    def summary(self) -> Plain:
+        """The plan's figures as plain JSON values, units in the names."""
+        forces, motion, names = self.forces, self.motion, self.contacts.names
+        certificate, grid = forces.certificate, forces.grid
+        return {
+            "status": str(self.status),
+            "remedy": self.remedy,
+            "search": forces.search,
+            "solver": forces.backend or "none",
+            "balance": self.balance,
+            "measure": self.measure,
+            "friction": self.friction.summary(),
+            "impact_time_s": forces.impact_time,
+            "final_time_s": forces.final_time,
+            "normal_forces_N": dict(zip(names, forces.normal_forces.tolist())),
+            "multipliers": dict(zip(names, forces.multipliers.tolist())),
+            "contact_forces_N": dict(zip(names, forces.forces_c.tolist())),
+            "torsion_Nm": dict(zip(names, forces.torsion.tolist())) if self.friction.torsion else {},
+            "accelerations_m_s2": dict(zip(names, forces.acceleration.tolist())),
+            "work_J": forces.work,
+            "impulse_Ns": forces.impulse,
+            "residual_N": forces.residual_force,
+            "residual_Nm": forces.residual_moment,
+            "max_penetration_m": float(forces.final_depths.max()),
+            "joint_torque_max_Nm": {
+                finger: {phase: values.tolist() for phase, values in phases.items()}
+                for finger, phases in self.torque_maxima().items()
+            },
+            "peak_torque_Nm": motion.peak_torque,
+            "tracking_error_m": dict(zip(names, motion.tracking_error.tolist())),
+            "postures_tried": dict(motion.postures),
+            "forces_status": str(forces.status),
+            "motion": {"status": str(motion.status), "remedy": motion.remedy, "notes": list(motion.notes)},
+            "grid": None if grid is None else grid.summary(),
+            "certificate": None if certificate is None else certificate.summary(),
+            "margins": None if self.margins is None else self.margins.summary(names),
+            "closing": None if self.closing is None else dict(self.closing),
+            "comparison": [row.summary() for row in self.comparison],
+            "cautions": list(self.cautions),
+            "notes": list(self.notes),
+            "elapsed_s": sum(self.elapsed.values()),
+            "elapsed_by_stage_s": dict(self.elapsed),
+        }
+
+    def arrays(self) -> dict[str, Array]:
+        """The plan's arrays: shapes and units as in the parts."""
+        motion, contacts, forces, law = self.motion, self.contacts, self.forces, self.law
+        branches = np.zeros((0, 4)) if forces.certificate is None else forces.certificate.branches
+        reach = self.reach
+        return {
+            "times": motion.times,
+            "impact": np.array(motion.impact),
+            "q": motion.q,
+            "dq": motion.dq,
+            "ddq": motion.ddq,
+            "torques": motion.torques,
+            "holding_torques": motion.holding_torques,
+            "forces_o": motion.forces_o,
+            "contact_velocities": motion.contact_velocities,
+            "slip": motion.slip,
+            "depth": forces.depths,
+            "rate": forces.rates,
+            "normal_forces": forces.normal_history,
+            "residual_force_o": self.residual_force_o,
+            "points_o": contacts.points_o,
+            "rotations_oc": contacts.rotations_oc,
+            "com_o": contacts.com_o,
+            "load": self.load,
+            "gravity": self.gravity_o,
+            "object_mass": np.array(self.body_mass),
+            "mu": self.friction.mu,
+            "torsion_length": np.array(self.friction.torsion),
+            "contact_law": np.array([law.stiffness, law.damping, law.exponent]),
+            "contact_names": np.array(contacts.names),
+            "contact_links": np.array(contacts.links),
+            "torque_limit": self.torque_limit,
+            "branches": branches,
+            **({} if reach is None else {"margin_directions": reach.directions, "margin_forces": reach.forces}),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Proof:
+    """Why no forces can hold the object: a direction in which every admissible force leaves some of the load.
+
+    Attributes:
+        margin: what is left along it at least [N].
+        direction: in the balance rows (3,) or (6,), moments over the moment length.
+        at_torque_limit: joints whose limits are in the way.
+        residual: the least wrench that is left (6,) [N, N m].
+    """
+
+    margin: float
+    direction: Array
+    at_torque_limit: tuple[str, ...]
+    residual: Array
+
+    __repr__ = brief()
+
+    def summary(self) -> Plain:
+        """As plain JSON values."""
+        return {
+            "margin_N": self.margin,
+            "direction": self.direction.tolist(),
+            "at_torque_limit": list(self.at_torque_limit),
+            "residual": self.residual.tolist(),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanFailure:
+    """A search that found that there is no grasp: its diagnosis, kept like a plan.
+
+    Attributes:
+        status: of the search.
+        search: its name.
+        message: the diagnosis, in words.
+        proof: None where nothing is proven.
+        hand: its name.
+        contacts: names.
+        settings: the case, as plain values.
+        versions: packages and their versions.
+    """
+
+    status: Status
+    search: str
+    message: str
+    proof: Proof | None
+    hand: str
+    contacts: tuple[str, ...]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    __repr__ = brief("status", "name", "search", "message")
+
+    @property
+    def name(self) -> str:
+        """The case's name, or the hand's."""
+        return str(self.settings.get("name") or self.hand)
+
+    def summary(self) -> Plain:
+        """As plain JSON values."""
+        proof = {} if self.proof is None else {"proof": self.proof.summary()}
+        return {"status": str(self.status), "search": self.search, "message": self.message, **proof}

@@ -1,0 +1,201 @@
+"""The record of what was planned: forces and motion as numbers and names, cautions, the failure of a search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from pinograsp.checks import read_only
+from pinograsp.contacts import PALM, Closure
+from pinograsp.errors import InvalidInput, SearchFailed
+from pinograsp.forces import ForceProblem, ForceSolution
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
+from pinograsp.plan import (
+    ContactLaw,
+    Layout,
+    Motion,
+    PlanCertificate,
+    PlanContacts,
+    PlanFailure,
+    PlanForces,
+    PlanFriction,
+    PlanGrid,
+    Proof,
+)
+from pinograsp.planner.grasp_plan import GraspPlan
+
+_SLIDES = 1e-4  # [m] across the normal: worth a caution
+
+
+def assembled(
+    hand: HandModel,
+    solution: ForceSolution,
+    motion: Motion,
+    *,
+    elapsed: Mapping[str, float],
+    closure: Closure | None = None,
+    notes: tuple[str, ...] = (),
+) -> GraspPlan:
+    """The plan of a hand that is to bring these forces about by this motion."""
+    problem, contacts, friction = solution.problem, solution.problem.contacts, solution.problem.friction
+    compliance = problem.compliance
+    closed = () if closure is None else closure.notes
+    return GraspPlan(
+        layout=Layout(
+            hand=hand.name,
+            joints=tuple(hand.joint_names),
+            fingers={finger.name: tuple(finger.dofs.tolist()) for finger in hand.fingers},
+        ),
+        hand=hand,
+        body=problem.object,
+        contacts=PlanContacts(
+            names=tuple(contacts.names),
+            links=tuple(contact.link for contact in contacts),
+            points_o=contacts.points_o,
+            rotations_oc=contacts.rotations_oc,
+            com_o=contacts.com_o,
+        ),
+        friction=PlanFriction(
+            mu=problem.mu,
+            model=friction.model,
+            edges=friction.edges if friction.model == "pyramid" else None,
+            safety=friction.safety,
+            torsion=friction.torsion,
+        ),
+        law=ContactLaw(stiffness=compliance.stiffness, damping=compliance.damping, exponent=compliance.exponent),
+        load=problem.load,
+        gravity_o=problem.gravity_o,
+        body_mass=0.0 if problem.object is None else problem.object.mass,
+        balance=problem.balance,
+        measure=problem.measure,
+        torque_limit=read_only(hand.effort_or_infinity if problem.torques is None else problem.torques.limit),
+        forces=_forces(solution, motion),
+        motion=motion,
+        cautions=_cautions(problem, motion),
+        notes=(*motion.notes, *closed, *notes),
+        closing=None if closure is None else closure.summary(),
+        elapsed=elapsed,
+        versions=_versions(solution.backend),
+        solution=solution,
+        closure=closure,
+    )
+
+
+def _forces(solution: ForceSolution, motion: Motion) -> PlanForces:
+    problem, profile, grid = solution.problem, solution.profile, solution.grid
+    depths, rates = profile.depth(motion.times), profile.rate(motion.times)
+    kept = None
+    if grid is not None:
+        kept = PlanGrid(
+            points=grid.points, cells=grid.cells, rejections=dict(grid.rejections), qp_solves=grid.qp_solves
+        )
+    return PlanForces(
+        status=solution.status,
+        search=solution.search,
+        backend=solution.backend,
+        impact_time=float(profile.impact_time),
+        final_time=problem.final_time,
+        forces_c=solution.forces_c,
+        multipliers=read_only(np.reshape(solution.multipliers, (-1, 2))),
+        torsion=solution.torsion if len(solution.torsion) else read_only(np.zeros(problem.k)),
+        acceleration=solution.acceleration,
+        work=solution.work,
+        impulse=solution.impulse,
+        residual_force=solution.residual_force,
+        residual_moment=solution.residual_moment,
+        depths=read_only(depths),
+        rates=read_only(rates),
+        normal_history=read_only(problem.compliance.normal_force(depths, rates)),
+        certificate=_certificate(solution),
+        grid=kept,
+    )
+
+
+def _certificate(solution: ForceSolution) -> PlanCertificate | None:
+    certificate = solution.certificate
+    if certificate is None:
+        return None
+    rows = [(one.start, one.end, one.lower_bound, one.best) for one in solution.branches]
+    return PlanCertificate(
+        weights=dict(solution.weights),
+        objective=certificate.objective,
+        lower_bound=certificate.lower_bound,
+        relative_gap=certificate.relative_gap,
+        violation=certificate.violation,
+        active=certificate.active(solution.problem.contacts.names),
+        branches=read_only(np.array(rows, dtype=float).reshape(-1, 4)),
+    )
+
+
+def _cautions(problem: ForceProblem, motion: Motion) -> tuple[str, ...]:
+    """What the plan's promise does not cover, in words."""
+    contacts, cautions = problem.contacts, []
+    if problem.balance == "force":
+        cautions.append("forces are balanced, moments are not: a free object turns (balance='wrench')")
+    if problem.friction.safety == 1.0:
+        cautions.append("friction is used up to its limit: ask for a friction safety factor above 1")
+    cautions += [
+        f"{name} cannot press: its force builds up only as the object gives way to the fingers"
+        for name, contact in zip(contacts.names, contacts)
+        if contact.finger == PALM
+    ]
+    if problem.torques is not None and problem.torques.limited.any():
+        loaded = np.abs(problem.torques.jacobian).max(axis=(0, 1)) > 0
+        bearing = zip(problem.torques.joints, loaded, problem.torques.limited)
+        free = [name for name, bears, limited in bearing if bears and not limited]
+        if free:
+            cautions.append(f"no limit is known of the torques of {', '.join(free)}: they are not limited")
+    cautions += [
+        f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses: friction then points elsewhere"
+        for name, slip in zip(contacts.names, motion.slip)
+        if slip > _SLIDES
+    ]
+    if problem.object is not None:
+        links = [contact.link for contact in contacts]
+        cautions += [
+            f"{name} touches an edge of the object, where the normal is not defined: a small error turns it"
+            for name, contact in zip(contacts.names, contacts)
+            # The corners of a flat area may lie on an edge; a single point there has no normal of its own.
+            if links.count(contact.link) == 1 and _on_edge(problem.object, contact.point_o)
+        ]
+    return tuple(cautions)
+
+
+def _on_edge(body: Body, point_o: np.ndarray) -> bool:
+    try:
+        body.curvature(point_o[None])
+    except InvalidInput:
+        return True
+    return False
+
+
+def failure_of(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> PlanFailure:
+    """The record of a search that found no forces, for a hand of that name."""
+    solution, proof = error.solution, None
+    if solution.infeasibility is not None:
+        found = solution.infeasibility
+        proof = Proof(
+            margin=found.margin,
+            direction=read_only(found.direction),
+            at_torque_limit=tuple(found.at_torque),
+            residual=read_only(found.residual),
+        )
+    return PlanFailure(
+        status=solution.status,
+        search=solution.search,
+        message=str(error),
+        proof=proof,
+        hand=hand,
+        contacts=tuple(solution.problem.contacts.names),
+        settings=settings,
+        versions=_versions(solution.backend),
+    )
+
+
+def _versions(solver: str) -> dict[str, str]:
+    packages = ("pinograsp", "pin", "qpsolvers", "numpy", *((solver,) if solver in ("daqp", "clarabel") else ()))
+    return {name: version(name) for name in packages}

@@ -1,0 +1,67 @@
+"""What a plan's forces bear besides their load, for its record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pinograsp.checks import read_only
+from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
+from pinograsp.forces import ForceSolution, disturbance_margin, force_closure, grasp_margins
+from pinograsp.plan import PlanMargins, Reach
+
+_DIRECTIONS = 48  # around a plane, in which forces are looked for
+
+
+def margins_of(solution: ForceSolution) -> PlanMargins:
+    """Margins of the forces and quality of the grasp."""
+    problem = solution.problem
+    margins = grasp_margins(solution, tolerance=1e-3)
+    closure = force_closure(problem.contacts, problem.mu, balance=problem.balance)
+    epsilon = ferrari_canny(
+        problem.contacts,
+        problem.mu,
+        balance=problem.balance,
+        tolerance=1e-2,
+        friction=replace(problem.friction, safety=1.0),
+        moment_length=problem.moment_length,
+    )
+    stiffness = grasp_stiffness(problem.contacts, problem.compliance, solution.normal_forces)
+    metrics = grasp_map_metrics(problem.contacts, moment_length=problem.moment_length)
+    return PlanMargins(
+        friction_used=read_only(margins.friction_used),
+        least_mu=read_only(margins.least_mu),
+        slip_distance=read_only(margins.slip_distance),
+        load_factor=float(margins.load_factor),
+        disturbance=float(margins.disturbance.lower),
+        weakest_direction=read_only(margins.disturbance.direction),
+        disturbance_force=margins.disturbance_force,
+        disturbance_moment=margins.disturbance_moment,
+        force_closure=closure.closed,
+        ferrari_canny=float(epsilon.lower),
+        min_singular_value=float(metrics.min_singular_value),
+        isotropy=float(metrics.isotropy),
+        stiffness=read_only(stiffness.matrix),
+    )
+
+
+def reach_of(solution: ForceSolution) -> Reach:
+    """Forces that may come on top of the load while the squeeze stays, around the planes xy, xz, yz."""
+    problem = replace(solution.problem, friction=replace(solution.problem.friction, safety=1.0))
+
+    def margin(direction: np.ndarray) -> float:
+        held = disturbance_margin(problem, np.append(direction, np.zeros(3)), normal_forces=solution.normal_forces)
+        return max(0.0, held)  # forces on their limits leave nothing, and rounding of that may be less than nothing
+
+    reach = {(axis, sign): margin(sign * np.eye(3)[axis]) for axis in range(3) for sign in (1.0, -1.0)}
+    angles = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
+    directions = np.zeros((3, _DIRECTIONS, 3))
+    for plane, axes in enumerate(((0, 1), (0, 2), (1, 2))):
+        for axis, share in zip(axes, (np.cos(angles), np.sin(angles))):
+            # Denser where the set is thin: as on an ellipse that reaches as far.
+            size = np.where(share > 0, reach[axis, 1.0], reach[axis, -1.0])
+            directions[plane][:, axis] = share * np.maximum(size, 1e-3 * max(1e-3, *reach.values()))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    forces = np.array([[margin(direction) for direction in plane] for plane in directions])
+    return Reach(directions=read_only(directions), forces=read_only(forces))
