@@ -151,20 +151,20 @@ def _fill() -> None:
     call(
         pg.contacts_at,
         hand=w.hand,
-        object=w.pen,
+        body=w.pen,
         points=w.points,
         links={"thumb": [w.contacts[0].link]},
         lengths={"thumb": [0.03]},
         gravity_o=(0.0, 0.0, -9.81),
         tolerance=1e-3,
     )
-    call(pg.contacts_at, "contacts_at of an array", hand=None, object=w.pen, points=w.contacts.points_o, tolerance=1e-3)
+    call(pg.contacts_at, "contacts_at of an array", hand=None, body=w.pen, points=w.contacts.points_o, tolerance=1e-3)
     opened = {finger.name: np.zeros(len(finger.dofs)) for finger in w.hand.fingers}
     posture = {finger.name: w.q[finger.dofs] for finger in w.hand.fingers}
     call(
         pg.close_hand,
         hand=w.hand,
-        object=w.pen,
+        body=w.pen,
         start=opened,
         target=np.array(w.hand.upper),
         palm=True,
@@ -175,9 +175,9 @@ def _fill() -> None:
     )
     call(w.closure.contacts, gravity_o=(0.0, 0.0, -9.81), palm=True, patches=True)
     call(contacts.check_geometry, hand=w.hand)
-    call(contacts.clearance, hand=w.hand, object=w.pen, q=w.q)
-    call(contacts.open_and_closed, hand=w.hand, object=w.pen)
-    call(contacts.touching, hand=w.hand, object=w.pen, contacts=w.contacts, posture=w.q)
+    call(contacts.clearance, hand=w.hand, body=w.pen, q=w.q)
+    call(contacts.open_and_closed, hand=w.hand, body=w.pen)
+    call(contacts.touching, hand=w.hand, body=w.pen, contacts=w.contacts, posture=w.q)
     for energy in (contacts.impulse_energy, contacts.work_energy):
         call(energy, compliance=w.problem.compliance, final_depth=[1e-3], duration=0.1, shape=shape.constant())
     call(contacts.energy_terms, compliance=w.problem.compliance, measure="work", duration=0.1, shape=shape.constant())
