@@ -354,7 +354,7 @@ def test_wrong_input_is_refused(task, tmp_path):
                 call(task, **{**QUICK, **settings})
     with pytest.raises(InvalidInput, match="friction"):
         slip_threshold(replace(task, mu=0 * task.mu), **QUICK)
-    with pytest.raises(InvalidInput, match="expected a grasp plan"):
+    with pytest.raises(InvalidInput, match="plan: expected a PlanRecord"):
         monte_carlo(3)
 
 
