@@ -26,11 +26,13 @@ from pinograsp.checks import (
     shown,
 )
 from pinograsp.contacts import Contact, ContactSet, Friction
+from pinograsp.contacts.compliance import MEASURES
+from pinograsp.contacts.quality import BALANCES
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.backends import Backends
 from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
 from pinograsp.forces.matrices import matrices_of
-from pinograsp.forces.problem import BALANCES, MEASURES, ForceProblem
+from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, weights_of
 from pinograsp.forces.solvers import compiled_solvers
 

@@ -9,7 +9,9 @@ import numpy as np
 
 from pinograsp.checks import array_of, brief, instance_of, number, one_of
 from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction
-from pinograsp.forces.problem import BALANCES, MEASURES, ForceProblem
+from pinograsp.contacts.compliance import MEASURES
+from pinograsp.contacts.quality import BALANCES
+from pinograsp.forces.problem import ForceProblem
 from pinograsp.objects.body import Body
 
 TorqueLimit = Literal["effort"] | float | np.ndarray | None

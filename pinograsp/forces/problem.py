@@ -32,12 +32,12 @@ from pinograsp.contacts import (
     impulse_energy,
     work_energy,
 )
+from pinograsp.contacts.compliance import MEASURES
 from pinograsp.contacts.friction import LARGEST_MU
+from pinograsp.contacts.quality import BALANCES
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 
-BALANCES = ("wrench", "force")
-MEASURES = ("impulse", "work")
 _ENERGIES = {"impulse": impulse_energy, "work": work_energy}
 
 BY_ACCELERATION = "deceleration range (Eq. 13c)"

@@ -24,10 +24,11 @@ import numpy as np
 
 from pinograsp.checks import instance_of, number, one_of, shown
 from pinograsp.contacts import Friction
+from pinograsp.contacts.compliance import MEASURES
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import load_size_of
 from pinograsp.forces.matrices import Matrices, matrices_of
-from pinograsp.forces.problem import MEASURES, ForceProblem
+from pinograsp.forces.problem import ForceProblem
 
 OBJECTIVES = (*MEASURES, "least_squares", "peak", "motor_heat")
 

@@ -25,6 +25,7 @@ from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, brief, frozen, instance_of, read_only
 from pinograsp.contacts import Friction
+from pinograsp.contacts.compliance import MEASURES
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import Answer, Checks, certify
 from pinograsp.forces.backends import Outcome
@@ -33,7 +34,7 @@ from pinograsp.forces.conic import cone_rows, solve
 from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.matrices import matrices_of
-from pinograsp.forces.problem import MEASURES, ForceProblem
+from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, energy_terms_at, feasibility, weights_of
 from pinograsp.forces.solution import ForceSolution, solution_of
 from pinograsp.forces.solvers import compiled_installed

@@ -3,11 +3,10 @@
 from pinograsp.motion.contact_ik import ContactPostures, contact_postures
 from pinograsp.motion.online import OnlineForces
 from pinograsp.motion.torques import effort_of, torque_limits
-from pinograsp.motion.trajectory import Motion, MotionSpec, plan_motion
+from pinograsp.motion.trajectory import MotionSpec, plan_motion
 
 __all__ = [
     "ContactPostures",
-    "Motion",
     "MotionSpec",
     "OnlineForces",
     "contact_postures",
