@@ -5,18 +5,76 @@ The model comes from outside: its arrays are read, the package itself is not nee
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, shown
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.coupling import Coupling
+from pinograsp.spatial import Array
 
 _SLACK = 1e-6  # beyond a control range, in its unit
 # MuJoCo's numbers for transmissions by joints and tendons, fixed tendons, and joints of one degree of freedom.
 _JOINT, _TENDON, _WRAPS_JOINT, _SCALAR = (0, 1), 3, 1, (2, 3)
 
 
-def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: list[str]):
-    """qpos (m, nq), qvel (m, nv), ctrl (m, nu) of a ``mujoco.MjModel``, and the names of its joints and actuators.
+class Driven(Protocol):
+    """A trajectory, as far as its actuators are concerned; the fields are those of ``JointTrajectory``."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joints (n,)."""
+
+    @property
+    def times(self) -> Array:
+        """(m,) [s]."""
+
+    @property
+    def q(self) -> Array:
+        """Positions (m, n)."""
+
+    @property
+    def dq(self) -> Array:
+        """Rates (m, n)."""
+
+    @property
+    def effort(self) -> Array:
+        """Feed-forward (m, n)."""
+
+    @property
+    def couplings(self) -> Mapping[str, Coupling]:
+        """By coupled joint."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Controls:
+    """What a model gets over time.
+
+    Attributes:
+        qpos: (m, nq).
+        qvel: (m, nv).
+        ctrl: (m, nu).
+        joints: names of the joints in ``qpos``.
+        actuators: names of the actuators (nu,).
+        notes: what does not fit.
+    """
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    joints: tuple[str, ...]
+    actuators: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+def controls(
+    model: Any, own: Driven, every: Driven, qpos: ArrayLike | None, feed_forward: bool, prefix: str
+) -> Controls:
+    """The controls of a ``mujoco.MjModel``, at which its actuators make what the trajectory asks for.
 
     Args:
         own: the trajectory.
@@ -24,7 +82,6 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
         qpos: of all else (nq,); None: the model's ``qpos0``.
         feed_forward: whether actuators make the trajectory's effort.
         prefix: of the joints' names in the model.
-        notes: takes what does not fit.
 
     Raises:
         InvalidInput: not a model, or one without the hand's joints.
@@ -47,7 +104,8 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
         velocities[:, model.jnt_dofadr[j]] = every.dq[:, column]
     length, speed = np.zeros((m, model.nu)), np.zeros((m, model.nu))
     moments = np.zeros((model.nu, len(own.names)))
-    unknown = set()
+    unknown: set[int] = set()
+    notes: list[str] = []
     leads = {place[name]: (own.names.index(name), 1.0) for name in own.names}
     leads |= {
         place[name]: (own.names.index(c.followed), c.factor) for name, c in own.couplings.items() if name in place
@@ -73,7 +131,7 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
     idle = [name for name, column in zip(own.names, moments.T) if not column.any() and name not in own.couplings]
     low, high = model.actuator_ctrlrange.T
     beyond = model.actuator_ctrllimited.astype(bool) & ((ctrl < low - _SLACK) | (ctrl > high + _SLACK)).any(axis=0)
-    for told, what in (
+    for names, what in (
         (idle, "no actuator of the model moves"),
         (
             [a for a, ok in zip(actuators, usable) if not ok],
@@ -82,11 +140,18 @@ def controls(model, own, every, qpos, feed_forward: bool, prefix: str, notes: li
         ([a for a, out in zip(actuators, beyond) if out], "controls leave their range:"),
         ([a for a, kind in zip(actuators, model.actuator_dyntype) if kind], "controls act with a delay of their own:"),
     ):
-        notes += [f"{what} {', '.join(told)}"] if told else []
-    return {"qpos": positions, "qvel": velocities, "ctrl": ctrl}, {"joints": joints, "actuators": actuators}
+        notes += [f"{what} {', '.join(names)}"] if names else []
+    return Controls(
+        qpos=positions,
+        qvel=velocities,
+        ctrl=ctrl,
+        joints=tuple(joints),
+        actuators=tuple(actuators),
+        notes=tuple(notes),
+    )
 
 
-def _pulls(model, u: int) -> list[tuple[int, float]] | None:
+def _pulls(model: Any, u: int) -> list[tuple[int, float]] | None:
     """Joints that an actuator moves, and the arm of each; None for what is not a joint or a fixed tendon."""
     kind, target, gear = model.actuator_trntype[u], model.actuator_trnid[u, 0], float(model.actuator_gear[u, 0])
     if kind in _JOINT:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from pinograsp.spatial import Array
 
-def between(nodes, states, times) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+
+def between(nodes: Array, states: Sequence[Array], times: Array) -> tuple[Array, Array, Array]:
     """q, dq, ddq (s, n) at ``times`` (s,) of the quintic polynomials between nodes (m,) with q, dq, ddq (m, n)."""
     if len(nodes) == 1:
-        return tuple(np.repeat(values, len(times), axis=0) for values in states)
+        q, dq, ddq = (np.repeat(values, len(times), axis=0) for values in states)
+        return q, dq, ddq
     left = np.clip(np.searchsorted(nodes, times, side="right") - 1, 0, len(nodes) - 2)
     T, t = np.diff(nodes)[left, None], (times - nodes[left])[:, None]
     (q, dq, ddq), (q_next, dq_next, ddq_next) = ([values[i] for values in states] for i in (left, left + 1))
@@ -22,6 +27,6 @@ def between(nodes, states, times) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return position, velocity, ddq + t * (6 * a3 + t * (12 * a4 + t * 20 * a5))
 
 
-def interpolated(at, times, columns) -> np.ndarray:
+def interpolated(at: Array, times: Array, columns: Array) -> Array:
     """Columns (m, n) that are known at ``times`` (m,), linearly at ``at`` (s,)."""
     return np.column_stack([np.interp(at, times, column) for column in columns.T])

@@ -9,16 +9,19 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, flag, one_of, path_of, read_only, text_of
 from pinograsp.errors import InvalidInput
-from pinograsp.handover.actuators import controls
+from pinograsp.handover.actuators import Controls, controls
 from pinograsp.handover.quintic import between, interpolated
 from pinograsp.handover.yaml_text import yaml_of
 from pinograsp.hands.coupling import Coupling
+from pinograsp.spatial import Array
 from pinograsp.words import printable
 from pinograsp.writing import write_file
 
@@ -66,7 +69,7 @@ class JointTrajectory:
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         times = array_of("times", self.times, (None,))
         if times.size < 1 or times[0] < 0 or np.any(np.diff(times) <= 0):
             raise InvalidInput("times: expected at least one, from 0 s on, each later than the one before")
@@ -74,12 +77,12 @@ class JointTrajectory:
         for name in _FIELDS.values():
             object.__setattr__(self, name, array_of(name, getattr(self, name), (times.size, len(self.names))))
 
-    def at(self, times) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, times: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as controllers
         interpolate.
         """
-        times = np.clip(array_of("times", times, (None,)), self.times[0], self.times[-1])
-        return *between(self.times, (self.q, self.dq, self.ddq), times), interpolated(times, self.times, self.effort)
+        at = np.clip(array_of("times", times, (None,)), self.times[0], self.times[-1])
+        return *between(self.times, (self.q, self.dq, self.ddq), at), interpolated(at, self.times, self.effort)
 
     def with_followers(self) -> JointTrajectory:
         """The same with a column for every joint, coupled ones included, whose effort is 0: their motors are those they
@@ -101,8 +104,15 @@ class JointTrajectory:
         stacked = {
             attribute: np.column_stack([values[name] for name in order]) for attribute, values in columns.items()
         }
-        deviation = None if self.deviation is None else read_only([off[name] for name in order])
-        return replace(self, names=tuple(order), deviation=deviation, **stacked)
+        return replace(
+            self,
+            names=tuple(order),
+            deviation=None if self.deviation is None else read_only(np.array([off[name] for name in order])),
+            q=stacked["q"],
+            dq=stacked["dq"],
+            ddq=stacked["ddq"],
+            effort=stacked["effort"],
+        )
 
     def describe(self) -> str:
         """Length, deviations and notes, as readable text."""
@@ -136,12 +146,10 @@ class JointTrajectory:
         own = self.with_followers() if flag("followers", followers) else self
         written = io.StringIO()
         table = csv.writer(written, lineterminator="\n")
-        quoting = (
-            csv.QUOTE_ALL if any("\r" in name for name in own.names) else csv.QUOTE_MINIMAL
-        )  # csv itself overlooks it
-        csv.writer(written, lineterminator="\n", quoting=quoting).writerow(
-            ["time", *(f"{_no_formula(name)}/{kind}" for kind in _FIELDS for name in own.names)]
-        )
+        # csv itself overlooks a carriage return
+        odd = any("\r" in name for name in own.names)
+        head = csv.writer(written, lineterminator="\n", quoting=csv.QUOTE_ALL if odd else csv.QUOTE_MINIMAL)
+        head.writerow(["time", *(f"{_no_formula(name)}/{kind}" for kind in _FIELDS for name in own.names)])
         rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in _FIELDS.values())])
         table.writerows([repr(value) for value in row] for row in rows.tolist())
         write_file(path, written.getvalue().encode())
@@ -155,7 +163,7 @@ class JointTrajectory:
         effort: bool = True,
         goal: bool = False,
         frame: str = "",
-    ) -> dict:
+    ) -> dict[str, Any]:
         """The message ``trajectory_msgs/JointTrajectory`` as plain values; written to ``path`` where one is given.
 
         Send it with ``ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory --yaml-file FILE``. Its stamp is
@@ -188,7 +196,7 @@ class JointTrajectory:
                 | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
             )
         header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
-        message = {"header": header, "joint_names": list(own.names), "points": points}
+        message: dict[str, Any] = {"header": header, "joint_names": list(own.names), "points": points}
         message = {"trajectory": message} if flag("goal", goal) else message
         if path is not None:
             content = json.dumps(message, allow_nan=False) + "\n" if path.suffix == ".json" else yaml_of(message)
@@ -196,7 +204,13 @@ class JointTrajectory:
         return message
 
     def to_mujoco(
-        self, path: str | Path, *, model=None, qpos=None, feed_forward: bool = True, prefix: str = ""
+        self,
+        path: str | Path,
+        *,
+        model: Any = None,
+        qpos: ArrayLike | None = None,
+        feed_forward: bool = True,
+        prefix: str = "",
     ) -> JointTrajectory:
         """Write keyframes ``start``, ``impact`` and ``final``, and next to them an ``.npz`` of the controls over time.
 
@@ -224,43 +238,54 @@ class JointTrajectory:
         flag("feed_forward", feed_forward)
         text_of("prefix", prefix)
         one_of("suffix of MuJoCo keyframes", path.suffix, (".xml",))
-        own, notes = self.with_followers(), []
+        own = self.with_followers()
         if model is None:
             if qpos is not None:
                 raise InvalidInput("qpos: expected with a model=, whose other joints it places; got it alone")
             driven = [i for i, name in enumerate(self.names) if name not in self.couplings]
-            arrays = {"qpos": own.q, "qvel": own.dq, "ctrl": self.q[:, driven]}
-            names = {"joints": own.names, "actuators": [self.names[i] for i in driven]}
+            found = Controls(
+                qpos=own.q,
+                qvel=own.dq,
+                ctrl=self.q[:, driven],
+                joints=own.names,
+                actuators=tuple(self.names[i] for i in driven),
+            )
         else:
-            arrays, names = controls(model, self, own, qpos, feed_forward, prefix, notes)
-        arrays = {"times": own.times, **arrays}
-        keys = [("start", 0), ("impact", self.impact_time), ("final", own.times.size - 1)]
+            found = controls(model, self, own, qpos, feed_forward, prefix)
+        last = own.times.size - 1
+        keys = {"start": 0, "final": last}
+        if self.impact_time is not None:  # the first sample that touches
+            keys["impact"] = min(int(np.searchsorted(own.times, self.impact_time - 1e-9)), last)
         lines = [
             # no comment may hold two hyphens in a row
-            f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(map(printable, names[kind])))} -->"
-            for what, kind in (("qpos", "joints"), ("ctrl", "actuators"))
+            f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(map(printable, names)))} -->"
+            for what, names in (("qpos", found.joints), ("ctrl", found.actuators))
         ]
-        for name, i in keys:
-            if name == "impact":
-                if i is None:
-                    continue
-                i = min(int(np.searchsorted(own.times, i - 1e-9)), own.times.size - 1)  # the first sample that touches
+        for name, i in sorted(keys.items(), key=lambda key: key[1]):
             values = {
-                "time": arrays["times"][i : i + 1],
-                "qpos": arrays["qpos"][i],
-                "qvel": arrays["qvel"][i],
-                "ctrl": arrays["ctrl"][i],
+                "time": own.times[i : i + 1],
+                "qpos": found.qpos[i],
+                "qvel": found.qvel[i],
+                "ctrl": found.ctrl[i],
             }
             attributes = " ".join(
                 f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size
             )
             lines.append(f'<key name="{name}" {attributes}/>')
         archive = io.BytesIO()
-        np.savez_compressed(archive, **arrays, **{kind: np.array(values, dtype=str) for kind, values in names.items()})
+        np.savez_compressed(
+            archive,
+            times=own.times,
+            qpos=found.qpos,
+            qvel=found.qvel,
+            ctrl=found.ctrl,
+            joints=np.array(found.joints, dtype=str),
+            actuators=np.array(found.actuators, dtype=str),
+        )
         write_file(path.with_suffix(".npz"), archive.getvalue())
         inner = "\n".join(f"    {line}" for line in lines)
         write_file(path, f"<mujoco>\n  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>\n".encode())
-        return replace(self, notes=(*self.notes, *notes))
+        return replace(self, notes=(*self.notes, *found.notes))
 
 
 def _no_formula(name: str) -> str:
@@ -282,9 +307,9 @@ def read_csv(path: str | Path) -> JointTrajectory:
         raise InvalidInput(
             f"'{path}': expected columns time, JOINT/{', JOINT/'.join(_FIELDS)}, got {', '.join(header[:9])}..."
         )
-    blocks = np.split(values[:, 1:], len(_FIELDS), axis=1)
-    names = [name.removeprefix("'") for name in names]
-    return JointTrajectory(names=tuple(names), times=values[:, 0], **dict(zip(_FIELDS.values(), blocks)))
+    q, dq, ddq, effort = np.split(values[:, 1:], len(_FIELDS), axis=1)
+    own = tuple(name.removeprefix("'") for name in names)
+    return JointTrajectory(names=own, times=values[:, 0], q=q, dq=dq, ddq=ddq, effort=effort)
 
 
 def read_ros2(path: str | Path) -> JointTrajectory:
@@ -306,11 +331,18 @@ def read_ros2(path: str | Path) -> JointTrajectory:
         names, points = tuple(map(str, message["joint_names"])), message["points"]
         times = [point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points]
         columns = {
-            attribute: [point.get(name) or [0.0] * len(names) for point in points]
+            attribute: array_of(attribute, [point.get(name) or [0.0] * len(names) for point in points], (None, None))
             for name, attribute in _MESSAGE.items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError, YAMLError) as error:
         raise InvalidInput(
             f"'{path}': expected a trajectory_msgs/JointTrajectory: {type(error).__name__}: {error}"
         ) from error
-    return JointTrajectory(names=names, times=times, **columns)
+    return JointTrajectory(
+        names=names,
+        times=array_of("times", times, (None,)),
+        q=columns["q"],
+        dq=columns["dq"],
+        ddq=columns["ddq"],
+        effort=columns["effort"],
+    )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
 
-def yaml_of(message: dict) -> str:
+
+def yaml_of(message: dict[str, Any]) -> str:
     """YAML that version 1.1 reads alike: names in quotes, a point in every number with an exponent."""
     inner = message.get("trajectory", message)
     header = inner["header"]
