@@ -199,7 +199,7 @@ def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):
         if frequency:
             given["shake_frequency"] = _numbers("--shake", frequency, (1,))[0]
     if mass is not None:
-        given["mass_factor"] = number("--mass", mass, above=0, unit="kg") / task.object.mass
+        given["mass_factor"] = number("--mass", mass, above=0, unit="kg") / task.body.mass
     if offset is not None:
         given["object_offset"] = 1e-3 * np.array(_numbers("--offset", offset, (3,)))
     if turn is not None:

@@ -529,6 +529,21 @@ def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
         pg.save_run(plan, folder / "of", force=True)
 
 
+def test_check_takes_every_disturbance(command, plan, tmp_path):
+    folder = pg.save_run(plan, tmp_path / "run")
+    options = "--push 0,0,-0.1@0.01+0.01 --shake 0.1,0,0@3 --mu 0.65 --mass 1.1 --offset 0.1,0,0 --turn 0,0,0.5"
+    short = ("--hold", "0.02", "--time-step", "1e-3", "--start-error", "0.1", "--json")
+    code, out, _ = command("check", str(folder), *options.split(), *short)
+    assert code in (0, 3)
+    got = json.loads(out)["disturbance"]
+    assert got["mu"] == 0.65 and got["mass_factor"] == pytest.approx(1.1 / plan.body.mass)
+    assert got["shake_m_s2"] == [0.1, 0.0, 0.0] and got["shake_Hz"] == 3.0
+    assert got["object_offset_m"] == pytest.approx([1e-4, 0.0, 0.0])
+    assert got["object_turn_rad"] == pytest.approx([0.0, 0.0, np.radians(0.5)])
+    assert got["start_error"] == pytest.approx([np.radians(0.1)] * plan.hand.n)
+    assert got["pushes"] == [{"wrench_N_Nm": [0.0, 0.0, -0.1, 0.0, 0.0, 0.0], "start_s": 0.01, "duration_s": 0.01}]
+
+
 def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
     assert command("check", str(tmp_path))[0] == 2
     folder = pg.save_run(plan, tmp_path / "run")
