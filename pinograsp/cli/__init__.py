@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import signal
 import sys
 import traceback
+from typing import Any
 
 try:  # Ctrl-C may come while the commands, which register themselves, are loaded
     import typer
@@ -23,7 +25,7 @@ from pinograsp.words import escaped
 
 __all__ = ["app", "bench", "check", "hands", "main", "plan", "report", "run", "sweep", "view"]
 
-_UsageError = typer.BadParameter.__base__  # of click, or of the copy of it that typer brings
+_UsageError: Any = typer.BadParameter.__base__  # of click, or of the copy of it that typer brings
 
 
 def main() -> None:
@@ -32,9 +34,8 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):
             stream.flush()
-    if (
-        code == 130
-    ):  # at once: where Ctrl-C has passed through compiled code, Python would end by the signal instead, or crash
+    if code == 130:
+        # At once: where Ctrl-C has passed through compiled code, Python would end by the signal instead, or crash.
         os._exit(130)
     signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # nothing is left to do but to clear up
     raise SystemExit(code)
@@ -44,9 +45,10 @@ def run() -> int:
     """The command line as a call, which returns the exit code: errors become one message, never a traceback."""
     told.update(quiet=False, verbose=False)
     for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(errors="backslashreplace")  # names of files may be no text
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names of files may be no text
     try:
-        code = app(prog_name="pinograsp", standalone_mode=False) or 0
+        code = int(app(prog_name="pinograsp", standalone_mode=False) or 0)
         sys.stdout.flush()
     except BaseException as error:
         code = _tell(error)
@@ -62,7 +64,7 @@ def _tell(error: BaseException) -> int:
     if _interrupted(error):
         return 130
     if isinstance(error, _UsageError):
-        code, name, status, text = error.exit_code, "UsageError", Status.INVALID_INPUT, error.format_message()
+        code, name, status, text = int(error.exit_code), "UsageError", Status.INVALID_INPUT, error.format_message()
         if type(error).__name__ == "NoArgsIsHelpError":
             typer.echo(text, err=True)
             return code

@@ -6,9 +6,14 @@ import contextlib
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pinograsp.writing import NewFolder
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -91,14 +96,14 @@ def bar(as_json: bool) -> bool | None:
     return False if as_json or told["quiet"] else None
 
 
-def console():
+def console() -> Console:
     """Standard output for tables: as wide as the terminal; a pipe has no width, and gets whole rows."""
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else 150, highlight=False, markup=False)
 
 
-def new_folder(out: Path | None, force: bool, name: str, beside: Path = Path("runs")):
+def new_folder(out: Path | None, force: bool, name: str, beside: Path = Path("runs")) -> NewFolder:
     """``--out``, or a folder that does not exist yet, NAME, NAME-2, ...: kept for this process from now on."""
     from pinograsp.writing import NewFolder
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import time
-from typing import Annotated
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pinograsp.cli.app import Json, Quiet, Verbose, app
+
+if TYPE_CHECKING:
+    from pinograsp.forces import ForceProblem
+    from pinograsp.spatial import Array
 
 _REPEATS, _BATCH = 200, 10_000
 _MOST_CONTACTS = 200  # more take minutes and gigabytes
@@ -47,22 +52,20 @@ def bench(
     except ExtraMissing as missing:
         fast = False
         typer.echo(str(missing), err=True)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for k in contacts:
-        problem, loads = _problem(pg, np, k)
+        problem, loads = _problem(k)
         solver = pg.ForceSolver(problem, 0.9, objective="least_squares")
-        rows.append({"contacts": k, "solve_us": _median(np, solver.solve, loads)})
+        rows.append({"contacts": k, "solve_us": _median(solver.solve, loads)})
         if fast:
             online = pg.OnlineForces(problem, normal_forces=(0.01, 30.0))
-            rows[-1]["online_step_us"] = _median(np, online.step, loads)
+            rows[-1]["online_step_us"] = _median(online.step, loads)
             many = pg.ForceBatch.of([problem.with_load(load) for load in loads], 0.9)
-            batch = pg.ForceBatch(
-                **{
-                    name: np.concatenate([getattr(many, name)] * (_BATCH // len(loads)))
-                    for name in ("points", "rotations", "loads", "mu", "low", "high", "counts", "moment_lengths")
-                },
-                friction=problem.friction,
-            )
+            arrays: dict[str, Any] = {
+                name: np.concatenate([getattr(many, name)] * (_BATCH // len(loads)))
+                for name in ("points", "rotations", "loads", "mu", "low", "high", "counts", "moment_lengths")
+            }
+            batch = pg.ForceBatch(**arrays, friction=problem.friction)
             pg.solve_batch(many)
             rows[-1]["batch_per_problem_us"] = round(1e6 * pg.solve_batch(batch).elapsed / len(batch), 2)
     if as_json:
@@ -74,8 +77,12 @@ def bench(
         typer.echo("  ".join(f"{row[name]:>{len(name)}}" for name in columns))
 
 
-def _problem(pg, np, k: int):
+def _problem(k: int) -> tuple[ForceProblem, Array]:
     """A grasp of k contacts around a cylinder, and loads about its weight."""
+    import numpy as np
+
+    import pinograsp as pg
+
     rng = np.random.default_rng(k)
     angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.2, 0.2, k)
     points = 0.03 * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.5, 0.5, k)])
@@ -87,11 +94,13 @@ def _problem(pg, np, k: int):
     return problem, np.array(problem.load) + spread
 
 
-def _median(np, call, loads) -> float:
+def _median(call: Callable[[Array], object], loads: Array) -> float:
     """Microseconds."""
+    import statistics
+
     spent, clock = [], time.perf_counter
     for load in (loads[0], *loads):  # the first one warms up
         begun = clock()
         call(load)
         spent.append(clock() - begun)
-    return round(1e6 * float(np.median(spent[1:])), 1)
+    return round(1e6 * statistics.median(spent[1:]), 1)

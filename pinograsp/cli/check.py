@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,7 +17,10 @@ from pinograsp.errors import InvalidInput
 if TYPE_CHECKING:
     from pinograsp.plan import PlanMargins
     from pinograsp.planner import GraspPlan
+    from pinograsp.referee import Disturbance
+    from pinograsp.referee.monte_carlo import MonteCarlo
     from pinograsp.referee.task import Task
+    from pinograsp.referee.thresholds import Threshold
     from pinograsp.writing import NewFolder
 
 _MOST_TRIALS = 100_000  # of each error
@@ -94,10 +98,10 @@ def check(
             "time_step": time_step,
             "mode": "prescribed" if prescribed else "servo",
         }
-        wrong = (push, shake, mu, mass, offset, turn, start_error)
-        studies = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
+        disturbances = (push, shake, mu, mass, offset, turn, start_error)
+        studies: dict[str, Any] = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
         studies["trials"] = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
-        summary = _check(plan, run, folder, settings, wrong, studies, as_json)
+        summary = _check(plan, run, folder, settings, disturbances, studies, as_json)
     if as_json:
         typer.echo(json.dumps({**summary, "folder": str(folder.path)}, allow_nan=False))
     if summary.get("monte_carlo", {}).get("interrupted"):
@@ -107,8 +111,14 @@ def check(
 
 
 def _check(
-    plan: GraspPlan, run: Path, folder: NewFolder, settings: dict, wrong: tuple, studies: dict, as_json: bool
-) -> dict:
+    plan: GraspPlan,
+    run: Path,
+    folder: NewFolder,
+    settings: dict[str, Any],
+    disturbances: tuple[Any, ...],
+    studies: dict[str, Any],
+    as_json: bool,
+) -> dict[str, Any]:
     from pinograsp.referee import simulate
     from pinograsp.referee.task import Task
     from pinograsp.report import checked
@@ -117,7 +127,7 @@ def _check(
     from pinograsp.writing import list_in
 
     task = Task.of(plan)
-    disturbance = _disturbance(task, *wrong)
+    disturbance = _disturbance(task, *disturbances)
     if studies["monte_carlo"] and disturbance.summary():
         raise InvalidInput("--monte-carlo: expected without other disturbances, it draws its own")
     simulation = simulate(task, disturbance=disturbance, **settings)
@@ -142,7 +152,15 @@ def _check(
     return {**simulation.summary(), **tried}
 
 
-def _studies(run: Path, task: Task, margins: PlanMargins, studies: dict, disturbance, settings: dict, as_json: bool):
+def _studies(
+    run: Path,
+    task: Task,
+    margins: PlanMargins,
+    studies: dict[str, Any],
+    disturbance: Disturbance,
+    settings: dict[str, Any],
+    as_json: bool,
+) -> Iterator[tuple[str, MonteCarlo | Threshold]]:
     """The studies that were asked for, by name; the planner's own margins stand beside the thresholds."""
     from pinograsp.referee import Errors, load_threshold, monte_carlo, slip_threshold
     from pinograsp.referee.monte_carlo import FILE
@@ -175,7 +193,16 @@ def _studies(run: Path, task: Task, margins: PlanMargins, studies: dict, disturb
         )
 
 
-def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):
+def _disturbance(
+    task: Task,
+    push: list[str] | None,
+    shake: str | None,
+    mu: float | None,
+    mass: float | None,
+    offset: str | None,
+    turn: str | None,
+    start_error: float,
+) -> Disturbance:
     import numpy as np
 
     from pinograsp.checks import number
@@ -191,8 +218,8 @@ def _disturbance(task, push, shake, mu, mass, offset, turn, start_error):
             timing["start"] = _numbers("--push", start, (1,))[0]
         if duration:
             timing["duration"] = _numbers("--push", duration, (1,))[0]
-        pushes.append(Push(wrench_o=[*wrench, *[0.0] * (6 - len(wrench))], **timing))
-    given = {"pushes": tuple(pushes), "mu": mu}
+        pushes.append(Push(wrench_o=np.array([*wrench, *[0.0] * (6 - len(wrench))]), **timing))
+    given: dict[str, Any] = {"pushes": tuple(pushes), "mu": mu}
     if shake is not None:
         values, _, frequency = shake.partition("@")
         given["shake"] = _numbers("--shake", values, (3,))

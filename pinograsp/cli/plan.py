@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,6 +31,8 @@ from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 
 if TYPE_CHECKING:
     from pinograsp.cases import Case
+    from pinograsp.cases.object_case import ObjectCase
+    from pinograsp.contacts import Closure
     from pinograsp.planner import GraspPlan
     from pinograsp.writing import NewFolder
 
@@ -109,7 +111,9 @@ def plan(
         raise InvalidInput("expected either CASE, or --hand and --object")
 
 
-def _plan(case: str, out: Path | None, options: dict, changes: list[str] | None, force: bool, as_json: bool) -> None:
+def _plan(
+    case: str, out: Path | None, options: dict[str, Any], changes: list[str] | None, force: bool, as_json: bool
+) -> None:
     from pinograsp.cases import load_case
 
     chosen = [f'forces.{key}="{value}"' for key, value in options.items() if value is not None]
@@ -138,7 +142,7 @@ def _beside_the_paper(plan: GraspPlan, case: Case) -> GraspPlan:
         return replace(plan, notes=(*plan.notes, note))
 
 
-def _object_case(hand: str, object: str, root: str | None, at: str | None, **options):
+def _object_case(hand: str, object: str, root: str | None, at: str | None, **options: Any) -> ObjectCase:
     """The checked options of a hand and an object; ``at`` is x,y,z[,roll,pitch,yaw] in m and degrees."""
     from pinograsp.cases.object_case import ObjectCase
 
@@ -149,7 +153,7 @@ def _object_case(hand: str, object: str, root: str | None, at: str | None, **opt
     return ObjectCase.of(hand=hand, object=object, root=root, at=place, **options)
 
 
-def _closed(case, as_json: bool):
+def _closed(case: ObjectCase, as_json: bool) -> Closure:
     """The hand closed on the object, where it is said to be or at the best placement found."""
     if case.at is not None:
         return case.closure()
@@ -164,9 +168,10 @@ def _closed(case, as_json: bool):
     return found.best.closure
 
 
-def _plan_object(case, out, force: bool, as_json: bool) -> None:
+def _plan_object(case: ObjectCase, out: Path | None, force: bool, as_json: bool) -> None:
     """Place the hand, close it on the object, plan."""
-    with new_folder(out, force, f"{Path(case.hand).stem}-{case.object.split(':')[0]}") as folder:
+    kind = str(case.object).partition(":")[0]  # of a command line: a line of text
+    with new_folder(out, force, f"{Path(case.hand).stem}-{kind}") as folder:
         _finish(case.plan(_closed(case, as_json), progress=bar(as_json)), folder, as_json)
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, console
 from pinograsp.errors import Status
+
+if TYPE_CHECKING:
+    from pinograsp.sweep import Sweep
 
 
 @app.command()
@@ -53,7 +56,7 @@ def sweep(
         raise typer.Exit(3)
 
 
-def _print(done) -> None:
+def _print(done: Sweep) -> None:
     from rich.table import Table
 
     screen = console()

@@ -74,7 +74,7 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
     """
     instance_of("hand", hand, HandModel)
     spec = MotionSpec() if spec is None else instance_of("spec", spec, MotionSpec)
-    instance_of("solution (of RobustForces: under(load))", solution, ForceSolution)
+    instance_of("solution", solution, ForceSolution)
     contacts = solution.problem.contacts
     postures = contact_postures(
         hand, contacts, reference=_of_touching(contacts, spec.posture), spread=spec.spread, samples=spec.samples
