@@ -71,7 +71,7 @@ def test_torque_limits_of_a_plan_hold_at_the_end():
     limit = 0.9985 * holding(free).max()  # three contacts leave 0.3 %
     limited = load_case("paper", {**settings, "limits.torque_limit": float(limit)}).plan()
     assert holding(limited).max() <= limit * (1 + 1e-5)
-    assert limited.forces.work > free.forces.work and limited.forces.certificate.at_torque == ("thumb_cmc",)
+    assert limited.forces.work > free.forces.work and limited.solution.certificate.at_torque == ("thumb_cmc",)
     effort = load_case("paper", {**settings, "limits.torque_limit": "effort"}).plan()
     assert effort.forces.work == pytest.approx(free.forces.work, rel=1e-6)  # 2 N m do not bind
 
