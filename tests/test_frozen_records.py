@@ -106,7 +106,7 @@ def test_public_calls_leave_every_record_as_it_was(world, name):
     assert [key for key in before if before[key] != after[key]] == []
 
 
-def test_auto_does_not_depend_on_what_was_called_before():
+def test_auto_does_not_depend_on_what_was_called_before(compiled_solvers):
     """The same methods and the same answer in a fresh process, and after every method was loaded and asked."""
     script = """
 import json, numpy as np, pinograsp as pg
@@ -127,6 +127,6 @@ assert found.forces_c.tolist() == first[-1] and found.backend == first[-2], (fou
 assert asked() == first
 print(first[0])
 """
-    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300)
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=900)
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.split()[-1] == "newton"
