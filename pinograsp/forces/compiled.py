@@ -99,16 +99,15 @@ class Prepared:
         self._joints = tuple(names[row] for row in template.order)
         self._sizes, self._numbers = template.packed(problem)
         low, high, _ = problem.normal_force_limits(impact_time)
-        law, caps = problem.compliance, problem.max_normal_force
-        depth = problem.depth_per_acceleration(impact_time)
-        limits = (method == "newton", low, high, law.stiffness, law.exponent, depth)
+        caps = problem.max_normal_force
+        limits = (method == "newton", low, high)
         powers = [(weights[m] * c, e) for m, own in terms.items() for c, e in own]
         self._at = joined((limits, np.full(self._k, np.inf) if caps is None else caps, powers), float)
 
     def forces(self, load: np.ndarray) -> CompiledForces | None:
         """Forces for a load (6,), read-only; None where there is no certified answer."""
         k = self._k
-        out, active = np.empty(6 + 7 * k), np.empty(3 * k + len(self._joints), np.bool_)
+        out, active = np.empty(6 + 4 * k), np.empty(3 * k + len(self._joints), np.bool_)
         code, newton, violation, most, value, bound, constant, force, moment, scale, unit = whole(
             self._sizes, self._numbers, self._at, load, out, active
         )
@@ -193,15 +192,15 @@ def compile_now() -> None:
         q,
         radii,
         correction,
-        np.ones(k * d + 18 * k + 3 * k + k),
+        np.ones(k * d + 18 * k + 3 * k),
     )
-    at = (0.0, 0.1, 1.0, 1.0, 1.0, 1.0), ones, (1.0, 1.0)
+    at = (0.0, 0.1, 1.0), ones, (1.0, 1.0)
     whole(
         joined(sizes, np.int64),
         joined(numbers, float),
         joined(at, float),
         frozen(np.zeros(6)),
-        np.empty(6 + 7 * k),
+        np.empty(6 + 4 * k),
         np.empty(3 * k, np.bool_),
     )
     tick, settings, _, frames, limits, *_ = online_memory(d, k, 0)

@@ -1184,12 +1184,11 @@ def whole(sizes, numbers, at, load, out, active):
     """One force problem from its load (6,) [N, N m] to everything its record holds.
 
     Few arguments, because each array that Python hands over costs as much as a contact does. sizes, numbers: the grasp,
-    as :class:`pinograsp.forces.compiled.Template` packs it; at: impact time and limits, as
-    :class:`~pinograsp.forces.compiled.Prepared` packs them. Fills out (6 + 7 k,): net wrench, contact forces (k, 3),
-    torsion (k,), multipliers (k, 2), acceleration (k,); and active (3 k + r,): at friction, least and largest F_n,
-    torque rows. Returns, dimensionless, (CONVERGED or what went wrong, by Newton's method or interior points,
-    violation, largest F_n, objective, bound, its constant, net force, net moment) and what forces [N] and the objective
-    were divided by.
+    as :class:`pinograsp.forces.template.Template` packs it; at: limits and energy, as
+    :class:`~pinograsp.forces.compiled.Prepared` packs them. Fills out (6 + 4 k,): residual, contact forces (k, 3),
+    torsion (k,); and active (3 k + r,): at friction, least and largest F_n, torque rows. Returns, dimensionless,
+    (CONVERGED or what went wrong, by Newton's method or interior points, violation, largest F_n, objective, bound, its
+    constant, residual force, residual moment) and what forces [N] and the objective were divided by.
     """
     k, d, m, all_rows, n, n_round = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5]
     padded, facets, limited, corners, e = sizes[6], sizes[7], sizes[8], sizes[9], sizes[1] - 1
@@ -1212,15 +1211,12 @@ def whole(sizes, numbers, at, load, out, active):
     widths, i = _part(numbers, i, (k, d))
     G, i = _part(numbers, i, (6, 3 * k))
     normals, i = _part(numbers, i, (k, 3))
-    half, i = _part(numbers, i, (k,))
-    newton, low, high, stiffness, exponent, depth_per_A = at[0] != 0.0, at[1], at[2], at[3], at[4], at[5]
-    caps, i = _part(at, 6, (k,))
+    newton, low, high = at[0] != 0.0, at[1], at[2]
+    caps, i = _part(at, 3, (k,))
     terms, i = _part(at, i, ((at.shape[0] - i) // 2, 2))
     wrench, i = _part(out, 0, (6,))
     forces, i = _part(out, i, (k, 3))
     torsion, i = _part(out, i, (k,))
-    multipliers, i = _part(out, i, (k, 2))
-    acceleration, i = _part(out, i, (k,))
     failed = (STALLED, False, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     scale = 0.0
     b = np.empty(m)
@@ -1297,10 +1293,6 @@ def whole(sizes, numbers, at, load, out, active):
             torsion[i] = x[i, 2] * scale * widths[i, 2]
             for c in range(3):
                 wrench[3 + c] += torsion[i] * normals[i, c]
-        for j in range(2):
-            reach = half[i] * forces[i, 2]
-            multipliers[i, j] = forces[i, j] / reach if reach > 0.0 else 0.0
-        acceleration[i] = (max(forces[i, 2], 0.0) / stiffness) ** (1.0 / exponent) / depth_per_A
         for r in range(6):
             for j in range(3):
                 wrench[r] += G[r, 3 * i + j] * forces[i, j]

@@ -91,7 +91,6 @@ class Template:
             widths,
             problem.contacts.G,
             problem.contacts.rotations_oc[:, :, 2],
-            problem.pyramid,
         )
         return joined(sizes, np.int64), joined(numbers, float)
 

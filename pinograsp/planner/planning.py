@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from pinograsp.spatial import Array
 Search = Literal["convex", "hybrid", "paper", "paper+qp"]
 Objective = str | Mapping[str, float] | None
 
-_SEARCHES: tuple[Search, ...] = ("convex", "hybrid", "paper", "paper+qp")
+_SEARCHES: tuple[Search, ...] = get_args(Search)
 # Rounds of force search and motion until the holding torques at the posture found are within their limits.
 _TORQUE_ROUNDS = 6
 _SETTLED = 1e-5  # [-, m] of the Jacobians from one round to the next
