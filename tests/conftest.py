@@ -31,6 +31,10 @@ settings.load_profile("deterministic")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Processes that tests start import the package that is tested, not the sources in the folder where they happen to run:
+# these would be compiled once more, and counted twice.
+os.environ["PYTHONSAFEPATH"] = "1"
+
 # In parallel tests every process has one core to itself: that is what "all cores" means there.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
