@@ -605,7 +605,7 @@ class Group:
         for name in SOLVERS:
             method = self.methods[name]
             first = [timed(method, method.again, known, known[1])[1] for known in self.known[name]]
-            own = sum(found is not None and found.backend == name for found in first)
+            own = sum(isinstance(found, pg.ForceSolution) and found.backend == name for found in first)
             if name in COMPILED and own <= len(cases) / 2:
                 del self.methods[name]
         self.calls = {name: {mode: {} for mode in MODES} for name in self.methods}

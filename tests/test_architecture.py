@@ -204,7 +204,7 @@ def test_the_referee_shares_nothing_with_what_it_judges():
 
 def test_modules_stay_readable():
     # One longer: numba's cache on disk sees changes of a function's own file only, so all compiled functions share one.
-    longest = {"kernels.py": 1950}
+    longest = {"kernels.py": 2150}
     for path in PACKAGE.rglob("*.py"):
         assert len(path.read_text(encoding="utf-8").splitlines()) <= longest.get(path.name, 520), path.name
 
@@ -226,6 +226,7 @@ import pinograsp as pg
 hand: int = pg.load_hand("allegro_right")
 ball = pg.Sphere(radius=0.03, mas=0.2)
 pg.no_such_name
+pg.ForceProblem.holding(ball, pg.contacts_at(None, ball, [[0.03, 0.0, 0.0]]), mu=0.7, balence="force")
 """
 
 
@@ -235,11 +236,12 @@ def test_type_checkers_see_the_public_names(tmp_path):
     (tmp_path / "script.py").write_text(CHECKED, encoding="utf-8")
     mypy = [sys.executable, "-m", "mypy", "script.py"]
     done = subprocess.run(mypy, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    found = [line.split(": ", 1) for line in done.stdout.splitlines()]
-    assert [place for place, *_ in found[:-1]] == ["script.py:4", "script.py:5", "script.py:6"], (
+    found = [line.split(": ", 1) for line in done.stdout.splitlines() if ": note: " not in line]
+    assert [place for place, *_ in found[:-1]] == [f"script.py:{line}" for line in (4, 5, 6, 7)], (
         done.stdout + done.stderr
     )
-    for (_, message), part in zip(found, ('has type "HandModel"', 'argument "mas" for "Sphere"', "no_such_name")):
+    parts = ('has type "HandModel"', 'argument "mas" for "Sphere"', "no_such_name", 'argument "balence" for "holding"')
+    for (_, message), part in zip(found, parts):
         assert part in message
 
 

@@ -17,11 +17,12 @@ from pinograsp.forces.answers import Answer
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
 from pinograsp.forces.solvers import solve_rows
+from pinograsp.spatial import Array
 
 _PROXIMAL = 1e-5  # against an objective of order one; below 1e-9 dense active-set solvers lose the Hessian
 _DEFINITE = 1e-6  # least eigenvalue of a Hessian that needs no proximal weight
 _STEPS = 60
-_CONE_STEPS = 25  # where these do not do, the interior-point method is the better choice
+_CONE_STEPS = 25  # where these are not enough, the interior-point method is the better choice
 _WITHIN = 0.8  # the square is wider than the disc by 1 / 0.8: it never coincides with a half-space that is active
 _PATIENCE = 5  # steps before the first look at the gap
 _SETTLED = 1e-6  # step in x, relative: the next error is about its square
@@ -35,7 +36,7 @@ class DenseMethod:
     """
 
     def __init__(self, matrices: Matrices, solver: str):
-        """Stack the constraint rows and the bounds that are infinite or zero."""
+        """Stack the constraint rows, and those bounds that do not depend on the load: zeros and infinities."""
         self.solver = solver
         k, d, n, peak = matrices.k, matrices.d, matrices.k * matrices.d, matrices.peak > 0
         self._size, self._inside = n + peak, matrices.friction.round_dimensions
@@ -52,8 +53,9 @@ class DenseMethod:
         self._lower = np.full(self._size + len(self._C), -np.inf)
         self._upper = np.full(self._size + len(self._C), np.inf)
         self._upper[self._size : self._size + len(facets) + len(top)] = 0.0
-        plain = matrices.P is None or peak
-        self._least_curvature = 0.0 if plain else float(np.linalg.eigvalsh(matrices.P)[0])  # of P in newtons
+        self._least_curvature = 0.0  # of P in newtons
+        if matrices.P is not None and not peak:
+            self._least_curvature = float(np.linalg.eigvalsh(matrices.P)[0])
 
     def solve(self, program: Program) -> Answer | None:
         """The solver's answer; None where it finds no solution.
@@ -80,7 +82,7 @@ class DenseMethod:
         x[normal] = F
         x[n:] = F.max()
         cones = _Cones(program, C, self._inside) if self._inside else None
-        best, value = None, np.inf
+        best, value = None, float("inf")
         for count in range(_STEPS if cones is None else _CONE_STEPS):
             f = linear - proximal * x
             H[:] = 0.0
@@ -114,11 +116,11 @@ class DenseMethod:
 
 
 class _Cones:
-    """The half-spaces and curvatures that stand for the second-order cones in the next step."""
+    """The half-spaces and curvatures that replace the second-order cones in the next step."""
 
-    def __init__(self, program: Program, C: np.ndarray, inside: int):
+    def __init__(self, program: Program, C: Array, inside: int):
         self.k, self.d, self.inside = program.k, program.d, inside
-        self.C = C.copy()
+        self.C: Array = C.copy()
         self.facets = 2 * inside + 1  # rows of a contact: the square (cube), then the half-space
         self.weight = np.zeros(self.k)
         contacts = np.arange(self.k)
@@ -126,8 +128,8 @@ class _Cones:
         self.columns = contacts[:, None] * self.d + np.arange(inside)
         self.direction = np.zeros((self.k, inside))
 
-    def bend(self, H: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Rows C for the step from ``x``; adds the curvature to H."""
+    def bend(self, H: Array, x: Array) -> Array:
+        """The rows C for the step from ``x``; adds the curvature to H."""
         u = x[self.columns]
         length = np.sqrt(np.einsum("ij,ij->i", u, u))
         known = length > 1e-12
@@ -140,20 +142,20 @@ class _Cones:
         H[self.columns[:, :, None], self.columns[:, None, :]] += block
         return self.C
 
-    def learn(self, lam: np.ndarray) -> None:
-        """Take over the multipliers of the half-spaces."""
+    def learn(self, lam: Array) -> None:
+        """Weight the curvature by the multipliers of the half-spaces."""
         self.weight = np.maximum(lam[: self.k * self.facets].reshape(self.k, -1).sum(axis=1), 0.0)
 
 
 def _closed(program: Program, answer: Answer) -> bool:
-    """Whether x is already as good as a certificate asks: nearly linear objectives wander between equal optima."""
+    """Whether x is as good as a certificate asks: with nearly linear objectives x drifts between equal optima."""
     value = program.value(answer.x)
     gap = value - program.lower_bound(answer.x, answer.y, answer.w, refine=False)
     return gap <= 1e-7 * abs(value) and program.violations(answer.x)[0] <= 1e-9
 
 
-def _descended(program: Program, x: np.ndarray, new: np.ndarray, value: float) -> tuple[np.ndarray, float]:
-    """The step, halved until the objective does not grow (the constraints are convex: every part of it is feasible)."""
+def _descended(program: Program, x: Array, new: Array, value: float) -> tuple[Array, float]:
+    """The step, halved until the objective does not grow; halved steps stay feasible, as the constraints are convex."""
     n = program.k * program.d
     reached = program.value(new[:n])
     for _ in range(30):
@@ -164,8 +166,8 @@ def _descended(program: Program, x: np.ndarray, new: np.ndarray, value: float) -
     return new, reached
 
 
-def _facets(friction: Friction, k: int) -> np.ndarray:
-    """Friction as rows on x <= 0: of each cone its square and its half-space come first, by contact; then facets."""
+def _facets(friction: Friction, k: int) -> Array:
+    """Friction as rows, row . x <= 0: by contact each cone's square and half-space come first, then the facets."""
     inside, d = friction.round_dimensions, friction.d
     D = np.vstack([_square(inside, d), friction.facets])
     rows = np.zeros((k, len(D), k, d))
@@ -176,7 +178,7 @@ def _facets(friction: Friction, k: int) -> np.ndarray:
     return np.vstack([rows[:, :first].reshape(-1, k * d), rows[:, first:].reshape(-1, k * d)])
 
 
-def _square(inside: int, d: int) -> np.ndarray:
+def _square(inside: int, d: int) -> Array:
     """Rows |u_j| <= F of the square (cube) around a disc (ball), and one row of zeros for the half-space."""
     rows = np.zeros((2 * inside + 1 if inside else 0, d - 1))
     for j in range(inside):

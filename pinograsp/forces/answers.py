@@ -1,4 +1,4 @@
-"""From a solver's answer to forces with their certificate: every number is computed here, none is a solver's word."""
+"""From a solver's answer to forces with their certificate, whose numbers are all computed here, none by the solver."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pinograsp.checks import frozen
 from pinograsp.forces.certificate import TOLERANCE, Certificate, objective_size_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
+from pinograsp.spatial import Array
 
 
 class Checks(NamedTuple):
@@ -20,30 +21,30 @@ class Checks(NamedTuple):
         violation: largest violation of friction, of the bounds on F_n and of the torque limits.
         gauge: least F_n that friction needs (k,).
         residual: of the balance, A x - b (rows,).
-        objective: without the constant.
-        lower_bound: of the objective, proven.
+        objective: at x, without the constant.
+        lower_bound: proven lower bound of the objective, without the constant.
     """
 
     violation: float
-    gauge: np.ndarray
-    residual: np.ndarray
+    gauge: Array
+    residual: Array
     objective: float
     lower_bound: float
 
 
 class Answer(NamedTuple):
-    """What a solver says of a program.
+    """A solver's answer to a program, not yet checked.
 
     Attributes:
         x: scaled forces (k d,).
         y: balance multipliers (rows,).
         w: torque multipliers (m,).
-        checks: of x where the solver computes them as :func:`certify` does, else None.
+        checks: of x, where the solver computes them in the same way as :func:`certify`, else None.
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    w: np.ndarray
+    x: Array
+    y: Array
+    w: Array
     checks: Checks | None = None
 
 
@@ -57,15 +58,15 @@ class CertifiedForces:
         certificate: in the problem's units.
     """
 
-    forces_c: np.ndarray
-    torsion: np.ndarray
+    forces_c: Array
+    torsion: Array
     certificate: Certificate
 
 
 def certify(problem: ForceProblem, program: Program, answer: Answer) -> CertifiedForces:
     """The forces of an answer, the balance's residual removed by the least correction, and their certificate."""
     x, checks = (answer.x, answer.checks) if answer.checks is not None else _checked(program, answer)
-    # No objective is negative; and a bound from multipliers that are exact to rounding can exceed the value by it.
+    # No objective is negative; rounding may raise a sharp bound above the value.
     lower_bound = min(max(checks.lower_bound, -program.constant), checks.objective)
     F, unit, force = x[program.d - 1 :: program.d], program.objective_scale, program.force_scale
     forces, torsion = forces_of(problem, x, force)
@@ -86,7 +87,7 @@ def certify(problem: ForceProblem, program: Program, answer: Answer) -> Certifie
     return CertifiedForces(forces_c=frozen(forces), torsion=frozen(torsion), certificate=certificate)
 
 
-def forces_of(problem: ForceProblem, x: np.ndarray, force_scale: float) -> tuple[np.ndarray, np.ndarray]:
+def forces_of(problem: ForceProblem, x: Array, force_scale: float) -> tuple[Array, Array]:
     """Contact forces (k, 3) [N] and torsional moments (k,) [N m] from a program's x."""
     friction = problem.friction
     z = x.reshape(problem.k, friction.d) * force_scale
@@ -96,7 +97,7 @@ def forces_of(problem: ForceProblem, x: np.ndarray, force_scale: float) -> tuple
     return forces, z[:, 2] * widths[:, 2] if friction.d == 4 else np.zeros(problem.k)
 
 
-def _checked(program: Program, answer: Answer) -> tuple[np.ndarray, Checks]:
+def _checked(program: Program, answer: Answer) -> tuple[Array, Checks]:
     """x with the balance's residual removed, and its checks."""
     x = answer.x
     violation, gauge, residual = program.violations(x)
@@ -114,7 +115,7 @@ def _objective_size(program: Program, objective: float) -> float:
     return objective_size_of(objective + program.constant, program.constant)
 
 
-def _at_torque(problem: ForceProblem, program: Program, x: np.ndarray) -> tuple[str, ...]:
+def _at_torque(problem: ForceProblem, program: Program, x: Array) -> tuple[str, ...]:
     """Joints at their torque limit."""
     if problem.torques is None or not len(program.R):
         return ()

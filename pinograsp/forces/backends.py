@@ -1,4 +1,4 @@
-"""The methods that solve a program, asked one after the other until an answer passes its certificate."""
+"""The methods that solve a program, tried one after the other until an answer passes its certificate."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pinograsp.forces.program import Program
 from pinograsp.forces.solvers import SOLVERS, compiled_installed, compiled_solvers
 from pinograsp.forces.template import Template
 
-_USEFUL = 1e-3  # of the load: forces that miss their limits by more are no answer at all
+_USEFUL = 1e-3  # relative to the load: forces that miss their limits by more are not recorded
 COMPILED = ("interior", "newton")
 BACKENDS = ("auto", *COMPILED, *SOLVERS)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
@@ -27,12 +27,12 @@ _DENSE_UP_TO = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outcome:
-    """What came of a program.
+    """The outcome of a program.
 
     Attributes:
         status: ``OK``, ``INFEASIBLE`` or ``INACCURATE``.
-        backend: the one that answered; of a proof the first one asked, "" if none was.
-        forces: with their certificate; of an inaccurate outcome the best that were found, or None.
+        backend: the method that answered; for a proof the first method tried, "" if there was none.
+        forces: with their certificate; for an inaccurate outcome the best that were found, or None.
         infeasibility: the proof that there are no forces, or None.
     """
 
@@ -43,14 +43,14 @@ class Outcome:
 
 
 class Backends:
-    """The methods that solve the programs of these matrices, each prepared when it is first asked.
+    """The methods that solve the programs of these matrices, each prepared when it is first used.
 
     Attributes:
-        order: names of the methods, in the order in which they are asked.
+        order: names of the methods, in the order in which they are tried.
     """
 
     def __init__(self, matrices: Matrices, backend: str):
-        """Of "auto" the order follows from the matrices, and from whether numba is installed; of nothing else."""
+        """With "auto" the order depends on the matrices and on whether numba is installed, and on nothing else."""
         general = ("daqp", "clarabel") if matrices.k <= _DENSE_UP_TO else ("clarabel", "daqp")
         if backend == "auto":
             backend = (compiled_method(matrices) if compiled_installed() else "") or general[0]
@@ -72,9 +72,9 @@ class Backends:
         return self._matrices.separates if name == "newton" else self._matrices.decoupled
 
     def solve(self, problem: ForceProblem, program: Program, *, first: str = "", tried: bool = False) -> Outcome:
-        """Forces of a program, or the proof that there are none; where a certificate fails the next method is asked.
+        """Forces of a program, or the proof that there are none; where a certificate fails the next method is tried.
 
-        ``first`` is asked before the others. ``tried``: the first of ``order`` was asked elsewhere, without success.
+        ``first`` is tried before the others. ``tried``: the first of ``order`` was tried elsewhere, without success.
         """
         if np.any(program.lo > program.hi):
             return Outcome(status=Status.INFEASIBLE, backend="", infeasibility=prove(problem, program))
@@ -87,7 +87,7 @@ class Backends:
             found = certify(problem, program, answer)
             if found.certificate.is_optimal():
                 return Outcome(status=Status.OK, backend=name, forces=found)
-            # Kept for the record, unless it is of no use: the one that misses its limits least.
+            # Recorded if nothing better follows: the answer that misses its limits least.
             violation = found.certificate.violation
             if violation <= _USEFUL * program.force_scale and (
                 best.forces is None or violation < best.forces.certificate.violation

@@ -1,4 +1,4 @@
-"""Many force problems at once, on all cores: arrays in, arrays out (extra ``fast``)."""
+"""Batches of force problems, solved on all cores: arrays in, arrays out (extra ``fast``)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import (
     are_rotations,
@@ -27,7 +29,7 @@ from pinograsp.checks import (
 )
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.contacts.compliance import MEASURES
-from pinograsp.contacts.quality import BALANCES
+from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.backends import Backends
 from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
@@ -35,45 +37,68 @@ from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, weights_of
 from pinograsp.forces.solvers import compiled_solvers
+from pinograsp.spatial import Array, BoolArray, IntArray
 
-_AT_ONCE, _MOST_THREADS = 256, 1024  # problems per compiled call: Ctrl-C waits for one, about a millisecond
+_AT_ONCE = 256  # problems per compiled call: an interruption waits for the end of one call, about a millisecond
+_MOST_THREADS = 1024
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceBatch:
-    """N force problems of one friction model, with up to k contacts each; what lies beyond a problem's own is ignored.
+    """N force problems of one friction model, with up to k contacts each.
+
+    Numbers, or arrays that broadcast to the shape, are accepted for ``mu``, ``low``, ``high`` and ``moment_lengths``.
 
     Attributes:
         points: contact points from the objects' centres of mass (N, k, 3) [m].
         rotations: contact frames R_oc (N, k, 3, 3).
         loads: external wrenches (N, 6), linear first, about the centres of mass [N, N m].
-        mu: friction coefficients (N, k).
-        low, high: least and largest F_n (N, k) [N]. Numbers apply to all.
-        counts: contacts of each problem (N,); default: all k.
+        mu: friction coefficients (N, k) [-].
+        low: least F_n (N, k) [N].
+        high: largest F_n (N, k) [N].
+        counts: number of contacts of each problem (N,), further entries are ignored; default: all k.
         friction: model, torsion and safety factor.
         balance: ``"wrench"`` or ``"force"``.
-        moment_lengths: moments are divided by it to compare with forces (N,) [m]; default: the mean distance of the
-            contacts.
+        moment_lengths: moments are divided by these lengths to compare with forces (N,) [m]; default: the mean distance
+            of the contacts.
         energies: grasp energies as powers of F_n, ``{"work" or "impulse": (N, t, 2)}``, pairs of coefficient and
-            exponent (:func:`~pinograsp.contacts.energy_terms`); (t, 2) applies to all.
+            exponent (:func:`~pinograsp.contacts.energy_terms`); (t, 2) applies to all problems.
     """
 
-    points: np.ndarray
-    rotations: np.ndarray
-    loads: np.ndarray
-    mu: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    counts: np.ndarray | None = None
+    points: Array
+    rotations: Array
+    loads: Array
+    mu: Array
+    low: Array
+    high: Array
+    counts: IntArray = None  # type: ignore[assignment]  # None becomes an array in __post_init__
     friction: Friction = field(default_factory=Friction)
-    balance: str = "wrench"
-    moment_lengths: np.ndarray | None = None
-    energies: Mapping[str, np.ndarray] = field(default_factory=dict)
+    balance: Balance = "wrench"
+    moment_lengths: Array = None  # type: ignore[assignment]  # None becomes an array in __post_init__
+    energies: Mapping[str, Array] = field(default_factory=dict)
+
+    if TYPE_CHECKING:  # arguments may be numbers and lists, attributes are arrays
+
+        def __init__(
+            self,
+            *,
+            points: ArrayLike,
+            rotations: ArrayLike,
+            loads: ArrayLike,
+            mu: ArrayLike,
+            low: ArrayLike,
+            high: ArrayLike,
+            counts: ArrayLike | None = ...,
+            friction: Friction = ...,
+            balance: Balance = ...,
+            moment_lengths: ArrayLike | None = ...,
+            energies: Mapping[str, ArrayLike] = ...,
+        ) -> None: ...
 
     __repr__ = brief()
 
-    def __post_init__(self):
-        def put(name, value):
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
         points = array_of("points", self.points, (None, None, 3))
@@ -85,15 +110,15 @@ class ForceBatch:
         put("loads", array_of("loads", self.loads, (n, 6)))
         counts = np.full(n, k, dtype=float) if self.counts is None else floats_of("counts", self.counts)
         if counts.shape != (n,) or not np.all((counts >= 1) & (counts <= k) & (counts == np.floor(counts))):
-            raise InvalidInput(f"counts: expected {n} whole numbers from 1 to {k}, got {shown(self.counts)}")
+            raise InvalidInput(f"counts: expected {n} integers from 1 to {k}, got {shown(self.counts)}")
         put("counts", read_only(counts.astype(np.int64)))
         used = np.arange(k) < counts[:, None]
         off = ~are_rotations(self.rotations) & used
         if off.any():
             at = tuple(int(i) for i in np.argwhere(off)[0])
             raise InvalidInput(
-                f"rotations: expected contact frames that are rotations, that of problem {at[0]}, contact {at[1]} is "
-                "not"
+                f"rotations: expected orthonormal right-handed contact frames, not so in problem {at[0]}, contact "
+                f"{at[1]}"
             )
         for name, least in (("mu", 0.0), ("low", 0.0), ("high", None)):
             put(name, _spread(name, getattr(self, name), (n, k)))
@@ -112,10 +137,10 @@ class ForceBatch:
             if np.any(lengths <= 0):
                 raise InvalidInput("moment lengths: expected values > 0 [m]")
             put("moment_lengths", lengths)
-        energies = {}
-        for name, terms in mapping_of("energies", self.energies).items():
+        energies: dict[str, Array] = {}
+        for name, value in mapping_of("energies", self.energies).items():
             one_of("energy", name, MEASURES)
-            terms = floats_of(f"terms of the {name}", terms)
+            terms = floats_of(f"terms of the {name}", value)
             if terms.ndim == 2:
                 terms = np.broadcast_to(terms, (n, *terms.shape))
             energies[name] = array_of(f"terms of the {name}", terms, (n, None, 2))
@@ -127,8 +152,8 @@ class ForceBatch:
         return len(self.points)
 
     @classmethod
-    def of(cls, problems: Sequence[ForceProblem], impact_times) -> ForceBatch:
-        """From problems, which may differ in everything but friction model and balance, each at its impact time [s].
+    def of(cls, problems: Sequence[ForceProblem], impact_times: ArrayLike) -> ForceBatch:
+        """A batch of problems, each at its impact time [s]; friction model and balance must be the same for all.
 
         Raises:
             InvalidInput: torque limits, or problems of different friction models or balances.
@@ -138,7 +163,7 @@ class ForceBatch:
             raise InvalidInput("batch: expected at least one problem")
         times = each_of("impact times", impact_times, len(problems))
         first, n, k = problems[0], len(problems), max(problem.k for problem in problems)
-        made = {name: np.zeros((n, k)) for name in ("mu", "low", "high")}
+        mu, low, high = np.zeros((n, k)), np.zeros((n, k)), np.zeros((n, k))
         points, rotations = np.zeros((n, k, 3)), np.zeros((n, k, 3, 3))
         for i, (problem, at) in enumerate(zip(problems, times)):
             if problem.friction != first.friction or problem.balance != first.balance:
@@ -152,13 +177,13 @@ class ForceBatch:
                 problem.contacts.points_o - problem.contacts.com_o,
                 problem.contacts.rotations_oc,
             )
-            made["low"][i, :own], made["high"][i, :own] = problem.normal_force_range(problem.checked_impact_time(at))
-            made["mu"][i, :own] = problem.mu
-        energies = {}
+            low[i, :own], high[i, :own] = problem.normal_force_range(problem.checked_impact_time(at))
+            mu[i, :own] = problem.mu
+        energies: dict[str, Array] = {}
         for name in MEASURES:
             terms = [problem.energy_terms(at, name) for problem, at in zip(problems, times)]
             most = max(map(len, terms))
-            # Without damping there is a term less: the last one then counts as several.
+            # Without damping there are fewer terms: the last one is then split into equal parts.
             energies[name] = np.array(
                 [
                     [*own[:-1], *[(own[-1][0] / (most - len(own) + 1), own[-1][1])] * (most - len(own) + 1)]
@@ -169,7 +194,9 @@ class ForceBatch:
             points=points,
             rotations=rotations,
             loads=np.array([problem.load for problem in problems]),
-            **made,
+            mu=mu,
+            low=low,
+            high=high,
             counts=np.array([problem.k for problem in problems]),
             friction=first.friction,
             balance=first.balance,
@@ -178,8 +205,8 @@ class ForceBatch:
         )
 
 
-def _spread(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers that go into ``shape``, as an array of it."""
+def _spread(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """``value``, broadcast to ``shape``."""
     values = floats_of(name, value)
     try:
         return array_of(name, np.broadcast_to(values, shape), shape)
@@ -191,42 +218,44 @@ def _spread(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BatchSolution:
-    """Answers to a :class:`ForceBatch`; zeros where there is none.
+    """Answers to a :class:`ForceBatch`; zeros where a problem has none.
 
     Attributes:
-        status: (N,) of :class:`~pinograsp.errors.Status`: ``OK``, ``INFEASIBLE`` (proven) or ``INACCURATE``.
-        forces_c: (N, k, 3) [N].
-        torsion: moments about the normals (N, k) [N m].
-        objective: (N,).
-        lower_bound: of the objective, proven (N,).
-        residual_norm: of what forces and load leave over (N,) [N, moments over the moment length].
-        violation: of friction and bounds (N,) [N].
+        status: of each problem (N,), a :class:`~pinograsp.errors.Status`: ``OK``, ``INFEASIBLE`` (proven) or
+            ``INACCURATE``.
+        forces_c: contact forces (N, k, 3) [N].
+        torsion: moments about the contact normals (N, k) [N m].
+        objective: values at the forces (N,).
+        lower_bound: proven lower bounds of the objective (N,).
+        residual_norm: norms of the balance residuals (N,) [N, moments over the moment length].
+        violation: largest violations of friction and bounds (N,) [N].
         load_size: size of the load, or of the least F_n without one (N,) [N].
-        force_size: ``load_size`` or the largest F_n, whichever is more (N,) [N].
-        general: how many were left to the general methods.
-        elapsed: [s].
+        force_size: ``load_size`` or the largest F_n, whichever is larger (N,) [N].
+        general: number of problems that went to the general methods.
+        elapsed: computing time [s].
     """
 
-    status: np.ndarray
-    forces_c: np.ndarray
-    torsion: np.ndarray
-    objective: np.ndarray
-    lower_bound: np.ndarray
-    residual_norm: np.ndarray
-    violation: np.ndarray
-    load_size: np.ndarray
-    force_size: np.ndarray
+    status: NDArray[Any]  # of Status
+    forces_c: Array
+    torsion: Array
+    objective: Array
+    lower_bound: Array
+    residual_norm: Array
+    violation: Array
+    load_size: Array
+    force_size: Array
     general: int
     elapsed: float
 
     __repr__ = brief()
 
     @property
-    def ok(self) -> np.ndarray:
+    def ok(self) -> BoolArray:
         """Which have forces (N,) bool."""
-        return self.status == Status.OK
+        solved: BoolArray = self.status == Status.OK
+        return solved
 
-    def is_optimal(self, tolerance: Tolerance = TOLERANCE) -> np.ndarray:
+    def is_optimal(self, tolerance: Tolerance = TOLERANCE) -> BoolArray:
         """Which forces are optimal (N,) bool: the rule of :meth:`Certificate.is_optimal
         <pinograsp.forces.certificate.Certificate.is_optimal>`, the gap relative to the objective.
         """
@@ -244,16 +273,15 @@ class BatchSolution:
 def solve_batch(
     batch: ForceBatch, *, objective: str | Mapping[str, float] = "least_squares", threads: int | None = None
 ) -> BatchSolution:
-    """The least-cost forces of every problem, as :func:`optimize_forces` finds them, by the dual Newton method on all
-    cores.
+    """The least-cost forces of every problem, by the dual Newton method on all cores; see :func:`optimize_forces`.
 
-    What that method does not take (pyramids of more edges, ``peak``, least squares of soft fingers) or does not finish
-    goes to the general ones, one by one.
+    Problems that this method does not take (pyramids of more than 4 edges, ``peak``, least squares of soft fingers) or
+    does not finish go to the general methods, one by one.
 
     Args:
         batch: the problems.
         objective: as for :func:`optimize_forces`; energies need the batch's ``energies``.
-        threads: of the compiled code; default: all cores.
+        threads: number of threads of the compiled code; default: one for each core.
 
     Raises:
         InvalidInput: an objective that is unknown or has no energies.
@@ -276,7 +304,7 @@ def solve_batch(
     takes = friction.separates and not weights.get("peak") and not (friction.model == "soft" and squares)
     forces, torsion, answers = np.zeros((n, k, 3)), np.zeros((n, k)), np.zeros((n, 4))
     codes = np.full(n, kernels.STALLED)
-    given = (
+    arguments = (
         batch.points,
         batch.rotations,
         batch.counts,
@@ -292,11 +320,11 @@ def solve_batch(
         friction.radii,
         friction.round_dimensions,
     )
-    # Read-only, all of them: another kind of array would be compiled for again.
-    given = [frozen(np.ascontiguousarray(one).view()) if isinstance(one, np.ndarray) else one for one in given]
+    # All arrays are read-only: for writable ones the code would be compiled once more.
+    inputs = [frozen(np.ascontiguousarray(one).view()) if isinstance(one, np.ndarray) else one for one in arguments]
 
     def solve(start: int) -> None:
-        kernels.many(start, min(start + _AT_ONCE, n), *given, forces, torsion, answers, codes)
+        kernels.solve_many(start, min(start + _AT_ONCE, n), *inputs, forces, torsion, answers, codes)
 
     starts = range(0, n if takes else 0, _AT_ONCE)
     if threads == 1 or len(starts) < 2:
@@ -304,9 +332,9 @@ def solve_batch(
             solve(start)
     else:
         with ThreadPoolExecutor(threads) as pool:
-            for _ in pool.map(solve, starts):  # the compiled code lets go of Python's lock
+            for _ in pool.map(solve, starts):  # the compiled code releases Python's lock
                 pass
-    kinds = np.empty(3, dtype=object)  # one by one: assigned at once they would become plain text
+    kinds = np.empty(3, dtype=object)  # filled one by one: np.array would turn statuses into texts
     kinds[kernels.CONVERGED], kinds[kernels.STALLED] = Status.OK, Status.INACCURATE
     kinds[kernels.INFEASIBLE] = Status.INFEASIBLE
     found = _solution(batch, kinds[codes], forces, torsion, answers, started)
@@ -314,19 +342,19 @@ def solve_batch(
     if not len(left):
         return found
     for i in left:
-        found.status[i] = _by_itself(batch, int(i), weights, forces, torsion, answers)
+        found.status[i] = _solve_by_general_methods(batch, int(i), weights, forces, torsion, answers)
     return replace(_solution(batch, found.status, forces, torsion, answers, started), general=len(left))
 
 
 def _solution(
     batch: ForceBatch,
-    status: np.ndarray,
-    forces: np.ndarray,
-    torsion: np.ndarray,
-    answers: np.ndarray,
+    status: NDArray[Any],
+    forces: Array,
+    torsion: Array,
+    answers: Array,
     started: float,
 ) -> BatchSolution:
-    """The record of forces (N, k, 3), torsion (N, k) and answers (N, 4), see :func:`pinograsp.forces.kernels.many`."""
+    """The record of forces (N, k, 3), torsion (N, k) and answers (N, 4); see ``kernels.solve_many``."""
     used = np.arange(batch.mu.shape[1]) < batch.counts[:, None]
     scaled = batch.loads.copy()
     scaled[:, 3:] = scaled[:, 3:] / batch.moment_lengths[:, None] if batch.balance == "wrench" else 0.0
@@ -370,18 +398,20 @@ def _problem(batch: ForceBatch, i: int) -> ForceProblem:
 
 
 def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple[ForceProblem, Program]:
-    """Problem ``i`` by itself, for the general methods; ``weights`` as of :func:`weights_of`."""
+    """Problem ``i`` alone, for the general methods; ``weights`` as of :func:`weights_of`."""
     problem, own = _problem(batch, i), batch.counts[i]
-    terms = {name: [tuple(term) for term in batch.energies[name][i].tolist()] for name in MEASURES if weights.get(name)}
+    terms = {name: [(c, e) for c, e in batch.energies[name][i].tolist()] for name in MEASURES if weights.get(name)}
     matrices = matrices_of(problem, weights)
     return problem, assemble(matrices, problem.scaled_load, terms, batch.low[i, :own], batch.high[i, :own])
 
 
-def _by_itself(batch: ForceBatch, i: int, weights, forces, torsion, answers) -> Status:
-    """One problem by the general methods: its status; forces, torsion and answers get its row."""
+def _solve_by_general_methods(
+    batch: ForceBatch, i: int, weights: Mapping[str, float], forces: Array, torsion: Array, answers: Array
+) -> Status:
+    """The status of problem ``i``, whose rows of forces, torsion and answers are filled."""
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
     found = Backends(program.matrices, "auto").solve(problem, program)
-    if found.status is Status.OK:
+    if found.status is Status.OK and found.forces is not None:
         certificate = found.forces.certificate
         forces[i, :own], torsion[i, :own] = found.forces.forces_c, found.forces.torsion
         answers[i] = (

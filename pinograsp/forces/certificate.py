@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import overload
 
 import numpy as np
 
 from pinograsp.checks import brief
-
-Number = TypeVar("Number", float, np.ndarray)
+from pinograsp.spatial import Array, BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """What an answer may miss and still count.
+    """How far an answer may miss its conditions and still be accepted.
 
-    Solvers stop at tighter values of their own; an answer is accepted by these alone.
+    Solvers stop at tighter tolerances of their own; acceptance depends on these alone.
 
     Attributes:
         residual: of the balance, relative to the load [-].
@@ -25,7 +24,7 @@ class Tolerance:
         gap: between objective and lower bound, relative to the objective [-].
         proof: margin that a proof of infeasibility must exceed, relative to the load [-]: a thousand times the
             rounding of its closed form.
-        active: a limit met to this share is active [-].
+        active: limits within this relative distance count as active [-].
     """
 
     residual: float = 1e-9
@@ -37,37 +36,59 @@ class Tolerance:
 
 TOLERANCE = Tolerance()
 
-# Objectives can vanish (motor heat, where contact forces cancel gravity): below the one share of what forces like the
-# load, or none at all, cost, the gap is measured against the other.
+# Objectives can vanish (motor heat, where contact forces cancel gravity). Where one is below the first share of the
+# usual cost (that of forces of the load's size, or of no forces), the gap is measured against the second share of it.
 _NEGLIGIBLE, _VANISHING = 1e-5, 1e-2
-_WEIGHTLESS = 1e-6  # of the least normal force: a smaller load says nothing of the forces
+_WEIGHTLESS = 1e-6  # relative to the least normal force: the size of a smaller load is no measure of the forces
 
 
-def load_size_of(load: np.ndarray, least: np.ndarray) -> float:
-    """What forces are measured against [N]: the size of the load (rows,), or of the least F_n (k,) without one."""
+def load_size_of(load: Array, least: Array) -> float:
+    """The size that forces are compared with [N]: that of the load (rows,), or of the least F_n (k,) without a load."""
     largest = float(least.max())
     size = max(float(np.sqrt(load @ load)), _WEIGHTLESS * largest) if np.any(load) else largest
     return size or 1.0
 
 
 def objective_size_of(objective: float, constant: float) -> float:
-    """What the gap of an objective with that constant is measured against: the objective, where it does not vanish."""
+    """The size that the gap is compared with: the objective, unless it vanishes; ``constant`` is part of it."""
     usual = max(1.0, abs(constant))
     size = abs(objective)
     return _VANISHING * usual if size < _NEGLIGIBLE * usual else size
 
 
+@overload
 def is_optimal(
     *,
-    residual_norm: Number,
-    load_size: Number,
-    violation: Number,
-    force_size: Number,
-    gap: Number,
-    objective_size: Number,
+    residual_norm: float,
+    load_size: float,
+    violation: float,
+    force_size: float,
+    gap: float,
+    objective_size: float,
+    tolerance: Tolerance = ...,
+) -> bool: ...
+@overload
+def is_optimal(
+    *,
+    residual_norm: Array,
+    load_size: Array,
+    violation: Array,
+    force_size: Array,
+    gap: Array,
+    objective_size: Array,
+    tolerance: Tolerance = ...,
+) -> BoolArray: ...
+def is_optimal(
+    *,
+    residual_norm: float | Array,
+    load_size: float | Array,
+    violation: float | Array,
+    force_size: float | Array,
+    gap: float | Array,
+    objective_size: float | Array,
     tolerance: Tolerance = TOLERANCE,
-) -> bool | np.ndarray:
-    """The rule of :meth:`Certificate.is_optimal`, for numbers and arrays alike. What is not a number fails."""
+) -> bool | BoolArray:
+    """The rule of :meth:`Certificate.is_optimal`, for numbers and arrays alike. NaN fails."""
     return (
         (residual_norm <= tolerance.residual * load_size)
         & (violation <= tolerance.violation * force_size)
@@ -82,14 +103,14 @@ class Certificate:
     Attributes:
         objective: its value at the forces, in its own unit.
         lower_bound: proven: no admissible forces cost less, in the same unit.
-        residual: what forces and load leave over (6,), linear first, about the centre of mass, world axes [N, N m].
+        residual: net wrench of forces and load (6,), linear first, about the centre of mass, world axes [N, N m].
         residual_norm: norm of the residual in the balance rows, moments over the moment length [N].
         violation: largest violation of friction, of the bounds on F_n or of a torque limit (there: the change of
-            contact forces that would mend it) [N].
-        load_size: what ``residual_norm`` is measured against: size of the load, or of the least F_n without one [N].
-        force_size: what ``violation`` is measured against: ``load_size`` or the largest F_n, whichever is more [N].
-        objective_size: what the gap is measured against: the objective, or 1 % of what forces like the load cost
-            where it vanishes.
+            contact forces that would remove it) [N].
+        load_size: ``residual_norm`` is compared with it: size of the load, or of the least F_n without one [N].
+        force_size: ``violation`` is compared with it: ``load_size`` or the largest F_n, whichever is larger [N].
+        objective_size: the gap is compared with it: the objective, or where that vanishes 1 % of the cost of forces of
+            the load's size.
         at_friction: contacts at their friction limit (k,) bool.
         at_least: contacts at their least normal force (k,) bool.
         at_most: contacts at their largest normal force (k,) bool.
@@ -98,15 +119,15 @@ class Certificate:
 
     objective: float
     lower_bound: float
-    residual: np.ndarray
+    residual: Array
     residual_norm: float
     violation: float
     load_size: float
     force_size: float
     objective_size: float
-    at_friction: np.ndarray
-    at_least: np.ndarray
-    at_most: np.ndarray
+    at_friction: BoolArray
+    at_least: BoolArray
+    at_most: BoolArray
     at_torque: tuple[str, ...] = ()
 
     __repr__ = brief()
@@ -132,9 +153,9 @@ class Certificate:
         return float(np.linalg.norm(self.residual[3:]))
 
     def is_optimal(self, tolerance: Tolerance = TOLERANCE) -> bool:
-        """Whether the forces are admissible and no others cost less.
+        """Whether the forces are admissible and no others cost less, within the tolerances.
 
-        Each to its tolerance: residual_norm <= tolerance.residual * load_size,
+        That is: residual_norm <= tolerance.residual * load_size,
         violation <= tolerance.violation * force_size, and objective - lower_bound <= tolerance.gap * objective_size.
         """
         return is_optimal(
@@ -167,33 +188,33 @@ class Infeasibility:
     """Proof that no admissible forces balance the load at one impact time, and the forces that come closest.
 
     Attributes:
-        margin: whatever the forces, at least this much of the residual (and of torque beyond its limits) is left [N],
-            measured along ``direction``. Checked in closed form; positive.
+        margin: least residual (and torque beyond its limits) that any admissible forces leave along ``direction`` [N];
+            positive, computed in closed form.
         direction: wrench (6,) of the proof, unit in the balance rows [-]: moments over the moment length.
-        joint_weights: part of the proof on the joint torques (n,) [1/m]; zero where torque limits play no part. With
+        joint_weights: weights of the joint torques in the proof (n,) [1/m]; zero where torque limits play no part. With
             r the residual in the balance rows (moments over the moment length) and tau the joint torques of *any*
             admissible forces, direction . r + joint_weights . tau - |joint_weights| . limit >= margin, though balance
             and limits ask for at most 0.
         closest_c: closest admissible forces (k, 3) [N].
         closest_torsion: their moments about the contact normals (k,) [N m].
-        residual: what the closest forces leave over (6,) [N, N m].
+        residual: net wrench of the closest forces and the load (6,) [N, N m].
         at_friction: contacts whose closest force meets its friction limit (k,) bool.
         at_least: contacts whose closest force meets its least normal force (k,) bool.
         at_most: contacts whose closest force meets its largest normal force (k,) bool.
-        at_torque: joints whose torque limit takes part.
+        at_torque: joints whose torque limit is part of the proof.
         crossed: contacts whose bounds on F_n exclude each other (k,) bool.
     """
 
     margin: float
-    direction: np.ndarray
-    joint_weights: np.ndarray
-    closest_c: np.ndarray
-    closest_torsion: np.ndarray
-    residual: np.ndarray
-    at_friction: np.ndarray
-    at_least: np.ndarray
-    at_most: np.ndarray
+    direction: Array
+    joint_weights: Array
+    closest_c: Array
+    closest_torsion: Array
+    residual: Array
+    at_friction: BoolArray
+    at_least: BoolArray
+    at_most: BoolArray
     at_torque: tuple[str, ...]
-    crossed: np.ndarray
+    crossed: BoolArray
 
     __repr__ = brief()

@@ -1,8 +1,8 @@
 """The compiled path (extra ``fast``): scale, solve, check and record one force problem in a single compiled call.
 
-What changes neither with the load nor with the impact time is in a :class:`~pinograsp.forces.template.Template`, what
-does not change with the load in :class:`Prepared`. The checks are those of :mod:`pinograsp.forces.program`, written for
-compiling; the tests compare the two. What this path cannot certify goes to the general one.
+Data that depend neither on the load nor on the impact time are in a :class:`~pinograsp.forces.template.Template`, data
+that do not depend on the load in :class:`Prepared`. The checks are those of :mod:`pinograsp.forces.program`, written so
+that numba can compile them; the tests compare the two. Problems that this path cannot certify go to the general one.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from pinograsp.forces.kernels import (
     answer,
     box_least_squares,
     box_memory,
-    many,
     online,
     online_memory,
     powers_of,
-    whole,
+    solve_many,
+    solve_one,
 )
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import EnergyTerms, Program
 from pinograsp.forces.template import Template, joined
+from pinograsp.spatial import Array
 
 
 def solve_program(program: Program, fixed: Template, name: str) -> Answer | None:
-    """The answer of a compiled method with its checks; None where it has none. ``fixed``: the program's matrices."""
+    """The answer of a compiled method with its checks; None where it finds none. ``fixed``: the program's matrices."""
     newton = name == "newton"
     if np.any(program.hi - program.lo <= 1e-9 * program.hi):
         return None
@@ -85,34 +86,33 @@ class CompiledForces(NamedTuple):
 
     backend: str
     certificate: Certificate
-    forces_c: np.ndarray
-    torsion: np.ndarray
+    forces_c: Array
+    torsion: Array
 
 
 class Prepared:
     """Everything of a force problem but its load, at one impact time, for one objective and compiled method."""
 
     def __init__(self, problem: ForceProblem, template: Template, method: str, impact_time: float, terms: EnergyTerms):
-        """Pack all numbers as :func:`pinograsp.forces.kernels.whole` takes them; ``terms`` at ``impact_time`` [s]."""
+        """Pack all numbers for :func:`pinograsp.forces.kernels.solve_one`; ``terms`` at ``impact_time`` [s]."""
         self._k, weights = problem.k, template.matrices.weights
-        names = problem.torques.limited_joints if len(template.order) else ()
+        names = () if problem.torques is None else problem.torques.limited_joints
         self._joints = tuple(names[row] for row in template.order)
         self._sizes, self._numbers = template.packed(problem)
         low, high, _ = problem.normal_force_limits(impact_time)
         caps = problem.max_normal_force
         limits = (method == "newton", low, high)
         powers = [(weights[m] * c, e) for m, own in terms.items() for c, e in own]
-        self._at = joined((limits, np.full(self._k, np.inf) if caps is None else caps, powers), float)
+        self._at = joined((limits, np.full(self._k, np.inf) if caps is None else caps, powers), np.float64)
 
-    def forces(self, load: np.ndarray) -> CompiledForces | None:
+    def forces(self, load: Array) -> CompiledForces | None:
         """Forces for a load (6,), read-only; None where there is no certified answer."""
         k = self._k
         out, active = np.empty(6 + 4 * k), np.empty(3 * k + len(self._joints), np.bool_)
-        code, newton, violation, most, value, bound, constant, force, moment, scale, unit = whole(
+        code, newton, violation, most, value, bound, constant, force, moment, scale, unit = solve_one(
             self._sizes, self._numbers, self._at, load, out, active
         )
-        # No objective is negative; and a bound from multipliers that are exact to rounding can exceed the value by
-        # rounding.
+        # No objective is negative; rounding may raise a sharp bound above the value.
         lower_bound = min(max(bound, -constant), value)
         out.flags.writeable = active.flags.writeable = False
         end = 6 + 3 * k
@@ -195,10 +195,10 @@ def compile_now() -> None:
         np.ones(k * d + 18 * k + 3 * k),
     )
     at = (0.0, 0.1, 1.0), ones, (1.0, 1.0)
-    whole(
+    solve_one(
         joined(sizes, np.int64),
-        joined(numbers, float),
-        joined(at, float),
+        joined(numbers, np.float64),
+        joined(at, np.float64),
         frozen(np.zeros(6)),
         np.empty(6 + 4 * k),
         np.empty(3 * k, np.bool_),
@@ -211,7 +211,7 @@ def compile_now() -> None:
     settings[2], H[:] = 1.0, 1.0
     box_least_squares(memory)
     one, frame = frozen(np.ones((1, k))), frozen(np.eye(3)[None, None])
-    many(
+    solve_many(
         0,
         1,
         frozen(np.ones((1, k, 3))),

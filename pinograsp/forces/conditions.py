@@ -1,25 +1,26 @@
-"""Under which conditions an object is to be held: a force problem before its contacts are known."""
+"""The conditions under which an object is to be held: a force problem whose contacts are not known yet."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from pinograsp.checks import array_of, brief, instance_of, number, one_of
 from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction
-from pinograsp.contacts.compliance import MEASURES
-from pinograsp.contacts.quality import BALANCES
+from pinograsp.contacts.compliance import MEASURES, Measure
+from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.objects.body import Body
+from pinograsp.spatial import Array
 
-TorqueLimit = Literal["effort"] | float | np.ndarray | None
+TorqueLimit = Literal["effort"] | float | Array | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GraspConditions:
-    """What is asked of a grasp whose contacts are still to be found.
+    """The force problem of a grasp whose contacts are not known yet.
 
     Attributes:
         mu: friction coefficient of all contacts [-].
@@ -33,9 +34,9 @@ class GraspConditions:
         acceleration_range: admissible A [m/s^2] (Eq. 13c).
         max_speed: bound on A tau [m/s] (Eq. 13b).
         max_depth: bound on delta_F [m] (Eq. 13a).
-        max_normal_force: cap on every F_n [N]; None: none.
-        moment_length: moments are divided by it so that they compare with forces [m]; None: the mean distance of the
-            contacts from the centre of mass.
+        max_normal_force: cap on every F_n [N]; None: no cap.
+        moment_length: moments are divided by this length so that they compare with forces [m]; None: the mean distance
+            of the contacts from the centre of mass.
         shape: of the deceleration over the grasp phase.
         torque_limit: largest |torque| while the hand holds: ``"effort"`` (its own limits; joints without one are not
             limited), one number or (n,) [N m]; None: not limited.
@@ -44,9 +45,9 @@ class GraspConditions:
     mu: float
     friction: Friction = field(default_factory=Friction)
     compliance: Compliance = field(default_factory=Compliance)
-    balance: Literal["wrench", "force"] = "wrench"
-    measure: Literal["impulse", "work"] = "impulse"
-    gravity_o: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    balance: Balance = "wrench"
+    measure: Measure = "impulse"
+    gravity_o: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
     final_time: float = 1.0
     impact_time_range: tuple[float, float] = (0.80, 0.95)
     acceleration_range: tuple[float, float] = (0.01, 1.0)
@@ -73,5 +74,5 @@ class GraspConditions:
         Raises:
             InvalidInput: times, ranges or limits that cannot be used.
         """
-        own = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "torque_limit"}
+        own: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "torque_limit"}
         return ForceProblem.holding(body, contacts, **own)

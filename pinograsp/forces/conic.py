@@ -1,10 +1,13 @@
 """Programs with second-order cones, by an interior-point method (Clarabel, through its own interface).
 
-Friction cones are second-order cones, powers of F_n are power cones: t >= F^p is (t, 1, F) in K_pow(1/p). Everything
-that does not change with the impact time (the sparse matrices) is built once per problem and objective.
+Friction cones are second-order cones, powers of F_n are power cones: t >= F^p is (t, 1, F) in K_pow(1/p). The sparse
+matrices do not change with the impact time: they are built once per problem and objective.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
 
 import clarabel
 import numpy as np
@@ -13,6 +16,7 @@ import scipy.sparse as sp
 from pinograsp.forces.answers import Answer
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
+from pinograsp.spatial import Array
 
 _SETTINGS = {
     "tol_gap_abs": 1e-11,
@@ -26,17 +30,19 @@ _SETTINGS = {
 }
 HUGE = 1e100  # squares of larger numbers are not finite
 
+Cone: TypeAlias = "clarabel.ZeroConeT | clarabel.NonnegativeConeT | clarabel.SecondOrderConeT | clarabel.PowerConeT"
+
 
 def settings() -> clarabel.DefaultSettings:
-    """Clarabel's settings with every tolerance that matters stated."""
-    made = clarabel.DefaultSettings()
+    """Clarabel's settings, with explicit tolerances."""
+    explicit = clarabel.DefaultSettings()
     for name, value in _SETTINGS.items():
-        setattr(made, name, value)
-    return made
+        setattr(explicit, name, value)
+    return explicit
 
 
-def solve(P, q, A, b, cones):
-    """Clarabel's solution: whatever its status says, callers certify x and z themselves."""
+def solve(P: sp.spmatrix, q: Array, A: sp.spmatrix, b: Array, cones: Sequence[Cone]) -> clarabel.DefaultSolution:
+    """Clarabel's solution, whatever its status: callers certify x and z themselves."""
     return clarabel.DefaultSolver(P, q, A, b, cones, settings()).solve()
 
 
@@ -62,36 +68,60 @@ def cone_rows(matrices: Matrices) -> tuple[sp.csc_matrix, sp.csc_matrix, list[in
     return linear, sp.csc_matrix(sp.kron(sp.identity(k), block)), [inside] * k, select
 
 
-def limit_rows(program: Program):
-    """Friction and the bounds of F_n as rows on x: equations and their right-hand side, inequalities and theirs, cones
-    and sizes.
+class LimitRows(NamedTuple):
+    """Friction and the bounds of F_n as rows of A x + s = b.
 
-    Normal forces that are fixed are equations: as two inequalities they would leave an interior-point method no
-    interior.
+    Attributes:
+        fixed: equations: normal forces that are fixed.
+        fixed_b: their right-hand side.
+        linear: inequalities.
+        linear_b: their right-hand side.
+        second: rows of second-order cones, right-hand side zero.
+        sizes: of the second-order cones.
+    """
+
+    fixed: sp.csc_matrix
+    fixed_b: Array
+    linear: sp.csc_matrix
+    linear_b: Array
+    second: sp.csc_matrix
+    sizes: list[int]
+
+
+def limit_rows(program: Program) -> LimitRows:
+    """Friction and the bounds of F_n as rows on x.
+
+    Fixed normal forces are equations: as two inequalities they would leave no interior to an interior-point method.
     """
     k, n = program.k, program.k * program.d
     linear, second, sizes, select = cone_rows(program.matrices)
     facets = linear[2 * k :]
     if np.array_equal(program.lo, program.hi):
-        return select, program.lo, facets, np.zeros(facets.shape[0]), second, sizes
+        return LimitRows(select, program.lo, facets, np.zeros(facets.shape[0]), second, sizes)
     limits = np.concatenate([-program.lo, program.hi, np.zeros(facets.shape[0])])
-    return sp.csc_matrix((0, n)), np.zeros(0), linear, limits, second, sizes
+    return LimitRows(sp.csc_matrix((0, n)), np.zeros(0), linear, limits, second, sizes)
 
 
 def solve_linear(
-    program: Program, equal, equal_b, q, *, least=None, torques: bool = False
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    program: Program,
+    equal: sp.spmatrix,
+    equal_b: Array,
+    q: Array,
+    *,
+    least: sp.spmatrix | None = None,
+    torques: bool = False,
+) -> tuple[Array, Array, Array] | None:
     """min q . z over z = (x, further columns), x within friction and bounds (and torque limits).
 
-    ``equal`` z = ``equal_b`` are its first rows, ``least`` z >= 0 further ones. z, multipliers of those rows and of the
-    torque rows, for callers to certify: finite, no more. None where they are not.
+    Subject to ``equal`` z = ``equal_b`` and ``least`` z >= 0. Returns z, the multipliers of the equations and those of
+    the torque rows; callers certify them. None where they are not finite.
     """
     n = program.k * program.d
     fixed, fixed_b, linear, linear_b, second, sizes = limit_rows(program)
     blocks = [linear, *((sp.csc_matrix(program.R), sp.csc_matrix(-program.R)) if torques else ())]
     limits = [linear_b, *((program.R_hi, -program.R_lo) if torques else ())]
 
-    def wide(block):
+    def wide(block: sp.spmatrix) -> sp.spmatrix:
         return sp.hstack([block, sp.csc_matrix((block.shape[0], len(q) - n))])
 
     rows = [wide(block) for block in blocks]

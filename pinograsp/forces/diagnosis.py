@@ -1,4 +1,4 @@
-"""What stands between a load and a grasp, in words and numbers."""
+"""Why a grasp cannot hold a load, in words and numbers."""
 
 from __future__ import annotations
 
@@ -12,29 +12,31 @@ from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.infeasibility import holds, load_factors, prove
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import feasibility
+from pinograsp.spatial import Array
 
-# Beyond any pair of materials: what does not hold then does not hold by friction.
+# Above that of any pair of materials: a grasp that fails with it lacks something other than friction.
 _LARGEST_FRICTION = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis:
-    """What stands between a load and a grasp, at one impact time.
+    """Why a grasp can or cannot hold a load at one impact time.
 
     Attributes:
         status: ``OK`` where the load can be held, else ``INFEASIBLE`` (or ``INACCURATE``: too close to tell).
         impact_time: t_I [s].
-        proof: the certificate, None where the load can be held.
-        load_factors: least and largest multiple of the load that can be held (None: none was found).
-        smallest_mu: friction coefficients (k,) that would just do, all scaled alike; None: none was found.
-        text: all of it in words.
+        proof: that the load cannot be held; None where it can.
+        load_factors: least and largest multiple of the load that can be held; None: none was found.
+        smallest_mu: least sufficient friction coefficients (k,), those of the problem times a common factor; None: none
+            were found.
+        text: the diagnosis in words.
     """
 
     status: Status
     impact_time: float
     proof: Infeasibility | None
     load_factors: tuple[float, float] | None
-    smallest_mu: np.ndarray | None
+    smallest_mu: Array | None
     text: str
 
     __repr__ = brief()
@@ -44,10 +46,10 @@ class Diagnosis:
 
 
 def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
-    """Why a load cannot be held at one impact time [s] (or how far it is from that).
+    """Why a load cannot be held at one impact time [s], or how much more could be.
 
-    Says which direction is missing and by how much, the largest load factor, the least friction coefficient, and which
-    contacts and limits bind.
+    States in which direction forces are missing and how many newtons, the largest load factor, the least friction
+    coefficient, and which contacts and limits bind.
     """
     impact_time = instance_of("problem", problem, ForceProblem).checked_impact_time(impact_time)
     program = feasibility(problem, *problem.normal_force_range(impact_time))
@@ -66,7 +68,7 @@ def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
     )
 
 
-def _smallest_mu(problem: ForceProblem, impact_time: float) -> np.ndarray | None:
+def _smallest_mu(problem: ForceProblem, impact_time: float) -> Array | None:
     """Bisection on a common factor of all mu: the set of forces grows with it."""
     base = problem.mu if np.any(problem.mu > 0) else np.ones(problem.k)
 
@@ -94,20 +96,20 @@ def _words(
     status: Status,
     proof: Infeasibility | None,
     factors: tuple[float, float] | None,
-    mu: np.ndarray | None,
+    mu: Array | None,
 ) -> str:
     names = problem.contacts.names
-    lines = []
+    lines: list[str] = []
     if status is Status.OK:
         lines.append(f"the load can be held at t_I = {impact_time:.6g} s")
     elif proof is None:
         lines.append(f"at t_I = {impact_time:.6g} s the load is too close to the limit to tell whether it can be held")
     elif np.any(proof.crossed):
-        who = ", ".join(name for name, bad in zip(names, proof.crossed) if bad)
+        crossed = ", ".join(name for name, empty in zip(names, proof.crossed) if empty)
         low, high = problem.normal_force_range(impact_time)
         lines.append(
-            f"no normal force is admissible at {who}: the least deceleration already gives {low.max():.4g} N, the cap "
-            f"allows {high.min():.4g} N; raise the cap, or lower acceleration_range or the duration"
+            f"no normal force is admissible at {crossed}: the least deceleration already gives {low.max():.4g} N, the "
+            f"cap allows {high.min():.4g} N; raise the cap, or lower acceleration_range or the duration"
         )
     else:
         lines.append(
@@ -144,7 +146,7 @@ def _words(
     return "\n".join(lines)
 
 
-def _wrench_words(problem: ForceProblem, direction: np.ndarray) -> str:
+def _wrench_words(problem: ForceProblem, direction: Array) -> str:
     """A unit wrench of the balance rows in words: its force and moment parts."""
     force, moment = direction[:3], direction[3:]
     parts = []

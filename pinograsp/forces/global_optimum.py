@@ -26,9 +26,9 @@ from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import Branch, ForceSolution, solution_of
 
-_NARROWEST = 1e-10  # intervals of t_I [s] that the certificates' accuracy no longer separates
-# Intervals that are split, and of these that no solver decided: at the limit of feasibility halves are as undecided as
-# the whole.
+_NARROWEST = 1e-10  # [s]: on narrower intervals of t_I the bounds differ by less than the certificates' accuracy
+# Largest number of intervals that are split, and of relaxations that no solver decides: at the limit of feasibility
+# halving an interval does not help.
 _MOST, _UNDECIDED = 2000, 30
 
 
@@ -86,7 +86,7 @@ class _Search:
         self.problem, self.weights, self.backend = problem, weights, backend
         self.matrices = matrices_of(problem, weights)
         self.backends = Backends(self.matrices, backend)
-        self.first = self.backends.order[0]  # the one to ask first: with "auto" the one that answered last
+        self.first = self.backends.order[0]  # the method to try first: with "auto" the one that answered last
         self.best: CertifiedForces | None = None
         self.best_value, self.best_time, self.best_backend = float("inf"), self.problem.impact_time_range[0], ""
         self.open: list[tuple[float, int, float, float]] = []
@@ -94,9 +94,9 @@ class _Search:
         self.log: list[Branch] = []
         self.proof: Infeasibility | None = None
         self.unresolved = False
-        self.undecided = 0  # relaxations with neither forces nor a proof
+        self.undecided = 0  # number of relaxations with neither forces nor a proof
 
-    def run(self, gap: float, bar) -> None:
+    def run(self, gap: float, bar: tqdm) -> None:
         low, high = self.problem.impact_time_range
         for t in dict.fromkeys((high, low)):
             self.visit(t)
@@ -128,7 +128,7 @@ class _Search:
         self.log += [Branch(a, b, bound, self.best_value, "unresolved") for bound, _, a, b in sorted(self.open)]
 
     def size(self) -> float:
-        """What the gap is relative to: as in the incumbent's certificate."""
+        """The size that the gap is compared with: that of the incumbent's certificate."""
         return self.best.certificate.objective_size if self.best else 0.0
 
     def visit(self, t: float) -> None:
@@ -136,12 +136,16 @@ class _Search:
         terms = energy_terms_at(self.problem, self.weights, t)
         program = assemble(self.matrices, self.problem.scaled_load, terms, *self.problem.normal_force_range(t))
         found = self.solved(program)
-        if found.status is Status.OK and found.forces.certificate.objective < self.best_value:
+        if (
+            found.status is Status.OK
+            and found.forces is not None
+            and found.forces.certificate.objective < self.best_value
+        ):
             self.best, self.best_value = found.forces, found.forces.certificate.objective
             self.best_time, self.best_backend = t, found.backend
 
     def solved(self, program: Program) -> Outcome:
-        """The outcome of a program; of the proofs the one that came closest to feasibility is kept."""
+        """The outcome of a program; of several proofs the one with the least margin is kept."""
         found = self.backends.solve(self.problem, program, first=self.first)
         if self.backend == "auto" and found.status is Status.OK:
             self.first = found.backend

@@ -1,6 +1,6 @@
 """The paper's grid search (Appendix A.2, steps 1-14): the grid, its tables, and plain brute force as the oracle.
 
-Rule for ties, the same in every search here: least measure; among equal measures the first point in grid order
+Every search here breaks ties alike: least measure; among equal measures the first point in grid order
 (t_I, then A of contact 1, 2, ..., then k1, k2 of contact 1, 2, ...). Measures are compared as integers (2^-50 of the
 largest entry), so that equal sums are equal whatever their order of addition.
 """
@@ -17,6 +17,7 @@ from pinograsp.checks import array_of, brief, frozen, instance_of, integer, numb
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import BY_ACCELERATION, BY_DEPTH, BY_SPEED, ForceProblem
 from pinograsp.forces.solution import ForceSolution, GridLog
+from pinograsp.spatial import Array, IntArray
 
 BY_TIME = "impact time range (Eq. 14)"
 BY_BALANCE = "balance, whatever the multipliers (Eqs. 15, 16)"
@@ -41,14 +42,14 @@ class GridSpec:
             length).
     """
 
-    impact_times: np.ndarray = field(default_factory=lambda: grid_values(0.80, 0.95, 0.05))
-    accelerations: np.ndarray = field(default_factory=lambda: grid_values(0.01, 1.0, 0.005))
-    multipliers: np.ndarray = field(default_factory=lambda: grid_values(-1.0, 1.0, 0.1))
+    impact_times: Array = field(default_factory=lambda: grid_values(0.80, 0.95, 0.05))
+    accelerations: Array = field(default_factory=lambda: grid_values(0.01, 1.0, 0.005))
+    multipliers: Array = field(default_factory=lambda: grid_values(-1.0, 1.0, 0.1))
     residual_limit: float = 0.1
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("impact_times", "accelerations", "multipliers"):
             values = array_of(f"grid {name}", getattr(self, name), (None,))
             if values.size == 0:
@@ -65,15 +66,17 @@ class GridSpec:
     def cells(self, k: int) -> int:
         """Points in (t_I, A) for k contacts."""
         k = integer("contacts", k, at_least=0, at_most=1000)
-        return self.impact_times.size * self.accelerations.size**k
+        decelerations: int = self.accelerations.size**k
+        return self.impact_times.size * decelerations
 
     def points(self, k: int) -> int:
         """Points of the full grid for k contacts."""
-        return self.cells(k) * self.multipliers.size ** (2 * integer("contacts", k))
+        multipliers: int = self.multipliers.size ** (2 * integer("contacts", k))
+        return self.cells(k) * multipliers
 
 
-def grid_values(start: float, stop: float, step: float) -> np.ndarray:
-    """start, start + step, ... up to ``stop`` (included where it falls on the grid); ends clean of rounding."""
+def grid_values(start: float, stop: float, step: float) -> Array:
+    """start, start + step, ... up to ``stop`` (included where it falls on the grid), rounded to 12 decimals."""
     start, stop, step = number("grid start", start), number("grid stop", stop), number("grid step", step, above=0)
     if (stop - start) / step > _MOST_VALUES:
         raise InvalidInput(
@@ -91,13 +94,13 @@ class TimeTable:
 
     impact_time: float
     index: int
-    acceleration: np.ndarray
-    normal_force: np.ndarray
-    cost: np.ndarray
+    acceleration: Array
+    normal_force: Array
+    cost: IntArray
 
 
 def tabulate(problem: ForceProblem, grid: GridSpec) -> tuple[list[TimeTable], dict[str, int]]:
-    """Steps 1-8: what Eqs. (13) and (14) leave of the grid, and how many cells each of them rejected."""
+    """Steps 1-8: the part of the grid that meets Eqs. (13) and (14), and how many cells each of them rejected."""
     A, k = instance_of("grid", grid, GridSpec).accelerations, problem.k
     rejections = dict.fromkeys((BY_TIME, BY_ACCELERATION, BY_SPEED, BY_DEPTH, BY_BALANCE, BY_LATTICE, BY_MEASURE), 0)
     kept = []
@@ -138,16 +141,17 @@ def tabulate(problem: ForceProblem, grid: GridSpec) -> tuple[list[TimeTable], di
     return tables, rejections
 
 
-def options(problem: ForceProblem, grid: GridSpec) -> np.ndarray:
+def options(problem: ForceProblem, grid: GridSpec) -> Array:
     """Unit contact wrenches (k, nk^2, rows) of every (k1, k2) in grid order, per newton of normal force (Eq. 28)."""
     k1, k2 = (v.ravel() for v in np.meshgrid(grid.multipliers, grid.multipliers, indexing="ij"))
     columns = problem.scaled_columns.transpose(1, 2, 0)
     tangential = np.stack([k1, k2], axis=1) @ columns[:, :2]
-    return problem.pyramid[:, None, None] * tangential + columns[:, 2][:, None, :]
+    wrenches: Array = problem.pyramid[:, None, None] * tangential + columns[:, 2][:, None, :]
+    return wrenches
 
 
 def bar(total: int, what: str, progress: bool | None) -> tqdm:
-    """Progress on stderr: shown for long searches on a terminal (None), always (True) or never (False)."""
+    """A progress bar on stderr: shown for long searches on a terminal (None), always (True) or never (False)."""
     return tqdm(
         total=total,
         desc=what,
@@ -169,7 +173,7 @@ def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None 
     k, per_contact = problem.k, grid.multipliers.size**2
     combinations = per_contact**k
     units, load = options(problem, grid), problem.scaled_load
-    best: tuple | None = None  # (cost, table, cell, combination)
+    best: tuple[int, TimeTable, IntArray, int] | None = None  # cost, table, cell, combination
     interrupted = False
     progress_bar = bar(sum(t.cost.size**k for t in tables), "brute force", progress)
     try:
@@ -186,7 +190,7 @@ def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None 
                 costs[hits < 0] = np.iinfo(np.int64).max
                 j = int(np.argmin(costs))
                 if hits[j] >= 0 and (best is None or costs[j] < best[0]):
-                    best = (costs[j], table, cells[j], int(hits[j]))
+                    best = (int(costs[j]), table, cells[j], int(hits[j]))
                 progress_bar.update(flat.size)
     except KeyboardInterrupt:
         interrupted = True
@@ -203,7 +207,7 @@ def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None 
     return grid_solution(problem, cell, status=status, search="paper", log=log, started=started)
 
 
-def _first_hits(normal_forces, units, load, limit: float, combinations: int) -> np.ndarray:
+def _first_hits(normal_forces: Array, units: Array, load: Array, limit: float, combinations: int) -> IntArray:
     """Per cell the first combination of options within the limit, or -1."""
     k, per_contact, rows = units.shape
     hits = np.full(len(normal_forces), -1, dtype=np.int64)
@@ -226,14 +230,14 @@ class Cell:
 
     Attributes:
         table: of its impact time.
-        indices: of each contact's deceleration in the table (k,).
+        indices: index of each contact's deceleration in the table (k,).
         multipliers: (k1, k2) (k, 2).
         residual_bound: certified least norm of the residual of any multipliers there [N]; 0 where none is computed.
     """
 
     table: TimeTable
-    indices: np.ndarray
-    multipliers: np.ndarray
+    indices: IntArray
+    multipliers: Array
     residual_bound: float = 0.0
 
 
@@ -245,7 +249,7 @@ def grid_log(
     *,
     qp_solves: int = 0,
     cuts: int = 0,
-    closest: np.ndarray | None = None,
+    closest: Array | None = None,
 ) -> GridLog:
     """The log of a finished search; ``closest`` is the least residual seen (6,) [N, N m]."""
     return GridLog(

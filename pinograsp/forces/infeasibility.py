@@ -1,4 +1,4 @@
-"""When no forces hold the load: the proof, a Farkas certificate that is checked, and how much of it can be held."""
+"""Infeasible loads: the proof, a checked Farkas certificate, and the multiple of the load that can be held."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from pinograsp.forces.certificate import TOLERANCE, Infeasibility
 from pinograsp.forces.conic import limit_rows, solve, solve_linear
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
+from pinograsp.spatial import Array, BoolArray
 
-_SHARP = 1e-7  # between an extreme multiple and its proven bound
+_SHARP = 1e-7  # largest difference between an extreme multiple and its proven bound, relative
 _NEWTON = 40
 
 
@@ -24,17 +25,17 @@ class Closest:
     """Phase one: the admissible x with the least residual and torque excess, dimensionless.
 
     Attributes:
-        x: (k d,).
+        x: scaled forces (k d,).
         left: norm of the residual, or the limits' largest violation if that is more.
         y: balance multipliers (rows,); with w a Farkas certificate where ``proven`` > 0.
         w: torque multipliers (m,).
-        proven: lower bound of what is left for all admissible x, in closed form from y and w.
+        proven: lower bound of ``left`` for all admissible x, in closed form from y and w.
     """
 
-    x: np.ndarray
+    x: Array
     left: float
-    y: np.ndarray
-    w: np.ndarray
+    y: Array
+    w: Array
     proven: float
 
     __repr__ = brief()
@@ -43,14 +44,14 @@ class Closest:
 def closest(program: Program) -> Closest | None:
     """min |(r, s)| with r = A x - b and s the excess of R x over its limits, over the friction cones: always feasible.
 
-    The norm itself, not its square: the dual then stays sharp down to the limit of feasibility. None where the solver
-    returns nothing finite.
+    The norm is minimised, not its square: the dual then stays sharp down to the limit of feasibility. None where the
+    solver's answer is not finite.
     """
     n, rows, m = program.k * program.d, len(program.b), len(program.R)
     fixed, fixed_b, linear, linear_b, second, sizes = limit_rows(program)
     extra = rows + m + 1  # r, s and the norm t
 
-    def wide(block, at=None, value=None):
+    def wide(block: sp.spmatrix, at: int = 0, value: sp.spmatrix | None = None) -> sp.spmatrix:
         side = sp.csc_matrix((block.shape[0], extra))
         if value is not None:
             side = sp.lil_matrix(side)
@@ -78,7 +79,7 @@ def closest(program: Program) -> Closest | None:
     x, y = z[:n], dual[:rows]
     at = rows + len(fixed_b) + len(linear_b)
     w = dual[at : at + m] - dual[at + m : at + 2 * m]
-    # In theory of length one wherever forces cannot hold the load; near that limit the solver leaves it short.
+    # In theory (y, w) has length one wherever forces cannot hold the load; near that limit the solver's is shorter.
     size = max(1e-6, float(np.sqrt(y @ y + w @ w)))
     y, w = y / size, w / size
     left = float(np.linalg.norm(program.A @ x - program.b))
@@ -98,10 +99,14 @@ def prove(problem: ForceProblem, program: Program) -> Infeasibility | None:
     return _record(problem, program, found.proven * program.force_scale, found.y, found.w, found.x, crossed)
 
 
-def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
+def _record(
+    problem: ForceProblem, program: Program, margin: float, y: Array, w: Array, x: Array, crossed: BoolArray
+) -> Infeasibility:
     near = 1e-5
-    z = np.asarray(x).reshape(program.k, -1)
+    z = x.reshape(program.k, -1)
     F = z[:, -1]
+    at_least: BoolArray
+    at_most: BoolArray
     if np.any(crossed):
         forces, torsion, friction = np.zeros((program.k, 3)), np.zeros(program.k), np.zeros(program.k, dtype=bool)
         at_least = at_most = crossed
@@ -110,13 +115,14 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
         c = y @ program.A + w @ program.R
         s = program.reduced(c)
         pulls = program.friction.support(c.reshape(program.k, program.d)[:, :-1])
-        # A contact matters where the certificate pushes its force against the limit.
+        # A contact takes part where the certificate pushes its force against the limit.
         at_least = (s > near) & (program.lo + near * (1 + program.lo) >= F)
         at_most = (s < -near) & (program.hi - near * (1 + program.hi) <= F)
         friction = (pulls > near) & (program.friction.gauge(z[:, :-1]) >= F * (1 - 1e-3)) & (F > 0)
-    joints, weights = (), np.zeros(0 if problem.torques is None else len(problem.torques.limit))
+    joints: tuple[str, ...] = ()
+    weights = np.zeros(0)
     if problem.torques is not None:
-        joints = problem.torques.limited_joints
+        joints, weights = problem.torques.limited_joints, np.zeros(len(problem.torques.limit))
         if len(w):
             weights[problem.torques.limited] = w / program.matrices.R_norm
     wrench = np.zeros(6)
@@ -137,13 +143,14 @@ def _record(problem, program, margin, y, w, x, crossed) -> Infeasibility:
 
 
 def load_factors(program: Program) -> tuple[float, float] | None:
-    """Least and largest s >= 0 for which s times the load can be held; infinity for an absent load; None where none is
+    """Least and largest s >= 0 for which s times the load can be held; infinity without a load; None where none is
     found.
     """
     if not np.any(program.b):
         return (0.0, np.inf) if holds(program) else None
-    ends = [extreme_multiple(replace(program, b=0 * program.b), program.b, sign) for sign in (1, -1)]
-    return None if None in ends else (min(ends), max(ends))
+    none = replace(program, b=0 * program.b)
+    least, largest = extreme_multiple(none, program.b, 1), extreme_multiple(none, program.b, -1)
+    return None if least is None or largest is None else (min(least, largest), max(least, largest))
 
 
 def holds(program: Program, tolerance: float = TOLERANCE.violation) -> bool:
@@ -152,11 +159,11 @@ def holds(program: Program, tolerance: float = TOLERANCE.violation) -> bool:
     return found is not None and found.left <= tolerance * _size(program, found.x)
 
 
-def extreme_multiple(program: Program, column: np.ndarray, sign: int) -> float | None:
+def extreme_multiple(program: Program, column: Array, sign: int) -> float | None:
     """Least (sign 1) or largest (sign -1) s >= 0 with A x = b + s column for an admissible x; None where none is found.
 
-    Where the forces of the interior-point method are admissible and its dual proves that no s goes further, that is it.
-    Else phase one is solved at the proven bound, where its dual proves a nearer one: Newton's method, from outside.
+    Where the forces of the interior-point method are admissible and its dual proves that no s goes further, s is found.
+    Else phase one is solved at the proven bound, where its dual proves a tighter one: Newton's method, from outside.
     """
     n, size = program.k * program.d, float(np.linalg.norm(column))
     column = column / size
@@ -175,25 +182,25 @@ def extreme_multiple(program: Program, column: np.ndarray, sign: int) -> float |
             if abs(bound - value) <= _SHARP * max(1.0, bound):
                 return value / size
     for _ in range(_NEWTON):
-        here = closest(replace(program, b=program.b + bound * column))
-        if here is None:
+        outside = closest(replace(program, b=program.b + bound * column))
+        if outside is None:
             break
-        if here.left <= TOLERANCE.violation * _size(program, here.x):
+        if outside.left <= TOLERANCE.violation * _size(program, outside.x):
             return bound / size
-        if here.proven > TOLERANCE.proof and here.y @ column * sign <= 0:
+        if outside.proven > TOLERANCE.proof and outside.y @ column * sign <= 0:
             return None  # the proof holds on both sides of the bound
-        nearer = _bound(program, column, sign, here.y, here.w)
+        nearer = _bound(program, column, sign, outside.y, outside.w)
         if sign * (nearer - bound) <= 0:
             break
         bound = nearer
     return None if value is None else value / size
 
 
-def _bound(program: Program, column: np.ndarray, sign: int, y: np.ndarray, w: np.ndarray) -> float:
+def _bound(program: Program, column: Array, sign: int, y: Array, w: Array) -> float:
     """No s >= 0 beyond this has admissible forces, for any multipliers: sign s >= y . (A x - b), where y . column =
     sign.
 
-    Multipliers that say nothing of this give the farthest bound there is: 0 for the least s, infinity for the largest.
+    Multipliers that prove nothing here give the trivial bound: 0 for the least s, infinity for the largest.
     """
     along = float(y @ column) * sign
     if not along > 0:
@@ -201,11 +208,11 @@ def _bound(program: Program, column: np.ndarray, sign: int, y: np.ndarray, w: np
     return max(0.0, sign * program.excluded(y / along, w / along))
 
 
-def missed(program: Program, x: np.ndarray) -> float:
-    """By how much x misses balance or limits, over the load or the largest F_n, whichever is more."""
+def missed(program: Program, x: Array) -> float:
+    """By how much x misses balance or limits, relative to the load or the largest F_n, whichever is larger."""
     violation, _, residual = program.violations(x)
     return max(violation, float(np.linalg.norm(residual))) / _size(program, x)
 
 
-def _size(program: Program, x: np.ndarray) -> float:
+def _size(program: Program, x: Array) -> float:
     return max(1.0, float(x[program.d - 1 :: program.d].max()))

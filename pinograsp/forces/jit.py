@@ -1,38 +1,55 @@
-"""How numba (extra ``fast``) compiles the kernels: kept on disk wherever it can be, and told once, because it takes its
-time.
+"""How numba (extra ``fast``) compiles the kernels: with a cache on disk where one can be written, and with one message,
+because compiling takes a minute or two.
 """
 
 from __future__ import annotations
 
 import contextlib
 import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypedDict, TypeVar
 
 import numba
 from numba.core import event
 from numba.core.caching import FunctionCache
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
+
 _LOG = logging.getLogger("pinograsp")
-_NOT_KEPT = "in every process again, because no folder for it can be written: set NUMBA_CACHE_DIR to one that can"
+_NOT_KEPT = "again in every process, because no cache folder can be written: set NUMBA_CACHE_DIR to one that can"
 
 
-def jit(**flags):
-    """``numba.njit`` with a cache on disk that is never in the way."""
+class Flags(TypedDict, total=False):
+    """Those of numba's options that the kernels use."""
 
-    def compiled(function):
-        made = numba.njit(**flags)(function)
+    fastmath: set[str]
+    error_model: Literal["python", "numpy"]
+    nogil: bool
+
+
+def jit(**flags: Unpack[Flags]) -> Callable[[Callable[_Parameters, _Result]], Callable[_Parameters, _Result]]:
+    """``numba.njit`` with a cache on disk; a cache that cannot be read or written is no error."""
+
+    def decorate(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+        dispatcher: Any = numba.njit(**flags)(function)  # more than a function, and of older numba without types
         try:
-            made._cache = _Cache(function)
+            dispatcher._cache = _Cache(function)
         except RuntimeError:  # neither the package's folder nor the user's can be written
             _Announcer.kept = False
-        return made
+        compiled: Callable[_Parameters, _Result] = dispatcher
+        return compiled
 
-    return compiled
+    return decorate
 
 
 class _Cache(FunctionCache):
-    """What cannot be read is compiled again, what cannot be written is not kept."""
+    """A function that cannot be read is compiled again; one that cannot be written is not kept."""
 
-    def load_overload(self, sig, target_context):
+    def load_overload(self, sig: object, target_context: object) -> object:
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # damaged bytes: unpickling them may raise anything
@@ -40,7 +57,7 @@ class _Cache(FunctionCache):
                 self.flush()
             return None
 
-    def save_overload(self, sig, data):
+    def save_overload(self, sig: object, data: object) -> None:
         try:
             super().save_overload(sig, data)
         except OSError as error:
@@ -49,19 +66,19 @@ class _Cache(FunctionCache):
 
 
 class _Announcer(event.Listener):
-    """Says that functions are compiled, which were not found in the cache, so that nobody waits in silence."""
+    """Logs once that functions are being compiled, so that nobody waits without knowing why."""
 
     kept = True
-    told = False
+    announced = False
 
-    def on_start(self, started):
-        if not self.told and started.data["dispatcher"].py_func.__module__.startswith("pinograsp."):
-            self.told = True
+    def on_start(self, started: event.Event) -> None:
+        if not self.announced and started.data["dispatcher"].py_func.__module__.startswith("pinograsp."):
+            self.announced = True
             _LOG.warning(
                 "pinograsp: compiling solvers, %s: one minute or two", "once per machine" if self.kept else _NOT_KEPT
             )
 
-    def on_end(self, ended):
+    def on_end(self, ended: event.Event) -> None:
         pass
 
 

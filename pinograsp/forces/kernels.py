@@ -1,8 +1,8 @@
-r"""Everything that is compiled (extra ``fast``): two solvers made for grasp forces and the checks of their answers.
+r"""All compiled code (extra ``fast``): two solvers for grasp forces, and the checks of their answers.
 
-In one file, because numba's cache on disk notices changes of a function's own file only.
+It is one file because numba's cache on disk notices changes only in the file of the cached function itself.
 
-**Dual Newton.** The balance has m <= 6 rows, everything else concerns one contact at a time. With multipliers y of
+**Dual Newton.** The balance has m <= 6 rows; every other constraint concerns a single contact. With multipliers y of
 A x = b the Lagrangian therefore separates,
 
     D(y) = -b . y + sum_i min_{x_i} [ phi(F_i) + 1/2 x_i' p_i x_i + (q_i + A_i' y) . x_i ],   u_i in F_i U,  lo <= F_i
@@ -14,85 +14,95 @@ solves
 
     phi'(F) + p_n F + c_n - sum_t r max(0, |c_t| - w r F) = 0,   clipped to [lo, hi],
 
-an increasing function that is the least of straight lines, one for each set of saturated components: F is the largest
-of their roots. The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating x(y): per contact (v
-v') / slope along the edge or ray v that a saturated force moves on, 1 / w for what is not saturated, and F / |c_t| (I -
-c c') around a cone (Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and Toh 2018). The cost of a step grows
-linearly with the contacts. The line search is exact: the directional derivative is monotone. Where it stays positive
-along a step, that step is tried as a Farkas certificate: the derivative at infinity is what the certificate proves.
+whose left side increases and is the minimum of several straight lines, one for each set of saturated components: F is
+the largest of their roots. The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating x(y): per
+contact (v v') / slope along the edge or ray v on which a saturated force moves, 1 / w for components that are not
+saturated, and F / |c_t| (I - c c') around a cone (Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and Toh 2018).
+The cost of a step grows linearly with the number of contacts. The line search is exact, since the directional
+derivative is monotone. Where it stays positive along a step, that step is tested as a Farkas certificate: the limit of
+the derivative is the margin of the certificate.
 
-Powers of F_n are replaced by their quadratic models at the last answer, pass by pass (sequential quadratic programming,
-whose fixed point solves the prox of phi exactly). Where the objective has no quadratic weight in some direction a
-proximal one is added that pulls towards the last answer, and falls from pass to pass (Rockafellar 1976). Both end when
-the duality gap, of the objective itself, is closed. Answers are certified like any other's; what this method does not
-finish interior points do.
+Powers of F_n are replaced by their quadratic models at the last answer, in several passes (sequential quadratic
+programming, whose fixed point solves the prox of phi exactly). Where the objective has no quadratic weight in some
+direction, a proximal weight is added that pulls towards the last answer and falls from pass to pass (Rockafellar 1976).
+The passes end when the duality gap of the original objective is closed. Answers are certified like those of any other
+method; problems that this method does not finish go to the interior-point method.
 
 **Interior points** take every :class:`~pinograsp.forces.program.Program` whose objective couples no two contacts:
 polyhedral and second-order friction cones, bounds on F_n, powers of F_n (Eqs. 9 and 11), quadratic terms and torque
-rows. The iterates stay inside the cones and bounds; balance and torque rows are met in the limit. With B = [A; R],
+rows. The iterates stay inside the cones and bounds; balance and torque rows hold in the limit. With B = [A; R],
 multipliers l = [y; w] and per contact the Hessian H_i of the objective and of the barriers, a Newton step solves
 
     [ H  B' ] [dx]   [ -stationarity + centring ]
     [ B  -E ] [dl] = [ -rows                    ],     H block diagonal with blocks (d, d), E = diag(0, s/w),
 
 by the Schur complement B H^-1 B' + E: six unknowns and one for each torque row, whatever the number of contacts, so the
-cost of a step grows linearly with them. Torque rows of one contact alone join its block H_i. Steps are Mehrotra's
-predictor and corrector (1992), second-order cones scaled by Nesterov and Todd's point (1997; formulas as in
-Vandenberghe 2010). In infeasible programs the multipliers grow along a Farkas certificate, which is tested as they
-grow.
+cost of a step grows linearly with it. A torque row that only one contact enters joins that contact's block H_i. Steps
+are Mehrotra's predictor and corrector (1992), second-order cones scaled by Nesterov and Todd's point (1997; formulas as
+in Vandenberghe 2010). In infeasible programs the multipliers grow along a Farkas certificate, and are tested as one
+while they grow.
 """
 
 from __future__ import annotations
 
+from typing import TypeAlias, TypeVar
+
 import numpy as np
+from numpy.typing import NDArray
 
-from pinograsp.forces.jit import jit
+from pinograsp.forces.jit import Flags, jit
+from pinograsp.spatial import Array, BoolArray, IntArray
 
-FLAGS = {"fastmath": {"contract", "arcp", "nsz"}, "error_model": "numpy"}
-NEWTON = FLAGS | {"fastmath": {"contract", "arcp", "nsz", "reassoc"}}  # sums over contacts side by side
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+_ConeVector: TypeAlias = tuple[float, float, float, float]
+
+FLAGS: Flags = {"fastmath": {"contract", "arcp", "nsz"}, "error_model": "numpy"}
+NEWTON: Flags = {**FLAGS, "fastmath": {"contract", "arcp", "nsz", "reassoc"}}  # sums over contacts are vectorised
+UNLOCKED: Flags = {**FLAGS, "nogil": True}
 CONVERGED, STALLED, INFEASIBLE = 0, 1, 2
 # Dual Newton.
 _PASSES = 40
 _NEWTON_STEPS = 100
-_STRONG = 0.03  # least curvature of objectives of order one that need no proximal weight
+_STRONG = 0.03  # objectives of order one with at least this curvature need no proximal weight
 _FIRST_WEIGHT, _SHRINK, _LEAST_WEIGHT = 0.1, 0.1, 1e-3  # proximal weights, from pass to pass
-_ROUGHLY, _BALANCED = 1e-2, 1e-11  # residual of the balance, of the load, of the passes before and of the last
+_ROUGHLY, _BALANCED = 1e-2, 1e-11  # residual of the balance, relative to the load: in early passes, in the last one
 _NEWTON_GAP = 1e-9
-# Softness of the balance where it cannot be had, squared forces weigh one: first, from pass to pass, least; proximal
-# passes.
-_GIVE, _FIRMER, _LEAST_GIVE, _GIVES = 1e-3, 0.1, 1e-7, 20
-_CLOSEST, _CLOSEST_WITHIN = (
-    1e-8,
-    1e-6,
-)  # what is left of the balance against its proven least, of the load; with torque rows
+# Compliance of the balance constraint where the load cannot be held, against a weight of one on squared forces: first
+# value, factor per pass, least value; number of passes.
+_GIVE, _STIFFEN, _LEAST_GIVE, _GIVES = 1e-3, 0.1, 1e-7, 20
+# Forces are the closest where what they leave of the balance is this near to its proven least value, relative to the
+# load: without and with torque limits.
+_CLOSEST, _CLOSEST_WITHIN = 1e-8, 1e-6
 _BOX_STEPS = 60
 # Interior points.
 _STEPS = 60
-_INTERIOR_GAP = 1e-8  # of the objective, where the certificate ends the search
-_CLOSED = 1e-7  # where it may end because rounding stops its progress
-_ROWS = 1e-9  # residual of balance and torque rows, of the load
+_INTERIOR_GAP = 1e-8  # relative gap at which the search ends
+_CLOSED = 1e-7  # relative gap at which it may end once rounding stops its progress
+_ROWS = 1e-9  # residual of balance and torque rows, relative to the load
 _TO_BOUNDARY, _TO_CONE = 0.999, 0.98  # share of the way to the boundary of polyhedral and of second-order cones
-_START = 0.6  # first F_n, of the load over the root of the number of contacts
-_CENTRE = 0.3  # first product of slack and multiplier, of the objective, times the contacts
-_LEAST_CENTRE = 1e-3  # of the mean product, which keeps products near each other: far apart they cost the last digits
-_GROWN = 30.0  # multipliers beyond this share of the objective's size are tried as a certificate
-_PROVEN = 1e-9  # margin of a certificate, of the load
-_SHARP = 1e-9  # of the load or the largest F_n: answers that miss a limit by more are left to the general methods
+_START = 0.6  # first F_n, relative to the load over the root of the number of contacts
+_CENTRE = 0.3  # first product of slack and multiplier, relative to the objective per contact
+_LEAST_CENTRE = 1e-3  # least centring, relative to the mean product: products far apart would cost the last digits
+_GROWN = 30.0  # multipliers larger than this, relative to the objective, are tested as a certificate
+_PROVEN = 1e-9  # margin of a certificate, relative to the load
+_SHARP = 1e-9  # relative to the load or the largest F_n: answers that miss a limit by more go to the general methods
 
 
 # -- dual Newton ------------------------------------------------------------------------------------------------------
 #
 # Vectors over all contacts are stored by component, v[j, i] for component j of contact i: the innermost loops run over
-# contacts next to each other in memory, without branches where that matters.
+# contacts that are neighbours in memory, without branches where speed depends on it.
 
 
 @jit(**NEWTON)
-def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
+def _forces_at(
+    S: Array, t: float, V: Array, w: Array, lo: Array, hi: Array, radii: Array, n_round: int, x: Array, norm: Array
+) -> None:
     """x (d, k), the minimiser of every contact's part of the Lagrangian at slopes S + t V (d, k); norm (k,) of its
     round part.
 
-    The normal force solves an equation that increases and is the least of straight lines, one for each set of
-    components at their friction limit: so it is the largest of their roots.
+    The normal force is the root of an increasing function that is the minimum of several straight lines, one for each
+    set of components at their friction limit: so it is the largest of their roots.
     """
     d, k = S.shape
     e = d - 1
@@ -136,7 +146,7 @@ def _forces_at(S, t, V, w, lo, hi, radii, n_round, x, norm):
 
 
 @jit(**NEWTON)
-def _slopes(A, y, out):
+def _slopes(A: Array, y: Array, out: Array) -> None:
     """out (d k,) = A' y with A (m, d k)."""
     a, b, c = y[0], y[1], y[2]
     if y.shape[0] == 6:
@@ -149,10 +159,22 @@ def _slopes(A, y, out):
 
 
 @jit(**NEWTON)
-def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
+def _directions(
+    A: Array,
+    S: Array,
+    x: Array,
+    norm: Array,
+    w: Array,
+    lo: Array,
+    hi: Array,
+    radii: Array,
+    n_round: int,
+    D: Array,
+    weights: Array,
+) -> None:
     """D (m, terms k) and weights (terms k,) such that D diag(weights) D' is a generalised Hessian of the negative dual.
 
-    Per contact: the ray along which a saturated force moves with F_n, and what moves without it.
+    Per contact: the ray along which a saturated force moves with F_n, and the directions that are free of F_n.
     """
     m, (d, k) = A.shape[0], S.shape
     e = d - 1
@@ -202,8 +224,8 @@ def _directions(A, S, x, norm, w, lo, hi, radii, n_round, D, weights):
 
 
 @jit(**NEWTON)
-def _newton_direction(D, weights, give, residual, H, step):
-    """step (m,) with (D diag(weights) D' + give + a little) step = residual; H (m, m) is scratch."""
+def _newton_direction(D: Array, weights: Array, give: float, residual: Array, H: Array, step: Array) -> None:
+    """step (m,) with (D diag(weights) D' + give + a small regularisation) step = residual; H (m, m) is scratch."""
     m, n, trace, largest = D.shape[0], D.shape[1], 0.0, 0.0
     for r in range(m):
         for s in range(r, m):
@@ -213,7 +235,7 @@ def _newton_direction(D, weights, give, residual, H, step):
             H[r, s] = t
         trace += H[r, r]
         largest = max(largest, abs(residual[r]))
-    # Where every contact is at its limits the dual is linear: lifted, the step still leads somewhere.
+    # Where every contact is at its limits the dual is linear: this keeps the matrix regular.
     lift = give + 1e-14 * trace + 1e-12 + min(1e-2, 1e-3 * largest)
     for r in range(m):
         H[r, r] += lift
@@ -223,7 +245,7 @@ def _newton_direction(D, weights, give, residual, H, step):
 
 
 @jit(**NEWTON)
-def _least_along(V, b, y, lo, hi, radii, n_round):
+def _least_along(V: Array, b: Array, y: Array, lo: Array, hi: Array, radii: Array, n_round: int) -> float:
     """The least y . (A x - b) of all admissible x, with V = A' y (d, k)."""
     e, total = V.shape[0] - 1, 0.0
     for r in range(b.shape[0]):
@@ -240,7 +262,7 @@ def _least_along(V, b, y, lo, hi, radii, n_round):
 
 
 @jit(**NEWTON)
-def _proves(V, b, y, lo, hi, radii, n_round):
+def _proves(V: Array, b: Array, y: Array, lo: Array, hi: Array, radii: Array, n_round: int) -> bool:
     """Whether y is a Farkas certificate: y . (A x - b) > 0 for all admissible x, with V = A' y (d, k). If so its
     largest entry becomes 1.
     """
@@ -252,11 +274,26 @@ def _proves(V, b, y, lo, hi, radii, n_round):
 
 
 @jit(**NEWTON)
-def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, work):
-    """Maximise the dual of quadratic weights w > 0 (d, k) from y (m,) in at most ``most`` steps; (code, Newton steps).
+def _ascend(
+    A: Array,
+    b: Array,
+    q: Array,
+    w: Array,
+    lo: Array,
+    hi: Array,
+    radii: Array,
+    n_round: int,
+    give: float,
+    x: Array,
+    y: Array,
+    tolerance: float,
+    most: int,
+    work: Array,
+) -> tuple[int, int]:
+    """Maximise the dual for quadratic weights w > 0 (d, k) from y (m,) in at most ``most`` steps; (code, Newton steps).
 
-    With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give). Infeasible: y becomes a ray along
-    which the dual grows without end. work: scratch, see :func:`newton_scratch`.
+    With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give). INFEASIBLE: y becomes a ray along
+    which the dual grows without bound. work: scratch, see :func:`newton_scratch`.
     """
     m, (d, k) = A.shape[0], q.shape
     n, terms = d * k, k * (5 if n_round == 3 else d)
@@ -287,7 +324,7 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
             pull += give * step[r] * step[r]
         if not start > 0.0:
             return STALLED, it
-        if it % 8 == 7 and give == 0.0:  # slow: does y itself go off?
+        if it % 8 == 7 and give == 0.0:  # slow: does y itself diverge?
             _slopes(A, y, V)
             if _proves(V2, b, y, lo, hi, radii, n_round):
                 return INFEASIBLE, it
@@ -314,9 +351,8 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
             if above >= 0.0:
                 t = below + at_below * (above - below) / (at_below - at_above)
                 continue
-            if (
-                search == 1 and give == 0.0 and _proves(V2, b, step, lo, hi, radii, n_round)
-            ):  # it does not end soon: does it at all?
+            # The derivative is still positive: does it stay so?
+            if search == 1 and give == 0.0 and _proves(V2, b, step, lo, hi, radii, n_round):
                 for r in range(m):
                     y[r] = step[r]
                 return INFEASIBLE, it
@@ -331,8 +367,22 @@ def _ascend(A, b, q, w, lo, hi, radii, n_round, give, x, y, tolerance, most, wor
 
 
 @jit(**NEWTON)
-def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
-    """The objective at x and the bound that y proves with its tangents there; slopes (d k,) is scratch."""
+def _gap(
+    A: Array,
+    b: Array,
+    q: Array,
+    P: Array,
+    coefs: Array,
+    exps: Array,
+    lo: Array,
+    hi: Array,
+    radii: Array,
+    n_round: int,
+    x: Array,
+    y: Array,
+    slopes: Array,
+) -> tuple[float, float]:
+    """The objective at x, and its lower bound from y and the tangents at x; slopes (d k,) is scratch."""
     d, k = q.shape
     e, value, bound = d - 1, 0.0, 0.0
     for r in range(b.shape[0]):
@@ -362,11 +412,25 @@ def _gap(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, slopes):
 
 
 @jit(**NEWTON)
-def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
-    """Minimise over the cones from y (m,), 0 if nothing is known; x (d, k) is start and result, y the multipliers.
+def dual_newton(
+    A: Array,
+    b: Array,
+    q: Array,
+    P: Array,
+    coefs: Array,
+    exps: Array,
+    lo: Array,
+    hi: Array,
+    radii: Array,
+    n_round: int,
+    x: Array,
+    y: Array,
+    work: Array,
+) -> tuple[int, int]:
+    """Minimise over the cones from y (m,), zeros if nothing is known; x (d, k) is start and result, y the multipliers.
 
-    A (m, d k), q and P (d, k), the latter the diagonal; the powers as in :func:`interior_point`; lo < hi (k,); radii (d
-    - 1,) of components without a cone. work: :func:`newton_scratch`. Returns (code, Newton steps); infeasible: y is a
+    A (m, d k); q and P (d, k), P being the diagonal; the powers as in :func:`interior_point`; lo < hi (k,); radii (d -
+    1,) of components without a cone. work: :func:`newton_scratch`. Returns (code, Newton steps). INFEASIBLE: y is a
     ray.
     """
     d, k = q.shape
@@ -402,8 +466,8 @@ def dual_newton(A, b, q, P, coefs, exps, lo, hi, radii, n_round, x, y, work):
 
 
 @jit(**NEWTON)
-def newton_scratch(d, k):
-    """Numbers that :func:`dual_newton` needs to work with."""
+def newton_scratch(d: int, k: int) -> int:
+    """Length of the scratch array of :func:`dual_newton`."""
     return 48 + 4 * d * k + k + 7 * 5 * k
 
 
@@ -414,7 +478,7 @@ def newton_scratch(d, k):
 
 
 @jit(**FLAGS)
-def phi(F, coefs, exps):
+def phi(F: float, coefs: Array, exps: Array) -> tuple[float, float, float]:
     """phi, phi' and phi'' at F > 0; see :func:`interior_point` for the powers."""
     value, first, second = 0.0, 0.0, 0.0
     if coefs.shape[0] > 0:
@@ -431,9 +495,9 @@ def phi(F, coefs, exps):
 
 
 @jit(**FLAGS)
-def _factor(H):
-    """Cholesky factor U'U of H (n, n) in its upper triangle, in place, inverse pivots on the diagonal; pivots are
-    floored.
+def _factor(H: Array) -> None:
+    """Cholesky factor U'U of H (n, n) in its upper triangle, in place, inverse pivots on the diagonal; small pivots are
+    raised to a floor.
     """
     n = H.shape[0]
     largest = 0.0
@@ -452,7 +516,7 @@ def _factor(H):
 
 
 @jit(**FLAGS)
-def _solve(U, v):
+def _solve(U: Array, v: Array) -> None:
     """v <- (U'U)^-1 v with U from :func:`_factor`."""
     n = v.shape[0]
     for r in range(n):
@@ -468,7 +532,7 @@ def _solve(U, v):
 
 
 @jit(**FLAGS)
-def _factor_contacts(H):
+def _factor_contacts(H: Array) -> None:
     """:func:`_factor` for every contact's block of H (d, d, k); d is 3 or 4."""
     d, _, k = H.shape
     for i in range(k):
@@ -490,7 +554,7 @@ def _factor_contacts(H):
 
 
 @jit(**FLAGS)
-def _half_solve(U, rows, out):
+def _half_solve(U: Array, rows: Array, out: Array) -> None:
     """out[h] = U'^-1 rows[h] for the contacts' factors U and every row (n, d k)."""
     d, _, k = U.shape
     for i in range(k):
@@ -507,7 +571,7 @@ def _half_solve(U, rows, out):
 
 
 @jit(**FLAGS)
-def _back_solve(U, v):
+def _back_solve(U: Array, v: Array) -> None:
     """v <- U^-1 v for the contacts' factors U; v (1, d k)."""
     d, _, k = U.shape
     for i in range(k):
@@ -522,7 +586,7 @@ def _back_solve(U, v):
 
 
 @jit(**FLAGS)
-def _add_products(A, v, out):
+def _add_products(A: Array, v: Array, out: Array) -> None:
     """out += A v; the number of rows is a multiple of three."""
     for r in range(0, A.shape[0], 3):
         a, b, c = 0.0, 0.0, 0.0
@@ -533,7 +597,7 @@ def _add_products(A, v, out):
 
 
 @jit(**FLAGS)
-def _add_combination(A, y, sign, out):
+def _add_combination(A: Array, y: Array, sign: float, out: Array) -> None:
     """out += sign A' y; the number of rows is a multiple of three."""
     for r in range(0, A.shape[0], 3):
         a, b, c = sign * y[r], sign * y[r + 1], sign * y[r + 2]
@@ -542,7 +606,7 @@ def _add_combination(A, y, sign, out):
 
 
 @jit(**FLAGS)
-def _gram(T, S):
+def _gram(T: Array, S: Array) -> None:
     """S = T T', its upper triangle, in blocks of three rows and columns."""
     for r in range(0, T.shape[0], 3):
         for c in range(r, T.shape[0], 3):
@@ -559,11 +623,11 @@ def _gram(T, S):
 
 
 # Limits with slacks: least <= G x <= most with coefficients G (limits of a contact, d, k): facets, which have no upper
-# side, F_n, torque rows of one contact. Torque rows of several contacts, ``shared``, follow as rows by themselves.
+# side, F_n, torque rows of one contact. Torque rows of several contacts, ``shared``, follow as rows of their own.
 
 
 @jit(**FLAGS)
-def _limits_along(G, used, shared, v, out):
+def _limits_along(G: Array, used: IntArray, shared: Array, v: Array, out: Array) -> None:
     """out = G v. ``used`` (limits of a contact, d): whether a component enters."""
     _, d, k = G.shape
     e = (d - 1) * k
@@ -579,8 +643,8 @@ def _limits_along(G, used, shared, v, out):
 
 
 @jit(**FLAGS)
-def _add_limits(G, used, v, out):
-    """out += G' v, but for torque rows of several contacts."""
+def _add_limits(G: Array, used: IntArray, v: Array, out: Array) -> None:
+    """out += G' v, without the torque rows of several contacts."""
     _, d, k = G.shape
     for a in range(G.shape[0]):
         for j in range(d):
@@ -590,8 +654,8 @@ def _add_limits(G, used, v, out):
 
 
 @jit(**FLAGS)
-def _add_weighted_limits(G, used, w, H):
-    """H += G' diag(w) G, but for torque rows of several contacts."""
+def _add_weighted_limits(G: Array, used: IntArray, w: Array, H: Array) -> None:
+    """H += G' diag(w) G, without the torque rows of several contacts."""
     _, d, k = G.shape
     for a in range(G.shape[0]):
         for j in range(d):
@@ -602,8 +666,8 @@ def _add_weighted_limits(G, used, w, H):
 
 
 @jit(**FLAGS)
-def _both_sides(v, sign, one_sided, out):
-    """Per limit the entry of its lower side and sign times that of its upper one, which facets do not have."""
+def _both_sides(v: Array, sign: float, one_sided: int, out: Array) -> None:
+    """Per limit the entry of its lower side plus ``sign`` times that of its upper side, which facets do not have."""
     other = out.shape[0] - one_sided
     for l in range(one_sided):
         out[l] = v[l]
@@ -615,19 +679,19 @@ def _both_sides(v, sign, one_sided, out):
 
 
 @jit(**FLAGS)
-def _in_cone(v, i, k, n_round):
+def _in_cone(v: Array, i: int, k: int, n_round: int) -> _ConeVector:
     """Contact i's components of v (1, d k) that a second-order cone bounds."""
     return v[0, i], v[0, k + i], v[0, 2 * k + i] if n_round == 3 else 0.0, v[0, v.shape[1] - k + i]
 
 
 @jit(**FLAGS)
-def _row(v, i):
+def _row(v: Array, i: int) -> _ConeVector:
     """Row i of v (k, 4)."""
     return v[i, 0], v[i, 1], v[i, 2], v[i, 3]
 
 
 @jit(**FLAGS)
-def _to_cone(v, dv, step):
+def _to_cone(v: _ConeVector, dv: _ConeVector, step: float) -> float:
     """The largest step up to ``step`` that keeps v + step dv in the cone."""
     a = dv[3] * dv[3] - dv[0] * dv[0] - dv[1] * dv[1] - dv[2] * dv[2]
     b = v[3] * dv[3] - v[0] * dv[0] - v[1] * dv[1] - v[2] * dv[2]
@@ -644,7 +708,7 @@ def _to_cone(v, dv, step):
 
 
 @jit(**FLAGS)
-def _scaling(s, z):
+def _scaling(s: _ConeVector, z: _ConeVector) -> tuple[_ConeVector, float]:
     """Nesterov and Todd's scaling (vector, size) of a cone's vector and its multiplier."""
     ss = np.sqrt(max(s[3] * s[3] - s[0] * s[0] - s[1] * s[1] - s[2] * s[2], 1e-300))
     zz = np.sqrt(max(z[3] * z[3] - z[0] * z[0] - z[1] * z[1] - z[2] * z[2], 1e-300))
@@ -655,7 +719,7 @@ def _scaling(s, z):
 
 
 @jit(**FLAGS)
-def _scaled(bar, scale, v, sign):
+def _scaled(bar: _ConeVector, scale: float, v: _ConeVector, sign: float) -> _ConeVector:
     """W v for sign 1, W^-1 v for sign -1 and the inverse scale."""
     along = bar[0] * v[0] + bar[1] * v[1] + bar[2] * v[2]
     t = sign * v[3] + along / (1.0 + bar[3])
@@ -664,7 +728,7 @@ def _scaled(bar, scale, v, sign):
 
 
 @jit(**FLAGS)
-def _scale_cones(x, zc, n_round, bar, eta, H):
+def _scale_cones(x: Array, zc: Array, n_round: int, bar: Array, eta: Array, H: Array) -> float:
     """Scalings of all cones and their Hessians, added to H; returns the sum of the complementarity."""
     d, _, k = H.shape
     comp = 0.0
@@ -685,9 +749,20 @@ def _scale_cones(x, zc, n_round, bar, eta, H):
 
 
 @jit(**FLAGS)
-def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
-    """Steps of the cones' multipliers for the step dx; the largest step up to alpha. The predictor leaves its Jordan
-    products in ``centring``.
+def _step_cones(
+    x: Array,
+    dx: Array,
+    zc: Array,
+    dzc: Array,
+    n_round: int,
+    bar: Array,
+    eta: Array,
+    centring: Array,
+    corrector: bool,
+    alpha: float,
+) -> float:
+    """Steps of the cones' multipliers for the step dx; returns the largest step up to alpha. The predictor leaves its
+    Jordan products in ``centring``.
     """
     k = eta.shape[0]
     for i in range(k):
@@ -695,7 +770,7 @@ def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
         scale = 1.0 / eta[i]
         ds = _scaled(w, scale, v, -1.0)
         back = _scaled(w, scale, ds, -1.0)
-        c = _row(centring, i)  # nothing in the predictor
+        c = _row(centring, i)  # zero in the predictor
         dz = (c[0] - z[0] - back[0], c[1] - z[1] - back[1], c[2] - z[2] - back[2], c[3] - z[3] - back[3])
         if not corrector:
             t = _scaled(w, eta[i], dz, 1.0)
@@ -708,7 +783,7 @@ def _step_cones(x, dx, zc, dzc, n_round, bar, eta, centring, corrector, alpha):
 
 
 @jit(**FLAGS)
-def _centre_cones(zc, bar, eta, centre, centring):
+def _centre_cones(zc: Array, bar: Array, eta: Array, centre: float, centring: Array) -> None:
     r"""Jordan products p in ``centring`` become W^-1 (lambda \ (centre e - p)), lambda = W z."""
     for i in range(eta.shape[0]):
         w, p = _row(bar, i), _row(centring, i)
@@ -722,7 +797,7 @@ def _centre_cones(zc, bar, eta, centre, centring):
 
 
 @jit(**FLAGS)
-def _to_boundary(v, dv, alpha):
+def _to_boundary(v: Array, dv: Array, alpha: float) -> float:
     """The largest step up to alpha that keeps v + alpha dv at least 0."""
     for l in range(v.shape[0]):
         if v[l] + alpha * dv[l] < 0.0:
@@ -731,7 +806,7 @@ def _to_boundary(v, dv, alpha):
 
 
 @jit(**FLAGS)
-def support(g, n_round, vertices):
+def support(g: Array, n_round: int, vertices: Array) -> float:
     """max of g . u over U (:class:`~pinograsp.contacts.Friction`); vertices (e, 2) of a polygon, else (0, 2)."""
     total = 0.0 if n_round > 0 else -np.inf
     for j in range(n_round):
@@ -745,9 +820,27 @@ def support(g, n_round, vertices):
 
 
 @jit(**FLAGS)
-def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, g):
-    """Lower bound of the objective that y proves with tangents near x, ``Program.lower_bound`` compiled, and the
-    objective at x.
+def bound_of(
+    y: Array,
+    x: Array,
+    B: Array,
+    touched: IntArray,
+    counts: IntArray,
+    b: Array,
+    P: Array,
+    q: Array,
+    coefs: Array,
+    exps: Array,
+    lo: Array,
+    hi: Array,
+    n_round: int,
+    vertices: Array,
+    R_lo: Array,
+    R_hi: Array,
+    g: Array,
+) -> tuple[float, float]:
+    """Lower bound of the objective from y and tangents near x (``Program.lower_bound``, compiled), and the objective at
+    x.
 
     g (d,) is scratch.
     """
@@ -784,10 +877,23 @@ def bound_of(y, x, B, touched, counts, b, P, q, coefs, exps, lo, hi, n_round, ve
 
 
 @jit(**FLAGS)
-def _newton_step(T, H, S, G, used, sides, weights, multipliers, row, dx, dy):
-    """dx, the right-hand side without limits on entry, becomes the step of x; dy that of the rows' multipliers.
+def _newton_step(
+    T: Array,
+    H: Array,
+    S: Array,
+    G: Array,
+    used: IntArray,
+    sides: Array,
+    weights: Array,
+    multipliers: Array,
+    row: Array,
+    dx: Array,
+    dy: Array,
+) -> None:
+    """Newton steps of x and of the rows' multipliers. dx: on entry the right-hand side without the limits' part, then
+    the step of x; dy: the step of the multipliers.
 
-    ``sides``: the limits' part, lower less upper side; row: residual of the balance.
+    ``sides``: the limits' part, lower minus upper side; row: residual of the balance.
     """
     m, at = row.shape[0], G.shape[0] * G.shape[2] - row.shape[0]
     _add_limits(G, used, sides, dx)
@@ -801,8 +907,21 @@ def _newton_step(T, H, S, G, used, sides, weights, multipliers, row, dx, dy):
 
 
 @jit(**FLAGS)
-def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g):
-    """Farkas bound of the multipliers y = [balance; torque rows], ``Program.excluded`` compiled. g (d,) is scratch."""
+def excluded(
+    y: Array,
+    B: Array,
+    touched: IntArray,
+    counts: IntArray,
+    b: Array,
+    lo: Array,
+    hi: Array,
+    n_round: int,
+    vertices: Array,
+    R_lo: Array,
+    R_hi: Array,
+    g: Array,
+) -> float:
+    """Farkas bound of multipliers y = [balance; torque rows] (``Program.excluded``, compiled). g (d,) is scratch."""
     k, d, _n = B.shape
     P, x, none = np.zeros((k, d, d)), np.zeros((k, d)), np.zeros(0)
     return bound_of(y, x, B, touched, counts, b, P, x, none, none, lo, hi, n_round, vertices, R_lo, R_hi, g)[0]
@@ -810,8 +929,29 @@ def excluded(y, B, touched, counts, b, lo, hi, n_round, vertices, R_lo, R_hi, g)
 
 @jit(**FLAGS)
 def interior_point(
-    A, G, used, own, B, touched, counts, n, b, P, q, coefs, exps, lo, hi, n_round, vertices, R_lo, R_hi, give, x, y
-):
+    A: Array,
+    G: Array,
+    used: IntArray,
+    own: IntArray,
+    B: Array,
+    touched: IntArray,
+    counts: IntArray,
+    n: int,
+    b: Array,
+    P: Array,
+    q: Array,
+    coefs: Array,
+    exps: Array,
+    lo: Array,
+    hi: Array,
+    n_round: int,
+    vertices: Array,
+    R_lo: Array,
+    R_hi: Array,
+    give: float,
+    x: Array,
+    y: Array,
+) -> tuple[int, int]:
     """Minimise over the cones; x (k, d) and y (m + r,) are the results. (CONVERGED, STALLED or INFEASIBLE, steps).
 
     Shapes: A (n rounded up to a multiple of three, d k) balance (m) and torque rows that several contacts enter, n in
@@ -820,17 +960,14 @@ def interior_point(
     rows; touched (k, m + r): the rows that a contact enters, the first counts[i, 0] below n, counts[i, 1] in all; b
     (m,); P (k, d, d); q (k, d); lo < hi (k,); n_round components that a second-order cone bounds; vertices (e, 2) of
     the polygon; R_lo < R_hi (r,). phi' is the sum of coefs[a] F^(exps[0] exps[1 + a]) with coefs (a,) and exps (1 +
-    a,), whole numbers from the second on. With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2
-    give). Infeasible: y is a Farkas certificate.
+    a,), integers from the second on. With ``give`` > 0 the balance may be missed at a cost of |A x - b|^2 / (2
+    give). INFEASIBLE: y is a Farkas certificate.
     """
     k, d, all_rows = B.shape
     m, f, e, rows = b.shape[0], G.shape[0] - own.shape[0] - 1, (d - 1) * k, A.shape[0]
     balance, R = A[:m], A[m:]
-    facets, torques, several = (
-        f * k,
-        (f + 1) * k,
-        G.shape[0] * k,
-    )  # where limits on F_n and torque rows begin, and those shared
+    # Where limits on F_n begin, torque rows of one contact, torque rows of several.
+    facets, torques, several = f * k, (f + 1) * k, G.shape[0] * k
     limits = several + rows - m
     quadratic = np.any(P != 0.0)
     v, dx, grad = np.zeros((1, d * k)), np.empty((1, d * k)), np.empty((1, d * k))  # v: x by component
@@ -932,17 +1069,16 @@ def interior_point(
             )
             gap = value - bound
             for r in range(m):
-                gap += y[r] * (row[r] + give * y[r])  # what it costs to mend the balance, or to miss it
+                gap += y[r] * (row[r] + give * y[r])  # the cost of restoring the balance, or of missing it
             done = gap <= scale * _INTERIOR_GAP
-            if (
-                not done and gap >= 0.3 * previous and min(gap, previous) <= scale * _CLOSED
-            ):  # rounding stops its progress
-                done = True
+            if not done and gap >= 0.3 * previous and min(gap, previous) <= scale * _CLOSED:
+                done = True  # rounding stops its progress
                 if previous < gap:
                     v[:], y[:] = v_before, y_before
             v_before[:], y_before[:], previous = v, y, gap
         if done:
-            # What rounding leaves of the rows is mended in the barriers' metric, which spares what is at its limit.
+            # The residual that rounding leaves in the rows is removed in the barriers' metric, in which forces at their
+            # limits hardly move.
             for again in range(0 if give > 0.0 else 2):
                 for l in range(size):
                     target[l] = 0.0 if again else w[l] * off[l]
@@ -1021,7 +1157,9 @@ def interior_point(
 
 
 @jit(**FLAGS)
-def _to_contacts(v, multipliers, z, own, n, torques, up, x, y):
+def _to_contacts(
+    v: Array, multipliers: Array, z: Array, own: IntArray, n: int, torques: int, up: int, x: Array, y: Array
+) -> None:
     """x (k, d) from its components v, and the multipliers of all rows in their order."""
     k, d = x.shape
     for i in range(k):
@@ -1039,9 +1177,9 @@ def _to_contacts(v, multipliers, z, own, n, torques, up, x, y):
 
 
 @jit(**FLAGS)
-def powers_of(terms, scale, unit):
-    """phi' as the solvers take it, from pairs (coefficient, exponent): the exponents are 1, 1 + 1 / rho and 1 + 2 /
-    rho.
+def powers_of(terms: Array, scale: float, unit: float) -> tuple[Array, Array]:
+    """phi' in the form of :func:`interior_point`, from pairs (coefficient, exponent): the exponents are 1, 1 + 1 / rho
+    and 1 + 2 / rho.
     """
     count = terms.shape[0]
     coefs, exps = np.empty(count), np.empty(count + 1)
@@ -1057,39 +1195,40 @@ def powers_of(terms, scale, unit):
 
 @jit(**FLAGS)
 def answer(
-    newton,
-    A,
-    G,
-    used,
-    own,
-    B,
-    touched,
-    counts,
-    n,
-    b,
-    P,
-    q,
-    coefs,
-    exps,
-    lo,
-    hi,
-    C,
-    n_round,
-    vertices,
-    radii,
-    R_lo,
-    R_hi,
-    correction,
-    x,
-    y,
-    gauge,
-    residual,
-):
-    """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound, by Newton's method); fills x, y,
-    gauge (k,), residual (m,).
+    newton: bool,
+    A: Array,
+    G: Array,
+    used: IntArray,
+    own: IntArray,
+    B: Array,
+    touched: IntArray,
+    counts: IntArray,
+    n: int,
+    b: Array,
+    P: Array,
+    q: Array,
+    coefs: Array,
+    exps: Array,
+    lo: Array,
+    hi: Array,
+    C: Array,
+    n_round: int,
+    vertices: Array,
+    radii: Array,
+    R_lo: Array,
+    R_hi: Array,
+    correction: Array,
+    x: Array,
+    y: Array,
+    gauge: Array,
+    residual: Array,
+) -> tuple[int, float, float, float, bool]:
+    """Solve and check: (CONVERGED, STALLED or INFEASIBLE, violation, value, bound, whether by Newton's method).
 
-    ``newton``: try the dual Newton method first; correction (k d, m) is the pseudoinverse
-    of the balance; the rest as in :func:`interior_point`.
+    Fills x, y, gauge (k,), residual (m,).
+
+    ``newton``: try the dual Newton method first; correction (k d, m) is the pseudoinverse of the balance; the rest as
+    in :func:`interior_point`.
     """
     k, d, all_rows = B.shape
     m, e = b.shape[0], d - 1
@@ -1171,7 +1310,7 @@ def answer(
 
 
 @jit(**FLAGS)
-def _part(packed, start, shape):
+def _part(packed: NDArray[_Scalar], start: int, shape: tuple[int, ...]) -> tuple[NDArray[_Scalar], int]:
     """The array of this shape that begins at ``start``, and where the next one does."""
     size = 1
     for n in shape:
@@ -1180,15 +1319,17 @@ def _part(packed, start, shape):
 
 
 @jit(**FLAGS)
-def whole(sizes, numbers, at, load, out, active):
-    """One force problem from its load (6,) [N, N m] to everything its record holds.
+def solve_one(
+    sizes: IntArray, numbers: Array, at: Array, load: Array, out: Array, active: BoolArray
+) -> tuple[int, bool, float, float, float, float, float, float, float, float, float]:
+    """One force problem, from its load (6,) [N, N m] to everything that its record holds.
 
-    Few arguments, because each array that Python hands over costs as much as a contact does. sizes, numbers: the grasp,
-    as :class:`pinograsp.forces.template.Template` packs it; at: limits and energy, as
+    It has few arguments, because passing an array from Python costs as much time as a contact. sizes, numbers: the
+    grasp, as :class:`pinograsp.forces.template.Template` packs it; at: limits and energy, as
     :class:`~pinograsp.forces.compiled.Prepared` packs them. Fills out (6 + 4 k,): residual, contact forces (k, 3),
     torsion (k,); and active (3 k + r,): at friction, least and largest F_n, torque rows. Returns, dimensionless,
-    (CONVERGED or what went wrong, by Newton's method or interior points, violation, largest F_n, objective, bound, its
-    constant, residual force, residual moment) and what forces [N] and the objective were divided by.
+    (CONVERGED or STALLED, whether by Newton's method, violation, largest F_n, objective, bound, constant of the
+    objective, residual force, residual moment) and what forces [N] and the objective were divided by.
     """
     k, d, m, all_rows, n, n_round = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5]
     padded, facets, limited, corners, e = sizes[6], sizes[7], sizes[8], sizes[9], sizes[1] - 1
@@ -1311,13 +1452,13 @@ def whole(sizes, numbers, at, load, out, active):
     return code, newton, violation, most, value, bound, constant, np.sqrt(force), np.sqrt(moment), scale, unit
 
 
-# -- many problems, and one again and again ---------------------------------------------------------------------------
+# -- batches, and one problem tick by tick ----------------------------------------------------------------------------
 
 
 @jit(**FLAGS)
-def _columns(points, rotations, mu, torsion, arm, A, widths):
+def _columns(points: Array, rotations: Array, mu: Array, torsion: float, arm: float, A: Array, widths: Array) -> None:
     """Balance A (m, d k) by component from contact points (k, 3) about the centre of mass and frames (k, 3, 3), moments
-    over ``arm``; widths (d, k): what a component of one newton at the friction limit is [N, N m].
+    over ``arm``; widths (d, k): the unit of each component [N, N m per newton at the friction limit].
     """
     m, k, d = A.shape[0], points.shape[0], widths.shape[0]
     e = d - 1
@@ -1339,7 +1480,7 @@ def _columns(points, rotations, mu, torsion, arm, A, widths):
 
 
 @jit(**FLAGS)
-def _judge(A, b, lo, hi, radii, n_round, x):
+def _judge(A: Array, b: Array, lo: Array, hi: Array, radii: Array, n_round: int, x: Array) -> tuple[float, float]:
     """Norm of A x - b and the largest violation of friction and bounds on F_n."""
     m, (d, k) = A.shape[0], x.shape
     e, violation, off = d - 1, 0.0, 0.0
@@ -1361,10 +1502,25 @@ def _judge(A, b, lo, hi, radii, n_round, x):
 
 
 @jit(**FLAGS)
-def _one_of_many(
-    points, rotations, load, mu, torsion, low, high, arm, m, squares, terms, radii, n_round, forces, moments, answers
-):
-    """One problem of :func:`many`; its code."""
+def _solve_part(
+    points: Array,
+    rotations: Array,
+    load: Array,
+    mu: Array,
+    torsion: float,
+    low: Array,
+    high: Array,
+    arm: float,
+    m: int,
+    squares: float,
+    terms: Array,
+    radii: Array,
+    n_round: int,
+    forces: Array,
+    moments: Array,
+    answers: Array,
+) -> int:
+    """One problem of :func:`solve_many`; its code."""
     k, d = points.shape[0], radii.shape[0] + 1
     e, n = d - 1, d * k
     room = np.empty((m + 6) * n + 3 * k + newton_scratch(d, k))
@@ -1408,7 +1564,7 @@ def _one_of_many(
         # A bound from multipliers that are exact to rounding can exceed the value by rounding.
         answers[0], answers[1] = value * unit, min(bound, value) * unit
         answers[2], answers[3] = off * scale, max(violation, 0.0) * scale
-        # Negated, so that what is not a number fails.
+        # Negated, so that NaN fails.
         if not (off <= 1e-10 and violation <= 1e-10 and value - bound <= 1e-8 * max(abs(value), 1e-5)):
             code = STALLED
     if code == CONVERGED:
@@ -1418,38 +1574,38 @@ def _one_of_many(
     return code
 
 
-@jit(nogil=True, **FLAGS)
-def many(
-    start,
-    stop,
-    points,
-    rotations,
-    counts,
-    loads,
-    mu,
-    torsion,
-    low,
-    high,
-    arms,
-    m,
-    squares,
-    terms,
-    radii,
-    n_round,
-    forces,
-    moments,
-    answers,
-    codes,
-):
+@jit(**UNLOCKED)
+def solve_many(
+    start: int,
+    stop: int,
+    points: Array,
+    rotations: Array,
+    counts: IntArray,
+    loads: Array,
+    mu: Array,
+    torsion: float,
+    low: Array,
+    high: Array,
+    arms: Array,
+    m: int,
+    squares: float,
+    terms: Array,
+    radii: Array,
+    n_round: int,
+    forces: Array,
+    moments: Array,
+    answers: Array,
+    codes: IntArray,
+) -> None:
     """Problems ``start`` to ``stop`` of N, without Python's lock: the first counts[p] contacts of each, points about
-    the centres of mass, mu with its safety.
+    the centres of mass, mu divided by the safety factor.
 
     The objective: ``squares`` times the sum of squared forces, and terms (N, t, 2), powers of F_n. Fills forces (N, k,
     3), moments (N, k), answers (N, 4: objective, bound, residual [N], violation [N]) and codes (N,).
     """
     for p in range(start, stop):
         k = counts[p]
-        codes[p] = _one_of_many(
+        codes[p] = _solve_part(
             points[p, :k],
             rotations[p, :k],
             loads[p],
@@ -1470,7 +1626,7 @@ def many(
 
 
 @jit(**FLAGS)
-def _not_finite(values):
+def _not_finite(values: Array) -> bool:
     for v in values.ravel():
         if not abs(v) < 1e12:
             return True
@@ -1478,18 +1634,17 @@ def _not_finite(values):
 
 
 @jit(**FLAGS)
-def online(memory, jacobian, gravity, chains):
-    """One tick of :class:`pinograsp.motion.OnlineForces`: (code, Newton steps, what is not balanced [N]).
+def online(memory: Array, jacobian: Array, gravity: Array, chains: IntArray) -> tuple[int, int, float]:
+    """One tick of :class:`pinograsp.motion.OnlineForces`: (code, Newton steps, norm of the unbalanced load [N]).
 
     memory, see :func:`online_memory`; jacobian (6 columns,): of the joints, column by column, world axes, linear
     velocity at the world's origin first; gravity (n,); chains: their length 3 p, then contacts, each with a joint's
-    column and degree of freedom (3 p), then, where torques have limits, what :func:`_within_torques` takes. All flat
-    and few, since every array handed over costs a tenth of a microsecond.
+    column and degree of freedom (3 p), then, where torques have limits, what :func:`_within_torques` takes. The arrays
+    are few and flat, since passing one from Python costs a tenth of a microsecond.
 
     The objective is the sum of squares of F_n and of tangential forces; a torsional moment counts as the tangential
-    force that uses as much friction. CONVERGED: balanced; INFEASIBLE: the closest forces; STALLED: not within the
-    steps, the closest that were found; -1: an input is not finite or a friction coefficient negative, and nothing has
-    changed.
+    force that uses as much friction. CONVERGED: balanced; INFEASIBLE: the closest forces; STALLED: the closest forces
+    found within the steps; -1: an input is not finite or a friction coefficient is negative, and nothing has changed.
     """
     settings, n, com, wrench = memory[:12], len(gravity), memory[8:11], memory[12:18]
     k, m, n_round, torsion, arm, safety = (
@@ -1526,7 +1681,7 @@ def online(memory, jacobian, gravity, chains):
         b[r] = -wrench[r] if r < 3 else -wrench[r] / arm
         scale = max(scale, abs(b[r]))
     for i in range(k):
-        # What is gained or lost is so bit by bit, and no force changes faster than it may.
+        # Contacts are gained and lost gradually, and no force changes by more than its limit per tick.
         limits[2, i] += min(max(limits[3, i] - limits[2, i], -settings[7]), settings[7])
         least, largest, F = limits[0, i] * limits[2, i], limits[1, i] * limits[2, i], forces[i, 2]
         lo[i] = min(max(least, F - settings[6]), largest)
@@ -1539,12 +1694,12 @@ def online(memory, jacobian, gravity, chains):
     for i in range(k):
         lo[i], hi[i] = lo[i] / scale, hi[i] / scale
         for j in range(d):
-            # Without friction its components do nothing: any weight will do.
+            # Without friction the tangential components are zero: any weight will do.
             w[j, i], q[j, i] = 1.0 if j == e else max(mu[i] * mu[i], 1e-6), 0.0
     b /= scale
     y[:] = state[:m] / scale
     code, steps = _ascend(A, b, q, w, lo, hi, radii, n_round, 0.0, x, y, _BALANCED, most, work)
-    if code == STALLED:  # from scratch, then
+    if code == STALLED:  # a second attempt, from zero
         y[:] = 0.0
         code, used = _ascend(A, b, q, w, lo, hi, radii, n_round, 0.0, x, y, _BALANCED, most, work)
         steps += used
@@ -1552,19 +1707,19 @@ def online(memory, jacobian, gravity, chains):
     if code != CONVERGED:
         code, used = _closest(A, b, w, lo, hi, radii, n_round, x, y, q, most, work)
         steps += used
-    off = _hand_out(
+    off = _write_out(
         x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out
     )
     beyond = False
     for j in range(len(limit) if len(chains) > 1 + chains[0] else 0):
         beyond = beyond or abs(torques[j]) > limit[j]
     if beyond:
-        # The dual has no closed form for these rows: interior points, then.
+        # The dual has no closed form for torque rows: the interior-point method takes them.
         code, used = _within_torques(
             A, b, w, lo, hi, radii, n_round, scale, widths, points, rotations, com, jacobian, gravity, limit, chains, x
         )
         steps += used
-        off = _hand_out(
+        off = _write_out(
             x,
             A,
             b,
@@ -1590,11 +1745,24 @@ def online(memory, jacobian, gravity, chains):
 
 
 @jit(**NEWTON)
-def _closest(A, b, w, lo, hi, radii, n_round, x, y, q, most, work):
+def _closest(
+    A: Array,
+    b: Array,
+    w: Array,
+    lo: Array,
+    hi: Array,
+    radii: Array,
+    n_round: int,
+    x: Array,
+    y: Array,
+    q: Array,
+    most: int,
+    work: Array,
+) -> tuple[int, int]:
     """The least |A x - b| of all admissible x (d, k): INFEASIBLE where it is proven, else STALLED; and Newton steps.
 
-    Proximal passes: the weight w of the forces pulls towards the last answer, so it drops out of the result, and the
-    balance gets firmer from pass to pass. At the end the multipliers prove that no forces leave less.
+    Proximal passes: the weight w of the forces pulls towards the last answer, so it has no influence on the result, and
+    the balance gets stiffer from pass to pass. At the end the multipliers prove that no forces leave less.
     y (m,), q (d, k) and ``work`` are scratch.
     """
     d, k = x.shape
@@ -1614,19 +1782,35 @@ def _closest(A, b, w, lo, hi, radii, n_round, x, y, q, most, work):
             nearest, best[:] = off, flat
         if steps > _GIVES // 2 * most:
             break
-        firmer = max(give * _FIRMER, _LEAST_GIVE)
-        y *= give / firmer
-        give = firmer
+        stiffer = max(give * _STIFFEN, _LEAST_GIVE)
+        y *= give / stiffer
+        give = stiffer
         q[:] = -w * x
     flat[:] = best
     return STALLED, steps
 
 
 @jit(**FLAGS)
-def _hand_out(
-    x, A, b, lo, hi, radii, n_round, scale, widths, points, rotations, com, wrench, jacobian, gravity, chains, out
-):
-    """Fills ``out`` of :func:`online` from x (d, k), and returns what it leaves of the balance."""
+def _write_out(
+    x: Array,
+    A: Array,
+    b: Array,
+    lo: Array,
+    hi: Array,
+    radii: Array,
+    n_round: int,
+    scale: float,
+    widths: Array,
+    points: Array,
+    rotations: Array,
+    com: Array,
+    wrench: Array,
+    jacobian: Array,
+    gravity: Array,
+    chains: IntArray,
+    out: Array,
+) -> float:
+    """Fills ``out`` of :func:`online` from x (d, k), and returns the norm of its balance residual."""
     d, k = x.shape
     e, last = d - 1, 1 + chains[0]
     forces, moments = out[: 3 * k].reshape((k, 3)), out[3 * k : 4 * k]
@@ -1671,13 +1855,30 @@ def _hand_out(
 
 @jit(**FLAGS)
 def _within_torques(
-    A, b, w, lo, hi, radii, n_round, scale, widths, points, rotations, com, jacobian, gravity, limit, chains, x
-):
-    """Interior points with |gravity + J'f| <= limit (n,) and x (d, k) the result: (code, steps); the closest forces
-    where the load cannot be held so. Where no forces at all keep the limits x stays as it was.
+    A: Array,
+    b: Array,
+    w: Array,
+    lo: Array,
+    hi: Array,
+    radii: Array,
+    n_round: int,
+    scale: float,
+    widths: Array,
+    points: Array,
+    rotations: Array,
+    com: Array,
+    jacobian: Array,
+    gravity: Array,
+    limit: Array,
+    chains: IntArray,
+    x: Array,
+) -> tuple[int, int]:
+    """Interior points with |gravity + J'f| <= limit (n,); x (d, k) is the result: (code, steps). Where the load cannot
+    be held within the limits x becomes the closest forces; where no forces keep the limits x is unchanged.
 
-    After the chains: the number of torque rows, of those that several contacts enter, and the most that one contact has
-    alone; per degree of freedom its row or -1 (n,); own, touched, counts and used of :func:`interior_point`.
+    ``chains``, after the chains themselves: the number of torque rows, the number of those that several contacts enter,
+    and the largest number that one contact has alone; per degree of freedom its row or -1 (n,); own, touched, counts
+    and used of :func:`interior_point`.
     """
     m, (d, k), n = A.shape[0], w.shape, len(limit)
     e, facets, last = d - 1, 2 * (d - 1 - n_round), 1 + chains[0]
@@ -1796,7 +1997,7 @@ def _within_torques(
         proven = nearest - least <= _CLOSEST_WITHIN * max(nearest, 1.0)
         if proven:
             break
-        give = max(give * _FIRMER, _LEAST_GIVE)
+        give = max(give * _STIFFEN, _LEAST_GIVE)
         q[:] = -w.T * z
     if code != CONVERGED:
         if nearest == np.inf:
@@ -1817,7 +2018,7 @@ def _within_torques(
     return STALLED if code == CONVERGED and off > 1e-9 else code, steps
 
 
-def online_memory(d, k, n):
+def online_memory(d: int, k: int, n: int) -> tuple[Array, ...]:
     """The memory of :func:`online` (an array), and its parts, which are views of it.
 
     settings (12,): rows of the balance, round components, torsion [m], arm [m], safety factor, most steps, change of
@@ -1836,8 +2037,8 @@ def online_memory(d, k, n):
 
 
 @jit(**NEWTON)
-def box_least_squares(memory):
-    """Minimise 1/2 |H k + b|^2 + eps/2 |k|^2 over |k| <= 1, in the arrays of :func:`box_memory`; whether it converged.
+def box_least_squares(memory: Array) -> bool:
+    """Minimise 1/2 |H k + b|^2 + eps/2 |k|^2 over |k| <= 1, in the arrays of :func:`box_memory`; True: converged.
 
     By Newton's method on the dual, whose unknowns y (m,) are the residual: k_j = -h_j . y / eps clipped to [-1, 1]
     leaves y - H k - b = 0, the gradient of a strongly convex function.
@@ -1923,7 +2124,7 @@ def box_least_squares(memory):
     return False
 
 
-def box_memory(m, n):
+def box_memory(m: int, n: int) -> tuple[Array, ...]:
     """The memory of :func:`box_least_squares` (an array), and its parts, which are views of it.
 
     sizes (3,): m, n, eps. load (6,), row (m,), fixed (m,): b = fixed + row * load[:m]. H (m, n). k (n,): the result.

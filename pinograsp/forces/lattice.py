@@ -1,18 +1,22 @@
-"""The multiplier grid of one cell: the first point, in grid order, whose net force is within the limit."""
+"""The multiplier grid of one cell: its first point, in grid order, whose net force is within the limit."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from pinograsp.spatial import Array, IntArray
+
 _NODES = 2**14  # nodes expanded at once: small enough that a solution near the front is found early
 
 
-def first_on_lattice(units: np.ndarray, normal_forces, load, values, columns, limit: float) -> np.ndarray | None:
+def first_on_lattice(
+    units: Array, normal_forces: Array, load: Array, values: Array, columns: Array, limit: float
+) -> IntArray | None:
     """Indices (k, 2) into ``values`` of the first multipliers that leave at most ``limit`` [N], or None.
 
     Depth first over the contacts in grid order. A partial choice is dropped when no *continuous* multipliers of the
-    remaining contacts could bring the net wrench within the limit, tested along directions that bound what they
-    reach (their zonotope), so nothing that could succeed is lost.
+    remaining contacts could bring the net wrench within the limit, tested along directions that bound their
+    zonotope, so no solution is lost.
 
     Args:
         units: (k, nk^2, rows) unit contact wrenches.
@@ -22,7 +26,7 @@ def first_on_lattice(units: np.ndarray, normal_forces, load, values, columns, li
         columns: (rows, k, 2) tangential directions times mu F / sqrt(2) [N].
     """
     k, per_contact, rows = units.shape
-    steps = units * np.asarray(normal_forces)[:, None, None]
+    steps = units * normal_forces[:, None, None]
     middle, half = (values[0] + values[-1]) / 2, (values[-1] - values[0]) / 2
     tests = []
     for i in range(k - 1):
@@ -33,7 +37,7 @@ def first_on_lattice(units: np.ndarray, normal_forces, load, values, columns, li
         reach = half * np.abs(directions @ remaining).sum(axis=1)
         tests.append((directions, fixed, reach + limit * (1 + 1e-9) + 1e-12))
 
-    def descend(i: int, net: np.ndarray, path: np.ndarray) -> np.ndarray | None:
+    def descend(i: int, net: Array, path: IntArray) -> IntArray | None:
         for first in range(0, len(net), max(1, _NODES // per_contact)):
             part = slice(first, first + max(1, _NODES // per_contact))
             expanded = (net[part, None, :] + steps[i]).reshape(-1, rows)
@@ -49,15 +53,15 @@ def first_on_lattice(units: np.ndarray, normal_forces, load, values, columns, li
                     return found
         return None
 
-    found = descend(0, np.asarray(load, dtype=float)[None], np.zeros((1, 0), dtype=int))
+    found = descend(0, load[None], np.zeros((1, 0), dtype=int))
     return None if found is None else np.stack(np.divmod(found, values.size), axis=1)
 
 
-def _directions(generators: np.ndarray) -> np.ndarray:
+def _directions(generators: Array) -> Array:
     """Unit directions (d, rows) along which the zonotope of ``generators`` (rows, m) is bounded tightly.
 
-    Outside its span it reaches nothing; inside, the dual basis bounds each coefficient where the generators are
-    independent, and in three dimensions the facet normals (cross products of pairs) describe it exactly.
+    Directions outside its span bound it to zero; inside, the dual basis bounds each coefficient where the generators
+    are independent, and in three dimensions the facet normals (cross products of pairs) describe it exactly.
     """
     rows, m = generators.shape
     U, sigma, _Vt = np.linalg.svd(generators)
@@ -73,4 +77,5 @@ def _directions(generators: np.ndarray) -> np.ndarray:
     directions = np.concatenate(found)
     length = np.linalg.norm(directions, axis=1)
     keep = length > 1e-9 * max(float(length.max(initial=0.0)), 1e-300)
-    return directions[keep] / length[keep, None]
+    units: Array = directions[keep] / length[keep, None]
+    return units

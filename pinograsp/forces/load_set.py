@@ -6,26 +6,28 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, number
 from pinograsp.errors import InvalidInput
+from pinograsp.spatial import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadSet:
-    """Loads on the object that must all be held: the convex hull of some, and a ball around it.
+    """Loads on the object that must all be held: the convex hull of several loads, and a ball around it.
 
     Attributes:
-        loads: (s, 6) external wrenches, linear first, about the centre of mass, world axes [N, N m].
-        ball: radius of disturbances in any direction on top [N; moments over the problem's moment length].
+        loads: external wrenches (s, 6), linear first, about the centre of mass, world axes [N, N m].
+        ball: largest size of an additional wrench in any direction [N; moments over the problem's moment length].
     """
 
-    loads: np.ndarray
+    loads: Array
     ball: float = 0.0
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         loads = array_of("loads", self.loads, (None, 6))
         if len(loads) == 0:
             raise InvalidInput("loads: expected at least one, got none")
@@ -33,13 +35,21 @@ class LoadSet:
         object.__setattr__(self, "ball", number("ball of disturbances", self.ball, at_least=0, unit="N"))
 
     @classmethod
-    def around(cls, load, *, box=None, ball: float = 0.0, mass_range: tuple[float, float] = (1.0, 1.0)) -> LoadSet:
+    def around(
+        cls,
+        load: ArrayLike,
+        *,
+        box: ArrayLike | None = None,
+        ball: float = 0.0,
+        mass_range: tuple[float, float] = (1.0, 1.0),
+    ) -> LoadSet:
         """Loads around a nominal one (6,) [N, N m].
 
         Args:
+            load: the nominal load, a weight as a rule.
             box: half-widths (6,) of a box of disturbances [N, N m].
             ball: radius of a ball of disturbances [N].
-            mass_range: least and largest multiple of the nominal load (a weight), e.g. (0.9, 1.2).
+            mass_range: least and largest multiple of the nominal load, e.g. (0.9, 1.2).
         """
         load = array_of("load", load, (6,))
         low, high = array_of("mass range", mass_range, (2,))

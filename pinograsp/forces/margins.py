@@ -1,6 +1,6 @@
-"""Margins of a given grasp: how much more load it bears, how near its contacts are to slipping, force closure.
+"""Margins of a given grasp: how much more load it holds, how near its contacts are to slipping, force closure.
 
-With the normal forces fixed (the squeeze that the hand has commanded) only friction reacts to a change of the load.
+With the normal forces fixed (as commanded to the hand) only friction reacts to a change of the load.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, brief, instance_of, number, read_only, shown
 from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
+from pinograsp.contacts.quality import Balance
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import TOLERANCE
 from pinograsp.forces.conic import solve, solve_linear
@@ -23,10 +24,12 @@ from pinograsp.forces.matrices import balance_columns
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, feasibility
 from pinograsp.forces.solution import ForceSolution
+from pinograsp.spatial import Array
 
-# Of the load: optimal forces keep their friction limits to a tenth of it, and their balance to a hundredth.
+# Relative to the load: optimal forces keep friction limits to a tenth of it, and the balance to a hundredth.
 _HELD = 10 * TOLERANCE.violation
-_NEGLIGIBLE = 1e-5  # of the load: optimal forces lie *on* their friction limits, so margins near zero are common
+# Relative to the load: optimal forces lie *on* their friction limits, so margins near zero are common.
+_NEGLIGIBLE = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,21 +38,21 @@ class GraspMargins:
 
     Attributes:
         friction_used: share of its friction limit that each contact uses (k,) [-]; above 1 it slips. Infinite where
-            there is tangential force without friction. The safety factor is *not* part of it: the limit is mu itself.
+            there is tangential force without friction. The safety factor plays *no* part: the limit is mu itself.
         least_mu: friction coefficient that each contact's force needs (k,) [-].
-        slip_distance: least change of its force that brings a contact to slip (k,) [N]; negative: it slips.
+        slip_distance: least change of its force that makes a contact slip (k,) [N]; negative: it slips.
         load_factor: largest multiple of the load held with these normal forces, friction reacting within the torque
             limits [-]; infinite without load; 0 where even the load itself is not held.
-        disturbance: largest wrench in *any* direction that may come on top of the load, friction reacting [N, moments
-            over the moment length], bounded from both sides, with the weakest direction. By friction alone: torque
-            limits are not part of the three disturbances.
+        disturbance: largest wrench in *any* direction that may be added to the load, friction reacting [N, moments
+            over the moment length], bounded from both sides, with the weakest direction. Torque limits are not part of
+            this and of the next two values.
         disturbance_force: the same for pure forces through the centre of mass [N].
         disturbance_moment: the same for pure moments [N m]; None in force balance.
     """
 
-    friction_used: np.ndarray
-    least_mu: np.ndarray
-    slip_distance: np.ndarray
+    friction_used: Array
+    least_mu: Array
+    slip_distance: Array
     load_factor: float
     disturbance: InscribedBall
     disturbance_force: float
@@ -117,7 +120,7 @@ def load_factor(
         impact_time: t_I [s]; the forces are free within their limits there. Either this or ``normal_forces``.
 
     Raises:
-        InvalidInput: no load, both or neither of the two.
+        InvalidInput: no load; both or neither of ``normal_forces`` and ``impact_time``.
     """
     return 1.0 + disturbance_margin(problem, problem.load, normal_forces=normal_forces, impact_time=impact_time)
 
@@ -138,7 +141,7 @@ def disturbance_margin(
         impact_time: t_I [s]; the forces are free within their limits there. Either this or ``normal_forces``.
 
     Raises:
-        InvalidInput: a direction of nothing, both or neither of the two.
+        InvalidInput: a direction that is zero; both or neither of ``normal_forces`` and ``impact_time``.
     """
     instance_of("problem", problem, ForceProblem)
     direction = array_of("direction", direction, (6,))
@@ -159,7 +162,7 @@ def disturbance_margin(
     return _reached(program, -scaled / program.force_scale)
 
 
-def _reached(program: Program, column: np.ndarray) -> float:
+def _reached(program: Program, column: Array) -> float:
     """Largest s >= 0 with forces that balance b + s column, or -1 where there are none at s = 0."""
     if not holds(program, _HELD):
         return -1.0
@@ -168,33 +171,33 @@ def _reached(program: Program, column: np.ndarray) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceClosure:
-    """Whether contact forces can resist *any* wrench (of the balance rows), given strength enough.
+    """Whether contact forces of any size can resist *any* wrench (of the balance rows).
 
     Attributes:
-        closed: the verdict.
+        closed: whether they can.
         rank: of the grasp map's usable columns.
         margin: largest t such that forces with normal forces of sum 1 balance while every contact keeps a share t of
             its even part (1 / k) clear of its friction limit [-]; positive with full rank: force closure.
-        separating: wrench (6,), zero where closed: no contact can give a component against it. Checked.
+        separating: wrench (6,) that no contact force opposes, checked; zero where closed.
     """
 
     closed: bool
     rank: int
     margin: float
-    separating: np.ndarray
+    separating: Array
 
     __repr__ = brief()
 
 
 def force_closure(
-    contacts: ContactSet, mu, *, friction: Friction | None = None, balance: str = "wrench"
+    contacts: ContactSet, mu: ArrayLike, *, friction: Friction | None = None, balance: Balance = "wrench"
 ) -> ForceClosure:
-    """Test of force closure: are the contacts' friction cones able to balance every wrench (Nguyen 1988)?
+    """Test of force closure: whether the contacts' friction cones can balance every wrench (Nguyen 1988).
 
     Args:
         contacts: k contacts.
-        mu: friction coefficient, one or (k,).
-        friction: model; default the exact cone.
+        mu: friction coefficient, a number or (k,) [-].
+        friction: the friction model; default: the exact cone.
         balance: ``"wrench"`` or ``"force"``.
     """
     problem = ForceProblem(
@@ -214,12 +217,12 @@ def force_closure(
     return ForceClosure(closed=closed, rank=rank, margin=max(margin, 0.0), separating=read_only(separating))
 
 
-def min_weight(contacts: ContactSet, mu, *, edges: int = 8, balance: str = "wrench") -> float:
+def min_weight(contacts: ContactSet, mu: ArrayLike, *, edges: int = 8, balance: Balance = "wrench") -> float:
     """Min-weight metric [-]: the largest l such that weights >= l, of sum 1, on the edges of all friction pyramids
     balance.
 
-    Normalised by the number of edges, so it lies in [0, 1] and is positive exactly for grasps whose edges positively
-    span zero with full weights (Li et al., FRoGGeR, 2023). A linear program.
+    Normalised by the number of edges, so it lies in [0, 1]; it is positive exactly for grasps where positive weights on
+    all edges balance (Li et al., FRoGGeR, 2023). A linear program.
     """
     problem = ForceProblem(contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(edges=edges), balance=balance)
     A = balance_columns(problem, problem.friction.scale(problem.mu)).reshape(problem.rows, problem.k, 3)
@@ -239,13 +242,13 @@ def min_weight(contacts: ContactSet, mu, *, edges: int = 8, balance: str = "wren
     b = np.concatenate([np.zeros(problem.rows), [1.0], np.zeros(count)])
     cones = [clarabel.ZeroConeT(problem.rows + 1), clarabel.NonnegativeConeT(count)]
     found = solve(sp.csc_matrix((count + 1, count + 1)), q, rows, b, cones)
-    # Whatever the solver says of its answer: weights that do balance, and the least of them.
-    balance = np.vstack([edge_wrenches, np.ones(count)])
+    # Certified without the solver: weights that balance to rounding, and the least of them.
+    equations = np.vstack([edge_wrenches, np.ones(count)])
     weights = np.array(found.x)[:count]
     if not np.isfinite(weights).all():
         return 0.0
-    weights -= np.linalg.pinv(balance) @ (balance @ weights - b[: problem.rows + 1])
-    balances = np.abs(balance @ weights - b[: problem.rows + 1]).max() <= 1e-9
+    weights -= np.linalg.pinv(equations) @ (equations @ weights - b[: problem.rows + 1])
+    balances = np.abs(equations @ weights - b[: problem.rows + 1]).max() <= 1e-9
     return max(0.0, float(weights.min()) * count) if balances else 0.0
 
 
@@ -256,7 +259,7 @@ def _unsafed(problem: ForceProblem) -> ForceProblem:
     return replace(problem, friction=replace(problem.friction, safety=1.0))
 
 
-def _at(problem: ForceProblem, normal: np.ndarray) -> Program:
+def _at(problem: ForceProblem, normal: Array) -> Program:
     """The program with F_n fixed at ``normal``."""
     return feasibility(problem, normal, normal)
 
@@ -267,22 +270,23 @@ def _disturbances(program: Program, tolerance: float) -> InscribedBall:
     F = program.lo
     centre = program.b - columns[:, :, -1] @ F
 
-    def support_point(y):
+    def support_point(y: Array) -> Array:
         u = program.friction.support_point(np.einsum("r,rkc->kc", y, columns[:, :, :-1]))
-        return np.einsum("rkc,kc->r", columns[:, :, :-1], u * F[:, None]) + centre
+        point: Array = np.einsum("rkc,kc->r", columns[:, :, :-1], u * F[:, None]) + centre
+        return point
 
     return inscribed_ball(support_point, len(program.b), tolerance=tolerance, floor=_NEGLIGIBLE)
 
 
 def _section(program: Program, rows: tuple[int, ...]) -> float:
-    """Radius of the largest ball in the disturbances of some rows alone, the others being zero: lower bound to 1e-3."""
+    """Radius of the largest ball of disturbances in some rows, the others being zero: lower bound within 1e-3."""
     n, count = program.k * program.d, len(program.b)
     pick = np.zeros((count, len(rows)))
     pick[list(rows), range(len(rows))] = 1.0
     equal = sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(pick)])
     held = True
 
-    def support_point(y):
+    def support_point(y: Array) -> Array:
         nonlocal held
         found = solve_linear(program, equal, program.b, np.concatenate([np.zeros(n), -y]))
         if found is not None:
@@ -297,10 +301,10 @@ def _section(program: Program, rows: tuple[int, ...]) -> float:
     return ball.lower if held else 0.0
 
 
-def _interior(problem: ForceProblem) -> tuple[float, np.ndarray]:
+def _interior(problem: ForceProblem) -> tuple[float, Array]:
     """Largest t with balanced forces of sum 1 whose F_n and distance from the friction limit are t / k, and its dual y.
 
-    With F = F' + t / k the cones read u in F' U, so only the balance and the sum know of t.
+    With F = F' + t / k the cones read u in F' U, so t enters only the balance and the sum.
     """
     k, n = problem.k, problem.k * problem.friction.d
     program = feasibility(problem, np.zeros(k), np.ones(k))
@@ -319,7 +323,7 @@ def _interior(problem: ForceProblem) -> tuple[float, np.ndarray]:
     found = solve_linear(program, equal, np.append(np.zeros(problem.rows), 1.0), q, least=positive)
     if found is None:
         return 0.0, np.zeros(problem.rows)
-    # What is left of t in forces that do balance, whatever the solver says of its answer.
+    # Certified without the solver: t of forces that balance to rounding.
     x, every = found[0][:n], np.vstack([program.A, total])
     x[program.d - 1 :: program.d] += found[0][n] / k
     x -= np.linalg.pinv(every) @ (every @ x - np.append(np.zeros(problem.rows), 1.0))
@@ -330,7 +334,7 @@ def _interior(problem: ForceProblem) -> tuple[float, np.ndarray]:
     ]
 
 
-def _separating(problem: ForceProblem, A: np.ndarray, rank: int, y: np.ndarray) -> np.ndarray:
+def _separating(problem: ForceProblem, A: Array, rank: int, y: Array) -> Array:
     """A unit direction that no contact force opposes: y . A x >= 0 for every x in the cones."""
     if rank < problem.rows:
         return np.linalg.svd(A)[0][:, -1]

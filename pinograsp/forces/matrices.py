@@ -1,4 +1,4 @@
-"""What the programs of a force problem share, whatever its load and impact time: matrices, in newtons. Pure functions.
+"""The matrices of a force problem, in newtons, which depend neither on load nor on impact time. Pure functions.
 
 Scaled variables are per contact x_i = (u_i, F_i): tangential force (and torsion) and normal force, so that friction of
 every model reads u_i in F_i U (:mod:`pinograsp.contacts.friction`).
@@ -13,9 +13,10 @@ import numpy as np
 
 from pinograsp.checks import brief
 from pinograsp.contacts import Friction
-from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.problem import ForceProblem, TorqueLimits
+from pinograsp.spatial import Array
 
-_SAME = 1e-12  # between weights that count as equal, relative
+_SAME = 1e-12  # relative difference of weights that count as equal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -23,37 +24,37 @@ class Matrices:
     """A force problem's matrices for one objective; see :mod:`pinograsp.forces.program` for the symbols.
 
     Attributes:
-        friction: the model.
-        k: contacts.
-        d: numbers per contact.
+        friction: the friction model.
+        k: number of contacts.
+        d: variables per contact.
         weights: the objective, ``{name: weight}``.
         A: balance (rows, k d), moments over the moment length.
         correction: pseudo-inverse of A (k d, rows): the least change of x that removes a residual.
         R: torque rows (m, k d), of unit norm.
         R_lo: least values of R x (m,) [N].
         R_hi: largest values of R x (m,) [N].
-        R_norm: what the rows were divided by (m,) [m].
+        R_norm: norms that the rows were divided by (m,) [m].
         R_reach: largest absolute value of row . x per newton of F_n (m, k).
         P: quadratic objective (k d, k d), or None.
         P_size: its largest diagonal entry.
         q: linear objective (k d,).
-        constant: of the objective.
+        constant: constant term of the objective.
     """
 
     friction: Friction
     k: int
     d: int
     weights: dict[str, float]
-    A: np.ndarray
-    correction: np.ndarray
-    R: np.ndarray
-    R_lo: np.ndarray
-    R_hi: np.ndarray
-    R_norm: np.ndarray
-    R_reach: np.ndarray
-    P: np.ndarray | None
+    A: Array
+    correction: Array
+    R: Array
+    R_lo: Array
+    R_hi: Array
+    R_norm: Array
+    R_reach: Array
+    P: Array | None
     P_size: float
-    q: np.ndarray
+    q: Array
     constant: float
 
     __repr__ = brief("friction", "k", "weights")
@@ -83,12 +84,15 @@ class Matrices:
         blocks = self.blocks()
         diagonal = np.einsum("kjj->kj", blocks)
         own = diagonal[:, : self.friction.round_dimensions]
-        return np.count_nonzero(blocks) <= np.count_nonzero(diagonal) and (
-            own.shape[1] == 0 or bool(np.all(np.ptp(own, axis=1) <= _SAME * own.max()))
+        return bool(
+            np.count_nonzero(blocks) <= np.count_nonzero(diagonal)
+            and (own.shape[1] == 0 or np.all(np.ptp(own, axis=1) <= _SAME * own.max()))
         )
 
-    def blocks(self) -> np.ndarray:
-        """P's blocks of each contact (k, d, d)."""
+    def blocks(self) -> Array:
+        """The diagonal blocks of P, one for each contact (k, d, d)."""
+        if self.P is None:
+            return np.zeros((self.k, self.d, self.d))
         at = np.arange(self.k)
         return self.P.reshape(self.k, self.d, self.k, self.d)[at, :, at, :]
 
@@ -98,7 +102,7 @@ def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices
     k, d, friction = problem.k, problem.friction.d, problem.friction
     widths = friction.scale(problem.mu)
     A = balance_columns(problem, widths)
-    torque = None if problem.torques is None else torque_columns(problem, widths)
+    torque = None if problem.torques is None else torque_columns(problem, problem.torques, widths)
     R, R_lo, R_hi, R_norm = _torque_rows(problem, torque)
     rows = R.reshape(-1, k, d)
     P, q, constant = _quadratic(problem, weights, widths, torque)
@@ -108,7 +112,7 @@ def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices
         d=d,
         weights=dict(weights),
         A=A,
-        correction=np.linalg.pinv(A, rcond=1e-10),
+        correction=np.asarray(np.linalg.pinv(A, rcond=1e-10), dtype=float),
         R=R,
         R_lo=R_lo,
         R_hi=R_hi,
@@ -121,8 +125,8 @@ def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices
     )
 
 
-def balance_columns(problem: ForceProblem, widths: np.ndarray) -> np.ndarray:
-    """Grasp map on x: (rows, k d); ``widths`` (k, d - 1): friction's scale."""
+def balance_columns(problem: ForceProblem, widths: Array) -> Array:
+    """Grasp map on x (rows, k d); ``widths`` (k, d - 1): scale of the friction model."""
     base, friction = problem.scaled_columns, problem.friction
     columns = np.zeros((problem.rows, problem.k, friction.d))
     columns[:, :, :2] = base[:, :, :2] * widths[None, :, :2]
@@ -133,10 +137,10 @@ def balance_columns(problem: ForceProblem, widths: np.ndarray) -> np.ndarray:
     return columns.reshape(problem.rows, -1)
 
 
-def torque_columns(problem: ForceProblem, widths: np.ndarray) -> np.ndarray:
-    """Joint torques from x: (n, k d) [N m per newton]; ``widths`` (k, d - 1): friction's scale."""
+def torque_columns(problem: ForceProblem, torques: TorqueLimits, widths: Array) -> Array:
+    """Joint torques from x (n, k d) [N m per newton]; ``widths`` (k, d - 1): scale of the friction model."""
     rotations, d = problem.contacts.rotations_oc, problem.friction.d
-    J = problem.torques.jacobian
+    J = torques.jacobian
     linear = np.einsum("kxn,kxc->nkc", J[:, :3], rotations)
     columns = np.zeros((J.shape[2], problem.k, d))
     columns[:, :, :2] = linear[:, :, :2] * widths[None, :, :2]
@@ -147,17 +151,18 @@ def torque_columns(problem: ForceProblem, widths: np.ndarray) -> np.ndarray:
 
 
 def _quadratic(
-    problem: ForceProblem, weights: Mapping[str, float], widths: np.ndarray, torque: np.ndarray | None
-) -> tuple[np.ndarray | None, np.ndarray, float]:
+    problem: ForceProblem, weights: Mapping[str, float], widths: Array, torque: Array | None
+) -> tuple[Array | None, Array, float]:
     """P, q and the constant of the quadratic objectives, in newtons and the objectives' units."""
     n = problem.k * problem.friction.d
-    P, q, constant = None, np.zeros(n), 0.0
+    P: Array | None = None
+    q, constant = np.zeros(n), 0.0
     if weights.get("least_squares"):
         size = np.ones((problem.k, problem.friction.d))
         size[:, :-1] = widths
         size[:, 2:-1] /= problem.moment_length
         P = np.diag(2 * weights["least_squares"] * size.ravel() ** 2)
-    if weights.get("motor_heat"):
+    if weights.get("motor_heat") and problem.torques is not None and torque is not None:
         bias, weight = problem.torques.bias, weights["motor_heat"]
         heat = 2 * weight * torque.T @ torque
         P = heat if P is None else P + heat
@@ -166,11 +171,9 @@ def _quadratic(
     return P, q, constant
 
 
-def _torque_rows(
-    problem: ForceProblem, torque: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """R, its bounds in newtons, and the norms [m] the rows were divided by."""
-    if torque is None or not np.any(problem.torques.limited):
+def _torque_rows(problem: ForceProblem, torque: Array | None) -> tuple[Array, Array, Array, Array]:
+    """R, its bounds in newtons, and the norms [m] that the rows were divided by."""
+    if problem.torques is None or torque is None or not np.any(problem.torques.limited):
         return np.zeros((0, problem.k * problem.friction.d)), np.zeros(0), np.zeros(0), np.zeros(0)
     limited = problem.torques.limited
     limit, bias = problem.torques.limit[limited], problem.torques.bias[limited]

@@ -13,17 +13,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, frozen, instance_of, one_of, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solvers import SOLVERS, compiled_solvers, solve_qp
+from pinograsp.spatial import Array
 
-# Weight of ||k||^2 against ||r||^2 (normalised by the largest column): picks the least-norm multipliers. Below 1e-10
+# Weight of ||k||^2 against ||r||^2 (normalised by the largest column): selects the least-norm multipliers. Below 1e-10
 # active-set solvers fail on the nearly singular Hessian; at 1e-9 the residual is off by 1e-8 of the forces at most.
 _LEAST_NORM = 1e-9
-_PROXIMAL_STEPS = 20  # where contacts nearly fail to resist a direction, the bias of that weight takes a few to die out
+_PROXIMAL_STEPS = 20  # where contacts hardly resist a direction, the bias of that weight takes a few steps to vanish
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,24 +36,25 @@ class MultiplierSolution:
         status: ``OK`` (balanced), ``UNBALANCED`` (no multipliers leave less) or ``INACCURATE``.
         multipliers: (k1, k2) per contact (k, 2), in [-1, 1].
         forces_c: contact forces (k, 3) [N].
-        direction: y (rows,), the unit direction of the residual (zeros at balance): the part of the load not held.
-        certificate: its objective is the norm of the residual [N], moments over the moment length; the gap counts
-            relative to the largest tangential force.
-        solver: which one ran.
+        direction: y (rows,), the unit direction of the residual, in which the load is not held; zeros at balance.
+        certificate: its objective is the norm of the residual [N], moments over the moment length; the gap is relative
+            to the largest tangential force.
+        solver: name of the QP solver that ran.
     """
 
     status: Status
-    multipliers: np.ndarray
-    forces_c: np.ndarray
-    direction: np.ndarray
+    multipliers: Array
+    forces_c: Array
+    direction: Array
     certificate: Certificate
     solver: str
 
     __repr__ = brief()
 
 
-def refine_multipliers(problem: ForceProblem, normal_forces, *, solver: str = "daqp") -> MultiplierSolution:
-    """Multipliers (k1, k2) that leave the smallest residual at fixed ``normal_forces`` (k,) [N]; least norm of them.
+def refine_multipliers(problem: ForceProblem, normal_forces: ArrayLike, *, solver: str = "daqp") -> MultiplierSolution:
+    """Multipliers (k1, k2) that leave the smallest residual at fixed ``normal_forces`` (k,) [N]; of several, those of
+    least norm.
 
     Raises:
         InvalidInput: negative or non-finite normal forces, or an unknown solver.
@@ -68,19 +71,19 @@ def refine_multipliers(problem: ForceProblem, normal_forces, *, solver: str = "d
     bound = np.ones(2 * problem.k)
     if scale == 0:
         return _certified(problem, normal, np.zeros((problem.k, 2)), solver, scale)
-    # Dimensionless: tolerances of the solvers then mean the same for a millinewton and a kilonewton.
+    # Dimensionless, so that the solvers' tolerances mean the same for a millinewton and a kilonewton.
     H, b = H / scale, b / scale
     P = H.T @ H + _LEAST_NORM * np.eye(bound.size)
     k = np.zeros(bound.size)
     for _ in range(_PROXIMAL_STEPS):
-        # From the second pass on the weight pulls towards the last answer, not to zero: its bias then dies out.
+        # From the second pass on the weight pulls towards the last answer, not to zero, so its bias vanishes.
         found = solve_qp(solver, P, H.T @ b - _LEAST_NORM * k, lb=-bound, ub=bound)
         k = k if found is None else np.clip(found, -1.0, 1.0)
         solution = _certified(problem, normal, k.reshape(-1, 2), solver, scale)
         if found is None or solution.status is not Status.INACCURATE or _may_balance(solution):
             break
     if _may_balance(solution):
-        # Balance is not excluded: ask for it outright, free of the small bias that the weight on ||k|| leaves.
+        # Balance is not excluded: solve for it as an equation, without the small bias of the weight on ||k||.
         exact = _exact_balance(solver, H, b, bound)
         if exact is not None:
             candidate = _certified(problem, normal, exact.reshape(-1, 2), solver, scale)
@@ -94,8 +97,8 @@ def _may_balance(solution: MultiplierSolution) -> bool:
     return solution.certificate.lower_bound <= TOLERANCE.residual * solution.certificate.load_size
 
 
-def _exact_balance(solver: str, H: np.ndarray, b: np.ndarray, bound: np.ndarray) -> np.ndarray | None:
-    """Least-norm k in the box with H k = -b, or None. Dependent rows (a line of contacts) are taken out first."""
+def _exact_balance(solver: str, H: Array, b: Array, bound: Array) -> Array | None:
+    """Least-norm k in the box with H k = -b, or None. Dependent rows (contacts on a line) are removed first."""
     U, sigma, Vt = np.linalg.svd(H, full_matrices=False)
     rank = int(np.sum(sigma > 1e-10 * sigma[0]))
     A, target = Vt[:rank], -(U[:, :rank].T @ b) / sigma[:rank]
@@ -104,7 +107,7 @@ def _exact_balance(solver: str, H: np.ndarray, b: np.ndarray, bound: np.ndarray)
 
 
 def _certified(
-    problem: ForceProblem, normal: np.ndarray, multipliers: np.ndarray, solver: str, scale: float
+    problem: ForceProblem, normal: Array, multipliers: Array, solver: str, scale: float
 ) -> MultiplierSolution:
     forces = problem.forces(normal, multipliers)
     residual = problem.residual(forces)
@@ -141,14 +144,14 @@ def _certified(
 
 
 class MultiplierQP:
-    """The multiplier QP at fixed normal forces under one load after another, compiled (extra ``fast``).
+    """The multiplier QP at fixed normal forces for one load after another, compiled (extra ``fast``).
 
     Attributes:
-        multipliers: (k, 2) of the last load; overwritten by the next.
+        multipliers: of the last load (k, 2); overwritten by the next.
     """
 
-    def __init__(self, problem: ForceProblem, normal_forces):
-        """For a problem's contacts and friction, its load aside, and ``normal_forces`` (k,) [N].
+    def __init__(self, problem: ForceProblem, normal_forces: ArrayLike):
+        """For a problem's contacts and friction, and ``normal_forces`` (k,) [N]; the problem's load is not used.
 
         Raises:
             InvalidInput: normal forces that are negative, or all zero.
@@ -167,11 +170,12 @@ class MultiplierQP:
         settings[2], scaled[:], fixed[:] = _LEAST_NORM, H / scale, columns[:, :, 2] @ normal / scale
         row[:] = 1 / scale
         row[3:] /= problem.moment_length
-        self.multipliers = k.reshape(-1, 2)
+        self.multipliers: Array = k.reshape(-1, 2)
         self.solve(np.zeros(6))
 
-    def solve(self, load) -> np.ndarray:
-        """Multipliers (k, 2) that leave the smallest residual under ``load`` (6,) [N, N m]; least norm of them.
+    def solve(self, load: ArrayLike) -> Array:
+        """Multipliers (k, 2) that leave the smallest residual under ``load`` (6,) [N, N m]; of several, those of least
+        norm.
 
         Raises:
             InvalidInput: a load that is not six finite numbers.

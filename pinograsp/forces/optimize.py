@@ -21,8 +21,8 @@ def optimize_forces(
 ) -> ForceSolution:
     """The contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
 
-    The one-shot form of :class:`~pinograsp.forces.ForceSolver`, which prepares once for many loads. Balance, friction
-    model and safety factor, caps, torque limits and deceleration shape are the problem's own.
+    For several loads use :class:`~pinograsp.forces.ForceSolver`, which prepares once. Balance, friction model and
+    safety factor, caps, torque limits and deceleration shape are those of the problem.
 
     Args:
         problem: contacts, load, friction, limits.
@@ -30,12 +30,12 @@ def optimize_forces(
         objective: one of ``"impulse"`` [N s], ``"work"`` [J] (grasp energy, Eqs. 11 and 9), ``"least_squares"`` (sum of
             squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
-            ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All convex, solved to optimality.
-        backend: ``"auto"``: with numba installed (extra ``fast``) a compiled method: Newton on the dual (``"newton"``;
-            cones, soft fingers and 4-edge pyramids without torque limits) or interior points (``"interior"``; all but
-            peak and coupled motor heat); else DAQP up to 20 contacts, and Clarabel. Or a name of :data:`BACKENDS`. A
-            backend that cannot take the problem or whose answer fails its certificate hands over to DAQP and Clarabel;
-            the record says which one ran.
+            ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All are convex and solved to optimality.
+        backend: a name of :data:`BACKENDS`. ``"auto"``: with numba installed (extra ``fast``) a compiled method, either
+            Newton on the dual (``"newton"``; cones, soft fingers and 4-edge pyramids without torque limits) or interior
+            points (``"interior"``; all but peak and coupled motor heat); else DAQP up to 20 contacts, Clarabel above.
+            Where a backend cannot take the problem, or its answer fails the certificate, DAQP and Clarabel follow; the
+            record says which one answered.
 
     Returns:
         A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``; or
@@ -51,11 +51,11 @@ def optimize_forces(
 
 
 def warm_up() -> None:
-    """Load and compile the solvers made for grasp forces (extra ``fast``), so that no later call waits for it.
+    """Load and compile all compiled solvers (extra ``fast``), so that no later call waits for it.
 
-    Those of :class:`~pinograsp.motion.OnlineForces` and :func:`~pinograsp.forces.solve_batch` as well: nothing is left
-    to compile. It takes a minute or two once per machine (the result is cached on disk; NUMBA_CACHE_DIR says where),
-    loading some seconds.
+    This includes those of :class:`~pinograsp.motion.OnlineForces` and :func:`~pinograsp.forces.solve_batch`. Compiling
+    takes a minute or two once per machine (the result is cached on disk, in NUMBA_CACHE_DIR where that is set), loading
+    some seconds.
 
     Raises:
         ExtraMissing: numba is not installed.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import (
     array_of,
@@ -32,11 +33,15 @@ from pinograsp.contacts import (
     impulse_energy,
     work_energy,
 )
-from pinograsp.contacts.compliance import MEASURES
+from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.contacts.friction import LARGEST_MU
-from pinograsp.contacts.quality import BALANCES
+from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
+from pinograsp.spatial import Array, BoolArray
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 _ENERGIES = {"impulse": impulse_energy, "work": work_energy}
 
@@ -45,29 +50,29 @@ BY_SPEED = "impact speed (Eq. 13b)"
 BY_DEPTH = "penetration depth (Eq. 13a)"
 BY_CAP = "largest normal force of the contact"
 
-# What is beyond these is a slip of the unit: solvers would be left with numbers that no longer add up.
+# Larger values come from a mistake of units; solvers would lose all digits to rounding.
 _STRONG, _DEAR = 1e12, 1e100  # [N], energy per newton
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueLimits:
-    """What the joints can bear while they hold: |bias + J^T f| <= limit, f being the forces on the object.
+    """Limits of the joint torques: |bias + J^T f| <= limit, f being the forces on the object.
 
     Attributes:
-        jacobian: (k, 6, n) of each contact point, linear velocity first, world axes (``LOCAL_WORLD_ALIGNED``).
-        bias: torque without contact at that posture (n,) [N m], gravity as a rule.
-        limit: largest |torque| (n,) [N m]; infinity: none.
+        jacobian: of each contact point (k, 6, n), linear velocity first, world axes (``LOCAL_WORLD_ALIGNED``).
+        bias: torque without contact at that posture (n,) [N m], usually that of gravity.
+        limit: largest |torque| (n,) [N m]; infinity: no limit.
         joints: names (n,).
     """
 
-    jacobian: np.ndarray
-    bias: np.ndarray
-    limit: np.ndarray
+    jacobian: Array
+    bias: Array
+    limit: Array
     joints: tuple[str, ...] = ()
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
         n = jacobian.shape[2]
         limit = floats_of("torque limits", self.limit, f"{n} numbers [N m]")
@@ -86,19 +91,20 @@ class TorqueLimits:
         object.__setattr__(self, "joints", joints or tuple(f"joint {j + 1}" for j in range(n)))
 
     @property
-    def limited(self) -> np.ndarray:
+    def limited(self) -> BoolArray:
         """Which joints have a limit (n,) bool."""
-        return np.isfinite(self.limit)
+        finite: BoolArray = np.isfinite(self.limit)
+        return finite
 
     @property
     def limited_joints(self) -> tuple[str, ...]:
-        """Names of the joints that have one: those of a program's torque rows."""
+        """Names of the joints that have a limit, in the order of a program's torque rows."""
         return tuple(joint for joint, finite in zip(self.joints, self.limited) if finite)
 
-    def torques(self, forces_o, moments_o=None) -> np.ndarray:
+    def torques(self, forces_o: ArrayLike, moments_o: ArrayLike | None = None) -> Array:
         """Joint torques (n,) [N m] under forces on the object (k, 3) [N] and moments (k, 3) [N m], world axes."""
         shape = (len(self.jacobian), 3)
-        tau = self.bias + np.einsum("kxn,kx->n", self.jacobian[:, :3], array_of("forces", forces_o, shape))
+        tau: Array = self.bias + np.einsum("kxn,kx->n", self.jacobian[:, :3], array_of("forces", forces_o, shape))
         if moments_o is not None:
             tau += np.einsum("kxn,kx->n", self.jacobian[:, 3:], array_of("moments", moments_o, shape))
         return tau
@@ -108,14 +114,32 @@ class NormalForceLimits(NamedTuple):
     """Range of F_n at t_F.
 
     Attributes:
-        least: [N].
-        largest: [N].
+        least: smallest admissible F_n [N].
+        largest: largest admissible F_n [N].
         reason: which of Eqs. (13) sets the largest.
     """
 
     least: float
     largest: float
     reason: str
+
+
+class ProblemSettings(TypedDict, total=False):
+    """The optional arguments of :class:`ForceProblem` that describe neither contacts nor object."""
+
+    compliance: Compliance
+    balance: Balance
+    measure: Measure
+    final_time: float
+    impact_time_range: tuple[float, float]
+    acceleration_range: tuple[float, float]
+    max_speed: float
+    max_depth: float
+    moment_length: float | None
+    friction: Friction
+    max_normal_force: ArrayLike | None
+    torques: TorqueLimits | None
+    shape: DecelerationShape
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: with_load copies all attributes at once
@@ -125,7 +149,7 @@ class ForceProblem:
     Attributes:
         contacts: the contact points and frames.
         load: external wrench on the object (6,), linear first, about the centre of mass, world axes [N, N m].
-        mu: friction coefficient per contact (k,) [-]; a number applies to all.
+        mu: friction coefficient of each contact (k,) [-]; a number applies to all.
         compliance: the contact law.
         balance: ``"wrench"`` (forces and moments, the default) or ``"force"`` (forces only, the paper's Eq. 15).
         measure: grasp energy that is minimised, ``"impulse"`` [N s] (Eq. 11) or ``"work"`` [J] (Eq. 9).
@@ -134,43 +158,56 @@ class ForceProblem:
         acceleration_range: admissible A [m/s^2] (Eq. 13c).
         max_speed: bound on A tau [m/s] (Eq. 13b).
         max_depth: bound on delta_F [m] (Eq. 13a).
-        moment_length: moments are divided by it so that they compare with forces [m]; default: the mean distance of
-            the contacts from the centre of mass.
+        moment_length: moments are divided by this length so that they compare with forces [m]; default (None): the
+            mean distance of the contacts from the centre of mass.
         gravity_o: gravity (3,) [m/s^2]; it acts on the hand too, when joint torques are computed.
         friction: the friction model with its safety factor; the grids need the paper's pyramid.
-        max_normal_force: caps on F_n (k,) [N] besides what the penetration allows; a number applies to all.
-        torques: what the joints can bear, or None.
+        max_normal_force: caps on F_n (k,) [N] besides the limits of the penetration; a number applies to all.
+        torques: limits of the joint torques, or None.
         shape: of the deceleration over the grasp phase; constant by default, as in the paper.
-        object: what is held (a shape of :mod:`pinograsp.objects`), where it is known: its surface tells how deep links
-            are.
+        object: the held shape (of :mod:`pinograsp.objects`), where it is known; the depth of links is measured from its
+            surface.
         scaled_columns: grasp map with moments divided by ``moment_length``: (rows, k, 3), columns per contact x, y, z
             [-].
     """
 
     contacts: ContactSet
-    load: np.ndarray
-    mu: np.ndarray
+    load: Array
+    mu: Array
     compliance: Compliance = field(default_factory=Compliance)
-    balance: Literal["wrench", "force"] = "wrench"
-    measure: Literal["impulse", "work"] = "impulse"
+    balance: Balance = "wrench"
+    measure: Measure = "impulse"
     final_time: float = 1.0
     impact_time_range: tuple[float, float] = (0.80, 0.95)
     acceleration_range: tuple[float, float] = (0.01, 1.0)
     max_speed: float = 2.0
     max_depth: float = 5e-3
-    moment_length: float | None = None
-    gravity_o: np.ndarray = (0.0, 0.0, -9.81)
+    moment_length: float = None  # type: ignore[assignment]  # None becomes a length in __post_init__
+    gravity_o: Array = (0.0, 0.0, -9.81)  # type: ignore[assignment]  # becomes an array in __post_init__
     friction: Friction = field(default_factory=Friction)
-    max_normal_force: np.ndarray | None = None
+    max_normal_force: Array | None = None
     torques: TorqueLimits | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
     object: Body | None = None
-    scaled_columns: np.ndarray = field(init=False, repr=False)
+    scaled_columns: Array = field(init=False, repr=False)
+
+    if TYPE_CHECKING:  # arguments may be numbers and lists, attributes are arrays
+
+        def __init__(
+            self,
+            *,
+            contacts: ContactSet,
+            load: ArrayLike,
+            mu: ArrayLike,
+            gravity_o: ArrayLike = ...,
+            object: Body | None = ...,
+            **settings: Unpack[ProblemSettings],
+        ) -> None: ...
 
     __repr__ = brief("contacts", "balance", "measure", "mu", "friction", "load", "final_time", "object")
 
-    def __post_init__(self):
-        def put(name, value):
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
         k = len(instance_of("contacts", self.contacts, ContactSet))
@@ -211,17 +248,38 @@ class ForceProblem:
         G[3:] /= self.moment_length
         put("scaled_columns", read_only(G[: self.rows].reshape(self.rows, k, 3)))
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         return rebuilt(self)
 
     @classmethod
-    def holding(cls, object, contacts: ContactSet, *, gravity_o=(0.0, 0.0, -9.81), **settings) -> ForceProblem:
-        """The problem of holding ``object`` against gravity (3,) [m/s^2]; ``settings`` are the class's attributes."""
+    def holding(
+        cls,
+        object: Body,
+        contacts: ContactSet,
+        *,
+        mu: ArrayLike,
+        gravity_o: ArrayLike = (0.0, 0.0, -9.81),
+        **settings: Unpack[ProblemSettings],
+    ) -> ForceProblem:
+        """The problem of holding ``object`` against gravity (3,) [m/s^2].
+
+        ``settings`` are optional attributes of the class: compliance, balance, measure, final_time, impact_time_range,
+        acceleration_range, max_speed, max_depth, moment_length, friction, max_normal_force, torques, shape.
+
+        Raises:
+            InvalidInput: a value that cannot be used.
+            TypeError: an argument that the class does not have.
+        """
+        if unknown := [name for name in settings if name not in ProblemSettings.__annotations__]:
+            raise TypeError(
+                f"ForceProblem.holding() got an unexpected keyword argument '{unknown[0]}'; besides mu and gravity_o "
+                f"it takes {', '.join(ProblemSettings.__annotations__)}"
+            )
         weight = instance_of("object", object, Body).mass * array_of("gravity", gravity_o, (3,))
         load = np.concatenate([weight, np.zeros(3)])
-        return cls(contacts=contacts, load=load, gravity_o=gravity_o, object=object, **settings)
+        return cls(contacts=contacts, load=load, mu=mu, gravity_o=gravity_o, object=object, **settings)
 
-    def with_load(self, load) -> ForceProblem:
+    def with_load(self, load: ArrayLike) -> ForceProblem:
         """The same problem under another load (6,) [N, N m]: for loops where nothing else changes."""
         return record_of(ForceProblem, self.__dict__ | {"load": _load(load)})
 
@@ -236,12 +294,13 @@ class ForceProblem:
         return 3 if self.balance == "force" else 6
 
     @property
-    def pyramid(self) -> np.ndarray:
+    def pyramid(self) -> Array:
         """mu / (safety sqrt(2)) (k,): half-width of the inscribed friction pyramid per newton of F_n (Eq. 16)."""
-        return self.mu / (self.friction.safety * np.sqrt(2))
+        half_width: Array = self.mu / (self.friction.safety * np.sqrt(2))
+        return half_width
 
     @property
-    def scaled_load(self) -> np.ndarray:
+    def scaled_load(self) -> Array:
         """Load (rows,) with moments divided by ``moment_length`` [N]."""
         return read_only(np.concatenate([self.load[:3], self.load[3:] / self.moment_length])[: self.rows])
 
@@ -249,16 +308,17 @@ class ForceProblem:
         """Final depth per deceleration [s^2] for an impact at t_I [s]: tau^2 / 2 if constant (Eq. 24b)."""
         return self.shape.depth_factor * (self.final_time - self.checked_impact_time(impact_time)) ** 2
 
-    def normal_force(self, acceleration, impact_time: float) -> np.ndarray:
+    def normal_force(self, acceleration: ArrayLike, impact_time: float) -> Array:
         """F_n at t_F [N] for decelerations A [m/s^2] and an impact at t_I [s] (Eq. 26)."""
-        depth = finite_of("deceleration", acceleration) * self.depth_per_acceleration(impact_time)
+        depth: Array = finite_of("deceleration", acceleration) * self.depth_per_acceleration(impact_time)
         return self.compliance.normal_force(depth)
 
-    def acceleration(self, normal_force, impact_time: float) -> np.ndarray:
+    def acceleration(self, normal_force: ArrayLike, impact_time: float) -> Array:
         """Deceleration A [m/s^2] that ends at these normal forces [N]: Eq. (26) solved for A."""
-        return self.compliance.depth(normal_force) / self.depth_per_acceleration(impact_time)
+        acceleration: Array = self.compliance.depth(normal_force) / self.depth_per_acceleration(impact_time)
+        return acceleration
 
-    def checked_impact_time(self, impact_time) -> float:
+    def checked_impact_time(self, impact_time: float) -> float:
         """``impact_time`` as a number [s] below the final time, or :class:`InvalidInput`."""
         impact_time = number("impact time t_I", impact_time, at_least=0, unit="s")
         if impact_time >= self.final_time:
@@ -267,7 +327,7 @@ class ForceProblem:
             )
         return impact_time
 
-    def normal_force_range(self, impact_time: float) -> tuple[np.ndarray, np.ndarray]:
+    def normal_force_range(self, impact_time: float) -> tuple[Array, Array]:
         """Least and largest F_n at t_F (k,), (k,) [N] that Eqs. (13) and the caps allow for an impact at t_I [s]."""
         low, high, _ = self.normal_force_limits(self.checked_impact_time(impact_time))
         cap = self.max_normal_force
@@ -281,19 +341,19 @@ class ForceProblem:
         return BY_CAP if capped else reason
 
     def normal_force_limits(self, impact_time: float) -> NormalForceLimits:
-        """What Eqs. (13) allow of F_n at t_F for an impact at t_I [s], caps aside."""
+        """The range of F_n at t_F that Eqs. (13) allow for an impact at t_I [s], without the contacts' caps."""
         tau, depth = self.final_time - impact_time, self.depth_per_acceleration(impact_time)
         limits = {
             BY_ACCELERATION: self.acceleration_range[1] * depth,
             BY_SPEED: self.max_speed / (self.shape.speed_factor * tau) * depth,
             BY_DEPTH: self.max_depth,
         }
-        reason = min(limits, key=limits.get)
+        reason = min(limits, key=limits.__getitem__)
         K, rho = self.compliance.stiffness, self.compliance.exponent
 
         def force(depth: float) -> float:
             try:
-                return K * depth**rho
+                return float(K * depth**rho)
             except OverflowError:
                 return np.inf
 
@@ -301,19 +361,18 @@ class ForceProblem:
         if not low <= _STRONG:
             raise InvalidInput(
                 f"contact law: expected a least normal force of at most {_STRONG:g} N, got {low:.3g} N at a stiffness "
-                f"of {K:g} "
-                f"N/m^rho and an exponent of {rho:g}; check these, and the least acceleration"
+                f"of {K:g} N/m^rho and an exponent of {rho:g}; check these, and the least acceleration"
             )
         return NormalForceLimits(low, min(high, _STRONG), reason)
 
-    def energy_terms(self, impact_time: float, measure: str | None = None) -> tuple[tuple[float, float], ...]:
+    def energy_terms(self, impact_time: float, measure: Measure | None = None) -> tuple[tuple[float, float], ...]:
         """The measure as a sum of powers of F_n: (coefficient, exponent) pairs, in the measure's unit."""
         name = one_of("measure", self.measure if measure is None else measure, MEASURES)
         duration = self.final_time - self.checked_impact_time(impact_time)
         try:
             terms = energy_terms(self.compliance, name, duration, self.shape)
         except OverflowError:
-            terms = ((np.inf, 1.0),)
+            terms = ((float("inf"), 1.0),)
         if not all(0 < coefficient <= _DEAR for coefficient, _ in terms):
             raise InvalidInput(
                 f"contact law: expected an energy per newton above 0 and up to {_DEAR:g}, got "
@@ -322,51 +381,52 @@ class ForceProblem:
             )
         return terms
 
-    def energy(self, normal_force, impact_time: float, measure: str | None = None) -> np.ndarray:
+    def energy(self, normal_force: ArrayLike, impact_time: float, measure: Measure | None = None) -> Array:
         """Grasp energy per contact for final normal forces [N] and an impact at t_I [s]; in the measure's unit."""
         energy = _ENERGIES[one_of("measure", self.measure if measure is None else measure, MEASURES)]
         depth = self.compliance.depth(normal_force)
         return energy(self.compliance, depth, self.final_time - self.checked_impact_time(impact_time), self.shape)
 
-    def forces(self, normal_force, multipliers) -> np.ndarray:
+    def forces(self, normal_force: ArrayLike, multipliers: ArrayLike) -> Array:
         """Contact forces f_c (k, 3) [N] from normal forces (k,) and multipliers (k, 2) (Eqs. 27, 28)."""
         normal_force = array_of("normal forces", normal_force, (self.k,))
         tangential = array_of("multipliers", multipliers, (self.k, 2)) * (self.pyramid * normal_force)[:, None]
         return np.column_stack([tangential, normal_force])
 
-    def residual(self, forces_c, torsion=None) -> np.ndarray:
+    def residual(self, forces_c: ArrayLike, torsion: ArrayLike | None = None) -> Array:
         """Net wrench (6,) on the object, load included [N, N m]: zero at equilibrium (Eq. 15).
 
         ``forces_c`` (k, 3) [N]; ``torsion`` (k,) [N m], moments about the contact normals (soft fingers).
         """
-        wrench = self.contacts.G @ array_of("forces", forces_c, (self.k, 3)).ravel() + self.load
+        wrench: Array = self.contacts.G @ array_of("forces", forces_c, (self.k, 3)).ravel() + self.load
         if torsion is not None:
             wrench[3:] += array_of("torsion", torsion, (self.k,)) @ self.contacts.rotations_oc[:, :, 2]
         return wrench
 
-    def scaled_norm(self, wrench) -> float:
+    def scaled_norm(self, wrench: ArrayLike) -> float:
         """Norm [N] of a wrench (6,) in the balance rows, moments divided by ``moment_length``."""
         wrench = array_of("wrench", wrench, (6,))
         return float(np.linalg.norm(np.concatenate([wrench[:3], wrench[3:] / self.moment_length])[: self.rows]))
 
-    def support(self, direction) -> np.ndarray:
+    def support(self, direction: ArrayLike) -> Array:
         """s_i(y) (k,): least component along ``direction`` y (rows,) that contact i can give per newton of F_n.
 
         y . n_i - mu/sqrt(2) (|y . x_i| + |y . y_i|), the support of the unit pyramid. For any unit y and any
         multipliers the net wrench is at least sum_i F_i s_i(y) + y . load: a bound linear in the normal forces.
         """
         along = np.einsum("r,rkc->kc", array_of("direction", direction, (self.rows,)), self.scaled_columns)
-        return along[:, 2] - self.pyramid * (np.abs(along[:, 0]) + np.abs(along[:, 1]))
+        least: Array = along[:, 2] - self.pyramid * (np.abs(along[:, 0]) + np.abs(along[:, 1]))
+        return least
 
 
-def _load(value) -> np.ndarray:
+def _load(value: ArrayLike) -> Array:
     load = array_of("load", value, (6,))
-    if not np.vdot(load, load) <= _STRONG**2:  # which overflows in silence
+    if not np.vdot(load, load) <= _STRONG**2:  # np.vdot overflows without a warning
         raise InvalidInput(f"load: expected at most {_STRONG:g} N and N m, got {load.tolist()}")
     return load
 
 
-def _range(name: str, value, unit: str, above: float) -> tuple[float, float]:
+def _range(name: str, value: ArrayLike, unit: str, above: float) -> tuple[float, float]:
     low, high = array_of(name, value, (2,))
     if not (above < low <= high):
         raise InvalidInput(f"{name}: expected {above:g} < lower <= upper [{unit}], got {low:g} and {high:g}")

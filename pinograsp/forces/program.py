@@ -1,4 +1,4 @@
-"""The convex program over contact forces, its lower bound from the dual, and its certificate. Pure functions.
+"""The convex program over contact forces, and its lower bound from the dual. Pure functions.
 
 Variables are per contact x_i = (u_i, F_i): scaled tangential force (and torsion) and normal force, so that friction of
 every model reads u_i in F_i U (:mod:`pinograsp.contacts.friction`). The program is
@@ -17,23 +17,25 @@ from.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from pinograsp.checks import instance_of, number, one_of, shown
 from pinograsp.contacts import Friction
-from pinograsp.contacts.compliance import MEASURES
+from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import load_size_of
 from pinograsp.forces.matrices import Matrices, matrices_of
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.spatial import Array
 
 OBJECTIVES = (*MEASURES, "least_squares", "peak", "motor_heat")
 
 # Per grasp-energy measure: (coefficient, exponent) pairs.
-EnergyTerms = Mapping[str, tuple[tuple[float, float], ...]]
+EnergyTerms: TypeAlias = Mapping[Measure, Sequence[tuple[float, float]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,7 +43,7 @@ class Program:
     """A force problem at one impact time and one objective, dimensionless. See the module for the symbols.
 
     Attributes:
-        matrices: what it shares with the problem's other programs.
+        matrices: shared with the problem's other programs.
         b: right-hand side of the balance (rows,).
         lo: least F_n (k,).
         hi: largest F_n (k,).
@@ -51,20 +53,20 @@ class Program:
         P: quadratic objective (k d, k d), or None.
         q: linear objective (k d,).
         peak: p, weight of the largest F_n.
-        constant: of the objective.
+        constant: constant term of the objective.
         force_scale: unit of the forces [N].
         objective_scale: unit of the objective, in its own unit.
     """
 
     matrices: Matrices
-    b: np.ndarray
-    lo: np.ndarray
-    hi: np.ndarray
-    R_lo: np.ndarray
-    R_hi: np.ndarray
+    b: Array
+    lo: Array
+    hi: Array
+    R_lo: Array
+    R_hi: Array
     powers: tuple[tuple[float, float], ...]
-    P: np.ndarray | None
-    q: np.ndarray
+    P: Array | None
+    q: Array
     peak: float
     constant: float
     force_scale: float
@@ -82,20 +84,20 @@ class Program:
 
     @property
     def d(self) -> int:
-        """Numbers per contact."""
+        """Variables per contact."""
         return self.matrices.d
 
     @property
-    def A(self) -> np.ndarray:
+    def A(self) -> Array:
         """Balance (rows, k d)."""
         return self.matrices.A
 
     @property
-    def R(self) -> np.ndarray:
+    def R(self) -> Array:
         """Torque rows (m, k d), of unit norm."""
         return self.matrices.R
 
-    def value(self, x: np.ndarray) -> float:
+    def value(self, x: Array) -> float:
         """The objective at x (k d,), in units of ``objective_scale``, without the constant."""
         F = x[self.d - 1 :: self.d]
         total = float(self.q @ x)
@@ -105,7 +107,7 @@ class Program:
             total += 0.5 * float(x @ self.P @ x)
         return total + self.peak * float(F.max()) if self.peak else total
 
-    def slope(self, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def slope(self, F: Array) -> tuple[Array, Array]:
         """First and second derivatives of phi at F (k,) > 0."""
         first, second = np.zeros(self.k), np.zeros(self.k)
         for coefficient, exponent in self.powers:
@@ -117,15 +119,15 @@ class Program:
                 second += (exponent - 1) * power
         return first, second / np.maximum(F, 1e-300)  # a least normal force may be too small for a float
 
-    def reduced(self, c: np.ndarray) -> np.ndarray:
+    def reduced(self, c: Array) -> Array:
         """s_i (k,): least value of c_i . x_i per unit of F_i over u_i in F_i U."""
         c = c.reshape(self.k, self.d)
         return c[:, -1] - self.friction.support(c[:, :-1])
 
-    def lower_bound(self, x: np.ndarray, y: np.ndarray, w: np.ndarray, refine: bool = True) -> float:
+    def lower_bound(self, x: Array, y: Array, w: Array, refine: bool = True) -> float:
         """Certified lower bound of the optimum from any x, y (rows,) and w (m,), without the constant.
 
-        ``refine`` spends more on it where powers of F_n are in the objective.
+        ``refine`` improves it at some cost, where powers of F_n are in the objective.
         """
         F = np.minimum(np.maximum(x[self.d - 1 :: self.d], self.lo), self.hi)
         c = self.q + y @ self.A
@@ -139,7 +141,7 @@ class Program:
             total -= self.rows_at_their_limits(w)
         return total + self.separable(self.reduced(c), F, refine)
 
-    def separable(self, s: np.ndarray, F: np.ndarray, refine: bool = True) -> float:
+    def separable(self, s: Array, F: Array, refine: bool = True) -> float:
         """Lower bound of sum_i phi(F_i) + s_i F_i + p max F over lo <= F <= hi, sharp where F is near the minimiser.
 
         phi lies above its tangents, so any point of tangency gives a bound: F first, then the minimiser if that is
@@ -150,16 +152,16 @@ class Program:
             bound = max(bound, self._at_tangents(s, self._minimiser(s, F)))
         return bound
 
-    def _at_tangents(self, s: np.ndarray, F: np.ndarray) -> float:
+    def _at_tangents(self, s: Array, F: Array) -> float:
         total = 0.0
         if self.powers:
             first, _ = self.slope(F)
             s = s + first
             total = sum(c * float((F**exponent).sum()) for c, exponent in self.powers) - float(first @ F)
         if self.peak:
-            # max F >= theta . F for any weights theta >= 0 of sum one: these cancel what they can, at contacts below
-            # their own largest force first (at the others the bound is sharp without); the rest goes to the largest
-            # lower bound.
+            # max F >= theta . F for any weights theta >= 0 of sum one. These cancel negative s, first at contacts
+            # below their own largest force (at the others the bound is sharp anyway); the remaining weight goes to the
+            # contact with the largest lower bound.
             theta = np.maximum(0.0, -s) / self.peak * (F.max() * (1 - 1e-3) < F)
             free = np.where(self.hi * (1 - 1e-6) > F, theta, 0.0)
             free /= max(1.0, float(free.sum()))
@@ -170,11 +172,11 @@ class Program:
             s = s + self.peak * theta
         return total + self.least(s)
 
-    def least(self, s: np.ndarray) -> float:
+    def least(self, s: Array) -> float:
         """Least value of s . F over lo <= F <= hi."""
         return float(np.minimum(self.lo * s, self.hi * s).sum())
 
-    def _minimiser(self, s: np.ndarray, F: np.ndarray) -> np.ndarray:
+    def _minimiser(self, s: Array, F: Array) -> Array:
         """Near argmin of phi(F) + s F over [lo, hi]: a few Newton steps from F."""
         for _ in range(4):
             first, second = self.slope(F)
@@ -182,11 +184,11 @@ class Program:
             F = np.minimum(np.maximum(F - step, np.maximum(self.lo, 0.1 * F)), self.hi)
         return F
 
-    def rows_at_their_limits(self, w: np.ndarray) -> float:
+    def rows_at_their_limits(self, w: Array) -> float:
         """Largest value of w . R x that the torque limits allow."""
         return float(np.maximum(w * self.R_hi, w * self.R_lo).sum())
 
-    def excluded(self, y: np.ndarray, w: np.ndarray) -> float:
+    def excluded(self, y: Array, w: Array) -> float:
         """Farkas bound: for *all* admissible x, y . (A x - b) + torque excess weighted by w is at least this.
 
         Positive: the program is infeasible, and (y, w) proves it.
@@ -198,7 +200,7 @@ class Program:
             total -= self.rows_at_their_limits(w)
         return total + self.least(self.reduced(c))
 
-    def violations(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    def violations(self, x: Array) -> tuple[float, Array, Array]:
         """Largest violation of friction, of the bounds on F and of the torque rows; gauges (k,); balance residual
         (rows,).
         """
@@ -211,7 +213,7 @@ class Program:
             worst = max(worst, float(np.maximum(torque - self.R_hi, self.R_lo - torque).max()))
         return max(worst, 0.0), gauge, self.A @ x - self.b
 
-    def settled(self, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    def settled(self, x: Array, residual: Array) -> Array:
         """x with the balance's residual A x - b removed by the least-norm correction."""
         return x - self.matrices.correction @ residual
 
@@ -249,12 +251,12 @@ def energy_terms_at(problem: ForceProblem, weights: Mapping[str, float], impact_
     return {m: problem.energy_terms(impact_time, m) for m in MEASURES if weights.get(m)}
 
 
-def feasibility(problem: ForceProblem, lo: np.ndarray, hi: np.ndarray) -> Program:
+def feasibility(problem: ForceProblem, lo: Array, hi: Array) -> Program:
     """The program where only its constraints matter, for F_n in [lo, hi] (k,) [N]."""
     return assemble(matrices_of(problem, {"peak": 1.0}), problem.scaled_load, {}, lo, hi)
 
 
-def assemble(matrices: Matrices, load: np.ndarray, terms: EnergyTerms, lo: np.ndarray, hi: np.ndarray) -> Program:
+def assemble(matrices: Matrices, load: Array, terms: EnergyTerms, lo: Array, hi: Array) -> Program:
     """The program of a force problem.
 
     Args:
@@ -275,7 +277,7 @@ def assemble(matrices: Matrices, load: np.ndarray, terms: EnergyTerms, lo: np.nd
     unit = max(sizes) if max(sizes) > 0 else 1.0
     R_lo, R_hi = matrices.R_lo, matrices.R_hi
     if len(R_lo):
-        # A limit that no admissible forces reach is drawn in to just beyond their reach: huge ones spoil a solver's
+        # Limits that no admissible forces reach are lowered to just beyond their reach: huge values spoil a solver's
         # scaling.
         reach = np.maximum(2.0 * matrices.R_reach @ hi, scale)
         R_lo, R_hi = np.maximum(R_lo, np.minimum(-reach, R_hi)), np.minimum(R_hi, np.maximum(reach, R_lo))

@@ -1,20 +1,20 @@
-"""Exact search of the grid's cells in increasing measure, with rejecting half-spaces learnt on the way.
+"""Exact search of the grid's cells in increasing measure, with half-spaces that reject many cells at once.
 
 The measure does not depend on the multipliers, so the cells (t_I, A_1..A_k) are visited in order of measure. A cell
-is rejected by a lower bound on what any multipliers leave of the balance, and the direction y of that bound rejects a
-half-space of normal forces at once (a Benders cut):
+is rejected by a lower bound of the residual of any multipliers, and the direction y of that bound rejects a half-space
+of normal forces at once (a Benders cut):
 
     sum_i F_i s_i(y) + y . load > limit   =>   no multipliers balance these F   (s_i: ForceProblem.support).
 
-Cells are never listed: for every choice of the first k-1 decelerations only the interval of the last one that the
-cuts leave is kept, so the work grows with na^(k-1) and the memory is bounded by blocks of it.
+Cells are never listed: for every choice of the first k-1 decelerations only the interval of the last one that no cut
+rejects is kept, so the work grows with na^(k-1), and it is done in blocks, which bounds the memory.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from tqdm import tqdm
@@ -29,6 +29,9 @@ from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.forces.solvers import SOLVERS
+from pinograsp.spatial import Array, IntArray
+
+_Entries = TypeVar("_Entries", Array, IntArray)
 
 _PREFIXES = 2**20  # prefixes held at once: about 60 MB
 _NEVER = np.iinfo(np.int64).max
@@ -39,14 +42,14 @@ def pruned_search(
 ) -> ForceSolution:
     """The paper's grid search with the same optimum as :func:`~pinograsp.forces.grid.brute_force`, ties included.
 
-    A cell that no continuous multipliers balance within ``grid.residual_limit`` is cut off; of the others the
-    multiplier grid is searched. ``solver`` only computes bounds, each of which is valid by itself: it can change the
-    time taken, not the result.
+    A cell that no continuous multipliers balance within ``grid.residual_limit`` is rejected; in the others the
+    multiplier grid is searched. ``solver`` only computes bounds, each of which is checked: it can change the computing
+    time, not the result.
     """
     units = options(problem, grid)
     columns = problem.scaled_columns[:, :, :2] * problem.pyramid[None, :, None]
 
-    def accept(table: TimeTable, cell: np.ndarray, refined: MultiplierSolution):
+    def accept(table: TimeTable, cell: IntArray, refined: MultiplierSolution) -> Array | None:
         normal = table.normal_force[cell]
         found = first_on_lattice(
             units, normal, problem.scaled_load, grid.multipliers, columns * normal[None, :, None], grid.residual_limit
@@ -61,32 +64,31 @@ def hybrid_search(
 ) -> ForceSolution:
     """Grid over (t_I, A) only, the QP over the multipliers deciding each cell: the first balanced cell is optimal."""
 
-    def accept(table: TimeTable, cell: np.ndarray, refined: MultiplierSolution):
+    def accept(table: TimeTable, cell: IntArray, refined: MultiplierSolution) -> Array | None:
         return refined.multipliers if refined.status is Status.OK else None
 
     return _search(problem, grid, None, accept, "hybrid", solver, progress)
 
 
-Accept = Callable[[TimeTable, np.ndarray, MultiplierSolution], np.ndarray | None]
+Accept: TypeAlias = Callable[[TimeTable, IntArray, MultiplierSolution], Array | None]
 
 
 class _Closest(NamedTuple):
     """The least residual seen (6,) and its norm [N]."""
 
     norm: float
-    residual: np.ndarray
+    residual: Array
 
 
 class _Best(NamedTuple):
-    """The best cell so far; its cost and the index of its impact time order it."""
+    """The best cell so far; cells are ordered by (cost, index of the impact time)."""
 
-    cost: int
-    index: int
+    order: tuple[int, int]
     cell: Cell
 
 
 class _Search:
-    """State of one search: cuts learnt, cells counted, the least residual seen, the best cell so far."""
+    """State of one search: its cuts, the count of rejected cells, the least residual seen, the best cell so far."""
 
     def __init__(
         self,
@@ -101,21 +103,21 @@ class _Search:
         self.problem, self.limit, self.accept, self.solver = problem, limit, accept, solver
         self.rejections, self.bar = rejections, progress_bar
         self.lattice = g.BY_BALANCE if exact else g.BY_LATTICE
-        self.cuts: list[tuple[np.ndarray, float]] = []  # (support per contact, offset): rejected where sum > limit
+        self.cuts: list[tuple[Array, float]] = []  # (support per contact, offset): rejected where sum > limit
         self.qp_solves = 0
         self.uncertain = False
         self.closest = _Closest(np.inf, np.zeros(6))
         self.best: _Best | None = None
 
-    def reject(self, reason: str, count: int):
+    def reject(self, reason: str, count: int) -> None:
         self.rejections[reason] += count
         self.bar.update(count)
 
-    def visit(self, table: TimeTable, lead: tuple[int, ...]):
+    def visit(self, table: TimeTable, lead: tuple[int, ...]) -> None:
         """All cells of one impact time whose first indices are ``lead``, split until a block fits in memory."""
         m, left = table.cost.size, self.problem.k - len(lead)
         cost = int(table.cost[list(lead)].sum()) + left * int(table.cost[0])
-        if self.best is not None and (cost, table.index) >= (self.best.cost, self.best.index):
+        if self.best is not None and (cost, table.index) >= self.best.order:
             self.reject(g.BY_MEASURE, m**left)
             return
         forces = table.normal_force
@@ -130,13 +132,13 @@ class _Search:
             for a in range(m):
                 self.visit(table, (*lead, a))
 
-    def _block(self, table: TimeTable, lead: tuple[int, ...]):
+    def _block(self, table: TimeTable, lead: tuple[int, ...]) -> None:
         m, free = table.cost.size, self.problem.k - len(lead) - 1
         prefix_cost = _outer_sum([table.cost] * free) + table.cost[list(lead)].sum()
         lo = np.zeros(prefix_cost.size, dtype=np.int32)
         hi = np.full(prefix_cost.size, m, dtype=np.int32)
 
-        def cut(support: np.ndarray, offset: float):
+        def cut(support: Array, offset: float) -> None:
             """Shrink every prefix's interval of the last deceleration by one half-space."""
             F, last = table.normal_force, support[-1]
             spent = _outer_sum([s * F for s in support[len(lead) : -1]])
@@ -152,7 +154,7 @@ class _Search:
             np.maximum(hi, lo, out=hi)
             self.reject(g.BY_BALANCE, before - int((hi - lo).sum()))
 
-        def upcoming() -> np.ndarray:
+        def upcoming() -> IntArray:
             return np.where(lo < hi, prefix_cost + table.cost[np.minimum(lo, m - 1)], _NEVER)
 
         for known in self.cuts:
@@ -161,15 +163,15 @@ class _Search:
         while True:
             j = int(np.argmin(following))
             cost = int(following[j])
-            if cost == _NEVER or (self.best is not None and (cost, table.index) >= (self.best.cost, self.best.index)):
+            if cost == _NEVER or (self.best is not None and (cost, table.index) >= self.best.order):
                 break
             cell = np.array([*lead, *np.unravel_index(j, (m,) * free), lo[j]], dtype=int)
             refined = self._refine(table, cell)
-            learnt = (self.problem.support(refined.direction), float(refined.direction @ self.problem.scaled_load))
+            half_space = (self.problem.support(refined.direction), float(refined.direction @ self.problem.scaled_load))
             if refined.certificate.lower_bound > self.limit:
-                self.cuts.append(learnt)
-                cut(*learnt)
-                if lo[j] == cell[-1] and hi[j] > lo[j]:  # rounding kept the very cell the bound rejects
+                self.cuts.append(half_space)
+                cut(*half_space)
+                if lo[j] == cell[-1] and hi[j] > lo[j]:  # rounding kept the cell that the bound rejects
                     lo[j] += 1
                     self.reject(g.BY_BALANCE, 1)
                 following = upcoming()
@@ -181,7 +183,7 @@ class _Search:
                     self.reject(g.BY_MEASURE, 1)
                 bound = refined.certificate.lower_bound
                 found = Cell(table=table, indices=cell, multipliers=multipliers, residual_bound=bound)
-                self.best = _Best(cost, table.index, found)
+                self.best = _Best((cost, table.index), found)
                 self.bar.update(1)
                 break
             self.uncertain |= refined.status is Status.INACCURATE
@@ -189,7 +191,7 @@ class _Search:
             following[j] = prefix_cost[j] + table.cost[lo[j]] if lo[j] < hi[j] else _NEVER
         self.reject(g.BY_MEASURE, int((hi - lo).sum()))
 
-    def _refine(self, table: TimeTable, cell: np.ndarray) -> MultiplierSolution:
+    def _refine(self, table: TimeTable, cell: IntArray) -> MultiplierSolution:
         self.qp_solves += 1
         refined = refine_multipliers(self.problem, table.normal_force[cell], solver=self.solver)
         if refined.certificate.objective < self.closest.norm:
@@ -197,7 +199,7 @@ class _Search:
         return refined
 
 
-def _outer_sum(terms: list[np.ndarray]) -> np.ndarray:
+def _outer_sum(terms: list[_Entries]) -> _Entries:
     """All sums of one entry per term, flattened in grid order (the last term runs fastest)."""
     total = np.zeros(1, dtype=terms[0].dtype if terms else np.int64)
     for term in terms:
@@ -214,7 +216,7 @@ def _search(
     solver: str,
     progress: bool | None,
 ) -> ForceSolution:
-    """``limit``: largest norm of the residual that counts as balance [N]; None: the exact one."""
+    """``limit``: largest norm of the residual that counts as balance [N]; None: the certificates' tolerance."""
     started = time.perf_counter()
     one_of("solver", solver, SOLVERS)
     tables, rejections = tabulate(problem, grid)

@@ -1,7 +1,8 @@
-"""How probably contacts hold a load when friction, load and contacts are not quite what the plan says.
+"""The probability that contacts hold a load when friction, load and contacts differ from the plan at random.
 
-Every sample is a force problem of its own, all are solved at once (:func:`~pinograsp.forces.solve_batch`). Seconds here
-are hours of simulation; what moves, rolls or shakes only the simulation knows (:func:`~pinograsp.referee.monte_carlo`).
+Every sample is a force problem of its own; all are solved as one batch (:func:`~pinograsp.forces.solve_batch`), in
+seconds instead of the hours of a simulation. Motion, rolling and vibration are left to the simulation
+(:func:`~pinograsp.referee.monte_carlo`).
 """
 
 from __future__ import annotations
@@ -9,91 +10,96 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from pinograsp.checks import array_of, brief, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.batch import ForceBatch, solve_batch
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.spatial import Array, BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reliability:
-    """What came of random errors.
+    """Samples of random errors, and whether contact forces hold under each.
 
     Attributes:
         held: which samples have forces (count,) bool.
-        undecided: how many have neither forces nor a proof that there are none.
+        undecided: number of samples with neither forces nor a proof that there are none.
         normal_forces: F_n of each sample (count, k) [N]; zeros where there are none.
-        mu (count, k), loads (count, 6) [N, N m], points_o (count, k, 3) [m], normals_o (count, k, 3): as drawn.
+        mu: friction coefficients, as drawn (count, k) [-].
+        loads: as drawn (count, 6) [N, N m].
+        points_o: contact points, as drawn (count, k, 3) [m].
+        normals_o: contact normals, as drawn (count, k, 3) [-].
     """
 
-    held: np.ndarray
+    held: BoolArray
     undecided: int
-    normal_forces: np.ndarray
-    mu: np.ndarray
-    loads: np.ndarray
-    points_o: np.ndarray
-    normals_o: np.ndarray
+    normal_forces: Array
+    mu: Array
+    loads: Array
+    points_o: Array
+    normals_o: Array
 
     __repr__ = brief()
 
     @property
     def probability(self) -> float:
-        """Share that can be held."""
+        """Share of the samples that can be held."""
         return float(self.held.mean())
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % confidence interval of the probability (Wilson's score); undecided samples count as lost."""
+        """95 % confidence interval of the probability (Wilson's score); undecided samples count as not held."""
         from scipy.stats import binomtest  # slow to import
 
         low, high = binomtest(int(self.held.sum()), len(self.held)).proportion_ci(0.95, method="wilson")
         return float(low), float(high)
 
-    def squeeze(self, share: float = 0.95) -> np.ndarray:
-        """F_n (k,) [N] that each contact's need exceeds in no more than 1 - ``share`` of the samples that hold."""
+    def squeeze(self, share: float = 0.95) -> Array:
+        """F_n (k,) [N] of each contact that suffices in ``share`` of the samples that hold."""
         if not self.held.any():
             raise InvalidInput("squeeze: none of the samples can be held")
         share = number("share", share, above=0, at_most=1)
         return read_only(np.quantile(self.normal_forces[self.held], share, axis=0))
 
 
-_MOST = 10_000_000  # samples: more do not fit into the memory
+_MOST = 10_000_000  # samples: more do not fit into memory
 
 
 def holding_probability(
     problem: ForceProblem,
     impact_time: float,
     *,
-    normal_forces=None,
+    normal_forces: ArrayLike | None = None,
     friction: float = 0.1,
     load: float = 0.1,
-    disturbance=None,
+    disturbance: ArrayLike | None = None,
     points: float = 1e-3,
     normals: float = 0.05,
     count: int = 10_000,
     seed: int = 0,
 ) -> Reliability:
-    """Sample errors and tell how often there are contact forces that hold.
+    """Sample errors and count how often there are contact forces that hold.
 
     Args:
-        problem: the contacts, load, friction (without its safety factor: errors are drawn here) and limits about which
-            the errors are.
+        problem: nominal contacts, load, friction and limits; the safety factor of friction is not used, as errors are
+            drawn here.
         impact_time: t_I [s].
-        normal_forces: what the hand squeezes with (k,) [N], whatever happens: friction alone reacts. A strict view:
-            fingers that give let the object settle, so a simulation holds more. None: the hand knows the errors and
-            adapts, within the problem's range of F_n.
-        friction: relative standard deviation of each contact's mu, never below zero.
-        load: that of the load's size.
-        disturbance: standard deviations (6,) of a wrench on top [N, N m]; default: none.
+        normal_forces: fixed F_n of the hand (k,) [N]: friction alone reacts. This is strict: compliant fingers let the
+            object settle, so a simulation holds more. None: the hand knows the errors and adapts F_n within the
+            problem's range.
+        friction: relative standard deviation of each contact's mu, which is never below zero.
+        load: relative standard deviation of the load's size.
+        disturbance: standard deviations (6,) of an additional wrench [N, N m]; default: none.
         points: standard deviation of the contact points in their tangent planes [m].
-        normals: of the normals [rad].
-        count: samples.
+        normals: standard deviation of the normals [rad].
+        count: number of samples.
         seed: of the random numbers.
 
     Raises:
-        InvalidInput: torque limits, errors that are negative.
+        InvalidInput: a problem with torque limits, or negative standard deviations.
         ExtraMissing: numba (extra ``fast``) is not installed.
     """
     instance_of("problem", problem, ForceProblem)

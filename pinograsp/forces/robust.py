@@ -1,26 +1,27 @@
-"""The least-cost squeeze that holds a whole set of loads, as one convex program.
+"""The normal forces of least cost that hold every load of a set, as one convex program.
 
-The hand commands the normal forces once; friction reacts to whatever load comes. So F_n is common to all loads and the
-tangential forces belong to each:
+The hand commands the normal forces once; friction reacts to each load. So F_n is common to all loads, and each load has
+tangential forces of its own:
 
-- every vertex of a polytope of loads (a list, a box, a range of masses) has tangential forces of its own; all loads in
-  the convex hull are then held, since the friction limits are convex for fixed F_n. Exact.
-- a ball of disturbances is met by tangential forces that are affine in the disturbance w, u = u_0 + L w with
-  A_t L = -1: d . u <= F for all |w| <= r is d . u_0 + r |L' d| <= F. Sufficient; friction is taken polyhedral there (a
-  cone by its inscribed 16-sided pyramid).
+- for every vertex of a polytope of loads (a list, a box, a range of masses) there are tangential forces; all loads in
+  the convex hull are then held, since the friction limits are convex for fixed F_n. This is exact.
+- for a ball of disturbances the tangential forces are affine in the disturbance w, u = u_0 + L w with A_t L = -1:
+  d . u <= F for all |w| <= r is d . u_0 + r |L' d| <= F. This is sufficient; it needs polyhedral friction (for a cone
+  its inscribed 16-sided pyramid).
 
-Friction coefficients within a range: the least of them is the worst case, since every friction limit grows with mu.
+For friction coefficients within a range the least is the worst case, since every friction limit grows with mu.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, brief, frozen, instance_of, read_only
@@ -30,7 +31,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import Answer, Checks, certify
 from pinograsp.forces.backends import Outcome
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, objective_size_of
-from pinograsp.forces.conic import cone_rows, solve
+from pinograsp.forces.conic import Cone, cone_rows, solve
 from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.matrices import matrices_of
@@ -38,6 +39,7 @@ from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, energy_terms_at, feasibility, weights_of
 from pinograsp.forces.solution import ForceSolution, solution_of
 from pinograsp.forces.solvers import compiled_installed
+from pinograsp.spatial import Array
 
 _EDGES_FOR_BALLS = 16
 _FRICTION_ONLY = (*MEASURES, "peak")  # objectives that depend on the common F_n alone
@@ -45,52 +47,53 @@ _FRICTION_ONLY = (*MEASURES, "peak")  # objectives that depend on the common F_n
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RobustForces:
-    """Normal forces that hold every load of a set, and the friction that does it.
+    """Normal forces that hold every load of a set, and friction's reactions.
 
     Attributes:
         status: ``OK``, ``INFEASIBLE`` or ``INACCURATE``.
         problem: as solved (least mu; polyhedral friction for a ball).
-        load_set: what is held.
+        load_set: the loads that are held.
         impact_time: t_I [s].
         normal_forces: F_n (k,) [N], common to all loads; empty without a solution.
-        balanced: the loads (s, rows) that ``forces_c`` belongs to, as scaled wrenches in the balance rows [N].
-        forces_c: contact forces per load (s, k, 3) [N]; torsion (s, k) [N m].
+        balanced: the loads of ``forces_c``, as scaled wrenches in the balance rows (s, rows) [N].
+        forces_c: contact forces for each load (s, k, 3) [N].
+        torsion: moments about the contact normals for each load (s, k) [N m].
         response: change of the scaled tangential forces per unit of disturbance (k, d - 1, rows), or None without a
             ball.
-        certificate: residual and limits under the worst of the loads; the lower bound is of any normal forces that hold
-            the set (for a ball: among affine reactions, by the solver's dual). None without a solution.
-        infeasibility: proof for a single load that cannot be held at all, or None.
-        elapsed: [s].
+        certificate: residual and limits under the worst of the loads; the lower bound holds for all normal forces that
+            hold the set (for a ball: among affine reactions, by the solver's dual). None without a solution.
+        infeasibility: proof that a single load of the set cannot be held, or None.
+        elapsed: computing time [s].
     """
 
     status: Status
     problem: ForceProblem
     load_set: LoadSet
     impact_time: float
-    normal_forces: np.ndarray
-    balanced: np.ndarray
-    forces_c: np.ndarray
-    torsion: np.ndarray
-    response: np.ndarray | None
+    normal_forces: Array
+    balanced: Array
+    forces_c: Array
+    torsion: Array
+    response: Array | None
     certificate: Certificate | None
     infeasibility: Infeasibility | None
     elapsed: float
 
     __repr__ = brief()
 
-    def under(self, load=None) -> ForceSolution:
+    def under(self, load: ArrayLike | None = None) -> ForceSolution:
         """The forces under one load of the set (6,) [N, N m]: the common normal forces, and friction's reaction to that
         load.
 
-        The reaction is a mean of those to the set's wrenches, and what the response to the ball adds. Default: the
-        problem's own load where the set has it, else the mean of the set's.
+        The reaction is a weighted mean of the reactions to the set's loads, plus the response to the rest. Default: the
+        problem's own load where it is in the set, else the mean of the set's loads.
 
         Raises:
             InvalidInput: there are no normal forces, or the load is not in the set.
         """
         started, problem = time.perf_counter(), self.problem
         if not len(self.normal_forces):
-            raise InvalidInput(f"robust forces: expected some that hold their loads, got status '{self.status}'")
+            raise InvalidInput(f"robust forces: expected a solution with forces, got status '{self.status}'")
         given = problem.load if load is None else array_of("load", load, (6,))
         size = float(np.linalg.norm(self.balanced, axis=1).max())
         held = self.load_set.ball + 1e-7 * size
@@ -101,14 +104,14 @@ class RobustForces:
         if np.linalg.norm(rest) > held:
             raise InvalidInput(
                 f"load: expected one of the set that these forces hold, got {given.tolist()}: "
-                f"{np.linalg.norm(rest):.4g} N (moments "
-                f"over the moment length) from its wrenches, where a ball of {self.load_set.ball:g} N is held"
+                f"{np.linalg.norm(rest):.4g} N (moments over the moment length) away from its loads, where a ball of "
+                f"{self.load_set.ball:g} N is held"
             )
         problem, friction = problem.with_load(given), problem.friction
         u = np.zeros((problem.k, friction.d - 1))
-        widths, forces = friction.scale(problem.mu), np.einsum("s,skc->kc", shares, self.forces_c)
-        slipping = widths[:, 0] > 0
-        u[slipping, :2] = forces[slipping, :2] / widths[slipping, :2]
+        widths, mean = friction.scale(problem.mu), np.einsum("s,skc->kc", shares, self.forces_c)
+        rough = widths[:, 0] > 0
+        u[rough, :2] = mean[rough, :2] / widths[rough, :2]
         u[:, 2:] = (shares @ self.torsion)[:, None] / widths[:, 2:]
         if self.response is not None:
             u += self.response @ rest
@@ -123,8 +126,8 @@ class RobustForces:
         found = solution_of(problem, outcome, impact_time=self.impact_time, weights={}, started=started)
         return replace(found, search="robust")
 
-    def _shares(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Shares (s,) of the set's loads in their nearest mean to ``load`` (6,), and what is left of it (rows,) [N]."""
+    def _shares(self, load: Array) -> tuple[Array, Array]:
+        """Weights (s,) of the set's loads whose mean is nearest to ``load`` (6,), and the rest of it (rows,) [N]."""
         scaled = _scaled(self.problem, load)
         size = float(np.abs(self.balanced).max()) or 1.0
         shares, _ = nnls(
@@ -135,22 +138,22 @@ class RobustForces:
 
     def explain(self) -> str:
         """The outcome in words."""
-        what = f"{len(self.balanced)} loads" + (
+        loads = f"{len(self.balanced)} loads" + (
             f" and a ball of {self.load_set.ball:g} N" if self.load_set.ball else ""
         )
         if self.status is Status.OK:
-            return f"normal forces {np.round(self.normal_forces, 4).tolist()} N hold all of {what}"
+            return f"normal forces {np.round(self.normal_forces, 4).tolist()} N hold all of {loads}"
         if self.infeasibility is not None:
             return (
-                f"no forces hold all of {what}: one of the loads cannot be held by itself, at least "
-                f"{self.infeasibility.margin:.4g} N of the residual is left; diagnose() that load"
+                f"no forces hold all of {loads}: one of them cannot be held even alone, with a residual of at least "
+                f"{self.infeasibility.margin:.4g} N; diagnose() that load"
             )
         if self.status is Status.INFEASIBLE:
             return (
-                f"no common normal forces hold all of {what}; none of the loads is proven to be too much by "
-                f"itself: {self.status.remedy}"
+                f"no common normal forces hold all of {loads}; no single load is proven to be infeasible: "
+                f"{self.status.remedy}"
             )
-        return f"neither forces for {what} nor a proof that there are none: {self.status.remedy}"
+        return f"neither forces for {loads} nor a proof that there are none: {self.status.remedy}"
 
 
 def optimize_robust(
@@ -164,15 +167,15 @@ def optimize_robust(
     """The least-cost normal forces that hold every load of a set, friction reacting to each.
 
     Args:
-        problem: contacts, friction, limits (its own load plays no part).
+        problem: contacts, friction, limits; its own load is not used.
         load_set: see :class:`LoadSet`.
         impact_time: t_I [s].
         mu_range: least and largest friction coefficient, for all contacts; default: the problem's mu.
-        objective: ``"impulse"``, ``"work"``, ``"peak"`` or weights of them (they depend on F_n alone); default: the
+        objective: ``"impulse"``, ``"work"``, ``"peak"`` or weights of them, which depend on F_n alone; default: the
             problem's measure.
 
     Raises:
-        InvalidInput: other objectives, crossed ranges, or a ball in a set of soft fingers.
+        InvalidInput: other objectives, crossed ranges, or a ball of disturbances with soft fingers.
     """
     started = time.perf_counter()
     instance_of("problem", problem, ForceProblem)
@@ -188,7 +191,7 @@ def optimize_robust(
         low, high = array_of("mu range", mu_range, (2,))
         if not 0 <= low <= high:
             raise InvalidInput(f"mu range: expected 0 <= least <= largest, got {low:g} and {high:g}")
-        problem = replace(problem, mu=low)
+        problem = replace(problem, mu=np.full(problem.k, low))
     if load_set.ball and not problem.friction.polyhedral:
         if problem.friction.model == "soft":
             raise InvalidInput("a ball of disturbances: expected friction 'pyramid' or 'cone', got 'soft'; use a box")
@@ -203,7 +206,7 @@ def optimize_robust(
     return _Robust(problem, program, targets, load_set, impact_time).solved(started)
 
 
-def _scaled(problem: ForceProblem, wrench: np.ndarray) -> np.ndarray:
+def _scaled(problem: ForceProblem, wrench: Array) -> Array:
     """A wrench (6,) in the balance rows (rows,), moments divided by the moment length [N]."""
     return np.concatenate([wrench[:3], wrench[3:] / problem.moment_length])[: problem.rows]
 
@@ -211,9 +214,7 @@ def _scaled(problem: ForceProblem, wrench: np.ndarray) -> np.ndarray:
 class _Robust:
     """Columns: F (k), u per load (s, k, d - 1), L (k, d - 1, rows) with a ball, one t per power and contact, peak."""
 
-    def __init__(
-        self, problem: ForceProblem, program: Program, targets: np.ndarray, load_set: LoadSet, impact_time: float
-    ):
+    def __init__(self, problem: ForceProblem, program: Program, targets: Array, load_set: LoadSet, impact_time: float):
         self.problem, self.program, self.targets, self.t = problem, program, targets, impact_time
         self.load_set = load_set
         self.k, self.e, self.s = program.k, program.d - 1, len(targets)
@@ -244,19 +245,20 @@ class _Robust:
             tried = self.record(Status.OK, z, bound, started)
             if tried.status is Status.OK:
                 return tried
-        if (
-            self.radius
-        ):  # by the solver's ray, looked at: no x has A x + s = b with s in the cones where A' ray = 0 > b . ray
+        if self.radius:
+            # The solver's ray, checked: where A' ray = 0 > b . ray no x has A x + s = b with s in the cones.
             ray = np.array(found.z)
             along = float(b @ ray)
-            proven = str(found.status) == "PrimalInfeasible" and along < 0 and np.abs(A.T @ ray).max() <= -1e-7 * along
+            proven = (
+                str(found.status) == "PrimalInfeasible" and along < 0 and bool(np.abs(A.T @ ray).max() <= -1e-7 * along)
+            )
         else:
             proven = self.proven_infeasible(A, b, cones)
         return self.record(Status.INFEASIBLE if proven else Status.INACCURATE, None, -np.inf, started)
 
-    def proven_infeasible(self, A, b, cones) -> bool:
-        """Phase one over all loads: the least residuals and torque excesses give a certificate, checked in closed
-        form.
+    def proven_infeasible(self, A: sp.csc_matrix, b: Array, cones: Sequence[Cone]) -> bool:
+        """Phase one over all loads: the least residuals and torque excesses give a certificate, which is checked in
+        closed form.
         """
         m, per_load = len(self.program.R), self.facets + 2 * len(self.program.R)
         slack = sp.lil_matrix((A.shape[0], self.equalities + self.s * m))
@@ -274,11 +276,11 @@ class _Robust:
             return False
         y = z[: self.equalities].reshape(self.s, self.rows) / size
         w = z[self.equalities :].reshape(self.s, m) / size
-        s, total = self.shared(y, w)
-        return total + self.program.least(s) > TOLERANCE.proof
+        slopes, total = self.shared(y, w)
+        return total + self.program.least(slopes) > TOLERANCE.proof
 
-    def block(self, rows: np.ndarray, load: int | None) -> sp.spmatrix:
-        """Rows on x = (u, F) of one load as rows on all columns; without a load they concern F alone."""
+    def block(self, rows: Array, load: int | None) -> sp.spmatrix:
+        """Rows on x = (u, F) of one load as rows on all columns; without a load they are rows on F alone."""
         rows = rows.reshape(len(rows), self.k, self.e + 1)
         parts = [sp.csc_matrix(rows[:, :, -1])]
         for s in range(self.s):
@@ -287,7 +289,8 @@ class _Robust:
         parts.append(sp.csc_matrix((len(rows), self.size - self.L)))
         return sp.hstack(parts, format="csr")
 
-    def constraints(self):
+    def constraints(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
+        """Rows A, right-hand side b and cones of A x + s = b."""
         p, k = self.program, self.k
         linear, second, sizes, select = cone_rows(p.matrices)
         facets = linear[2 * k :].toarray() if linear.shape[0] > 2 * k else np.zeros((0, k * p.d))
@@ -296,7 +299,9 @@ class _Robust:
         equal_b = [t for t in self.targets]
         least = [self.block(-select, None), self.block(select, None)]
         least_b = [-p.lo, p.hi]
-        soc, soc_b, soc_sizes = [], [], []
+        soc: list[sp.spmatrix] = []
+        soc_b: list[Array] = []
+        soc_sizes: list[int] = []
         for s in range(self.s):
             if not self.radius:
                 least += [self.block(facets, s), self.block(p.R, s), self.block(-p.R, s)]
@@ -323,13 +328,24 @@ class _Robust:
         self.equalities = sum(len(v) for v in equal_b)
         self.torque_at = self.equalities + 2 * k
         self.facets = len(facets)
-        cones = [clarabel.ZeroConeT(self.equalities), clarabel.NonnegativeConeT(sum(len(v) for v in least_b))]
+        cones: list[Cone] = [
+            clarabel.ZeroConeT(self.equalities),
+            clarabel.NonnegativeConeT(sum(len(v) for v in least_b)),
+        ]
         cones += [clarabel.SecondOrderConeT(size) for size in soc_sizes]
         cones += [clarabel.PowerConeT(1 / power) for _, power in self.curved for _ in range(k)]
         return A, b, cones
 
-    def ball_rows(self, equal, equal_b, soc, soc_b, soc_sizes, facets) -> None:
-        """A_t L = -1, and every facet and torque row with its share of the ball as a second-order cone."""
+    def ball_rows(
+        self,
+        equal: list[sp.spmatrix],
+        equal_b: list[Array],
+        soc: list[sp.spmatrix],
+        soc_b: list[Array],
+        soc_sizes: list[int],
+        facets: Array,
+    ) -> None:
+        """Append A_t L = -1, and every facet and torque row with its response to the ball as a second-order cone."""
         p, rows = self.program, self.rows
         tangential = p.A.reshape(rows, self.k, p.d)[:, :, :-1].reshape(rows, -1)
         # Column order of L: (contact, component, row), so A_t L = -1 is a Kronecker product.
@@ -351,7 +367,7 @@ class _Robust:
                     soc_b.append(np.concatenate([limit[i : i + 1], np.zeros(rows)]))
                     soc_sizes.append(rows + 1)
 
-    def multipliers(self, dual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def multipliers(self, dual: Array) -> tuple[Array, Array]:
         """Balance (s, rows) and torque (s, m) multipliers of a solution without a ball."""
         m = len(self.program.R)
         y = dual[: self.s * self.rows].reshape(self.s, self.rows)
@@ -361,25 +377,26 @@ class _Robust:
         torque = per_load[:, self.facets :]
         return y, torque[:, :m] - torque[:, m:]
 
-    def shared(self, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
-        """Per contact the least value of all loads' duals per unit of F_n, and the constant: F_n is common to all."""
+    def shared(self, y: Array, w: Array) -> tuple[Array, float]:
+        """The sum over all loads of their duals' slopes in F_n (k,), which is common to them, and of the constants."""
         p, total, s_sum = self.program, 0.0, np.zeros(self.k)
         for s in range(self.s):
             s_sum += p.reduced(y[s] @ p.A + w[s] @ p.R)
             total -= float(y[s] @ self.targets[s]) + p.rows_at_their_limits(w[s])
         return s_sum, total
 
-    def lower_bound(self, z: np.ndarray, dual: np.ndarray) -> float:
+    def lower_bound(self, z: Array, dual: Array) -> float:
         """Proven bound of the objective: as in :mod:`pinograsp.forces.program`, with F_n shared by all loads."""
         p = self.program
         s, total = self.shared(*self.multipliers(dual))
         return total + p.separable(s, np.clip(z[: self.k], p.lo, p.hi))
 
-    def record(self, status: Status, z: np.ndarray | None, bound: float, started: float) -> RobustForces:
+    def record(self, status: Status, z: Array | None, bound: float, started: float) -> RobustForces:
         p, problem = self.program, self.problem
-        forces, torsion = np.zeros((0, self.k, 3)), np.zeros((0, self.k))
-        normal, response, proof = np.zeros(0), None, None
-        certificate = None
+        forces, torsion, normal = np.zeros((0, self.k, 3)), np.zeros((0, self.k)), np.zeros(0)
+        response: Array | None = None
+        proof: Infeasibility | None = None
+        certificate: Certificate | None = None
         if z is not None:
             F = z[: self.k]
             u = self.settled(z[self.k : self.L].reshape(self.s, self.k, self.e), F)
@@ -416,15 +433,16 @@ class _Robust:
             elapsed=time.perf_counter() - started,
         )
 
-    def settled(self, u: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """u (s, k, d - 1) with the balance's residuals removed by the least changes of the tangential forces alone."""
+    def settled(self, u: Array, F: Array) -> Array:
+        """u (s, k, d - 1) with the balance residuals removed by the least changes of the tangential forces."""
         columns = self.program.A.reshape(self.rows, self.k, -1)
         tangential = columns[:, :, :-1].reshape(self.rows, -1)
         residual = u.reshape(self.s, -1) @ tangential.T + columns[:, :, -1] @ F - self.targets
-        return u - (residual @ np.linalg.pinv(tangential, rcond=1e-10).T).reshape(u.shape)
+        settled: Array = u - (residual @ np.linalg.pinv(tangential, rcond=1e-10).T).reshape(u.shape)
+        return settled
 
-    def certificate(self, x: np.ndarray, bound: float, response: np.ndarray | None) -> Certificate:
-        """Of all loads at once, x (s, k d); ``response`` to the ball where there is one."""
+    def certificate(self, x: Array, bound: float, response: Array | None) -> Certificate:
+        """The certificate for all loads, x (s, k d); ``response`` to the ball where there is one."""
         p, unit, force = self.program, self.program.objective_scale, self.program.force_scale
         F, objective = x[0, p.d - 1 :: p.d], p.value(x[0])
         residuals = x @ p.A.T - self.targets
@@ -437,7 +455,8 @@ class _Robust:
         if response is not None:
             violation = max(violation, self.ball_violation(x.reshape(self.s, self.k, p.d)[:, :, :-1], F, response))
         gauge = np.max([gauge for _, gauge, _ in checks], axis=0)
-        meets, joints = np.zeros(0, dtype=bool), ()
+        meets = np.zeros(0, dtype=bool)
+        joints: tuple[str, ...] = ()
         if self.problem.torques is not None:
             joints = self.problem.torques.limited_joints
             torque = x @ p.R.T
@@ -458,7 +477,7 @@ class _Robust:
         )
 
     def suspects(self) -> list[ForceProblem]:
-        """The loads one by one; where numba is installed, those that cannot be held by themselves alone."""
+        """The loads one by one; where numba is installed only those that cannot be held alone."""
         singles = [replace(self.problem, load=wrench) for wrench in self.load_set.loads]
         low, high = self.problem.normal_force_range(self.t)
         if not compiled_installed() or self.problem.torques is not None or np.any(low > high):
@@ -468,8 +487,8 @@ class _Robust:
         held = solve_batch(ForceBatch.of(singles, self.t), objective="work").ok
         return [single for single, ok in zip(singles, held) if not ok]
 
-    def ball_violation(self, u: np.ndarray, F: np.ndarray, response: np.ndarray) -> float:
-        """How far the worst disturbance exceeds friction or a torque limit, and the residual of A_t L = -1."""
+    def ball_violation(self, u: Array, F: Array, response: Array) -> float:
+        """Largest excess over friction and torque limits under the worst disturbance, and the error of A_t L = -1."""
         p = self.program
         D = p.friction.facets
         reach = self.radius * np.linalg.norm(np.einsum("fe,ker->kfr", D, response), axis=2)

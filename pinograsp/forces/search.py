@@ -1,4 +1,4 @@
-"""The three searches under one roof: the paper's grid, the grid followed by the QP, the hybrid."""
+"""The three grid searches: the paper's grid, the grid followed by the QP, the hybrid."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def grid_search(
         progress: progress bar on stderr: None (long searches on a terminal), True or False.
 
     Returns:
-        A record with its :class:`~pinograsp.errors.Status`; an infeasible grid is a status, not an exception. Ctrl-C
+        A record with its :class:`~pinograsp.errors.Status`; for an infeasible grid too, without an exception. Ctrl-C
         ends the search with status ``INTERRUPTED`` and the best point so far.
 
     Raises:
@@ -72,16 +72,15 @@ def refined(solution: ForceSolution, solver: str = "daqp") -> ForceSolution:
     """``solution`` with its multipliers replaced by the QP's; status ``UNBALANCED`` where its F_n admit no balance."""
     started = time.perf_counter()
     refinement = refine_multipliers(solution.problem, solution.normal_forces, solver=solver)
+    log = solution.grid
+    if log is not None:
+        log = replace(log, residual_bound=refinement.certificate.lower_bound, qp_solves=log.qp_solves + 1)
     return replace(
         solution,
         status=refinement.status if solution.status is Status.OK else solution.status,
         search="paper+qp",
         backend=solver,
         forces_c=refinement.forces_c,
-        grid=replace(
-            solution.grid,
-            residual_bound=refinement.certificate.lower_bound,
-            qp_solves=solution.grid.qp_solves + 1,
-        ),
+        grid=log,
         elapsed=solution.elapsed + time.perf_counter() - started,
     )

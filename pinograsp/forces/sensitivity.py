@@ -1,19 +1,22 @@
-"""How the optimal forces and their cost change with load, friction, contact points and normals; and better contact
+"""Derivatives of the optimal forces and their cost by load, friction, contact points and normals; and better contact
 points.
 
-At an optimum without degeneracy the same limits stay active nearby. With z the directions that they leave free (the
-forces of a contact at its friction cone move on it), x(z) the scaled forces, A x = b the balance and y its multipliers,
+At an optimum without degeneracy the same limits stay active nearby. With z the directions that they leave free (at its
+friction cone the force of a contact moves along the cone), x(z) the scaled forces, A x = b the balance and y its
+multipliers,
 
     J' (grad f(x) + A' y) = 0,   A x = b,   J = dx/dz,
 
 is a square system whose derivative gives dx/dtheta (implicit function theorem; Fiacco 1976). The curvature of a cone
-adds lambda F along its circle, lambda the friction multiplier. The cost alone needs no more than y: by the envelope
-theorem its derivative is that of the Lagrangian, x held.
+adds lambda F along its circle, lambda the friction multiplier. The derivative of the cost needs y alone: by the
+envelope theorem it is that of the Lagrangian at constant x.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -27,15 +30,18 @@ from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import assemble, energy_terms_at
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.objects.body import Body
-from pinograsp.spatial import skew, tangent_frame
+from pinograsp.spatial import Array, skew, tangent_frame
 
-_SINGULAR = 1e-10  # of the largest singular value
-# Where slack and multiplier of a limit are both below, of F_n and of the objective's gradient, either may be the one
-# that is not zero.
+_SINGULAR = 1e-10  # relative to the largest singular value
+# Where slack (relative to F_n) and multiplier (relative to the objective's gradient) of a limit are both below this, it
+# is not certain whether the limit is active.
 _DOUBTFUL = 1e-6
-_POLISH = 6  # Newton steps; two or three do
+_POLISH = 6  # Newton steps; two or three are enough
 _STEPS, _SHRINKS, _ROUNDS = 60, 12, 10
-_PROBE = 1e-6  # [m] for the surface's curvature
+_PROBE = 1e-6  # [m] step of the finite differences for the surface's curvature
+
+# Active limits of a contact: its cone (bool), its intervals (each -1, 0 or 1), F_n (-1, 0 or 1).
+_Limits: TypeAlias = tuple[bool, tuple[int, ...], int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,63 +50,66 @@ class Sensitivity:
     by n x dn.
 
     Attributes:
-        unique: whether the forces are determined by their cost, and their active limits beyond doubt. Where they are
-            not determined (energies say nothing of tangential forces), only ``cost_load`` means something: add a
-            little ``least_squares`` to the objective for the others. Where a limit is about to bind derivatives have a
-            kink.
-        forces_load: (k, 3, 6) of contact forces [N] by the load.
-        forces_mu: (k, 3, k).
-        forces_points: (k, 3, k, 3) [N/m].
-        forces_turns: (k, 3, k, 3) [N/rad]; the frames the forces are in turn along.
-        cost_load (6,), cost_mu (k,), cost_points (k, 3), cost_turns (k, 3): of the objective, in its unit. Zeros by a
-            mu of 0.
-        multipliers: of the balance (6,): what a newton or newton metre of load costs; zeros for moments in force
-            balance.
+        unique: whether the cost determines the forces, and the active limits are certain. Where the forces are not
+            determined (energies do not depend on tangential forces), only ``cost_load`` is meaningful: add a small
+            weight of ``least_squares`` to the objective for the others. Where a limit is about to become active the
+            derivatives have a jump.
+        forces_load: contact forces by the load (k, 3, 6).
+        forces_mu: contact forces by the friction coefficients (k, 3, k) [N]; zeros where mu is 0.
+        forces_points: contact forces by the contact points (k, 3, k, 3) [N/m].
+        forces_turns: contact forces by rotations of the contact frames (k, 3, k, 3) [N/rad]; forces are given in the
+            frames, which turn.
+        cost_load: the objective by the load (6,).
+        cost_mu: the objective by the friction coefficients (k,); zeros where mu is 0.
+        cost_points: the objective by the contact points (k, 3).
+        cost_turns: the objective by rotations of the contact frames (k, 3).
+        multipliers: of the balance (6,): the cost of one more newton or newton metre of load; zeros for moments in
+            force balance.
     """
 
     unique: bool
-    forces_load: np.ndarray
-    forces_mu: np.ndarray
-    forces_points: np.ndarray
-    forces_turns: np.ndarray
-    cost_load: np.ndarray
-    cost_mu: np.ndarray
-    cost_points: np.ndarray
-    cost_turns: np.ndarray
-    multipliers: np.ndarray
+    forces_load: Array
+    forces_mu: Array
+    forces_points: Array
+    forces_turns: Array
+    cost_load: Array
+    cost_mu: Array
+    cost_points: Array
+    cost_turns: Array
+    multipliers: Array
 
     __repr__ = brief()
 
 
 def force_sensitivity(solution: ForceSolution) -> Sensitivity:
-    """Derivatives of an answer of :func:`optimize_forces`; the moment length is held.
+    """Derivatives of an answer of :func:`optimize_forces`, at constant moment length.
 
     Raises:
         InvalidInput: no certified optimum; torque limits, pyramids of more than 4 edges, or the objective ``peak``.
     """
     instance_of("solution", solution, ForceSolution)
     problem, friction = solution.problem, solution.problem.friction
-    if solution.status is not Status.OK or not solution.weights:
+    if solution.status is not Status.OK or not solution.weights or solution.impact_time is None:
         raise InvalidInput(
             f"sensitivity: expected a certified optimum of optimize_forces, got status '{solution.status}'"
         )
     if problem.torques is not None or solution.weights.get("peak") or not friction.separates:
         raise InvalidInput("sensitivity: expected no torque limits, no 'peak', and a cone, soft fingers or 4 edges")
     k, d, rows, e = problem.k, friction.d, problem.rows, friction.d - 1
-    optimum = _Optimum(solution)
+    optimum = _Optimum(solution, solution.impact_time)
     A, P, x, y, J, inverse = optimum.A, optimum.P, optimum.x, optimum.y, optimum.J, optimum.inverse
     n, force, unit = J.shape[1], optimum.program.force_scale, optimum.program.objective_scale
 
     widths = np.ones((k, d))
     widths[:, :-1] = friction.scale(problem.mu)
     arm = np.append(np.ones(3), np.full(3, 1 / problem.moment_length))[:rows]
-    columns, heavier = A.reshape(rows, k, d), np.diag(P).reshape(k, d)
+    columns, diagonal = A.reshape(rows, k, d), np.diag(P).reshape(k, d)
     z = x.reshape(k, d)
     offsets = problem.contacts.points_o - problem.contacts.com_o
 
-    def change(dA: np.ndarray, i: int, of_load=None, dP=None) -> tuple[np.ndarray, float]:
-        """dx (k d,) [N] and the cost's derivative for a change dA (rows, d) of contact i's columns, of the load [N], of
-        P's diagonal.
+    def change(dA: Array, i: int, of_load: Array | None = None, dP: Array | None = None) -> tuple[Array, float]:
+        """dx (k d,) [N] and the cost's derivative for changes of contact i's columns by dA (rows, d), of the load [N],
+        and of P's diagonal by dP (d,).
         """
         right, own = np.zeros(n + rows), slice(i * d, i * d + d)
         slope = dA.T @ y
@@ -114,8 +123,9 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
             cost += float(of_load @ y) / force
         return -force * (J @ (inverse @ right)[:n]), unit * cost
 
-    def in_newtons(dx: np.ndarray) -> np.ndarray:
-        return (dx.reshape(k, d) * widths)[:, [0, 1, e]]
+    def in_newtons(dx: Array) -> Array:
+        changes: Array = (dx.reshape(k, d) * widths)[:, [0, 1, e]]
+        return changes
 
     none = np.zeros((rows, d))
     by_load, cost_load = np.zeros((k, 3, 6)), np.zeros(6)
@@ -127,7 +137,7 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
     for i in range(k):
         if problem.mu[i] > 0:
             dA, dP = none.copy(), np.zeros(d)
-            dA[:, :2], dP[:2] = columns[:, i, :2] / problem.mu[i], 2 * heavier[i, :2] / problem.mu[i]
+            dA[:, :2], dP[:2] = columns[:, i, :2] / problem.mu[i], 2 * diagonal[i, :2] / problem.mu[i]
             dx, cost_mu[i] = change(dA, i, dP=dP)
             by_mu[:, :, i] = in_newtons(dx)
             by_mu[i, :2, i] += force * z[i, :2] * widths[i, :2] / problem.mu[i]
@@ -163,33 +173,37 @@ def force_sensitivity(solution: ForceSolution) -> Sensitivity:
 
 
 class _Optimum:
-    """An optimum with its multipliers and active limits, to the last digit; dimensionless as its ``program``.
+    """An optimum with its multipliers and active limits, exact to rounding; dimensionless as its ``program``.
 
-    The forces of the record may be off by what a certificate allows, which is enough to hide an active limit. So an
-    interior-point method is asked again, whose forces and multipliers tell the active limits together (of a limit's
-    slack and its multiplier one goes to zero), and Newton's method finishes on these.
+    The recorded forces may be off by the tolerances of a certificate, which is enough to hide an active limit. So an
+    interior-point method solves the program again: its forces and multipliers together show the active limits (either
+    the slack of a limit or its multiplier goes to zero), and Newton's method then finishes with these limits.
 
     Attributes:
-        A (rows, k d), P (k d, k d), x (k d,), y (rows,). J (k d, n): directions that the active limits leave.
-        inverse: of the square system (see the module). unique: whether that has one, and the active limits are beyond
-            doubt.
+        A: balance (rows, k d).
+        P: quadratic objective (k d, k d).
+        x: scaled forces (k d,).
+        y: balance multipliers (rows,).
+        J: directions that the active limits leave free (k d, n).
+        inverse: inverse of the square system (see the module).
+        unique: whether the system is regular and the active limits are certain.
     """
 
-    def __init__(self, solution: ForceSolution):
+    def __init__(self, solution: ForceSolution, impact_time: float):
         problem = solution.problem
         self.friction, k, d = problem.friction, problem.k, problem.friction.d
-        terms = energy_terms_at(problem, solution.weights, solution.impact_time)
+        terms = energy_terms_at(problem, solution.weights, impact_time)
         matrices = matrices_of(problem, solution.weights)
-        bounds = problem.normal_force_range(solution.impact_time)
+        bounds = problem.normal_force_range(impact_time)
         self.program = program = assemble(matrices, problem.scaled_load, terms, *bounds)
         found = ConicMethod(program.matrices, exponents_of(program)).solve(program)
         if found is None:
             raise InvalidInput(
-                "sensitivity: the multipliers of this optimum could not be found; it is too near to infeasible"
+                "sensitivity: the multipliers of this optimum could not be computed; the problem is nearly infeasible"
             )
         self.A, self.P = program.A, np.zeros((k * d, k * d)) if program.P is None else program.P
         self.x, self.y = found.x, found.y
-        # Without friction there is no tangential force to speak of.
+        # Without friction there are no tangential forces.
         self.none = np.append(self.friction.scale(problem.mu), np.ones((k, 1)), axis=1) == 0
         self.x[self.none.ravel()] = 0.0
         self.certain = True
@@ -208,17 +222,17 @@ class _Optimum:
         )
         self.unique = self.certain and self.regular
 
-    def _pull(self) -> tuple[np.ndarray, float]:
+    def _pull(self) -> tuple[Array, float]:
         """Gradient of the Lagrangian without the limits' part (k d,), and the objective's size in it."""
         heavy = self.program.q + self.P @ self.x
         heavy[self.friction.d - 1 :: self.friction.d] += self.program.slope(self._normal)[0]
         return heavy + self.A.T @ self.y, float(np.abs(heavy).max())
 
     @property
-    def _normal(self) -> np.ndarray:
+    def _normal(self) -> Array:
         return np.maximum(self.x[self.friction.d - 1 :: self.friction.d], 1e-3 * self.program.lo)
 
-    def _limits_of(self, i: int) -> tuple:
+    def _limits_of(self, i: int) -> _Limits:
         """Active limits of a contact: its cone (bool), its intervals (of -1, 0, 1), F_n (-1, 0, 1)."""
         d, round_ = self.friction.d, self.friction.round_dimensions
         pull, size = self._pull()
@@ -246,7 +260,7 @@ class _Optimum:
             return around, tuple(sides), -1
         return around, tuple(sides), -1 if active(F / lo - 1, along) else 1 if active(1 - F / hi, -along) else 0
 
-    def _settle(self, limits) -> None:
+    def _settle(self, limits: Sequence[_Limits]) -> None:
         """Move x onto its active limits."""
         d, round_ = self.friction.d, self.friction.round_dimensions
         for i, (around, sides, end) in enumerate(limits):
@@ -259,13 +273,14 @@ class _Optimum:
                 if side:
                     z[j] = side * self.friction.radii[j] * z[-1]
 
-    def _linearise(self, limits) -> np.ndarray:
-        """J, the inverse of the system and whether it is regular; returns the residual (n + rows,) of the optimality
+    def _linearise(self, limits: Sequence[_Limits]) -> Array:
+        """Set J, the inverse of the system and whether it is regular; return the residual (n + rows,) of the optimality
         conditions.
         """
         d, round_ = self.friction.d, self.friction.round_dimensions
         pull, _ = self._pull()
-        columns, bend = [], []
+        columns: list[Array] = []
+        bend: list[float] = []
         for i, (around, sides, end) in enumerate(limits):
             own = slice(i * d, i * d + d)
             z, g, free = self.x[own], pull[own], np.eye(d)
@@ -287,11 +302,11 @@ class _Optimum:
                     directions.append((free[j], 0.0))
             if not end:
                 directions.append((ray, 0.0))
-            for direction, curvature in directions:
+            for direction, bending in directions:
                 column = np.zeros(len(self.x))
                 column[own] = direction
                 columns.append(column)
-                bend.append(curvature)
+                bend.append(bending)
         self.J, rows = np.array(columns).reshape(-1, len(self.x)).T, len(self.A)
         self.bend, C, n = np.array(bend), self.A @ self.J, len(columns)
         curvature = np.zeros(len(self.x))
@@ -310,10 +325,10 @@ class BetterContacts:
     """Contacts moved on the object's surface.
 
     Attributes:
-        contacts: where they are now, without links or posture.
-        problem: with them.
+        contacts: the moved contacts, without links or posture.
+        problem: the problem with these contacts.
         solution: its optimum.
-        costs: of the steps that were taken, the start's first.
+        costs: at the start and after each step.
     """
 
     contacts: ContactSet
@@ -326,29 +341,31 @@ class BetterContacts:
 
 def optimize_contacts(
     problem: ForceProblem,
-    object,
+    object: Body,
     impact_time: float,
     *,
-    objective=None,
+    objective: str | Mapping[str, float] | None = None,
     reach: float = 0.01,
     tolerance: float = 1e-6,
     backend: str = "auto",
 ) -> BetterContacts:
-    """Contact points moved on the surface, each by at most ``reach``, until the certified cost falls no further nearby.
+    """Contact points moved on the surface, each by at most ``reach``, to a local minimum of the certified cost.
 
-    Steepest descent with the gradients of :func:`force_sensitivity`, curvature of the surface included. What is found
-    is a local minimum; whether a hand reaches it is for the caller to try (``contact_postures``).
+    Steepest descent with the gradients of :func:`force_sensitivity`, curvature of the surface included. Whether a hand
+    reaches the new contacts is not checked here (see ``contact_postures``).
 
     Args:
         problem: contacts and limits.
         object: a shape of :mod:`pinograsp.objects`, on whose surface the contacts are.
         impact_time: t_I [s].
-        objective, backend: as for :func:`optimize_forces`.
-        reach: largest way of a contact from where it was [m].
-        tolerance: relative fall of the cost that ends it.
+        objective: as for :func:`optimize_forces`.
+        reach: largest distance of a contact from its start [m].
+        tolerance: the search ends where a step lowers the cost by less, relative to it [-].
+        backend: as for :func:`optimize_forces`.
 
     Raises:
-        InvalidInput: contacts that hold nothing to begin with, or what :func:`force_sensitivity` does not take.
+        InvalidInput: contacts that do not hold the load at the start, or a problem that :func:`force_sensitivity` does
+            not take.
     """
     instance_of("problem", problem, ForceProblem)
     instance_of("object", object, Body)
@@ -356,12 +373,10 @@ def optimize_contacts(
     tolerance = number("tolerance", tolerance, at_least=0)
     known = replace(problem, moment_length=problem.moment_length)
     solution = optimize_forces(known, impact_time, objective=objective, backend=backend)
-    if solution.status is not Status.OK:
-        raise InvalidInput(
-            f"optimize_contacts: expected contacts that hold the load to begin with, got '{solution.status}'"
-        )
+    if _cost(solution) == np.inf:
+        raise InvalidInput(f"optimize_contacts: expected contacts that hold the load at first, got '{solution.status}'")
     start = np.array(problem.contacts.points_o)
-    costs, length = [solution.certificate.objective], 0.1 * reach
+    costs, length = [_cost(solution)], 0.1 * reach
     for _ in range(_STEPS):
         points = np.array(known.contacts.points_o)
         gradient = _on_surface(force_sensitivity(solution), object, points)
@@ -372,7 +387,7 @@ def optimize_contacts(
         for _ in range(_SHRINKS):
             tried = _moved(known, object, points - length / steepest * gradient, start, reach)
             found = optimize_forces(tried, impact_time, objective=objective, backend=backend)
-            if found.status is Status.OK and found.certificate.objective < costs[-1]:
+            if _cost(found) < costs[-1]:
                 better = tried, found
                 length *= 1.5
                 break
@@ -380,30 +395,36 @@ def optimize_contacts(
         if better is None:
             break
         known, solution = better
-        costs.append(solution.certificate.objective)
+        costs.append(_cost(solution))
         if costs[-2] - costs[-1] <= tolerance * costs[-1]:
             break
     return BetterContacts(contacts=known.contacts, problem=known, solution=solution, costs=tuple(costs))
 
 
-def _on_surface(sensitivity: Sensitivity, object, points: np.ndarray) -> np.ndarray:
+def _cost(solution: ForceSolution) -> float:
+    """The certified cost; infinite where there is none."""
+    certificate = solution.certificate
+    return float("inf") if certificate is None or solution.status is not Status.OK else certificate.objective
+
+
+def _on_surface(sensitivity: Sensitivity, body: Body, points: Array) -> Array:
     """Gradient of the cost over tangential moves of the contacts (k, 3), normals following the surface."""
-    _, normals, _ = object.project(points)
+    _, normals, _ = body.project(points)
     gradient = np.zeros_like(points)
     for i, normal in enumerate(normals):
         for tangent in tangent_frame(normal).T[:2]:
             ends = np.array([points[i] + _PROBE * tangent, points[i] - _PROBE * tangent])
-            turn = np.cross(normal, np.subtract(*object.project(ends)[1]) / (2 * _PROBE))
+            turn = np.cross(normal, np.subtract(*body.project(ends)[1]) / (2 * _PROBE))
             gradient[i] += (sensitivity.cost_points[i] @ tangent + sensitivity.cost_turns[i] @ turn) * tangent
     return gradient
 
 
-def _moved(problem: ForceProblem, object, points: np.ndarray, start: np.ndarray, reach: float) -> ForceProblem:
+def _moved(problem: ForceProblem, body: Body, points: Array, start: Array, reach: float) -> ForceProblem:
     """The problem with its contacts at the surface's points nearest to ``points``, none farther than ``reach`` from its
     start.
     """
-    for _ in range(_ROUNDS):  # a point that is drawn back leaves the surface a little
-        surface, normals, _ = object.project(points)
+    for _ in range(_ROUNDS):  # a point that is moved back within reach leaves the surface slightly
+        surface, normals, _ = body.project(points)
         way = surface - start
         far = np.linalg.norm(way, axis=1)
         if far.max() <= reach:

@@ -1,4 +1,4 @@
-"""The record every force search returns."""
+"""The record that every force search returns."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.backends import Outcome
 from pinograsp.forces.certificate import Certificate, Infeasibility
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.spatial import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,11 +21,12 @@ class Branch:
     """One interval of impact times of the search.
 
     Attributes:
-        start, end: [s].
-        lower_bound: proven for every t_I in it, in the objective's unit; infinite where no t_I in it admits forces
-            (proven).
-        best: objective of the best forces found when it was visited.
-        fate: ``"split"``, ``"infeasible"``, ``"bounded"`` (cannot hold anything better than ``best`` less the gap) or
+        start: first t_I [s].
+        end: last t_I [s].
+        lower_bound: proven for every t_I in the interval, in the objective's unit; infinite where it is proven that no
+            t_I in it admits forces.
+        best: objective of the best forces found when the interval was visited.
+        fate: ``"split"``, ``"infeasible"``, ``"bounded"`` (no forces in it cost less than ``best`` minus the gap) or
             ``"unresolved"``.
     """
 
@@ -37,16 +39,16 @@ class Branch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GridLog:
-    """What a grid search did.
+    """Counts and bounds of a grid search.
 
     Attributes:
         points: size of the grid.
-        cells: its points in (t_I, A) alone.
-        qp_solves: QPs solved.
-        cuts: rejecting half-spaces learnt from them.
-        rejections: cells rejected, by constraint; they and the optimum add up to ``cells``.
+        cells: number of its points in (t_I, A) alone.
+        qp_solves: number of QPs solved.
+        cuts: number of half-spaces of cells that these QPs rejected.
+        rejections: number of cells rejected by each constraint; they and the optimum add up to ``cells``.
         residual_bound: certified least norm of the residual of any multipliers at the normal forces found [N].
-        closest: the least residual seen where nothing was found (6,) [N, N m], else zeros.
+        closest: the least residual seen where no forces were found (6,) [N, N m], else zeros.
     """
 
     points: int
@@ -55,7 +57,7 @@ class GridLog:
     cuts: int
     rejections: dict[str, int]
     residual_bound: float
-    closest: np.ndarray
+    closest: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
@@ -65,17 +67,17 @@ class ForceSolution:
     Attributes:
         status: ``OK``, ``INFEASIBLE`` (no admissible forces, or no point of the grid), ``INACCURATE`` or
             ``INTERRUPTED``.
-        problem: what was solved.
+        problem: the problem that was solved.
         search: ``"paper"``, ``"paper+qp"``, ``"hybrid"``, ``"convex"`` or ``"robust"``.
-        backend: which one ran, "" if none did.
+        backend: name of the method that ran, "" if none did.
         impact_time: t_I [s], None without a solution.
         forces_c: contact forces (k, 3) [N], empty without a solution.
-        elapsed: [s].
+        elapsed: computing time [s].
         torsion: moments about the contact normals (k,) [N m] (soft fingers), zeros otherwise.
-        weights: of the objective of a convex search, ``{name: weight}``.
-        certificate: its proof of optimality.
-        infeasibility: its proof that there are no forces.
-        grid: log of a grid search, None of a convex one.
+        weights: objective of a convex search, ``{name: weight}``.
+        certificate: proof of optimality of a convex search.
+        infeasibility: proof of a convex search that there are no forces.
+        grid: log of a grid search, None for a convex one.
         branches: log of a global search over t_I: one row per interval.
     """
 
@@ -84,9 +86,9 @@ class ForceSolution:
     search: str
     backend: str
     impact_time: float | None
-    forces_c: np.ndarray
+    forces_c: Array
     elapsed: float
-    torsion: np.ndarray = field(default_factory=lambda: read_only(np.zeros(0)))
+    torsion: Array = field(default_factory=lambda: read_only(np.zeros(0)))
     weights: dict[str, float] = field(default_factory=dict)
     certificate: Certificate | None = None
     infeasibility: Infeasibility | None = None
@@ -97,16 +99,16 @@ class ForceSolution:
 
     @property
     def found(self) -> bool:
-        """Whether there are forces (of an interrupted search: the best so far)."""
+        """Whether there are forces; those of an interrupted search are the best so far."""
         return self.impact_time is not None
 
     @property
-    def normal_forces(self) -> np.ndarray:
+    def normal_forces(self) -> Array:
         """F_n at t_F (k,) [N]."""
         return self.forces_c[:, 2]
 
     @property
-    def multipliers(self) -> np.ndarray:
+    def multipliers(self) -> Array:
         """(k1, k2) (k, 2) of Eqs. (27, 28) [-]; zeros where there is no friction or no normal force."""
         if not self.found:
             return read_only(np.zeros((0, 2)))
@@ -114,15 +116,15 @@ class ForceSolution:
         return frozen(np.divide(self.forces_c[:, :2], half, out=np.zeros((len(half), 2)), where=half > 0))
 
     @property
-    def acceleration(self) -> np.ndarray:
+    def acceleration(self) -> Array:
         """A (k,) [m/s^2] that ends at the normal forces."""
         if self.impact_time is None:
             return read_only(np.zeros(0))
         return frozen(self.problem.acceleration(np.maximum(self.normal_forces, 0.0), self.impact_time))
 
     @property
-    def residual(self) -> np.ndarray:
-        """What forces and load leave over (6,) [N, N m]; without forces the least that was seen."""
+    def residual(self) -> Array:
+        """Net wrench of forces and load (6,) [N, N m]; without forces the least that was seen."""
         if self.found:
             return frozen(self.problem.residual(self.forces_c, self.torsion))
         if self.infeasibility is not None:
@@ -137,11 +139,9 @@ class ForceSolution:
     @property
     def profile(self) -> PenetrationProfile:
         """Penetration of every contact over time."""
-        if self.impact_time is None:
-            raise InvalidInput("this search found no forces: there is no penetration profile (see rejections)")
         return PenetrationProfile(
             acceleration=self.acceleration,
-            impact_time=self.impact_time,
+            impact_time=self._found_time(),
             final_time=self.problem.final_time,
             shape=self.problem.shape,
         )
@@ -149,12 +149,20 @@ class ForceSolution:
     @property
     def impulse(self) -> float:
         """Grasp energy by Eq. (11) as printed [N s]."""
-        return float(self.problem.energy(self.normal_forces, self.impact_time, "impulse").sum())
+        return float(self.problem.energy(self.normal_forces, self._found_time(), "impulse").sum())
 
     @property
     def work(self) -> float:
-        """Grasp energy by Eq. (9) over depth [J]: rho + 1 times the work that the contacts do."""
-        return float(self.problem.energy(self.normal_forces, self.impact_time, "work").sum())
+        """Grasp energy by Eq. (9), over depth [J]: rho + 1 times the work of the contacts."""
+        return float(self.problem.energy(self.normal_forces, self._found_time(), "work").sum())
+
+    def _found_time(self) -> float:
+        if self.impact_time is None:
+            raise InvalidInput(
+                "this search found no forces, so there is neither an impact time nor a grasp phase; see explain() or "
+                "infeasibility"
+            )
+        return self.impact_time
 
     @property
     def residual_force(self) -> float:
@@ -172,7 +180,7 @@ class ForceSolution:
         return self.problem.scaled_norm(self.residual)
 
     def explain(self) -> str:
-        """Why the grid gave this answer: the rejection histogram in words; empty without a grid."""
+        """How many cells of the grid each constraint rejected, in words; empty without a grid."""
         if self.grid is None:
             return ""
         lines = [f"{self.grid.points:.3g} grid points, {self.grid.cells} cells in (t_I, A)"]
@@ -203,7 +211,7 @@ def solution_of(
     status: Status | None = None,
     branches: tuple[Branch, ...] = (),
 ) -> ForceSolution:
-    """The record of a convex outcome; ``status`` where it is not the outcome's own, ``started`` by the clock."""
+    """The record of a convex outcome; ``status``: where it differs from the outcome's; ``started``: perf_counter()."""
     found = outcome.forces
     return ForceSolution(
         status=outcome.status if status is None else status,

@@ -20,14 +20,14 @@ from pinograsp.forces.solvers import compiled_solvers
 class ForceSolver:
     """The forces of least cost at one impact time, for one load after another.
 
-    Everything that does not depend on the load is prepared here, once, and lives as long as the solver does; answers do
-    not depend on those before.
+    Everything that does not depend on the load is prepared once and kept with the solver; answers do not depend on
+    previous ones.
 
     Attributes:
         problem: contacts, friction and limits; its load is the default one.
         impact_time: t_I [s].
         weights: the objective, ``{name: weight}``.
-        backends: names of the methods, in the order in which they are asked.
+        backends: names of the methods, in the order in which they are tried.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class ForceSolver:
         objective: str | Mapping[str, float] | None = None,
         backend: str = "auto",
     ):
-        """Prepare all but the load.
+        """Prepare everything that does not depend on the load.
 
         Args:
             problem: contacts, load, friction, limits.

@@ -1,6 +1,4 @@
-"""The only place that calls a QP solver, or asks for the compiled ones: every tolerance is passed explicitly, none is
-left to a default.
-"""
+"""The only place that calls a QP solver or imports the compiled ones: all tolerances are passed explicitly."""
 
 from __future__ import annotations
 
@@ -8,6 +6,7 @@ import functools
 import importlib.util
 import warnings
 from types import ModuleType
+from typing import Any
 
 import daqp
 import numpy as np
@@ -15,12 +14,13 @@ import qpsolvers
 
 from pinograsp.checks import one_of
 from pinograsp.errors import ExtraMissing
+from pinograsp.spatial import Array
 
-# ProxQP's and OSQP's own defaults (1e-3 to 1e-5) leave residuals that our certificates refuse; below 1e-10 Clarabel
-# stops short on the nearly singular Hessian. OSQP's polishing is off: it prints to stdout whatever `verbose` says.
-# Its first step size suits Hessians near one: from its own, 0.1, some problems take more than 100,000 steps.
-# DAQP's tolerances bound the violation in multiplier units; quadprog is exact and takes none.
-TOLERANCES: dict[str, dict[str, float]] = {
+# The defaults of ProxQP and OSQP (1e-3 to 1e-5) leave residuals that the certificates reject; below 1e-10 Clarabel
+# stops early on the nearly singular Hessian. OSQP's polishing is off, as it prints to stdout even without `verbose`.
+# Its first step size suits Hessians near one: with the default, 0.1, some problems take more than 100,000 steps. DAQP's
+# tolerances bound the violation in multiplier units; quadprog is exact and has none.
+TOLERANCES: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "max_iter": 10_000},
     "osqp": {
@@ -45,8 +45,8 @@ def compiled_installed() -> bool:
 
 
 def compiled_solvers() -> ModuleType:
-    """The module :mod:`pinograsp.forces.kernels`; its first import takes a while, and compiling it, once per machine,
-    much longer.
+    """The module :mod:`pinograsp.forces.kernels`: its first import takes seconds, compiling it, once per machine, a
+    minute or two.
 
     Raises:
         ExtraMissing: numba is not installed.
@@ -58,21 +58,31 @@ def compiled_solvers() -> ModuleType:
     return kernels
 
 
-def solve_qp(solver: str, P, q, A=None, b=None, lb=None, ub=None) -> np.ndarray | None:
+def solve_qp(
+    solver: str,
+    P: Array,
+    q: Array,
+    A: Array | None = None,
+    b: Array | None = None,
+    lb: Array | None = None,
+    ub: Array | None = None,
+) -> Array | None:
     """min 1/2 x'P x + q'x subject to A x = b, lb <= x <= ub; None where the solver finds no solution.
 
-    The answer is the solver's own word: callers certify it with their own residuals.
+    The answer is not checked here: callers certify it with their own residuals.
     """
     one_of("solver", solver, SOLVERS)
     with warnings.catch_warnings():
-        # qpsolvers tells users of dense matrices that OSQP and Clarabel convert them; here they are tiny.
+        # qpsolvers warns that OSQP and Clarabel convert dense matrices; here they are tiny.
         warnings.simplefilter("ignore")
         x = qpsolvers.solve_qp(P, q, A=A, b=b, lb=lb, ub=ub, solver=solver, **TOLERANCES[solver])
-    # proxsuite and piqp hand out views of their own memory.
+    # proxsuite and piqp return views of their own memory.
     return None if x is None or not np.all(np.isfinite(x)) else np.array(x)
 
 
-def solve_rows(solver: str, H, f, C, lower, upper, equalities: int) -> tuple[np.ndarray, np.ndarray] | None:
+def solve_rows(
+    solver: str, H: Array, f: Array, C: Array, lower: Array, upper: Array, equalities: int
+) -> tuple[Array, Array] | None:
     """min 1/2 x'H x + f'x subject to lower <= (x, C x) <= upper: primal x and multipliers, or None.
 
     The bounds start with those of the n variables; the last ``equalities`` rows of C are equalities. Multipliers (one
@@ -94,9 +104,9 @@ def solve_rows(solver: str, H, f, C, lower, upper, equalities: int) -> tuple[np.
         warnings.simplefilter("ignore")
         try:
             found = qpsolvers.solve_problem(problem, solver=solver, **TOLERANCES[solver])
-        except (qpsolvers.ProblemError, qpsolvers.SolverError):  # quadprog: a Hessian too near to singular
+        except (qpsolvers.ProblemError, qpsolvers.SolverError):  # quadprog: a Hessian that is nearly singular
             return None
-    if found.x is None or not np.all(np.isfinite(found.x)):
+    if found.x is None or found.z is None or not np.all(np.isfinite(found.x)):
         return None
     lam = np.zeros(n + rows)
     lam[:n] = found.z_box

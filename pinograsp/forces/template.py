@@ -1,27 +1,31 @@
-"""A problem's matrices laid out for the compiled methods: contact by contact, flat and few."""
+"""A problem's matrices in the layout of the compiled methods: contact by contact, in a few flat arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.forces.certificate import TOLERANCE
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.spatial import Array, IntArray
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 class Template:
-    """Matrices as the compiled methods take them (see :func:`pinograsp.forces.kernels.interior_point`).
+    """Matrices in the layout of the compiled methods (see :func:`pinograsp.forces.kernels.interior_point`).
 
     Attributes:
-        matrices: the same as every method takes them.
-        rows: of the balance, then torque rows of several contacts, then of one (k, d, rows).
-        order: of the torque rows in the matrices.
-        schur: how many rows join the Schur complement: all but torque rows of one contact.
-        touched: rows that a contact enters (k, rows), as many as ``counts`` says.
-        counts: how many rows a contact enters below ``schur``, and in all (k, 2).
+        matrices: in the general layout.
+        rows: balance rows, then torque rows of several contacts, then torque rows of one contact (k, d, rows).
+        order: indices of the torque rows in the matrices.
+        schur: number of rows in the Schur complement: all but the torque rows of one contact.
+        touched: rows that a contact enters (k, rows); the first ``counts[i, 1]`` entries count.
+        counts: number of rows that a contact enters below ``schur``, and in all (k, 2).
         R_lo: least values of the torque rows, in their order [N].
         R_hi: largest values of the torque rows, in their order [N].
         facets: of friction (r, d).
@@ -57,12 +61,12 @@ class Template:
         self.vertices = np.array(friction.vertices) if friction.polyhedral else np.zeros((0, 2))
         self.radii = friction.radii
         self.components = self._by_component()
-        self.P = np.zeros((k, d, d)) if matrices.P is None else np.ascontiguousarray(matrices.blocks())
+        self.P = np.ascontiguousarray(matrices.blocks())
         self.P_size = float(np.einsum("kjj->kj", self.P).max())
         self.q = matrices.q.reshape(k, d)
 
-    def packed(self, problem: ForceProblem) -> tuple[np.ndarray, np.ndarray]:
-        """Sizes and numbers of :func:`pinograsp.forces.kernels.whole`; ``problem`` shares these matrices."""
+    def packed(self, problem: ForceProblem) -> tuple[IntArray, Array]:
+        """Sizes and numbers of :func:`pinograsp.forces.kernels.solve_one`; ``problem`` shares these matrices."""
         A, limits, used, own = self.components
         k, d, all_rows = self.rows.shape
         m, widths = self.matrices.rows, np.ones((k, d))
@@ -92,10 +96,10 @@ class Template:
             problem.contacts.G,
             problem.contacts.rotations_oc[:, :, 2],
         )
-        return joined(sizes, np.int64), joined(numbers, float)
+        return joined(sizes, np.int64), joined(numbers, np.float64)
 
-    def _by_component(self) -> tuple[np.ndarray, ...]:
-        """A, G, used and own of :func:`pinograsp.forces.kernels.interior_point`: neighbours in memory are contacts."""
+    def _by_component(self) -> tuple[Array, Array, IntArray, IntArray]:
+        """A, G, used and own of :func:`pinograsp.forces.kernels.interior_point`: contacts are neighbours in memory."""
         k, d, n = self.matrices.k, self.matrices.d, self.schur
         A = np.zeros((n + -n % 3, d * k))
         A[:n] = self.rows[:, :, :n].transpose(2, 1, 0).reshape(n, -1)
@@ -110,6 +114,6 @@ class Template:
         return A, limits, np.any(limits != 0.0, axis=2).astype(np.int64), own
 
 
-def joined(parts: Iterable[ArrayLike], kind: DTypeLike) -> np.ndarray:
+def joined(parts: Iterable[ArrayLike], kind: type[_Scalar]) -> NDArray[_Scalar]:
     """All entries in one array (n,)."""
     return np.concatenate([np.asarray(part, dtype=kind).ravel() for part in parts])

@@ -143,7 +143,7 @@ def test_nothing_is_compiled_after_warming_up(contact_set):
     """The first real call must not compile: numba compiles once per combination of argument types."""
     from pinograsp.forces import compiled
 
-    known = {name: len(getattr(compiled, name).signatures) for name in ("answer", "whole")}
+    known = {name: len(getattr(compiled, name).signatures) for name in ("answer", "solve_one")}
     for model in MODELS.values():
         for contacts, load in grasps(contact_set, 3, 2, 2):
             for torques in (None, joint_limits(3)):
@@ -154,7 +154,7 @@ def test_nothing_is_compiled_after_warming_up(contact_set):
                     for objective in ("work", "impulse", "least_squares"):
                         for t in (0.85, 0.9):
                             optimize_forces(problem.with_load(0.9 * load), t, objective=objective)
-    assert known == {name: len(getattr(compiled, name).signatures) for name in known} == {"answer": 1, "whole": 1}
+    assert known == {name: len(getattr(compiled, name).signatures) for name in known} == {"answer": 1, "solve_one": 1}
 
 
 def test_another_load(contact_set):
@@ -454,11 +454,11 @@ def test_problems_go_to_other_processes(contact_set):
     found = [optimize_forces(problem, 0.85, backend=solver) for solver in ("clarabel", "interior", "interior")][-1]
     there = pickle.loads(pickle.dumps(found))
     assert not there.problem.load.flags.writeable
-    known = len(compiled.whole.signatures)
+    known = len(compiled.solve_one.signatures)
     for _ in range(2):
         again = optimize_forces(there.problem, 0.85, backend="interior")
         assert again.certificate.objective == pytest.approx(found.certificate.objective, rel=1e-8)
-    assert len(compiled.whole.signatures) == known
+    assert len(compiled.solve_one.signatures) == known
 
 
 COMPILING = """

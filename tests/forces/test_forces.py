@@ -205,6 +205,14 @@ def test_duplicate_and_collinear_contacts():
         assert refine_multipliers(problem, [2, 2, 2, 2], solver=solver).status is Status.OK
 
 
+def test_misspelt_arguments_are_named():
+    shape = Sphere(radius=0.03, mass=0.2)
+    contacts = contacts_at(None, shape, [[0.03, 0, 0], [-0.03, 0, 0]])
+    for argument in ("balence", "load"):
+        with pytest.raises(TypeError, match=f"'{argument}'.* balance, "):
+            ForceProblem.holding(shape, contacts, mu=0.7, **{argument: "wrench"})
+
+
 def test_bad_normal_forces_and_solvers_are_refused(make_problem):
     for normal, message in (([1, 2], "shape"), ([1, 2, -3], ">= 0"), ([1, 2, np.nan], "finite")):
         with pytest.raises(InvalidInput, match=message):
