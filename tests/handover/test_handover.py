@@ -20,7 +20,6 @@ import pinograsp as pg
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.handover import JointTrajectory, joint_trajectory, read_csv, read_ros2
 from pinograsp.motion import MotionSpec, plan_motion
-from pinograsp.placement import find_placements
 from pinograsp.planner import load_run, save_run
 from pinograsp.referee import Servo
 from pinograsp.referee.scene import build
@@ -28,12 +27,11 @@ from pinograsp.referee.scene import build
 COLUMNS = ("q", "dq", "ddq", "effort")
 
 
-def closed(name, body):
-    search = find_placements(pg.load_hand(name), body, pg.GraspConditions(mu=0.7), count=32, jobs=1)
-    closure = search.best.closure
-    return pg.plan_grasp_on(
-        closure.hand, closure, pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
-    )
+def closed(name, body, position, quaternion):
+    """The hand closed on the body from a place [m] and orientation (x, y, z, w) of its root that a search has found."""
+    turn = pin.Quaternion(np.array(quaternion)).normalized().toRotationMatrix()
+    hand = pg.load_hand(name).placed(pin.SE3(turn, np.array(position)).homogeneous)
+    return pg.plan_grasp_on(hand, body, pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2)))
 
 
 @pytest.fixture(scope="module")
@@ -44,19 +42,25 @@ def paper(paper_plan):
 @pytest.fixture(scope="module")
 def psyonic():
     """Coupled joints; the acceleration of one finger jumps at impact."""
-    return closed("psyonic_left", pg.Sphere(radius=0.03, mass=0.1))
+    return closed(
+        "psyonic_left", pg.Sphere(radius=0.03, mass=0.1), (0.1085, 0.0016, 0.0123), (0.6187, -0.5553, -0.4522, 0.3231)
+    )
 
 
 @pytest.fixture(scope="module")
 def panda():
     """A sliding joint that another follows."""
-    return closed("panda", pg.Box(size=[0.03, 0.03, 0.08], mass=0.1))
+    return closed(
+        "panda", pg.Box(size=[0.03, 0.03, 0.08], mass=0.1), (0.0769, 0.0, 0.0848), (0.0, 0.9351, 0.0, -0.3545)
+    )
 
 
 @pytest.fixture(scope="module")
 def allegro():
     """Joints that are stopped by their limits within the grasp phase, and still move at t_F."""
-    return closed("allegro_right", pg.Sphere(radius=0.03, mass=0.1))
+    return closed(
+        "allegro_right", pg.Sphere(radius=0.03, mass=0.1), (0.0511, -0.0154, -0.02), (0.1018, 0.7958, -0.3877, -0.454)
+    )
 
 
 @pytest.fixture(params=["paper", "psyonic", "panda", "allegro"])
