@@ -85,8 +85,15 @@ def test_hands_with_coupled_joints_are_placed():
     assert search.tried == 6 and search.best.load_factor > 1
 
 
-@pytest.mark.parametrize("shape", ["cylinder", "box", "sphere"])
-@pytest.mark.parametrize("name", own_hands.HANDS)
+@pytest.mark.parametrize(
+    "name, shape",
+    [
+        # One thing for each hand; the others take minutes.
+        pytest.param(name, shape, marks=[] if shape == quick else [pytest.mark.slow])
+        for name, quick in zip(own_hands.HANDS, ("sphere", "cylinder", "cylinder"))
+        for shape in ("cylinder", "box", "sphere")
+    ],
+)
 def test_hands_that_nobody_ships_hold_things(tmp_path, name, shape):
     """Mimic jaws, coupled fingers, sliding jaws from plain URDF text: certified, balanced, within their effort limits."""
     hand = load_hand(own_hands.write(tmp_path, name))

@@ -381,6 +381,7 @@ def test_brute_force_is_a_plain_loop():
     assert found.multipliers.ravel() == pytest.approx(best[3], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_blocks_do_not_change_the_result(monkeypatch):
     """Four contacts, with the memory bound so low that the search splits into thousands of blocks."""
     shape = Cylinder(radius=0.02, height=0.1, mass=0.5)

@@ -339,8 +339,10 @@ def test_motors_at_their_limits_and_a_heavier_object_go_alike(case_study):
 @pytest.mark.parametrize(
     "hand, thing, force",
     [
-        ("psyonic_left", "sphere:radius=0.03,mass=.2", 0.01),  # coupled joints, hulls that touch in one point
-        ("g1_left", "cylinder:radius=0.02,height=0.12,mass=0.2", 0.015),  # hulls' faces along a cylinder
+        # coupled joints, hulls that touch in one point
+        pytest.param("psyonic_left", "sphere:radius=0.03,mass=.2", 0.01, marks=pytest.mark.slow),
+        # hulls' faces along a cylinder
+        pytest.param("g1_left", "cylinder:radius=0.02,height=0.12,mass=0.2", 0.015, marks=pytest.mark.slow),
         ("panda", "box:size=0.03x0.03x0.08,mass=0.1", 0.01),  # coupled jaws, flat on flat
     ],
 )

@@ -281,6 +281,7 @@ def damaged(record, junk):
 JUNK = (None, -1, 10**400, float("nan"), "x", [], [[1, 2], [3]], {"a": 1}, True)
 
 
+@pytest.mark.slow
 def test_whatever_is_in_a_record_the_error_is_ours(gripper):
     for broken in (None, [], "record", 3, {}):
         with pytest.raises(InvalidInput):

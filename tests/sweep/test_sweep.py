@@ -379,6 +379,7 @@ def killed_twice_and_resumed(tmp_path, count: int, every: float, jobs: int) -> N
     assert not list((tmp_path / "out").glob(".part*"))
 
 
+@pytest.mark.slow
 def test_killed_twice_and_resumed_nothing_is_lost_or_doubled(tmp_path):
     killed_twice_and_resumed(tmp_path, 30, 0.05, jobs=1)
 
