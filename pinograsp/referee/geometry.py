@@ -1,4 +1,4 @@
-"""What the engines take for the geometry of hand and object: primitives as they are, meshes as their convex hulls."""
+"""The geometry that the engines simulate: primitives as they are, meshes as their convex hulls."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ import coal
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.geometry import hull_of
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
+from pinograsp.objects.body import Body
 
-_HOLLOW = 1e-3  # the convex hull holds more than the mesh by this share: not the same shape
+_HOLLOW = 1e-3  # share by which the convex hull's volume exceeds that of a mesh that is not convex
 
 
-def convex(shape, name: str, notes: list[str]):
-    """A coal shape that is convex, or None where a mesh is flat; ``notes`` tell what is not as it was."""
+def convex(shape: coal.CollisionGeometry, name: str, notes: list[str]) -> coal.ShapeBase | None:
+    """A convex shape of coal, or None where a mesh is flat; what was changed is appended to ``notes``."""
     if not isinstance(shape, coal.BVHModelBase):
         return shape
     hull = hull_of(shape)
     if hull is None:
         notes.append(f"'{name}' is flat: it is left out")
     elif abs(shape.computeVolume()) < (1 - _HOLLOW) * abs(hull.computeVolume()):
-        notes.append(f"'{name}' is not convex: its convex hull is taken")
+        notes.append(f"'{name}' is not convex: its convex hull is used")
     return hull
 
 
-def convex_object(body, notes: list[str]):
+def convex_object(body: Body, notes: list[str]) -> coal.ShapeBase:
     """The object's shape in its own frame, convex.
 
     Raises:

@@ -1,33 +1,37 @@
-"""The contact law, written down again: normal force by Marhefka and Orin, friction by a spring that slips (Cundall and
-Strack).
+"""The contact law, written independently of the planner: normal force by Marhefka and Orin, friction by a spring that
+slips (Cundall and Strack).
 
-For one part of the hand on the object, at points i with normals n_i into the object, depths delta_i and velocities v_i
-of the hand's relative to the object's surface,
+One part of the hand touches the object at points i, with normals n_i into the object, depths delta_i and velocities v_i
+of the hand's surface relative to the object's. The normal force at point i is
 
-    F_i = w_i max(0, (lambda v_i . n_i + K) delta_i^rho),
+    F_i = w_i max(0, (lambda v_i . n_i + K) delta_i^rho).
 
-where the weights w_i share among the points that a physics engine finds what the plan counts as one contact or more.
-The part's tangential spring has a displacement z and a turn phi about the normal; each point is held by kt w_i (z + phi
-n x (p_i - c)), no more than mu F_i, and what is beyond has slipped: z and phi are those of the forces that are left. A
-soft finger's moment about the normal has the same turn for its spring, and the limit e F.
+The weights w_i divide the plan's contacts among the points that the physics engine finds; they sum to the number of the
+part's planned contacts. The part's tangential spring has a displacement z and a rotation phi about the normal. The
+friction force at point i is kt w_i (z + phi n x (p_i - c)), limited to mu F_i. Where the limit acts, the point slips,
+and z and phi are reset to match the remaining forces. The moment of a soft finger about the normal uses the same phi
+and is limited to e F.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
-_GRAZING = 0.1  # of the depth of the part's deepest point
+from pinograsp.spatial import Array, BoolArray, IntArray
+
+_GRAZING = 0.1  # share of the part's largest depth, below which a point counts less
 
 
 @dataclass(frozen=True, slots=True)
 class Touches:
-    """Where parts of the hand are in the object at an instant, c points.
+    """The c points at which the hand overlaps the object at one instant.
 
     Attributes:
-        part: which part of the hand (c,).
-        geometry: which of its bodies (c,).
+        part: index of the part of the hand (c,).
+        geometry: index of the engine's collision geometry (c,).
         point_o: on the object's surface, world (c, 3) [m].
         normal_o: into the object (c, 3).
         depth: (c,) [m].
@@ -35,17 +39,17 @@ class Touches:
         spin: relative angular velocity about the normal (c,) [rad/s].
     """
 
-    part: np.ndarray
-    geometry: np.ndarray
-    point_o: np.ndarray
-    normal_o: np.ndarray
-    depth: np.ndarray
-    velocity_o: np.ndarray
-    spin: np.ndarray
+    part: IntArray
+    geometry: IntArray
+    point_o: Array
+    normal_o: Array
+    depth: Array
+    velocity_o: Array
+    spin: Array
 
 
-_NOBODY, _NOTHING, _NOWHERE = np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 3))
-NO_TOUCHES = Touches(_NOBODY, _NOBODY, _NOWHERE, _NOWHERE, _NOTHING, _NOWHERE, _NOTHING)
+_NO_INDICES, _NO_VALUES, _NO_VECTORS = np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 3))
+NO_TOUCHES = Touches(_NO_INDICES, _NO_INDICES, _NO_VECTORS, _NO_VECTORS, _NO_VALUES, _NO_VECTORS, _NO_VALUES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,36 +62,86 @@ class Pressing:
         normal: F_n (c,) [N].
     """
 
-    force_o: np.ndarray
-    moment_o: np.ndarray
-    normal: np.ndarray
+    force_o: Array
+    moment_o: Array
+    normal: Array
+
+
+class _PartForces(NamedTuple):
+    """Sums over the points of each part of the hand (p parts), or of those that touch.
+
+    Attributes:
+        normal: F_n (p,) [N].
+        damping: the share of F_n that comes from lambda (p,) [N].
+        tangential: friction forces (p, 3) [N].
+        moment: about the normal (p,) [N m].
+    """
+
+    normal: Array
+    damping: Array
+    tangential: Array
+    moment: Array
+
+
+class _PartSpeeds(NamedTuple):
+    """Velocities of each of the h parts that touch, relative to the object.
+
+    Attributes:
+        rate: of the depth (h,) [m/s].
+        across: tangential (h, 3) [m/s].
+        spin: about the normal (h,) [rad/s].
+    """
+
+    rate: Array
+    across: Array
+    spin: Array
 
 
 class ContactLaw:
-    """Normal and tangential forces, with the tangential springs' state and the energy they hold or have lost.
+    """Normal and tangential forces, the state of the tangential springs, and the energies.
 
     Attributes:
-        elastic: energy held by the normal and tangential springs [J]. damped: lost in lambda [J]. slipped: lost in
-            slip [J].
-        normal_work: integral of F_n over the depth [J]. slip: path of slip by part (p,) [m].
+        elastic: energy held by the normal and tangential springs [J].
+        damped: energy lost in damping [J].
+        slipped: energy lost in slip [J].
+        normal_work: integral of F_n over the depth [J].
+        slip: path of slip by part (p,) [m].
     """
 
-    def __init__(self, stiffness, damping, exponent, mu, torsion, tangential, counts):
-        """K [N/m^rho], lambda, rho; mu (p,), torsion [m], kt [N/m] and the number of planned contacts (p,), by part."""
+    def __init__(
+        self,
+        stiffness: float,
+        damping: float,
+        exponent: float,
+        mu: Array,
+        torsion: float,
+        tangential: float,
+        counts: IntArray,
+    ):
+        """The law of p parts.
+
+        Args:
+            stiffness: K [N/m^rho].
+            damping: lambda [N s/m^(rho + 1)].
+            exponent: rho.
+            mu: friction coefficients (p,).
+            torsion: largest moment about a normal per newton [m].
+            tangential: stiffness kt of the tangential springs [N/m].
+            counts: planned contacts of each part (p,).
+        """
         self.K, self.lam, self.rho = stiffness, damping, exponent
         self.mu, self.torsion, self.kt = np.asarray(mu, dtype=float), torsion, tangential
-        self.single = np.asarray(counts) == 1
-        self.counts = np.maximum(np.asarray(counts, dtype=float), 1.0)
+        self.single: BoolArray = np.asarray(counts) == 1
+        self.counts: Array = np.maximum(np.asarray(counts, dtype=float), 1.0)
         p = len(self.counts)
         self.z, self.phi = np.zeros((p, 3)), np.zeros(p)
         self.elastic = self.damped = self.slipped = self.normal_work = 0.0
         self.slip = np.zeros(p)
-        self._held = 0.0  # in the tangential springs
-        # At the last step, by part: F_n, its damping part, tangential forces, moments about the normal.
-        self._before = np.zeros(p), np.zeros(p), np.zeros((p, 3)), np.zeros(p)
+        self._held = 0.0  # energy in the tangential springs
+        self._before = _PartForces(np.zeros(p), np.zeros(p), np.zeros((p, 3)), np.zeros(p))  # at the last step
 
     def counted(self, touches: Touches) -> Touches:
-        """Of parts with one planned contact the points of their deepest body alone: others would press beside it."""
+        """Keep only the deepest geometry of parts with one planned contact: the others would add forces."""
         part = touches.part
         if len(set(touches.geometry.tolist())) == len(set(part.tolist())) or not self.single[part].any():
             return touches
@@ -98,7 +152,7 @@ class ContactLaw:
         return Touches(*(getattr(touches, field.name)[keep] for field in fields(Touches)))
 
     def press(self, touches: Touches, dt: float) -> Pressing:
-        """Forces now, the springs having followed the surfaces for ``dt`` [s]."""
+        """Forces after the springs have followed the surfaces for ``dt`` [s]."""
         if not touches.part.size:
             if self.elastic:
                 self.z[:], self.phi[:] = 0.0, 0.0
@@ -110,20 +164,20 @@ class ContactLaw:
             return Pressing(none, none, np.zeros(0))
         part, n, depth = touches.part, touches.normal_o, touches.depth
         here = np.flatnonzero(np.bincount(part, minlength=len(self.counts)))
-        of = part == here[:, None]  # (h, c): which points are a part's
+        of = part == here[:, None]  # (h, c): which points belong to which part
         which = of.argmax(axis=0)
         counts = self.counts[here]
-        # A point that only grazes counts little, so that the forces of the others do not jump when it comes and goes.
+        # A grazing point has little weight, so that the forces at the others do not jump when it appears or vanishes.
         deepest = np.where(of, depth, 0.0).max(axis=1)
         counted = np.minimum(1.0, depth / (_GRAZING * deepest[which]))
-        weights = of * (counted * (1.0 / (of @ counted))[which])  # (h, c): they add up to one for each part
+        weights = of * (counted * (1.0 / (of @ counted))[which])  # (h, c): the weights of a part sum to one
         share = counts[which] * weights.sum(axis=0)
 
         rate = _dot(touches.velocity_o, n)
         raised = depth**self.rho
         normal = share * np.maximum((self.lam * rate + self.K) * raised, 0.0)
 
-        # The springs of parts that touch follow; of those that do not, they are gone.
+        # The springs of parts that touch follow the surfaces.
         axis = weights @ n
         axis /= np.sqrt(_dot(axis, axis))[:, None]
         across, spin = weights @ (touches.velocity_o - rate[:, None] * n), weights @ touches.spin
@@ -140,7 +194,7 @@ class ContactLaw:
         twisting, normal_of = self.kt * self.torsion**2 * counts, of @ normal
         twist = np.clip(twisting * phi, -self.torsion * normal_of, self.torsion * normal_of)
 
-        # What the springs hold now; the rest has slipped away.
+        # The springs' new state, by the forces that friction allows; the difference has slipped.
         pulled = of @ tangential
         left = pulled / (self.kt * counts)[:, None]
         stiff = self.kt * (of @ (share * _dot(arm, arm))) + twisting
@@ -149,35 +203,35 @@ class ContactLaw:
         if held.min() < 1.0:
             gone = z - left
             self.slip[here] += np.sqrt(_dot(gone, gone)) * ((of * held).sum(axis=1) < of.sum(axis=1))
-        self.z[:], self.phi[:] = 0.0, 0.0
+        self.z[:], self.phi[:] = 0.0, 0.0  # parts that do not touch have no spring
         self.z[here], self.phi[here] = left, turned
 
         pressed = share * self.K * raised
         springs = 0.5 * float(self.kt * counts @ _dot(left, left) + stiff @ (turned * turned))
-        self._account(
-            here, (normal_of, normal_of - of @ pressed, pulled, around), (weights @ rate, across, spin), springs, dt
-        )
+        part_forces = _PartForces(normal_of, normal_of - of @ pressed, pulled, around)
+        self._account(here, part_forces, _PartSpeeds(weights @ rate, across, spin), springs, dt)
         self.elastic = float(pressed @ depth) / (self.rho + 1) + springs
         moment = (twist[which] * normal / np.maximum(normal_of[which], 1e-300))[:, None] * n
         return Pressing(normal[:, None] * n + tangential, moment, normal)
 
-    def _account(self, here, forces, speeds, springs: float, dt: float) -> None:
-        """Add the work of a step: the mean of the forces at its ends, times the way that the last speeds have led."""
+    def _account(self, here: IntArray, forces: _PartForces, speeds: _PartSpeeds, springs: float, dt: float) -> None:
+        """Add the work of a step: the mean of the forces at its two ends, times the distance at these speeds."""
         means = []
         for now, before in zip(forces, self._before):
             means.append(0.5 * (now + before[here]))
             before[:] = 0.0
             before[here] = now
-        normal, damping, tangential, moment = means
-        rate, across, spin = speeds
-        self.normal_work += dt * float(normal @ rate)
-        self.damped += dt * float(damping @ rate)
-        self.slipped += dt * float(_dot(tangential, across).sum() + moment @ spin) - (springs - self._held)
+        mean = _PartForces(*means)
+        self.normal_work += dt * float(mean.normal @ speeds.rate)
+        self.damped += dt * float(mean.damping @ speeds.rate)
+        self.slipped += dt * float(_dot(mean.tangential, speeds.across).sum() + mean.moment @ speeds.spin) - (
+            springs - self._held
+        )
         self._held = springs
 
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products (c, 3) of rows: for few rows several times quicker than NumPy's."""
+def cross(a: Array, b: Array) -> Array:
+    """Cross products of rows (c, 3): for few rows several times faster than NumPy's."""
     out = np.empty_like(b)
     out[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     out[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
@@ -185,5 +239,6 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return (a * b).sum(axis=1)
+def _dot(a: Array, b: Array) -> Array:
+    products: Array = (a * b).sum(axis=1)
+    return products

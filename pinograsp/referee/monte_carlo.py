@@ -1,46 +1,55 @@
-"""Random errors: how probably a plan holds, against each error alone and against all at once."""
+"""Random errors: the probability that a plan holds with each error alone, and with all of them together."""
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from numbers import Real
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from pinograsp.checks import array_of, brief, floats_of, instance_of, integer, number, path_of, processes
 from pinograsp.errors import InvalidInput
 from pinograsp.interrupts import interrupts_kept, parallel_results
+from pinograsp.plan import PlanRecord
 from pinograsp.referee.settings import Disturbance, Push, Servo
-from pinograsp.referee.trial_log import TrialLog
-from pinograsp.referee.trials import Outcome, common_settings, handed_over, run_trial
+from pinograsp.referee.task import Task
+from pinograsp.referee.trial_log import TrialLog, TrialRow
+from pinograsp.referee.trials import Case, StudySettings, common_settings, handed_over, run_trial
+from pinograsp.spatial import Array
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 FILE, SCHEMA = "monte_carlo.jsonl", "pinograsp.monte_carlo/1"
 TOGETHER = "together"
 _Z = 1.959963984540054  # 97.5 % quantile of the normal distribution
-_ARM = 0.03  # [m] what a radian of a turning joint is to a sliding one, as for the servos
+_ARM = 0.03  # [m] motion of a sliding joint that compares with one radian of a turning joint, as for the servos
 _MOST = 1_000_000  # trials
-_LIGHTEST = 0.01  # of the planned mass
+_LIGHTEST = 0.01  # smallest mass factor
 _STANDARD_GRAVITY = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Sizes of the random errors, drawn independently of each other; zero switches one off.
+    """Sizes of the random errors, which are drawn independently of each other; zero switches an error off.
 
     Attributes:
-        position: of the object, std along world x, y, z: one number or (3,) [m].
-        rotation: of the object, std of its rotation vector: one number or (3,) [rad].
-        friction: relative std of mu, the same for all contacts, never below zero [-]; or a pair: mu is uniform between
-            them.
-        mass: relative std of the object's mass, never below a hundredth of it [-].
-        posture: of the joints at t = 0, std [rad]; sliding joints 30 mm per radian. The servos take it away on the way;
-            ``mode="prescribed"`` leaves it out.
-        push: on the object's centre of mass, largest force as a share of its weight at 9.81 m/s^2 [-]: uniform in size
-            and in direction, as long and as late as :class:`~pinograsp.referee.Push`.
+        position: standard deviation of the object's position along world x, y, z: one number or (3,) [m].
+        rotation: standard deviation of the object's rotation vector: one number or (3,) [rad].
+        friction: relative standard deviation of mu, the same factor for all contacts [-]; or a pair, between which mu
+            is uniform.
+        mass: relative standard deviation of the object's mass [-]; the mass is at least a hundredth of the planned one.
+        posture: standard deviation of the joints' positions at t = 0 [rad]; for sliding joints 30 mm per radian. The
+            servos correct it during the approach. Set it to zero with ``mode="prescribed"``.
+        push: largest force on the object's centre of mass, as a share of its weight at 9.81 m/s^2 [-]. Size and
+            direction are uniform; start and duration are the defaults of :class:`~pinograsp.referee.Push`.
     """
 
     position: float | tuple[float, ...] = 2e-3
@@ -50,13 +59,15 @@ class Errors:
     posture: float = math.radians(1)
     push: float = 0.2
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
+        kept: float | tuple[float, ...]
         for field in fields(self):
             name, value = field.name, getattr(self, field.name)
             several = name in ("position", "rotation", "friction") and not isinstance(value, Real)
             if several and floats_of(f"error of {name}", value).ndim:
-                kept = tuple(array_of(f"error of {name}", value, (2 if name == "friction" else 3,)).tolist())
-                if min(kept) < 0 or (name == "friction" and kept[0] > kept[1]):
+                values = array_of(f"error of {name}", value, (2 if name == "friction" else 3,))
+                kept = tuple(values.tolist())
+                if values.min() < 0 or (name == "friction" and values[0] > values[1]):
                     wanted = "0 <= lowest mu <= highest" if name == "friction" else "values >= 0"
                     raise InvalidInput(f"error of {name}: expected {wanted}, got {kept}")
             else:
@@ -70,17 +81,18 @@ class Errors:
             name for name, value in asdict(self).items() if np.any(value) or (name == "friction" and np.ndim(value))
         )
 
-    def summary(self) -> dict:
+    def summary(self) -> dict[str, Any]:
         """As plain JSON values."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Held:
-    """How often it held.
+    """How often the object was held.
 
     Attributes:
-        trials, held: numbers of simulations.
+        trials: number of simulations.
+        held: number of those in which the object was held.
     """
 
     trials: int
@@ -88,7 +100,7 @@ class Held:
 
     @property
     def probability(self) -> float:
-        """Share that held; nan without trials."""
+        """Share of the trials that held; nan without trials."""
         return self.held / self.trials if self.trials else math.nan
 
     @property
@@ -98,29 +110,29 @@ class Held:
 
 
 def wilson(held: int, trials: int) -> tuple[float, float]:
-    """95 % confidence interval of a probability of which ``held`` of ``trials`` were seen (E. B. Wilson, 1927)."""
+    """95 % confidence interval of a probability, from ``held`` out of ``trials`` (E. B. Wilson, 1927)."""
     if not trials:
         return 0.0, 1.0
     share, z2 = held / trials, _Z**2 / trials
     middle = (share + z2 / 2) / (1 + z2)
     half = _Z / (1 + z2) * math.sqrt(share * (1 - share) / trials + z2 / (4 * trials))
-    # Rounding must not shut out what has been seen.
+    # Rounding must not exclude the observed share.
     return max(0.0, min(share, middle - half)), min(1.0, max(share, middle + half))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MonteCarlo:
-    """What came of random errors.
+    """Results of a study with random errors.
 
     Attributes:
         errors: their sizes.
-        count: trials asked for, of each error and of all together.
+        count: requested trials with each error, and with all together.
         seed: of the random numbers.
-        held: by error, and ``"together"``.
-        rows: the trials: ``error``, ``trial``, ``drawn`` (position [m], rotation [rad], friction: factor or mu, mass:
-            factor, posture [rad or m], push [N]), ``held``, ``drift_m`` (None: the simulation diverged), ``reason``.
+        held: counts by error, and ``"together"``.
+        rows: the trials; ``drawn`` holds position [m], rotation [rad], friction (factor or mu), mass (factor), posture
+            [rad or m] and push [N].
         settings: of the simulations.
-        interrupted: whether it was stopped (Ctrl-C): the rows are those until then.
+        interrupted: whether Ctrl-C stopped the study; the rows are those until then.
         elapsed: [s].
     """
 
@@ -128,14 +140,14 @@ class MonteCarlo:
     count: int
     seed: int
     held: dict[str, Held]
-    rows: tuple[dict, ...]
-    settings: dict
+    rows: tuple[TrialRow, ...]
+    settings: dict[str, Any]
     interrupted: bool
     elapsed: float
 
     __repr__ = brief()
 
-    def summary(self) -> dict:
+    def summary(self) -> dict[str, Any]:
         """Probabilities and settings as plain JSON values."""
         return {
             "count": self.count,
@@ -155,9 +167,11 @@ class MonteCarlo:
             "elapsed_s": self.elapsed,
         }
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Samples: ``<error>_trial``, ``_held``, ``_drift`` [m], ``_reason`` (t,), ``_drawn_<kind>`` (t,) or (t, d)."""
-        out = {}
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The trials as arrays: ``<error>_trial``, ``_held``, ``_drift`` [m], ``_reason`` (t,), ``_drawn_<kind>`` (t,)
+        or (t, d).
+        """
+        out: dict[str, NDArray[Any]] = {}
         for name in self.held:
             rows = [row for row in self.rows if row["error"] == name]
             out[f"{name}_trial"] = np.array([row["trial"] for row in rows], dtype=int)
@@ -178,11 +192,12 @@ class MonteCarlo:
             between = f"[{100 * low:5.1f}, {100 * high:5.1f}]"
             lines.append(f"  {name:9s} {share}  {between}  {one.held} of {one.trials}  ({size})")
         if self.interrupted:
-            lines.append("  interrupted: these are the trials until then")
+            lines.append("  interrupted: only the trials until then")
         return "\n".join(lines)
 
 
-def _size(name: str, value) -> str:
+def _size(name: str, value: float | tuple[float, ...]) -> str:
+    """The size of an error in words."""
     if name == "friction" and isinstance(value, tuple):
         return f"mu from {value[0]:g} to {value[1]:g}"
     degrees = (180 / math.pi, "deg")
@@ -192,7 +207,7 @@ def _size(name: str, value) -> str:
 
 
 def monte_carlo(
-    plan,
+    plan: PlanRecord | Task | str | Path,
     *,
     count: int = 100,
     seed: int = 0,
@@ -200,27 +215,27 @@ def monte_carlo(
     jobs: int = -1,
     progress: bool | None = None,
     folder: str | Path | None = None,
-    **settings,
+    **settings: Unpack[StudySettings],
 ) -> MonteCarlo:
-    """Simulate a plan under random errors: ``count`` trials with each error alone, and ``count`` with all at once.
+    """Simulate a plan with random errors: ``count`` trials with each error alone, and ``count`` with all together.
 
     Args:
         plan: as for :func:`~pinograsp.referee.simulate`.
-        count: trials of each.
-        seed: of the random numbers; the result does not depend on ``jobs``, nor an error's numbers on which others are
-            switched on.
+        count: trials with each error, and with all together.
+        seed: of the random numbers. The result does not depend on ``jobs``, and the numbers of one error do not depend
+            on the others.
         errors: their sizes, default :class:`Errors`.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
-        folder: rows go into ``monte_carlo.jsonl`` there as they come, and those found there, of the same plan and
-            settings, are not simulated again (``count`` may differ).
+        folder: trials are written to ``monte_carlo.jsonl`` there as they are done. Trials found there, of the same plan
+            and settings, are not repeated (``count`` may differ).
         **settings: of :func:`~pinograsp.referee.simulate`.
 
     Returns:
         Probabilities and trials, also after Ctrl-C. A simulation that diverges counts as lost.
 
     Raises:
-        InvalidInput: unusable settings; a hold too short for the push; a folder with rows of another plan or of other
+        InvalidInput: unusable settings; a hold too short for the push; a folder with trials of another plan or of other
             settings.
         ResultsNotWritten: the folder cannot be written, or another process writes trials there.
     """
@@ -229,111 +244,128 @@ def monte_carlo(
     errors = Errors() if errors is None else instance_of("errors", errors, Errors)
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
-    folder = None if folder is None else path_of("folder", folder)
-    task, settings = common_settings(plan, settings)
-    push = Push(wrench_o=np.zeros(6))
-    over = push.start + push.duration
-    if errors.push and settings["hold"] < over:
-        raise InvalidInput(f"hold: expected at least {over:g} s, the end of the push, got {settings['hold']:g} s")
-
-    told = {name: _plain(value) for name, value in settings.items()}
-    header = {"schema": SCHEMA, "seed": seed, "errors": errors.summary(), "settings": told, "plan": _identity(task)}
-    log = TrialLog(None if folder is None else folder / FILE, header)
+    file = None if folder is None else path_of("folder", folder) / FILE
+    task, common = common_settings(plan, settings)
+    _check_hold(errors, common["hold"])
+    plain = {name: _plain(value) for name, value in common.items()}
+    header = {"schema": SCHEMA, "seed": seed, "errors": errors.summary(), "settings": plain, "plan": _identity(task)}
+    log = TrialLog(file, header)
     names = (*errors.kinds, TOGETHER)
     wanted = [(name, trial) for name in names for trial in range(count)]
     todo = [key for key in wanted if key not in log.rows]
-    interrupted = False
-    bar = tqdm(
-        total=len(wanted),
-        initial=len(wanted) - len(todo),
-        desc="Monte Carlo",
-        unit="trial",
-        disable=None if progress is None else not progress,
-        leave=False,
-    )
-    with log, bar, handed_over(task, settings, jobs) as case, interrupts_kept() as interrupt:
-        trials = ((case, *drawn_errors(task, errors, seed, name, trial), name, trial) for name, trial in todo)
-        try:
-            # As they come, so that an interruption loses none that is done.
-            with parallel_results(_try, trials, jobs, return_as="generator_unordered") as results:
-                for name, trial, drawn, outcome in results:
-                    log.add(
-                        {
-                            "error": name,
-                            "trial": trial,
-                            "drawn": drawn,
-                            "held": outcome.held,
-                            "drift_m": outcome.drift,
-                            "reason": outcome.reason,
-                        }
-                    )
-                    bar.update()
-                    interrupt()
-        except KeyboardInterrupt:
-            interrupted = True
+    with log, _bar(len(wanted), len(todo), progress) as bar, handed_over(task, common, jobs) as case:
+        trials = ((case, drawn_errors(task, errors, seed, *key), *key) for key in todo)
+        interrupted = _run(log, bar, trials, jobs)
     rows = tuple(log.rows[key] for key in wanted if key in log.rows)
-    held = {}
-    for name in names:
-        own = [row["held"] for row in rows if row["error"] == name]
-        held[name] = Held(trials=len(own), held=sum(own))
     return MonteCarlo(
         errors=errors,
         count=count,
         seed=seed,
-        held=held,
+        held={name: _counts(rows, name) for name in names},
         rows=rows,
-        settings=told,
+        settings=plain,
         interrupted=interrupted,
         elapsed=time.perf_counter() - started,
     )
 
 
-def _try(
-    case, drawn: dict, disturbance: Disturbance, mu_factor: float, name: str, trial: int
-) -> tuple[str, int, dict, Outcome]:
-    return name, trial, drawn, run_trial(case, disturbance, mu_factor)
+def _check_hold(errors: Errors, hold: float) -> None:
+    """Refuse a hold that ends before the random push."""
+    push = Push(wrench_o=np.zeros(6))
+    over = push.start + push.duration
+    if errors.push and hold < over:
+        raise InvalidInput(f"hold: expected at least {over:g} s, the end of the push, got {hold:g} s")
 
 
-def drawn_errors(task, errors: Errors, seed: int, name: str, trial: int) -> tuple[dict, Disturbance, float]:
-    """A trial's errors as plain values, as a disturbance, and the factor of mu."""
+def _bar(total: int, left: int, progress: bool | None) -> tqdm:
+    hidden = None if progress is None else not progress
+    return tqdm(total=total, initial=total - left, desc="Monte Carlo", unit="trial", disable=hidden, leave=False)
+
+
+def _run(log: TrialLog, bar: tqdm, trials: Iterator[tuple[Case, DrawnErrors, str, int]], jobs: int) -> bool:
+    """Simulate the trials and log them; returns whether Ctrl-C stopped it."""
+    with interrupts_kept() as interrupt:
+        try:
+            # Rows are logged as they come, so that an interruption loses none that is done.
+            with parallel_results(_try, trials, jobs, return_as="generator_unordered") as rows:
+                for row in rows:
+                    log.add(row)
+                    bar.update()
+                    interrupt()
+        except KeyboardInterrupt:
+            return True
+    return False
+
+
+def _try(case: Case, drawn: DrawnErrors, name: str, trial: int) -> TrialRow:
+    outcome = run_trial(case, drawn.disturbance, drawn.mu_factor)
+    return {
+        "error": name,
+        "trial": trial,
+        "drawn": drawn.values,
+        "held": outcome.held,
+        "drift_m": outcome.drift,
+        "reason": outcome.reason,
+    }
+
+
+def _counts(rows: tuple[TrialRow, ...], name: str) -> Held:
+    own = [row["held"] for row in rows if row["error"] == name]
+    return Held(trials=len(own), held=sum(own))
+
+
+class DrawnErrors(NamedTuple):
+    """The random errors of one trial: as plain values by error, as a disturbance, and the factor of mu."""
+
+    values: dict[str, Any]
+    disturbance: Disturbance
+    mu_factor: float
+
+
+def drawn_errors(task: Task, errors: Errors, seed: int, name: str, trial: int) -> DrawnErrors:
+    """The errors of a trial, ``name`` alone or ``"together"``."""
     every = [field.name for field in fields(Errors)]
-    # An error's numbers are its own: switching another on or off, or more trials, changes none of them.
+    # Each error has its own random numbers: other errors, or more trials, change none of them.
     place = len(every) if name == TOGETHER else every.index(name)
-    drawn, told, mu_factor = {}, {}, 1.0
+    drawn: dict[str, Any] = {}
+    given: dict[str, Any] = {}
+    mu_factor = 1.0
+    value: float | Array
     for kind in errors.kinds if name == TOGETHER else (name,):
         size = getattr(errors, kind)
-        # What spawning the seed for every error, that for every trial, and that for every kind gives.
+        # The same as spawning the seed for every error, then for every trial, then for every kind.
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(place, trial, every.index(kind))))
         if kind in ("position", "rotation"):
-            value = told["object_offset" if kind == "position" else "object_turn"] = rng.normal(size=3) * size
+            value = given["object_offset" if kind == "position" else "object_turn"] = rng.normal(size=3) * size
         elif kind == "friction":
             if isinstance(size, tuple):
-                value = told["mu"] = rng.uniform(*size)
+                value = given["mu"] = rng.uniform(*size)
             else:
                 value = mu_factor = max(0.0, 1.0 + size * rng.normal())
         elif kind == "mass":
-            value = told["mass_factor"] = max(_LIGHTEST, 1.0 + size * rng.normal())
+            value = given["mass_factor"] = max(_LIGHTEST, 1.0 + size * rng.normal())
         elif kind == "posture":
             model = task.hand.model
             slides = [task.hand.is_prismatic(model.getJointId(joint)) for joint in task.hand.joint_names]
-            value = told["start_error"] = rng.normal(size=task.hand.n) * size * np.where(slides, _ARM, 1.0)
+            value = given["start_error"] = rng.normal(size=task.hand.n) * size * np.where(slides, _ARM, 1.0)
         else:
             direction = rng.normal(size=3)
             most = size * task.body.mass * _STANDARD_GRAVITY
             value = rng.uniform(0.0, most) * direction / np.linalg.norm(direction)
-            told["pushes"] = (Push(wrench_o=np.concatenate([value, np.zeros(3)])),)
+            given["pushes"] = (Push(wrench_o=np.concatenate([value, np.zeros(3)])),)
         drawn[kind] = np.asarray(value).tolist()
-    return drawn, Disturbance(**told), mu_factor
+    return DrawnErrors(drawn, Disturbance(**given), mu_factor)
 
 
-def _plain(value):
+def _plain(value: object) -> object:
+    """A setting as a JSON value."""
     if isinstance(value, Servo):
         return {name: getattr(value, name).tolist() for name in ("stiffness", "damping", "rotor")}
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _identity(task) -> dict:
-    """What tells a plan from others, as plain values."""
+def _identity(task: Task) -> dict[str, Any]:
+    """Plain values by which a plan is recognised."""
     names = ("points_o", "normal_forces", "holding_torques", "mu", "load", "gravity_o")
     return {
         "hand": task.hand.name,

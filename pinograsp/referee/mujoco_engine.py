@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 import pinocchio as pin
 
 from pinograsp.referee.law import NO_TOUCHES, Pressing, Touches, cross
 from pinograsp.referee.scene import build
+from pinograsp.referee.settings import Servo
+from pinograsp.referee.task import Task
+from pinograsp.spatial import Array
 
-# MuJoCo would print that a state is unstable, and write MUJOCO_LOG.TXT into the working folder; the simulation tells it
-# by itself.
+# MuJoCo would print that a state is unstable and write MUJOCO_LOG.TXT into the working folder; the simulation reports
+# divergence itself.
 if mujoco.get_mju_user_warning() is None:
     mujoco.set_mju_user_warning(lambda text: None)
+
+
+class _Follower(NamedTuple):
+    """A coupled joint: q[dof] = factor * q of the joint that it follows + offset.
+
+    Attributes:
+        dof: its index in MuJoCo's vectors.
+        followed: index of the joint that it follows, in the order of the hand's q.
+        factor: [-].
+        offset: [rad or m].
+    """
+
+    dof: int
+    followed: int
+    factor: float
+    offset: float
 
 
 class MujocoEngine:
@@ -20,10 +41,11 @@ class MujocoEngine:
 
     Attributes:
         parts: number of parts of the hand: one per Pinocchio joint, 0 being the palm.
-        notes: what differs from the plan's geometry. torques: of the motors over the last step (n,) [N m].
+        notes: differences from the plan's geometry.
+        torques: of the motors over the last step (n,) [N m or N].
     """
 
-    def __init__(self, task, *, time_step: float, servo, mass_factor: float):
+    def __init__(self, task: Task, *, time_step: float, servo: Servo, mass_factor: float):
         hand = task.hand
         flat = len(set(task.links)) < len(task.links)
         self.model, notes = build(
@@ -35,21 +57,22 @@ class MujocoEngine:
             mass_factor=mass_factor,
             flat=flat,
         )
-        self.notes, self.parts = tuple(notes), hand.model.njoints
+        self.notes, self.parts = tuple(notes), int(hand.model.njoints)
         self.data, self.dt, self.servo = mujoco.MjData(self.model), time_step, servo
-        self.limit, self.torques = task.torque_limit, np.zeros(hand.n)
+        self.limit = task.torque_limit
+        self.torques: Array = np.zeros(hand.n)
         model = self.model
         finite = np.isfinite(task.torque_limit)
         model.actuator_forcelimited[:] = finite
         model.actuator_forcerange[:] = np.where(finite, task.torque_limit, 0.0)[:, None] * [-1, 1]
         self.dofs = np.array([model.joint(name).dofadr[0] for name in hand.joint_names])
         self.followers = [
-            (model.joint(name).dofadr[0], hand.joint_names.index(c.followed), c.factor, c.offset)
+            _Follower(int(model.joint(name).dofadr[0]), hand.joint_names.index(c.followed), c.factor, c.offset)
             for name, c in hand.couplings.items()
         ]
         self.object = model.body("object").id
         self.object_q, self.object_v = model.jnt_qposadr[model.body_jntadr[self.object]], model.body_dofadr[self.object]
-        # Bodies in Pinocchio's numbers; -1: the object.
+        # Pinocchio's joint of each of MuJoCo's bodies; -1: the object.
         self.part_of_body = np.array(
             [0, *(int(model.body(i).name.split()[1]) if i != self.object else -1 for i in range(1, model.nbody))]
         )
@@ -58,29 +81,33 @@ class MujocoEngine:
             if part > 0:
                 self.body_of_part[part] = body
 
-    def place(self, q: np.ndarray, dq: np.ndarray, object_pose=None) -> None:
+    def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
         """Put the hand's joints at q, dq (n,), and the object at rest at a pose (4, 4)."""
         data = self.data
-        data.qpos[self.dofs], data.qvel[self.dofs] = q, dq  # every joint has one position: the object comes last
-        for i, followed, factor, offset in self.followers:
-            data.qpos[i], data.qvel[i] = factor * q[followed] + offset, factor * dq[followed]
+        # Each joint of the hand has one position and one velocity, and the object comes last: the indices agree.
+        data.qpos[self.dofs], data.qvel[self.dofs] = q, dq
+        for one in self.followers:
+            data.qpos[one.dof] = one.factor * q[one.followed] + one.offset
+            data.qvel[one.dof] = one.factor * dq[one.followed]
         if object_pose is not None:
             i, v = self.object_q, self.object_v
             data.qpos[i : i + 3] = object_pose[:3, 3]
             data.qpos[i + 3 : i + 7] = pin.Quaternion(np.array(object_pose[:3, :3])).coeffs()[[3, 0, 1, 2]]
             data.qvel[v : v + 6] = 0.0
 
-    def set_gravity(self, gravity_o) -> None:
+    def set_gravity(self, gravity_o: Array) -> None:
         """Gravity from now on (3,) [m/s^2]."""
         self.model.opt.gravity[:] = gravity_o
 
     def touches(self) -> Touches:
-        """Collide at the present state: where the hand is in the object."""
+        """Detect collisions at the present state: the points at which the hand overlaps the object."""
         model, data = self.model, self.data
         mujoco.mj_step1(model, data)
         contact = data.contact
-        overlapping = np.flatnonzero(contact.dist[: data.ncon] < 0) if data.ncon else []
-        if not len(overlapping):
+        if not data.ncon:
+            return NO_TOUCHES
+        overlapping = np.flatnonzero(contact.dist[: data.ncon] < 0)
+        if not overlapping.size:
             return NO_TOUCHES
         geoms = contact.geom[overlapping]
         bodies = model.geom_bodyid[geoms]
@@ -89,9 +116,8 @@ class MujocoEngine:
         normal[swapped] *= -1
         body = np.where(swapped, bodies[:, 1], bodies[:, 0])
         depth = -contact.dist[overlapping]
-        point = (
-            contact.pos[overlapping] - 0.5 * depth[:, None] * normal
-        )  # half-way between the surfaces: on the object's
+        # MuJoCo's point lies half-way between the surfaces.
+        point = contact.pos[overlapping] - 0.5 * depth[:, None] * normal
         mine, other = data.cvel[body], np.tile(data.cvel[self.object], (len(body), 1))
         velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
         velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
@@ -99,52 +125,58 @@ class MujocoEngine:
         geometry = np.where(swapped, geoms[:, 1], geoms[:, 0])
         return Touches(self.part_of_body[body], geometry, point, normal, depth, velocity, spin)
 
-    def step(self, q, dq, feed_forward, touches: Touches, pressing: Pressing, wrench_o) -> None:
-        """One step: motors towards q, dq (n,) with torques (n,) on top, contact forces, and a wrench (6,) on the
-        object.
+    def step(
+        self, q: Array, dq: Array, feed_forward: Array, touches: Touches, pressing: Pressing, wrench_o: Array
+    ) -> None:
+        """One step with servos.
+
+        Args:
+            q: positions that the motors hold (n,) [rad or m].
+            dq: their velocities (n,) [rad/s or m/s].
+            feed_forward: torques added to the servos' (n,) [N m or N].
+            touches: of the last :meth:`touches`.
+            pressing: the contact forces there.
+            wrench_o: on the object (6,) [N, N m].
         """
         data, servo = self.data, self.servo
         data.ctrl[:] = q + (servo.damping * dq + feed_forward) / servo.stiffness
         self._press(touches, pressing, wrench_o)
         before = self.dq
         mujoco.mj_step2(self.model, data)
-        torques = data.actuator_force.copy()
-        if not self.followers:  # the damping is taken at the end of the step, but for motors at their limits
+        torques: Array = data.actuator_force.copy()
+        if not self.followers:  # damping acts at the end of the step, except for motors at their limits
             free = np.abs(torques) < self.limit
             torques[free] -= (servo.damping * (self.dq - before))[free]
         self.torques = torques
 
-    def step_prescribed(self, ddq, touches: Touches, pressing: Pressing, wrench_o) -> None:
-        """One step of the object alone; the torques are those that move the joints with ddq (n,)."""
+    def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
+        """One step of the object alone; the torques are those that accelerate the joints by ddq (n,)."""
         data, servo = self.data, self.servo
-        data.ctrl[:] = self.q + servo.damping * self.dq / servo.stiffness  # motors that do nothing
+        data.ctrl[:] = self.q + servo.damping * self.dq / servo.stiffness  # the motors exert no torque
         self._press(touches, pressing, wrench_o)
         mujoco.mj_step2(self.model, data)
         acceleration = data.qacc.copy()
         acceleration[self.dofs] = ddq
-        for i, followed, factor, _ in self.followers:
-            acceleration[i] = factor * ddq[followed]
-        torques = self._full_mass() @ acceleration + data.qfrc_bias - self._from_contacts()
+        for one in self.followers:
+            acceleration[one.dof] = one.factor * ddq[one.followed]
+        torques: Array = self._full_mass() @ acceleration + data.qfrc_bias - self._from_contacts()
         self.torques = torques[self.dofs].copy()
-        for i, followed, factor, _ in self.followers:
-            self.torques[followed] += factor * torques[i]
+        for one in self.followers:
+            self.torques[one.followed] += one.factor * torques[one.dof]
 
-    def _full_mass(self) -> np.ndarray:
+    def _full_mass(self) -> Array:
         full = np.zeros((self.model.nv, self.model.nv))
         mujoco.mj_fullM(self.model, self.data, full)
         return full
 
-    def _from_contacts(self) -> np.ndarray:
-        """Generalised forces of what was applied to the bodies (nv,)."""
-        return (
-            self.data.qfrc_smooth
-            - self.data.qfrc_passive
-            - self.data.qfrc_actuator
-            - self.data.qfrc_applied
-            + self.data.qfrc_bias
-        )
+    def _from_contacts(self) -> Array:
+        """Generalised forces of the wrenches applied to the bodies (nv,)."""
+        data = self.data
+        forces: Array = data.qfrc_smooth - data.qfrc_passive - data.qfrc_actuator - data.qfrc_applied + data.qfrc_bias
+        return forces
 
-    def _press(self, touches: Touches, pressing: Pressing, wrench_o) -> None:
+    def _press(self, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
+        """Apply the contact forces and a wrench (6,) on the object."""
         data = self.data
         applied = data.xfrc_applied
         applied[:] = 0.0
@@ -162,29 +194,31 @@ class MujocoEngine:
             self._carry_to_leaders(touches, pressing)
 
     def _carry_to_leaders(self, touches: Touches, pressing: Pressing) -> None:
-        """Give the forces on coupled joints to the joints they follow: MuJoCo's couplings alone would yield to them."""
+        """Move the forces on coupled joints to the joints that they follow: MuJoCo's soft couplings would yield."""
         data = self.data
         load = -data.qfrc_bias
         for part, force, moment, point in zip(touches.part, pressing.force_o, pressing.moment_o, touches.point_o):
             if part:
                 mujoco.mj_applyFT(self.model, data, -force, -moment, point, self.body_of_part[part], load)
         data.qfrc_applied[:] = 0.0
-        for i, followed, factor, _ in self.followers:
-            data.qfrc_applied[i] = -load[i]
-            data.qfrc_applied[self.dofs[followed]] += factor * load[i]
+        for one in self.followers:
+            data.qfrc_applied[one.dof] = -load[one.dof]
+            data.qfrc_applied[self.dofs[one.followed]] += one.factor * load[one.dof]
 
     @property
-    def q(self) -> np.ndarray:
+    def q(self) -> Array:
         """Joint positions (n,) [rad, m]."""
-        return self.data.qpos[self.dofs]
+        q: Array = self.data.qpos[self.dofs]
+        return q
 
     @property
-    def dq(self) -> np.ndarray:
+    def dq(self) -> Array:
         """Joint rates (n,) [rad/s, m/s]."""
-        return self.data.qvel[self.dofs]
+        dq: Array = self.data.qvel[self.dofs]
+        return dq
 
     @property
-    def object_pose(self) -> np.ndarray:
+    def object_pose(self) -> Array:
         """Pose oMb (4, 4) of the object."""
         pose = np.eye(4)
         i = self.object_q
@@ -194,9 +228,9 @@ class MujocoEngine:
         return pose
 
     @property
-    def object_twist(self) -> np.ndarray:
+    def object_twist(self) -> Array:
         """Velocity of the object's centre of mass and angular velocity (6,), world axes [m/s, rad/s]."""
-        twist = self.data.qvel[self.object_v : self.object_v + 6].copy()
+        twist: Array = self.data.qvel[self.object_v : self.object_v + 6].copy()
         twist[3:] = self.object_pose[:3, :3] @ twist[3:]
         return twist
 

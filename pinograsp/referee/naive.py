@@ -1,25 +1,39 @@
-"""The grasp that nobody optimised: every joint goes on closing as before, in proportion, until the object is held.
+"""A grasp without optimised forces: the joints close on beyond the first contact until the object is held.
 
-The paper compares its grasp with joint trajectories played in MSC.Adams as they are (Table IV). Here they run straight
-from the plan's first posture to the one at impact, all joints in the same share of the way, and on past it; the joints
-are moved as commanded, the object is fixed until the end and then let go. How far on is the least that holds the same
-object.
+The paper compares its grasp with joint trajectories simulated in MSC.Adams (Table IV). Here the trajectories are
+straight lines in joint space: from the plan's first posture to the one at impact, and beyond it by a share of that way,
+the overclosing. The joints follow them exactly; the object is fixed until the end and then let go. The result is the
+least overclosing that holds the object.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, number
+from pinograsp.checks import array_of, brief, number, one_of
 from pinograsp.errors import InvalidInput
-from pinograsp.plan import Simulation
-from pinograsp.referee.simulate import simulate
+from pinograsp.plan import PlanRecord, Simulation
+from pinograsp.referee.settings import Disturbance
+from pinograsp.referee.simulate import SimulationSettings, simulate, task_of
 from pinograsp.referee.task import Task
 
-_FIRST, _STEP, _MOST = 0.005, 1.25, 0.3  # of the way: overclosings that are tried; too much throws the object out again
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+# Overclosings that are tried: the first, the factor from one to the next, and the largest; more ejects the object.
+_FIRST, _STEP, _MOST = 0.005, 1.25, 0.3
 _SAMPLES = 200  # of the trajectory
+
+
+class NaiveSettings(SimulationSettings, total=False):
+    """Settings of :func:`naive_grasp`: keyword arguments of :func:`~pinograsp.referee.simulate`."""
+
+    disturbance: Disturbance | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,10 +41,10 @@ class NaiveGrasp:
     """The least overclosing that holds.
 
     Attributes:
-        overclosing: share of the way beyond the touch; None where none up to 0.3 of the way holds.
-        simulation: of that, or of the last one tried.
-        lost: largest share that did not hold below it.
-        simulations: how many were run.
+        overclosing: share of the way that is added beyond the contact; None: none up to 0.3 holds.
+        simulation: with that overclosing, or with the last one tried.
+        lost: largest overclosing tried below it that did not hold.
+        simulations: number of simulations that were run.
     """
 
     overclosing: float | None
@@ -42,16 +56,20 @@ class NaiveGrasp:
 
     @property
     def grasp_energy(self) -> float | None:
-        """By Eq. (9) [J]; None where nothing holds."""
+        """By Eq. (9) [J]; None: no overclosing holds."""
         return None if self.overclosing is None else self.simulation.grasp_energy
 
 
-def naive_task(task: Task, overclosing: float, *, start=None, target=None) -> Task:
-    """The plan's task with straight joint trajectories that close on beyond the touch.
+def naive_task(
+    task: Task, overclosing: float, *, start: ArrayLike | None = None, target: ArrayLike | None = None
+) -> Task:
+    """The task with straight joint trajectories that close beyond the target.
 
     Args:
-        overclosing: share of the way from start to target that is gone beyond it.
-        start, target: postures (n,) [rad or m]; default: the plan's at t = 0 and at impact.
+        task: of the plan.
+        overclosing: share of the way from start to target that is added beyond the target.
+        start: posture (n,) [rad or m]; default: the plan's at t = 0.
+        target: posture (n,) [rad or m]; default: the plan's at impact.
     """
     n = task.hand.n
     at_impact = task.q[int(np.searchsorted(task.times, task.impact_time - 1e-12))]
@@ -74,35 +92,41 @@ def naive_task(task: Task, overclosing: float, *, start=None, target=None) -> Ta
 
 
 def naive_grasp(
-    plan, *, start=None, target=None, drift: float = 5e-3, tolerance: float = 0.02, **settings
+    plan: PlanRecord | Task | str | Path,
+    *,
+    start: ArrayLike | None = None,
+    target: ArrayLike | None = None,
+    drift: float = 5e-3,
+    tolerance: float = 0.02,
+    **settings: Unpack[NaiveSettings],
 ) -> NaiveGrasp:
-    """The least that a hand must go on closing to hold the plan's object, optimising nothing.
+    """The least overclosing with which a hand holds the plan's object, without any optimisation.
 
     Args:
-        plan: as for :func:`simulate`.
-        start, target: see :func:`naive_task`.
-        drift: what the object may move after it was let go [m].
+        plan: as for :func:`~pinograsp.referee.simulate`.
+        start: see :func:`naive_task`.
+        target: see :func:`naive_task`.
+        drift: largest motion of the object after it was let go [m].
         tolerance: of the overclosing, relative.
-        settings: of :func:`simulate`.
+        **settings: of :func:`~pinograsp.referee.simulate`; its time step is 0.5 ms by default.
 
     Raises:
-        InvalidInput: a start and a target that do not differ.
+        InvalidInput: a start and a target that do not differ, or unusable settings.
     """
-    task = plan if isinstance(plan, Task) else Task.of(plan)
-    for name in {"mode", "release", "body"} & settings.keys():
-        raise InvalidInput(
-            f"setting '{name}': not accepted here, the joints are moved as commanded and the object is let go"
-        )
+    task = task_of(plan)
+    for name in settings:
+        if name in ("mode", "release", "body"):
+            raise InvalidInput(
+                f"setting '{name}': not accepted here, the joints follow the commands and the object is let go"
+            )
+        one_of("setting", name, NaiveSettings.__annotations__)
+    chosen: NaiveSettings = {"time_step": 5e-4, **settings}
     tried = 0
 
     def attempt(overclosing: float) -> Simulation:
         nonlocal tried
         tried += 1
-        return simulate(
-            naive_task(task, overclosing, start=start, target=target),
-            mode="prescribed",
-            **{"time_step": 5e-4, **settings},
-        )
+        return simulate(naive_task(task, overclosing, start=start, target=target), mode="prescribed", **chosen)
 
     def holds(one: Simulation) -> bool:
         return one.verdict.held and one.verdict.drift <= drift
@@ -110,7 +134,7 @@ def naive_grasp(
     if not np.any(naive_task(task, 0.0, start=start, target=target).dq):
         raise InvalidInput("naive grasp: expected a start and a target that differ")
     found = attempt(0.0)
-    if holds(found):  # caught without pressing
+    if holds(found):  # held without any overclosing
         return NaiveGrasp(overclosing=0.0, simulation=found, lost=0.0, simulations=tried)
     low, high = 0.0, _FIRST
     found = attempt(high)

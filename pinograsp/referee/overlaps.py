@@ -1,135 +1,171 @@
-"""Where the hand is in the object: depths and normals of overlapping convex geometry, by coal's distances."""
+"""Overlaps of hand and object: depths and normals of convex geometry, from coal's distances."""
 
 from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
 
 import coal
 import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
 from pinograsp.referee.geometry import convex, convex_object
+from pinograsp.spatial import Array
 
-_CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
-_NEAR = 2e-4  # [m] parts farther off are looked at again when they may have come closer
-_ALIKE = 3e-5  # [rad] normals this close are the same: the depth is off by their square
+_CLEAR = 1e-3  # [m] clearance to which the object is moved: the direction between nearest points is accurate there
+_NEAR = 2e-4  # [m] parts farther apart are skipped until they may have come closer
+_ALIKE = 3e-5  # [rad] normals this close are equal: the error of the depth is of second order
 _ROUNDS = 20
-_JUMP = 1e-3  # [m] what has moved so far between two looks was put there: its last normal says nothing
-_FARTHEST = 1.0  # [m] of a sliding joint without limits
+_JUMP = 1e-3  # [m] a larger motion between two calls is a new placement: the last normal is of no use
+_FARTHEST = 1.0  # [m] assumed travel of a sliding joint without limits
 _FLUSH = 2e-6  # [m] corners of a hull this near to the plane of a face belong to it
-_ABREAST = 2e-4  # [m] edges that cross count as touching where they are nearer than this
-_CORNERS = 8  # of a common area at most
+_ABREAST = 2e-4  # [m] edges side by side count as touching within this distance
+_CORNERS = 8  # largest number of corners of a common area
 _MOST = 0.995  # of the depth: an area that is nowhere as deep lacks the deepest point
+
+_Point2: TypeAlias = list[float]  # (2,)
 
 
 class _Part:
-    """One convex geometry of the hand, and what is known of it from the last look: normal, and how far to move off."""
+    """One convex geometry of the hand, with the normal and the shift found for it in the last call."""
 
-    def __init__(self, joint: int, placement: pin.SE3, shape):
+    def __init__(self, joint: int, placement: pin.SE3, shape: coal.ShapeBase):
         self.joint, self.placement, self.shape = joint, placement, shape
         shape.computeLocalAABB()
         self.centre, self.radius = np.array(shape.aabb_center), float(shape.aabb_radius)
         self.footprint = _Footprint(shape)
-        self.normal, self.off = None, 2 * _CLEAR
+        self.normal: Array | None = None
+        self.shift = 2 * _CLEAR
+
+    def forget(self) -> None:
+        """Start the next search anew."""
+        self.normal, self.shift = None, 2 * _CLEAR
+
+
+class _Face(NamedTuple):
+    """A flat face: corners in order (k, 3) [m] and outward normal (3,)."""
+
+    corners: Array
+    normal: Array
+
+
+class _Edge(NamedTuple):
+    """A straight line on a round surface: its ends (2, 3) and the radius of the surface [m]."""
+
+    corners: Array
+    radius: float
 
 
 class _Footprint:
     """The flat face or straight edge of a convex geometry that faces a direction."""
 
-    def __init__(self, shape):
-        self.shape, self.faces, self.points = shape, {}, None
+    def __init__(self, shape: coal.ShapeBase):
+        self.shape = shape
+        self.points: Array | None = None
+        self.faces: dict[int, _Face] = {}
         if isinstance(shape, coal.Box):
             self.points = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T * np.array(shape.halfSide).ravel()
         elif isinstance(shape, coal.ConvexBase):
             self.points = np.array(shape.points())
         if self.points is not None:
-            self.planes = ConvexHull(self.points, qhull_options="Qt").equations
+            self.planes: Array = ConvexHull(self.points, qhull_options="Qt").equations
 
-    def towards(self, direction: np.ndarray, rotation: np.ndarray, position: np.ndarray):
-        """Corners of a face (k, 3) and its normal (3,), or ends (2, 3) and radius [m] of an edge; None: it is round."""
+    def towards(self, direction: Array, rotation: Array, position: Array) -> _Face | _Edge | None:
+        """The face or edge that faces a direction (3,), the geometry being placed; None where it is round."""
         d, shape = direction @ rotation, self.shape
         if self.points is not None:
-            local, other = self._face(d)
+            corners, normal = self._face(self.points, d)
         elif isinstance(shape, coal.Cylinder) and abs(d[2]) > np.sqrt(0.5):
             turn = np.arange(2 * _CORNERS) * np.pi / _CORNERS
             up = np.sign(d[2])
             rim = [shape.radius * np.cos(turn), shape.radius * np.sin(turn), np.full(turn.size, up * shape.halfLength)]
-            local, other = np.array(rim).T, np.array([0.0, 0.0, up])
+            corners, normal = np.array(rim).T, np.array([0.0, 0.0, up])
         elif isinstance(shape, coal.Cylinder | coal.Capsule) and abs(d[2]) < 0.9:
             out = d if isinstance(shape, coal.Capsule) else np.array([d[0], d[1], 0.0]) / np.hypot(d[0], d[1])
             ends = shape.halfLength * np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
-            local, other = shape.radius * out + ends, shape.radius
+            return _Edge((shape.radius * out + ends) @ rotation.T + position, shape.radius)
         else:
             return None
-        return local @ rotation.T + position, rotation @ other if np.ndim(other) else other
+        return _Face(corners @ rotation.T + position, rotation @ normal)
 
-    def _face(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _face(self, points: Array, d: Array) -> _Face:
         i = int((self.planes[:, :3] @ d).argmax())
         if i not in self.faces:
             plane = self.planes[i]
-            corners = self.points[np.abs(self.points @ plane[:3] + plane[3]) < _FLUSH]
+            corners = points[np.abs(points @ plane[:3] + plane[3]) < _FLUSH]
             x, y = _across(plane[:3])
             across = (corners - corners.mean(axis=0)) @ np.column_stack([x, y])
-            self.faces[i] = corners[np.arctan2(across[:, 1], across[:, 0]).argsort()], plane[:3].copy()
+            self.faces[i] = _Face(corners[np.arctan2(across[:, 1], across[:, 0]).argsort()], plane[:3].copy())
         return self.faces[i]
 
 
-def _common_area(own, other, point: np.ndarray, normal: np.ndarray, depth: float):
+def _common_area(
+    own: _Face | _Edge, other: _Face | _Edge, point: Array, normal: Array, depth: float
+) -> list[tuple[Array, float]]:
     """Points (3,) of the object where faces or edges of hand and object lie on each other, with depths.
 
-    ``point`` is the deepest, and one of them where the others are not as deep.
+    ``point`` is the deepest; it is added where the others are not as deep.
     """
     x, y = _across(normal)
     axes = np.column_stack([x, y, normal])
-    mine, theirs = (_Flat((corners - point) @ axes, of @ axes if np.ndim(of) else of) for corners, of in (own, other))
-    if mine.edge and theirs.edge:
-        area = _abreast(mine.corners, theirs.corners)
-    elif theirs.edge:
-        area = _clip(theirs.corners, mine.corners)
+    mine, theirs = _Heights(own, point, axes), _Heights(other, point, axes)
+    if mine.is_edge and theirs.is_edge:
+        outline = _abreast(mine.corners, theirs.corners)
+    elif theirs.is_edge:
+        outline = _clip(theirs.corners, mine.corners)
     else:
-        area = _clip(mine.corners, theirs.corners)
-    found = []
-    if area:
-        area = np.array(area)
+        outline = _clip(mine.corners, theirs.corners)
+    found: list[tuple[Array, float]] = []
+    if outline:
+        area = np.array(outline)
         if len(area) > _CORNERS:  # those farthest out
             turn = (np.arange(_CORNERS) + 0.5) * 2 * np.pi / _CORNERS
             area = area[np.unique((area @ np.array([np.cos(turn), np.sin(turn)])).argmax(axis=0))]
-        surface = theirs.height(area, bool(mine.edge))
-        depths = mine.height(area) - surface
+        surface = theirs.over(area, beside=mine.is_edge)
+        depths = mine.over(area) - surface
         found = [(point + axes @ [*at, z], float(deep)) for at, z, deep in zip(area, surface, depths) if deep > 0]
     if max((deep for _, deep in found), default=0.0) < _MOST * depth:
         found.append((point, depth))
     return found
 
 
-class _Flat:
-    """A face or an edge as heights over a plane."""
+class _Heights:
+    """A face or an edge as heights over the common tangent plane."""
 
-    def __init__(self, corners: np.ndarray, of):
-        self.corners, self.z = corners[:, :2].tolist(), corners[:, 2]
-        self.edge = len(corners) == 2
-        self.at, self.of = corners[0], of
+    def __init__(self, flat: _Face | _Edge, point: Array, axes: Array):
+        corners: Array = (flat.corners - point) @ axes
+        self.corners: list[_Point2] = corners[:, :2].tolist()
+        self.z, self.at, self.is_edge = corners[:, 2], corners[0], len(corners) == 2
+        self.normal: Array | None = flat.normal @ axes if isinstance(flat, _Face) else None
+        self.radius = flat.radius if isinstance(flat, _Edge) else 0.0
 
-    def height(self, points: np.ndarray, beside: bool = False) -> np.ndarray:
-        """Over points (k, 2); ``beside`` an edge its surface falls away."""
+    def over(self, points: Array, *, beside: bool = False) -> Array:
+        """Heights over points (k, 2); ``beside``: with the curvature of the surface to the sides of an edge."""
         out = points - self.at[:2]
-        if not self.edge:
-            return self.at[2] - out @ self.of[:2] / self.of[2]
-        along = np.subtract(*self.corners[::-1])
+        if self.normal is not None:
+            plane: Array = self.at[2] - out @ self.normal[:2] / self.normal[2]
+            return plane
+        start, end = np.array(self.corners)
+        along = end - start
         length = float(along @ along)
-        height = self.at[2] + (out @ along) / length * (self.z[1] - self.z[0])
-        return height + (out @ [-along[1], along[0]]) ** 2 / length / (2 * self.of) if beside else height
+        height: Array = self.at[2] + (out @ along) / length * (self.z[1] - self.z[0])
+        if beside:
+            height = height + (out @ [-along[1], along[0]]) ** 2 / length / (2 * self.radius)
+        return height
 
 
-def _across(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two directions across a unit normal (3,), right-handed with it (Duff et al. 2017)."""
+def _across(n: Array) -> tuple[Array, Array]:
+    """Two directions perpendicular to a unit normal (3,), right-handed with it (Duff et al. 2017)."""
     sign = 1.0 if n[2] >= 0 else -1.0
     a = -1.0 / (sign + n[2])
     b = n[0] * n[1] * a
     return np.array([1 + sign * n[0] ** 2 * a, sign * b, -sign * n[0]]), np.array([b, sign + n[1] ** 2 * a, -n[1]])
 
 
-def _clip(corners: list, by: list) -> list:
-    """A polygon or an edge (2-d corners) within a convex polygon (Sutherland and Hodgman)."""
+def _clip(corners: list[_Point2], by: list[_Point2]) -> list[_Point2]:
+    """The part of a polygon or an edge that lies within a convex polygon (Sutherland and Hodgman)."""
     if sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(by, by[1:] + by[:1])) < 0:
         by = by[::-1]
     for a, b in zip(by, by[1:] + by[:1]):
@@ -151,12 +187,14 @@ def _clip(corners: list, by: list) -> list:
     return corners
 
 
-def _abreast(edge: list, other: list) -> list:
-    """The part of an edge that lies on another edge: its ends."""
-    start, e, f = np.array(edge[0]), np.subtract(*edge[::-1]), np.subtract(*other[::-1])
-    out, length = start - other[0], float(np.hypot(*f))
+def _abreast(edge: list[_Point2], other: list[_Point2]) -> list[_Point2]:
+    """Ends of the part of an edge that lies on another edge."""
+    start, end = np.array(edge)
+    other_start, other_end = np.array(other)
+    e, f = end - start, other_end - other_start
+    out, length = start - other_start, float(np.hypot(*f))
     low, high = 0.0, 1.0
-    # Along the other, and to its side, both linear in the place on the edge.
+    # The positions along the other edge and across it are linear in the position on this one.
     for direction, least, most in ((f / length, 0.0, length), (np.array([-f[1], f[0]]) / length, -_ABREAST, _ABREAST)):
         at, slope = float(out @ direction), float(e @ direction)
         if abs(slope) < 1e-12:
@@ -168,34 +206,61 @@ def _abreast(edge: list, other: list) -> list:
     return [(start + low * e).tolist(), (start + high * e).tolist()] if low < high else []
 
 
+class Overlap(NamedTuple):
+    """One point at which the hand overlaps the object.
+
+    Attributes:
+        joint: Pinocchio's index of the joint that carries the geometry.
+        geometry: index of the hand's convex geometry.
+        point: on the object's surface (3,) [m].
+        normal: into the object (3,).
+        depth: [m].
+    """
+
+    joint: int
+    geometry: int
+    point: Array
+    normal: Array
+    depth: float
+
+
+class _Pose(NamedTuple):
+    """Joint positions (n,) with rotation (3, 3) and position (3,) of the object."""
+
+    q: Array
+    rotation: Array
+    position: Array
+
+
 class Collider:
     """Overlaps of the hand's geometry with the object: depths along the common normal of the surfaces.
 
-    The depth of an overlap is not exact in coal. So the object is moved off along the normal known so far until it is
-    clear by a millimetre; there the nearest points are exact, their direction is the next guess, and so on.
+    Coal's depth of an overlap is not exact. The object is therefore moved along the last estimate of the normal until
+    it is clear by a millimetre. There coal's nearest points are exact; their direction is the next estimate.
     """
 
-    def __init__(self, hand, body):
+    def __init__(self, hand: HandModel, body: Body):
         self.notes: list[str] = []
-        made = [
+        parts = [
             _Part(one.parentJoint, one.placement, shape)
             for one in hand.geometry.geometryObjects
             if (shape := convex(one.geometry, one.name, self.notes)) is not None
         ]
-        self.geometry, self.hand = made, hand
+        self.geometry, self.hand = parts, hand
         self.object = convex_object(body, self.notes)
         self.object.computeLocalAABB()
         self.centre, self.radius = np.array(self.object.aabb_center), float(self.object.aabb_radius)
         self.extent = float(np.linalg.norm(self.centre)) + self.radius
         self.footprint = _Footprint(self.object)
-        self.reach = np.array([self._reach(part) for part in made]).reshape(len(made), hand.n)
-        # How far each geometry is off, less what it may have moved since.
-        self.slack, self.last = np.zeros(len(made)), None
+        self.reach = np.array([self._reach(part) for part in parts]).reshape(len(parts), hand.n)
+        # Lower bounds of the distances: the last known ones, less the largest motion since.
+        self.slack = np.zeros(len(parts))
+        self.last: _Pose | None = None
         self.request, self.plain, self.result = coal.DistanceRequest(), coal.DistanceRequest(), coal.DistanceResult()
         self.request.enable_signed_distance = self.plain.enable_signed_distance = True
         self.request.gjk_tolerance, self.request.gjk_max_iterations = 1e-12, 1000
 
-    def _reach(self, part: _Part) -> np.ndarray:
+    def _reach(self, part: _Part) -> Array:
         """How far any point of a geometry can move for each unit of each actuated joint (n,)."""
         hand, model, bound = self.hand, self.hand.model, np.zeros(self.hand.n)
         far, j = float(np.linalg.norm(part.placement.act(part.centre))) + part.radius, part.joint
@@ -208,24 +273,22 @@ class Collider:
             j = model.parents[j]
         return bound
 
-    def collide(self, data, q: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> list[tuple]:
-        """Joint, number of the geometry, point on the object (3,), normal (3,) and depth of every overlap, the joints
-        as in data.
-        """
+    def collide(self, data: pin.Data, q: Array, rotation: Array, position: Array) -> list[Overlap]:
+        """All overlaps, with the joints' placements in ``data`` (at q) and the object at a rotation and position."""
         if self.last is not None:
-            q_last, R_last, p_last = self.last
-            turned = rotation - R_last
-            object_moved = np.linalg.norm(position - p_last) + self.extent * np.sqrt(0.5 * (turned * turned).sum())
-            self.slack -= self.reach @ np.abs(q - q_last) + object_moved
-        self.last = q, rotation, position
-        found: list[tuple] = []
+            turned = rotation - self.last.rotation
+            shift = np.linalg.norm(position - self.last.position)
+            object_moved = shift + self.extent * np.sqrt(0.5 * (turned * turned).sum())
+            self.slack -= self.reach @ np.abs(q - self.last.q) + object_moved
+        self.last = _Pose(q, rotation, position)
+        found: list[Overlap] = []
         pose = coal.Transform3s(rotation, position)
         centre = position + rotation @ self.centre
         for i in np.flatnonzero(self.slack <= 0):
             part = self.geometry[i]
             placed = data.oMi[part.joint] * part.placement
             if self.slack[i] < -_JUMP:
-                part.normal, part.off = None, 2 * _CLEAR
+                part.forget()
             apart = float(np.linalg.norm(placed.act(part.centre) - centre)) - part.radius - self.radius
             if apart > _NEAR:
                 self.slack[i], part.normal = apart - 0.5 * _NEAR, None
@@ -236,40 +299,46 @@ class Collider:
             if depth > 0:
                 own = part.footprint.towards(normal, placed.rotation, placed.translation)
                 other = None if own is None else self.footprint.towards(-normal, rotation, position)
-                points = None if other is None else _common_area(own, other, point, normal, depth)
-                for at, deep in points or ((point, depth),):
-                    found.append((part.joint, int(i), at, normal, deep))
+                points = [(point, depth)]
+                if own is not None and other is not None:
+                    points = _common_area(own, other, point, normal, depth)
+                found += [Overlap(part.joint, int(i), at, normal, deep) for at, deep in points]
         return found
 
-    def _deepest(self, part: _Part, mine, pose) -> tuple[float, np.ndarray, np.ndarray]:
+    def _deepest(self, part: _Part, mine: coal.Transform3s, pose: coal.Transform3s) -> tuple[float, Array, Array]:
         """Depth [m], negative where clear, inward normal (3,), and the point on the object's surface (3,)."""
-        normal, off, depth = part.normal, part.off, None
+        normal, shift = part.normal, part.shift
+        found: tuple[float, Array] | None = None
         if normal is None:
-            gap, point, normal = self._apart(part, mine, pose)
-            depth = -gap
+            gap, point, normal = self._gap(part, mine, pose)
             if gap > _NEAR:
-                return depth, normal, point
+                return -gap, normal, point
+            found = -gap, point
         position, rotation = pose.getTranslation(), pose.getRotation()
         for _ in range(_ROUNDS):
-            moved = coal.Transform3s(rotation, position + off * normal)
-            gap, other, direction = self._apart(part, mine, moved)
-            if gap < 0.5 * _CLEAR:  # deeper than thought
-                off += _CLEAR - min(gap, 0.0)
+            moved = coal.Transform3s(rotation, position + shift * normal)
+            gap, other, direction = self._gap(part, mine, moved)
+            if gap < 0.5 * _CLEAR:  # not clear yet
+                shift += _CLEAR - min(gap, 0.0)
                 continue
             # The width of the overlap along this direction is exact.
-            depth, point = off * float(normal @ direction) - gap, other - off * normal
+            found = shift * float(normal @ direction) - gap, other - shift * normal
             alike, spare = np.abs(direction - normal).max() < _ALIKE, gap - _CLEAR
-            normal, off = direction, off - spare
+            normal, shift = direction, shift - spare
             if alike and abs(spare) < 0.5 * _CLEAR:
                 break
-        if depth is None:  # never clear: the last normal led nowhere
-            part.normal, part.off = None, 2 * _CLEAR
+        if found is None:  # never clear along the last normal
+            part.forget()
             return self._deepest(part, mine, pose)
-        part.normal, part.off = (normal, off) if depth > -_NEAR else (None, 2 * _CLEAR)
+        depth, point = found
+        if depth > -_NEAR:
+            part.normal, part.shift = normal, shift
+        else:
+            part.forget()
         return depth, normal, point
 
-    def _apart(self, part: _Part, mine, pose) -> tuple[float, np.ndarray, np.ndarray]:
-        """Distance [m], the object's nearest point (3,), and the direction there from the hand's (3,)."""
+    def _gap(self, part: _Part, mine: coal.Transform3s, pose: coal.Transform3s) -> tuple[float, Array, Array]:
+        """Distance [m], the object's nearest point (3,), and the direction to it from the hand's nearest point (3,)."""
         result = self.result
         for request in (self.request, self.plain):
             result.clear()

@@ -1,13 +1,15 @@
-"""What is recorded of a simulation at an instant."""
+"""Records of a simulation: samples at single instants, and the history that they form."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pinograsp.checks import brief
 from pinograsp.referee.law import Pressing, Touches
+from pinograsp.spatial import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,8 +19,8 @@ class Energies:
     Attributes:
         joint_work: put in by the motors.
         load_work: put in by the load.
-        mechanical: kinetic and potential energy held, since the start.
-        elastic: held by the contacts' springs.
+        mechanical: change of the kinetic and potential energy since the start.
+        elastic: stored in the contacts' springs.
         damped: lost in the contacts' damping.
         slipped: lost in slip.
         normal_work: integral of F_n over the depth.
@@ -35,72 +37,83 @@ class Energies:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sample:
-    """Hand and object at an instant; p parts of the hand.
+    """State of hand and object at one instant; p parts of the hand.
 
     Attributes:
         time: [s].
         q: joint positions (n,) [rad or m].
         dq: joint velocities (n,) [rad/s or m/s].
-        torques: of the motors over the step that begins then (n,) [N m or N].
-        object_pose: (4, 4).
+        torques: of the motors during the step that begins at this instant (n,) [N m or N].
+        object_pose: oMb (4, 4).
         forces_o: on the object (p, 3) [N].
         normal_forces: (p,) [N].
         tangential_forces: (p,) [N].
         depths: of the deepest points (p,) [m].
         slips: path slipped (p,) [m].
-        energies: put in, held and lost.
+        energies: put in, stored and lost.
     """
 
     time: float
-    q: np.ndarray
-    dq: np.ndarray
-    torques: np.ndarray
-    object_pose: np.ndarray
-    forces_o: np.ndarray
-    normal_forces: np.ndarray
-    tangential_forces: np.ndarray
-    depths: np.ndarray
-    slips: np.ndarray
+    q: Array
+    dq: Array
+    torques: Array
+    object_pose: Array
+    forces_o: Array
+    normal_forces: Array
+    tangential_forces: Array
+    depths: Array
+    slips: Array
     energies: Energies
 
     __repr__ = brief("time", "normal_forces", "depths", "energies")
 
     def with_kinetic(self, energy: float) -> Sample:
-        """The same with the kinetic energy [J], which is known half a step later."""
+        """The same sample with the kinetic energy [J] added, which is known only a step later."""
         return replace(self, energies=replace(self.energies, mechanical=self.energies.mechanical + energy))
 
 
-def by_part(touches: Touches, pressing: Pressing, parts: int) -> dict[str, np.ndarray]:
-    """Forces and depths of the points that touch, by part of the hand: fields of a :class:`Sample`."""
-    force, across, depth = np.zeros((parts, 3)), np.zeros((parts, 3)), np.zeros(parts)
+class PartSums(NamedTuple):
+    """Forces and depths by part of the hand, as in :class:`Sample`."""
+
+    forces_o: Array
+    normal_forces: Array
+    tangential_forces: Array
+    depths: Array
+
+
+def by_part(touches: Touches, pressing: Pressing, parts: int) -> PartSums:
+    """Forces and depths of the touching points, by part of the hand."""
+    force, across = np.zeros((parts, 3)), np.zeros((parts, 3))
+    normal, depth = np.zeros(parts), np.zeros(parts)
     np.add.at(force, touches.part, pressing.force_o)
+    np.add.at(normal, touches.part, pressing.normal)
     np.add.at(across, touches.part, pressing.force_o - pressing.normal[:, None] * touches.normal_o)
     np.maximum.at(depth, touches.part, touches.depth)
-    return {
-        "forces_o": force,
-        "normal_forces": np.bincount(touches.part, weights=pressing.normal, minlength=parts),
-        "tangential_forces": np.linalg.norm(across, axis=1),
-        "depths": depth,
-    }
+    return PartSums(
+        forces_o=force,
+        normal_forces=normal,
+        tangential_forces=np.linalg.norm(across, axis=1),
+        depths=depth,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class History:
-    """The samples of a simulation, by the parts of the hand that touch or should: as in ``Simulation``."""
+    """The samples of a simulation, with the fields of :class:`~pinograsp.plan.Simulation`."""
 
     complete: int
-    times: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    torques: np.ndarray
-    object_poses: np.ndarray
+    times: Array
+    q: Array
+    dq: Array
+    torques: Array
+    object_poses: Array
     parts: tuple[str, ...]
-    forces_o: np.ndarray
-    normal_forces: np.ndarray
-    tangential_forces: np.ndarray
-    depths: np.ndarray
-    slips: np.ndarray
-    planned_forces: np.ndarray
-    energies: dict[str, np.ndarray]
+    forces_o: Array
+    normal_forces: Array
+    tangential_forces: Array
+    depths: Array
+    slips: Array
+    planned_forces: Array
+    energies: dict[str, Array]
 
     __repr__ = brief("times", "parts", "planned_forces")

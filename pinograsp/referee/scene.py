@@ -1,6 +1,4 @@
-"""The hand, the object and their motors as a MuJoCo model. MuJoCo's own contact forces stay off: see
-:mod:`pinograsp.referee.law`.
-"""
+"""Hand, motors and object as a MuJoCo model. MuJoCo's own contact forces stay off: see :mod:`pinograsp.referee.law`."""
 
 from __future__ import annotations
 
@@ -11,42 +9,46 @@ import pinocchio as pin
 
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
 from pinograsp.referee.geometry import convex, convex_object
+from pinograsp.referee.settings import Servo
+from pinograsp.spatial import Array
 
 _HAND, _OBJECT = {"contype": 1, "conaffinity": 2}, {"contype": 2, "conaffinity": 1}  # the hand does not touch itself
-# Contacts are found from 1 mm off and make no force: MuJoCo's soft contacts cannot judge a static grasp.
+# Contacts are detected within 1 mm and exert no force: MuJoCo's soft contacts cannot judge a static grasp.
 _FOUND_ONLY = {"margin": -0.5, "gap": 0.501, "density": 0.0}
-_LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links that have none, as MuJoCo needs
-# Of links with a direction about which they have none (thin rods, point masses): part of their largest, and at least
-# [kg m^2].
+_LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links without mass, as MuJoCo needs
+# Smallest principal moment of a link (thin rods and point masses have some that are zero): share of its largest one,
+# and absolute [kg m^2].
 _LEAST_SHARE, _TINY_INERTIA = 1e-6, 1e-12
 _STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
 
 
-def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_factor: float = 1.0, flat: bool = False):
-    """A compiled model and notes: bodies ``link j`` for Pinocchio's joints j, motors in the order of q, ``object``
-    free.
+def build(
+    hand: HandModel,
+    body: Body,
+    *,
+    time_step: float,
+    gravity_o: Array,
+    servo: Servo,
+    mass_factor: float = 1.0,
+    flat: bool = False,
+) -> tuple[mujoco.MjModel, list[str]]:
+    """A compiled model, and notes on what differs from the given geometry.
+
+    The bodies are ``link j`` for Pinocchio's joints j, and the free ``object``; the motors are in the order of q.
 
     Args:
-        servo: gains and rotors of the motors (:class:`~pinograsp.referee.settings.Servo`).
-        mass_factor: the object's mass and inertia times this.
-        flat: whether links touch with flat areas, at several points.
+        hand: where it is placed.
+        body: the object, where it is placed.
+        time_step: [s].
+        gravity_o: (3,) [m/s^2].
+        servo: gains and rotor inertias of the motors.
+        mass_factor: multiplies the object's mass and inertia.
+        flat: whether links touch the object with flat areas, at several points.
     """
     spec = mujoco.MjSpec()
-    spec.compiler.balanceinertia, spec.compiler.degree = True, False
-    option = spec.option
-    option.timestep, option.gravity = time_step, gravity_o
-    # Implicit damping would slow coupled joints down without those that they follow: energy is lost.
-    kinds = mujoco.mjtIntegrator
-    option.integrator = kinds.mjINT_EULER if hand.couplings else kinds.mjINT_IMPLICITFAST
-    option.ccd_tolerance, option.ccd_iterations = 1e-10, 200
-    # An instability must not reset the state, which reads as no drift.
-    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    if not flat:
-        # Its search for several points turns the normals of hulls and cylinders, by up to tens of degrees (MuJoCo
-        # 4.0.0).
-        option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
+    _set_options(spec, time_step, gravity_o, coupled=bool(hand.couplings), flat=flat)
     notes: list[str] = []
     bodies = _links(spec, hand, notes)
     for name, kp, kv, rotor in zip(hand.joint_names, servo.stiffness, servo.damping, servo.rotor):
@@ -61,18 +63,35 @@ def build(hand: HandModel, body, *, time_step: float, gravity_o, servo, mass_fac
     for one in hand.geometry.geometryObjects:
         shape = convex(one.geometry, one.name, notes)
         if shape is not None:
-            _add_geom(spec, bodies[one.parentJoint], shape, one.placement, one.name, **_HAND)
-    thing = spec.worldbody.add_body(name="object", pos=body.pose[:3, 3], quat=_quaternion(body.pose[:3, :3]))
-    thing.add_freejoint()
-    _set_inertia(thing, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
-    _add_geom(spec, thing, convex_object(body, notes), pin.SE3.Identity(), "object", **_OBJECT)
+            _add_geom(spec, bodies[one.parentJoint], shape, one.placement, one.name, _HAND)
+    free = spec.worldbody.add_body(name="object", pos=body.pose[:3, 3], quat=_quaternion(body.pose[:3, :3]))
+    free.add_freejoint()
+    _set_inertia(free, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
+    _add_geom(spec, free, convex_object(body, notes), pin.SE3.Identity(), "object", _OBJECT)
     try:
         return spec.compile(), notes
     except ValueError as error:
         raise InvalidInput(f"MuJoCo refuses this hand or object: {error}") from error
 
 
-def _links(spec, hand: HandModel, notes: list[str]) -> dict:
+def _set_options(spec: mujoco.MjSpec, time_step: float, gravity_o: Array, *, coupled: bool, flat: bool) -> None:
+    spec.compiler.balanceinertia, spec.compiler.degree = True, False
+    option = spec.option
+    option.timestep, option.gravity = time_step, gravity_o
+    # Implicit damping would slow coupled joints down but not those that they follow: energy would be lost.
+    kinds = mujoco.mjtIntegrator
+    option.integrator = kinds.mjINT_EULER if coupled else kinds.mjINT_IMPLICITFAST
+    option.ccd_tolerance, option.ccd_iterations = 1e-10, 200
+    # An instability must not reset the state, which would look like an object that stays in place.
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    if not flat:
+        # MuJoCo's search for several points turns the normals of hulls and cylinders by up to tens of degrees (4.0.0).
+        option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
+
+
+def _links(spec: mujoco.MjSpec, hand: HandModel, notes: list[str]) -> dict[int, mujoco.MjsBody]:
+    """The hand's bodies and joints; the bodies by Pinocchio's joints."""
     model, bodies = hand.model, {0: spec.worldbody}
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -84,23 +103,23 @@ def _links(spec, hand: HandModel, notes: list[str]) -> dict:
         raised = _set_inertia(body, inertia.mass, inertia.lever, inertia.inertia)
         if raised:
             notes.append(
-                f"what joint '{model.names[j]}' moves has no inertia about some axis: {raised:.2g} kg m^2 is taken"
+                f"the link at joint '{model.names[j]}' has no inertia about some axis: {raised:.2g} kg m^2 is used"
             )
         motion = np.array(data.joints[j].S).ravel()
         slides = hand.is_prismatic(j)
         axis = motion[:3] if slides else motion[3:]
         kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
-        # A follower's motion is that of the joint it follows, scaled: here it has its own.
+        # Pinocchio scales a follower's axis by its ratio to the joint that it follows; here only the sign counts.
         body.add_joint(name=model.names[j], type=kind, axis=axis / np.linalg.norm(axis) * np.sign(hand.ratio(j)))
     return bodies
 
 
-def _set_inertia(body, mass: float, lever, inertia) -> float:
-    """Give a body mass and inertia; the least moment that had to be put in place of a smaller one [kg m^2], or 0."""
+def _set_inertia(body: mujoco.MjsBody, mass: float, lever: Array, inertia: Array) -> float:
+    """Set a body's mass and inertia; returns the moment that replaced smaller ones [kg m^2], or 0."""
     if mass < _LEAST_MASS:
         mass, inertia = _LEAST_MASS, inertia + _LEAST_INERTIA * np.eye(3)
     moments, axes = np.linalg.eigh(inertia)
-    least = max(_LEAST_SHARE * moments[-1], _TINY_INERTIA)
+    least = max(_LEAST_SHARE * float(moments[-1]), _TINY_INERTIA)
     raised = least if moments[0] < least else 0.0
     if raised:
         inertia = axes @ np.diag(np.maximum(moments, least)) @ axes.T
@@ -109,17 +128,26 @@ def _set_inertia(body, mass: float, lever, inertia) -> float:
     return raised
 
 
-def _quaternion(rotation) -> np.ndarray:
-    return pin.Quaternion(np.array(rotation)).coeffs()[[3, 0, 1, 2]]
+def _quaternion(rotation: Array) -> Array:
+    """w, x, y, z of a rotation (3, 3)."""
+    coefficients: Array = pin.Quaternion(np.array(rotation)).coeffs()
+    return coefficients[[3, 0, 1, 2]]
 
 
-def _add_geom(spec, body, shape, placement, name: str, **bits) -> None:
+def _add_geom(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    shape: coal.ShapeBase,
+    placement: pin.SE3,
+    name: str,
+    collides: dict[str, int],
+) -> None:
     kinds = mujoco.mjtGeom
     common = {
         "pos": placement.translation,
         "quat": _quaternion(placement.rotation),
         **_FOUND_ONLY,
-        **bits,
+        **collides,
     }
     if isinstance(shape, coal.Sphere):
         body.add_geom(type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], **common)

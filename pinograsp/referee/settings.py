@@ -1,21 +1,24 @@
-"""What a simulation can be told: the servos' gains, and what goes wrong."""
+"""Settings of a simulation: the servos' gains and the disturbances."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, each_of, floats_of, instance_of, items_of, number, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
+from pinograsp.spatial import Array
 
-# Stiffness of a small servo [N m/rad]; sliding joints as stiff as that one is 30 mm from its axis [N/m].
+# Stiffness of a small servo [N m/rad]; a sliding joint is as stiff as that servo 30 mm from its axis [N/m].
 _TURNING, _SLIDING = 50.0, 50.0 / 0.03**2
 _ROTOR = 1e-4  # [kg m^2]
 _MOST_MU = 1e6
-_SETTLING = 0.01  # [s] damping over stiffness
+_SETTLING = 0.01  # [s] ratio of damping to stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,16 +29,16 @@ class Servo:
     Attributes:
         stiffness: (n,) [N m/rad or N/m].
         damping: (n,) [N m s/rad or N s/m].
-        rotor: the motors' own inertia, seen at the joints (n,) [kg m^2 or kg]; zero: none.
+        rotor: inertia of the motors, reflected to the joints (n,) [kg m^2 or kg].
     """
 
-    stiffness: np.ndarray
-    damping: np.ndarray
-    rotor: np.ndarray
+    stiffness: Array
+    damping: Array
+    rotor: Array
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n = floats_of("servo stiffness", self.stiffness).size
         for name in ("stiffness", "damping", "rotor"):
             values = array_of(f"servo {name}", getattr(self, name), (n,))
@@ -44,12 +47,17 @@ class Servo:
             object.__setattr__(self, name, values)
 
     @classmethod
-    def of(cls, hand: HandModel, stiffness=None, damping=None) -> Servo:
-        """Gains of a hand's servos: one number or (n,) each.
+    def of(cls, hand: HandModel, stiffness: ArrayLike | None = None, damping: ArrayLike | None = None) -> Servo:
+        """Gains for a hand's servos.
 
-        Rotors are the description's. Default: 50 N m/rad (55.6 kN/m where joints slide), settling in 10 ms. Where
-        joints are coupled, motors have a rotor (1e-4 kg m^2, 0.11 kg) and are critically damped: MuJoCo couples joints
-        well only if damping need not be implicit.
+        Rotor inertias are those of the hand's description. Where joints are coupled, they are at least 1e-4 kg m^2
+        (0.11 kg for sliding joints), and the default damping is critical: MuJoCo's couplings are accurate only with
+        damping that need not be implicit.
+
+        Args:
+            hand: whose joints the servos move.
+            stiffness: one number or (n,); default: 50 N m/rad, 55.6 kN/m for sliding joints.
+            damping: one number or (n,); default: 10 ms times the stiffness.
         """
         model = instance_of("hand", hand, HandModel).model
         slides = np.array([hand.is_prismatic(model.getJointId(name)) for name in hand.joint_names])
@@ -69,7 +77,7 @@ class Servo:
         return cls(stiffness=chosen, damping=damped, rotor=rotor)
 
 
-def _each(name: str, value, n: int) -> np.ndarray:
+def _each(name: str, value: object, n: int) -> Array:
     values = each_of(name, value, n)
     if np.any(values <= 0):
         raise InvalidInput(f"{name}: expected values > 0, got {shown(values.tolist())}")
@@ -78,21 +86,21 @@ def _each(name: str, value, n: int) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Push:
-    """A wrench on the object for a while.
+    """A constant wrench on the object for a limited time.
 
     Attributes:
-        wrench_o: about its centre of mass, world axes, linear first (6,) [N, N m].
-        start: after the support of the object is gone [s].
+        wrench_o: about the object's centre of mass, world axes, linear first (6,) [N, N m].
+        start: counted from when the object's support is gone [s].
         duration: [s].
     """
 
-    wrench_o: np.ndarray
+    wrench_o: Array
     start: float = 0.2
     duration: float = 0.1
 
     __repr__ = brief()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "wrench_o", array_of("push", self.wrench_o, (6,)))
         object.__setattr__(self, "start", number("start of the push", self.start, at_least=0, unit="s"))
         object.__setattr__(self, "duration", number("duration of the push", self.duration, above=0, unit="s"))
@@ -100,32 +108,32 @@ class Push:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Disturbance:
-    """What is not as planned.
+    """Differences between the simulation and the plan.
 
     Attributes:
         pushes: wrenches on the object.
-        shake: amplitude of a sinusoidal acceleration of the whole hand from t_F on (3,) [m/s^2], at
-            ``shake_frequency`` [Hz].
+        shake: amplitude of a sinusoidal acceleration of the whole hand from t_F on (3,) [m/s^2].
+        shake_frequency: [Hz].
         mu: friction coefficient of all contacts [-]; None: the plan's.
-        mass_factor: the object weighs this many times as much.
-        object_offset: displacement of the object (3,) [m], and object_turn: its rotation vector (3,) [rad], before the
-            hand comes: so the contact points are off by as much.
-        start_error: of the joints at t = 0 (n,) [rad or m]; None: none.
+        mass_factor: ratio of the object's mass to the planned mass.
+        object_offset: displacement of the object before the hand moves (3,) [m]; it shifts the contact points.
+        object_turn: rotation vector of the object before the hand moves (3,) [rad].
+        start_error: of the joints at t = 0 (n,) [rad or m]; None: no error.
     """
 
     pushes: tuple[Push, ...] = ()
-    shake: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    shake: Array = field(default_factory=lambda: np.zeros(3))
     shake_frequency: float = 3.0
     mu: float | None = None
     mass_factor: float = 1.0
-    object_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    object_turn: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    start_error: np.ndarray | None = None
+    object_offset: Array = field(default_factory=lambda: np.zeros(3))
+    object_turn: Array = field(default_factory=lambda: np.zeros(3))
+    start_error: Array | None = None
 
     __repr__ = brief()
 
-    def __post_init__(self):
-        def put(name, value):
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
         put("pushes", (self.pushes,) if isinstance(self.pushes, Push) else items_of("pushes", self.pushes, Push))
@@ -138,8 +146,8 @@ class Disturbance:
         if self.start_error is not None:
             put("start_error", array_of("start error", self.start_error, (None,)))
 
-    def wrench(self, since_release: float) -> np.ndarray:
-        """On the object (6,) [N, N m], so long after its support is gone [s]."""
+    def wrench(self, since_release: float) -> Array:
+        """Sum of the pushes (6,) [N, N m] at a time after the object's support is gone [s]."""
         since_release = number("time since the release", since_release, unit="s")
         total = np.zeros(6)
         for push in self.pushes:
@@ -147,23 +155,23 @@ class Disturbance:
                 total += push.wrench_o
         return total
 
-    def summary(self) -> dict:
+    def summary(self) -> dict[str, Any]:
         """What differs from the plan, as plain values."""
-        told = {}
+        values: dict[str, Any] = {}
         if self.pushes:
-            told["pushes"] = [
+            values["pushes"] = [
                 {"wrench_N_Nm": push.wrench_o.tolist(), "start_s": push.start, "duration_s": push.duration}
                 for push in self.pushes
             ]
         if np.any(self.shake):
-            told |= {"shake_m_s2": self.shake.tolist(), "shake_Hz": self.shake_frequency}
+            values |= {"shake_m_s2": self.shake.tolist(), "shake_Hz": self.shake_frequency}
         if self.mu is not None:
-            told["mu"] = self.mu
+            values["mu"] = self.mu
         if self.mass_factor != 1.0:
-            told["mass_factor"] = self.mass_factor
+            values["mass_factor"] = self.mass_factor
         for name in ("object_offset", "object_turn"):
             if np.any(getattr(self, name)):
-                told[name + ("_m" if name.endswith("offset") else "_rad")] = getattr(self, name).tolist()
+                values[name + ("_m" if name.endswith("offset") else "_rad")] = getattr(self, name).tolist()
         if self.start_error is not None:
-            told["start_error"] = np.asarray(self.start_error).tolist()
-        return told
+            values["start_error"] = np.asarray(self.start_error).tolist()
+        return values

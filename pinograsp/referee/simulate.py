@@ -1,17 +1,16 @@
-"""A plan tried: approach, grasp, release and hold, with servos and feed-forward torques, on a free object."""
+"""Simulation of a plan: approach, grasp, release and hold, with servos and feed-forward torques, on a free object."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol, TypedDict
 
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import flag, instance_of, number, one_of, read_only
+from pinograsp.checks import flag, frozen, instance_of, number, one_of, read_only
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
@@ -21,6 +20,7 @@ from pinograsp.referee.settings import Disturbance, Servo
 from pinograsp.referee.stepping import Engine, Schedule, Trial
 from pinograsp.referee.task import Task
 from pinograsp.referee.verdict import verdict_of
+from pinograsp.spatial import Array
 
 EngineName = Literal["mujoco", "pinocchio"]
 Mode = Literal["servo", "prescribed"]
@@ -28,12 +28,23 @@ Mode = Literal["servo", "prescribed"]
 ENGINES: tuple[EngineName, ...] = ("mujoco", "pinocchio")
 MODES: tuple[Mode, ...] = ("servo", "prescribed")
 TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
-_COARSEST = 0.05  # [s] between samples, which are steps at least
+_COARSEST = 0.05  # [s] largest time step, and largest interval between samples
 _FEWEST_STEPS = 10  # until the grasp is complete
 _MOST_STEPS = 2_000_000  # their samples take half a gigabyte
 
 
-# Eleven options beside the plan: every one is a thing that a trial may differ in.
+class SimulationSettings(TypedDict, total=False):
+    """Keyword arguments of :func:`simulate` that series of simulations share."""
+
+    hold: float
+    engine: EngineName
+    servo: Servo | None
+    time_step: float
+    sample: float
+    letting_go: float
+
+
+# Eleven options beside the plan: simulations may differ in each of them.
 def simulate(
     plan: PlanRecord | Task | str | Path,
     *,
@@ -48,48 +59,52 @@ def simulate(
     letting_go: float = 0.2,
     body: Body | None = None,
 ) -> Simulation:
-    """Try a plan with a free object, and say whether it holds.
+    """Simulate a plan with a free object, and judge whether the grasp holds.
 
     The object is fixed until the grasp is complete (t_F, as in the paper), then let go. The hand has the plan's
-    geometry (exact primitives and ellipsoids, convex hulls of meshes), its masses and torque limits; every joint
-    follows the plan's trajectory by a position servo with the plan's torques on top. Contacts press by the plan's law
-    (Eq. 4), written again in :mod:`pinograsp.referee.law`.
+    geometry (exact primitives and ellipsoids, convex hulls of meshes), masses and torque limits. A position servo at
+    every joint follows the plan's trajectory, with the plan's torques as feed-forward. The contact forces follow the
+    plan's law (Eq. 4), implemented again in :mod:`pinograsp.referee.law`.
 
     Args:
-        plan: fresh or read back, the folder of one, or a task.
-        hold: how long after the support is gone [s]; with the release at least a step.
-        engine: ``"mujoco"`` (extra ``sim``), or ``"pinocchio"``: a second opinion with nothing else installed.
-        mode: ``"servo"``; or ``"prescribed"``: the joints are moved as commanded, whatever it takes (the paper's Adams
-            set-up).
-        disturbance: what is not as planned.
+        plan: a plan, the folder of a run, or a task.
+        hold: time after the object's support is gone [s]; with a release, at least one step.
+        engine: ``"mujoco"`` (extra ``sim``), or ``"pinocchio"``, which needs nothing else.
+        mode: ``"servo"``; or ``"prescribed"``: joints follow the commands exactly, whatever torque that takes (as in
+            the paper's Adams model).
+        disturbance: differences from the plan.
         servo: gains; default :meth:`Servo.of`.
         time_step: at most 0.05 s, and two million steps in all [s].
         sample: interval between samples of the record [s].
-        release: False keeps the object fixed to the end.
-        letting_go: how long the support that has held the object takes to give way after t_F [s]; 0: it is gone at
-            once, which doubles the load for a moment.
-        body: what is held, where the plan does not know.
+        release: False: the object stays fixed to the end.
+        letting_go: time that the object's support takes to fade after t_F [s]; 0: the support vanishes at once, which
+            doubles the load for a moment.
+        body: the object, where the plan has none.
 
     Raises:
         InvalidInput: a plan without contacts of a hand, or unusable settings.
-        SimulationDiverged: speeds beyond reason: take a smaller step or softer servos.
+        SimulationDiverged: velocities beyond reason: take a smaller time step or softer servos.
         ExtraMissing: MuJoCo is not installed.
     """
     started = time.perf_counter()
-    if isinstance(plan, Task) and body is not None:
-        raise InvalidInput("body: expected with a plan that does not know its own, got one with a task, which does")
-    task = plan if isinstance(plan, Task) else Task.of(plan, body)
-    one_of("engine", engine, ENGINES)
-    one_of("mode", mode, MODES)
+    task = task_of(plan, body)
+    engine, mode = one_of("engine", engine, ENGINES), one_of("mode", mode, MODES)
     servo = Servo.of(task.hand) if servo is None else instance_of("servo", servo, Servo)
-    disturbance = Disturbance() if disturbance is None else disturbance
-    instance_of("disturbance", disturbance, Disturbance)
+    disturbance = Disturbance() if disturbance is None else instance_of("disturbance", disturbance, Disturbance)
     schedule = _schedule(task, hold, time_step, sample, release, letting_go, mode == "prescribed", disturbance)
-    kind = _engine(engine)
-    built: Engine = kind(task, time_step=schedule.time_step, servo=servo, mass_factor=disturbance.mass_factor)
-    trial = Trial(task, built, _law(task, built.parts, disturbance.mu), schedule)
+    running = _engine(engine)(task, time_step=schedule.time_step, servo=servo, mass_factor=disturbance.mass_factor)
+    trial = Trial(task, running, _law(task, running.parts, disturbance.mu), schedule)
     trial.run()
     return _record(trial, engine, mode, time.perf_counter() - started)
+
+
+def task_of(plan: PlanRecord | Task | str | Path, body: Body | None = None) -> Task:
+    """The task of a plan, or ``plan`` itself where it is one; ``body``: the object, where the plan has none."""
+    if not isinstance(plan, Task):
+        return Task.of(plan, body)
+    if body is not None:
+        raise InvalidInput("body: expected with a plan that has no object, got one with a task, which has its own")
+    return plan
 
 
 def _schedule(
@@ -110,7 +125,7 @@ def _schedule(
     flag("release", release)
     if sample > _COARSEST:
         raise InvalidInput(
-            f"sample: expected at most {_COARSEST:g} s, got {sample:g} s: the verdict is read from the samples"
+            f"sample: expected at most {_COARSEST:g} s, got {sample:g} s: the verdict depends on the samples"
         )
     longest = min(_COARSEST, task.final_time / _FEWEST_STEPS)
     if dt > longest:
@@ -123,11 +138,11 @@ def _schedule(
         )
     if release and hold < dt:
         raise InvalidInput(
-            f"hold: expected at least a step, {dt:g} s, got {hold:g} s: what is not held for a while is not held"
+            f"hold: expected at least one step, {dt:g} s, got {hold:g} s: without a hold there is nothing to judge"
         )
     if prescribed and disturbance.start_error is not None:
         raise InvalidInput(
-            "start error: expected with servos, joints that move as commanded have none (mode='prescribed')"
+            "start error: expected only with mode='servo', got one with mode='prescribed': those joints have no error"
         )
     for push in disturbance.pushes:
         if push.start + push.duration > hold + 0.5 * dt:
@@ -145,7 +160,14 @@ def _schedule(
     )
 
 
-def _engine(name: EngineName) -> Callable[..., Engine]:
+class _EngineKind(Protocol):
+    """How an engine is built."""
+
+    def __call__(self, task: Task, *, time_step: float, servo: Servo, mass_factor: float) -> Engine:
+        """Hand and object of a task."""
+
+
+def _engine(name: EngineName) -> _EngineKind:
     if name == "pinocchio":
         from pinograsp.referee.pinocchio_engine import PinocchioEngine
 
@@ -160,7 +182,7 @@ def _engine(name: EngineName) -> Callable[..., Engine]:
 
 
 def _law(task: Task, parts: int, mu: float | None) -> ContactLaw:
-    """The law for every part of the hand: friction of its planned contacts, the mean where there are none."""
+    """The law for every part of the hand: mu of its planned contacts, or their mean for parts without any."""
     joints = np.array([task.joint_of(link) for link in task.links])
     counts = np.bincount(joints, minlength=parts)
     each = np.full(parts, task.mu.mean())
@@ -175,15 +197,17 @@ def _law(task: Task, parts: int, mu: float | None) -> ContactLaw:
 def _record(trial: Trial, engine: str, mode: str, elapsed: float) -> Simulation:
     task, schedule, samples = trial.task, trial.schedule, trial.samples
     joints = [task.joint_of(link) for link in task.links]
-    planned = np.bincount(joints, weights=task.normal_forces, minlength=trial.engine.parts)
+    planned = np.zeros(trial.engine.parts)
+    np.add.at(planned, joints, task.normal_forces)
 
-    def column(name: str) -> np.ndarray:
+    def column(name: str) -> Array:
         return np.array([getattr(sample, name) for sample in samples])
 
     normal = column("normal_forces")
     shown = np.flatnonzero((planned > 0) | (normal > 0).any(axis=0))
     energies = {
-        one.name: read_only([getattr(sample.energies, one.name) for sample in samples]) for one in fields(Energies)
+        one.name: frozen(np.array([getattr(sample.energies, one.name) for sample in samples], dtype=float))
+        for one in fields(Energies)
     }
     history = History(
         complete=trial.complete,
@@ -218,7 +242,7 @@ def _record(trial: Trial, engine: str, mode: str, elapsed: float) -> Simulation:
 
 
 def _label(task: Task, part: int, joints: list[int]) -> str:
-    """The contact's name where a part has one, else the link's."""
+    """Name of a part of the hand: its contact's where it has exactly one, else its link's."""
     planned = [i for i, joint in enumerate(joints) if joint == part]
     if len(planned) == 1:
         return task.names[planned[0]]
@@ -226,4 +250,6 @@ def _label(task: Task, part: int, joints: list[int]) -> str:
         return task.links[planned[0]]
     model = task.hand.model
     own = [frame.name for frame in model.frames if frame.parentJoint == part and frame.type == pin.FrameType.BODY]
-    return task.hand.palm if part == 0 else own[0] if own else model.names[part]
+    if part == 0:
+        return task.hand.palm
+    return str(own[0] if own else model.names[part])

@@ -1,4 +1,4 @@
-"""A plan played step by step: the commands, what holds the object until it is let go, and the loop over time."""
+"""A plan simulated step by step: the commands, the object's support until it is let go, and the loop over time."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from pinograsp.referee.sample import Energies, Sample, by_part
 from pinograsp.referee.settings import Disturbance
 from pinograsp.referee.task import Task
 from pinograsp.referee.verdict import GONE
+from pinograsp.spatial import Array
 
-_SUPPORT = 200.0  # [rad/s] of the object on the support that lets it go
-_FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has come apart
+_SUPPORT = 200.0  # [rad/s] natural frequency of the object on its support
+_FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has diverged
 
 
 class Engine(Protocol):
@@ -26,32 +27,32 @@ class Engine(Protocol):
 
     parts: int
     notes: tuple[str, ...]
-    torques: np.ndarray
+    torques: Array
 
     @property
-    def q(self) -> np.ndarray:
+    def q(self) -> Array:
         """Joint positions (n,)."""
 
     @property
-    def dq(self) -> np.ndarray:
+    def dq(self) -> Array:
         """Joint velocities (n,)."""
 
     @property
-    def object_pose(self) -> np.ndarray:
+    def object_pose(self) -> Array:
         """(4, 4)."""
 
     @property
-    def object_twist(self) -> np.ndarray:
+    def object_twist(self) -> Array:
         """(6,) [m/s, rad/s]."""
 
-    def place(self, q: np.ndarray, dq: np.ndarray, object_pose: np.ndarray | None = None) -> None:
+    def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
         """Put the joints at q, dq, and the object at rest at a pose."""
 
-    def set_gravity(self, gravity_o: np.ndarray) -> None:
+    def set_gravity(self, gravity_o: Array) -> None:
         """Gravity from now on (3,) [m/s^2]."""
 
     def touches(self) -> Touches:
-        """Where the hand is in the object."""
+        """Where the hand overlaps the object."""
 
     def potential_energy(self) -> float:
         """[J]."""
@@ -61,31 +62,31 @@ class Engine(Protocol):
 
     def step(
         self,
-        q: np.ndarray,
-        dq: np.ndarray,
-        feed_forward: np.ndarray,
+        q: Array,
+        dq: Array,
+        feed_forward: Array,
         touches: Touches,
         pressing: Pressing,
-        wrench_o: np.ndarray,
+        wrench_o: Array,
     ) -> None:
         """One step with servos."""
 
-    def step_prescribed(self, ddq: np.ndarray, touches: Touches, pressing: Pressing, wrench_o: np.ndarray) -> None:
-        """One step with joints that move as commanded."""
+    def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
+        """One step with joints that follow the commands exactly."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Schedule:
-    """How long, in which steps, and what is not as planned.
+    """Duration and steps of a simulation, and its disturbance.
 
     Attributes:
         time_step: [s].
-        duration: of the whole simulation [s].
-        every: steps between samples.
+        duration: of the simulation [s].
+        every: number of steps between samples.
         release: whether the object is let go at t_F.
-        letting_go: how long its support takes to give way [s].
-        prescribed: whether joints move as commanded, whatever it takes.
-        disturbance: what is not as planned.
+        letting_go: how long the object's support takes to fade [s].
+        prescribed: whether joints follow the commands exactly, whatever torque that takes.
+        disturbance: differences from the plan.
     """
 
     time_step: float
@@ -98,7 +99,7 @@ class Schedule:
 
 
 class _Course:
-    """What the joints are commanded at every step; at t_F and after it the last command holds."""
+    """The commands of the joints at every step; from t_F on the last command is held."""
 
     def __init__(self, task: Task, schedule: Schedule):
         dt = schedule.time_step
@@ -110,7 +111,7 @@ class _Course:
         self.torques = np.column_stack([np.interp(instants, task.times, column) for column in task.torques.T])
         held = instants > task.final_time - 0.5 * dt
         self.dq[held], self.torques[held] = 0.0, task.holding_torques
-        if schedule.prescribed:  # as the engines step: what a velocity leads to is the next position
+        if schedule.prescribed:  # the engines integrate a step's velocity to the next position
             self.dq[1:] = np.diff(self.q, axis=0) / dt
             self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0
 
@@ -120,36 +121,37 @@ class _Course:
 
 
 class _Support:
-    """What has held the object until t_F: its force and its stiffness fade away together."""
+    """What holds the object until t_F; its force and its stiffness then fade together."""
 
-    def __init__(self, task: Task, pose: np.ndarray, mass_factor: float, duration: float):
+    def __init__(self, task: Task, pose: Array, mass_factor: float, duration: float):
         self.task, self.pose, self.duration = task, pose, duration
         mass = mass_factor * task.body.mass
         inertia = float(np.linalg.eigvalsh(mass_factor * task.body.inertia_b)[0])
-        self.spring = np.repeat([mass, inertia], 3) * _SUPPORT**2
-        self.damper = 2 * np.repeat([mass, inertia], 3) * _SUPPORT
+        inertias: Array = np.repeat(np.array([mass, inertia]), 3)
+        self.spring, self.damper = inertias * _SUPPORT**2, 2 * inertias * _SUPPORT
         self.weight = np.concatenate([mass * task.gravity_o, np.zeros(3)])
-        self.carried: np.ndarray | None = None
+        self.carried: Array | None = None
 
-    def wrench(self, since: float, engine: Engine, touches: Touches, pressing: Pressing) -> np.ndarray:
-        """On the object (6,) [N, N m], so long after t_F [s]."""
+    def wrench(self, since: float, engine: Engine, touches: Touches, pressing: Pressing) -> Array:
+        """On the object (6,) [N, N m], at a time after t_F [s]."""
         if since >= self.duration:
             return np.zeros(6)
         pose = engine.object_pose
-        if self.carried is None:  # at t_F: all that keeps the object where it is
+        if self.carried is None:  # at t_F: what keeps the object in equilibrium
             moments = np.cross(touches.point_o - pose[:3, 3], pressing.force_o) + pressing.moment_o
             pressed = np.concatenate([pressing.force_o.sum(axis=0), moments.sum(axis=0)])
             self.carried = -(pressed + self.weight + self.task.load)
         moved = np.concatenate([pose[:3, 3] - self.pose[:3, 3], pin.log3(pose[:3, :3] @ self.pose[:3, :3].T)])
-        return (1 - since / self.duration) * (self.carried - self.spring * moved - self.damper * engine.object_twist)
+        full: Array = self.carried - self.spring * moved - self.damper * engine.object_twist
+        return (1 - since / self.duration) * full
 
 
 class Trial:
-    """One run of an engine through a task.
+    """One simulation of a task by an engine.
 
     Attributes:
         samples: what was recorded.
-        complete: the sample at t_F.
+        complete: index of the sample at t_F.
         gone: whether the object was so far away that the simulation ended early.
     """
 
@@ -169,32 +171,33 @@ class Trial:
         """From t = 0 to the end of the hold, or until the object is gone."""
         engine, steps = self.engine, self.course.steps
         start = self.schedule.disturbance.start_error
-        error = 0.0 if start is None else array_of("start error", start, (self.task.hand.n,))
+        error = np.zeros(self.task.hand.n) if start is None else array_of("start error", start, (self.task.hand.n,))
         engine.place(self.course.q[0] + error, self.course.dq[0], self.pose)
         pending: Sample | None = None
-        base = kinetic = None
-        for i in range(steps + 2):  # the last is for what the sample before it lacks
+        kinetic = start_energy = 0.0
+        for i in range(steps + 2):  # the last one completes the sample before it
             self._settle(i)
             touches = self.law.counted(engine.touches())
             # Velocities are half a step behind positions: energies take the mean of two.
             before, kinetic = kinetic, engine.kinetic_energy()
-            base = engine.potential_energy() + kinetic if base is None else base
+            if i == 0:
+                start_energy = engine.potential_energy() + kinetic
             if pending is not None:
-                self.samples.append(pending.with_kinetic(0.5 * (before + kinetic) - base))
-                # Of the sample, not of now: the verdict must see that it is gone.
+                self.samples.append(pending.with_kinetic(0.5 * (before + kinetic) - start_energy))
+                # By the pose of the sample, not the present one: the verdict is read from the samples.
                 self.gone = bool(np.linalg.norm(pending.object_pose[:3, 3] - self.pose[:3, 3]) > GONE)
                 if i > steps or self.gone:
                     return
             pending = self._step(i, touches)
 
     def _is_fixed(self, i: int) -> bool:
-        """Whether the object is held at that step."""
+        """Whether the object is fixed at a step."""
         return not self.schedule.release or i < self.course.let_go
 
     def _settle(self, i: int) -> None:
-        """Put hand and object where they are held, and shake the hand, before a step."""
+        """Before a step: place hand and object where they are fixed, and shake the hand."""
         course, engine, prescribed = self.course, self.engine, self.schedule.prescribed
-        still = self._is_fixed(i) or i == course.let_go  # it is let go from where it was, at rest
+        still = self._is_fixed(i) or i == course.let_go  # it is let go from rest
         now = course.at(i)
         if still or prescribed:
             q, dq = (course.q[now], course.dq[now]) if prescribed else (engine.q, engine.dq)
@@ -206,7 +209,7 @@ class Trial:
             engine.set_gravity(self.task.gravity_o - swing)
 
     def _step(self, i: int, touches: Touches) -> Sample | None:
-        """One step; a sample of the state before it where one is due, without its kinetic energy."""
+        """One step; returns a sample of the state before it where one is due, without its kinetic energy."""
         engine, course, law, dt = self.engine, self.course, self.law, self.schedule.time_step
         potential = engine.potential_energy()
         pressing = law.press(touches, dt)
@@ -244,22 +247,20 @@ class Trial:
                 object_pose=pose,
                 slips=law.slip.copy(),
                 energies=energies,
-                **by_part(touches, pressing, engine.parts),
+                **by_part(touches, pressing, engine.parts)._asdict(),
             )
         self._account(dt, after, wrench, engine.object_twist, fixed)
         return sample
 
-    def _wrench(self, i: int, touches: Touches, pressing: Pressing) -> np.ndarray:
-        """Load, disturbances and support on the object (6,) [N, N m]; nothing while it is held."""
+    def _wrench(self, i: int, touches: Touches, pressing: Pressing) -> Array:
+        """Load, disturbances and support on the object (6,) [N, N m]; zero while it is fixed."""
         if self._is_fixed(i):
             return np.zeros(6)
         since = self.schedule.time_step * i - self.task.final_time
         disturbed = self.schedule.disturbance.wrench(since - self.schedule.letting_go)
         return self.task.load + disturbed + self.support.wrench(since, self.engine, touches, pressing)
 
-    def _account(
-        self, dt: float, speeds: np.ndarray, wrench: np.ndarray, object_speed: np.ndarray, fixed: bool
-    ) -> None:
-        """Half a step's work of motors and load."""
+    def _account(self, dt: float, speeds: Array, wrench: Array, object_speed: Array, fixed: bool) -> None:
+        """Add half a step's work of motors and load."""
         self.joint_work += 0.5 * dt * float(self.engine.torques @ speeds)
         self.load_work += 0.0 if fixed else 0.5 * dt * float(wrench @ object_speed)

@@ -1,4 +1,4 @@
-"""What is tried: a plan as plain numbers, from Python or from a run folder."""
+"""The plan under test as plain numbers, from Python or from a run folder."""
 
 from __future__ import annotations
 
@@ -12,64 +12,68 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanFailure, PlanRecord
+from pinograsp.spatial import Array
 from pinograsp.storage import read_run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Task:
-    """A plan as the referee sees it: the commands, and what they are said to bring about.
+    """A plan as the referee sees it: the commands, and the contacts and forces that they should produce.
 
     Attributes:
-        hand: where it is at the start.
-        body: the object, where it is at the start.
-        times: (m,) [s].
-        q, dq: commanded (m, n).
-        torques: feed-forward (m, n) [N m], and after the end holding_torques (n,).
-        torque_limit: (n,), infinity: none.
-        impact_time, final_time: [s].
+        hand: at its initial placement.
+        body: the object at its initial placement.
+        times: of the commands (m,) [s].
+        q: commanded positions (m, n) [rad or m].
+        dq: commanded velocities (m, n) [rad/s or m/s].
+        torques: feed-forward torques (m, n) [N m or N].
+        holding_torques: feed-forward torques after the last command (n,) [N m or N].
+        torque_limit: (n,) [N m or N]; infinity: no limit.
+        impact_time: t_I [s].
+        final_time: t_F [s].
         names: of the planned contacts (k).
-        links: that touch there (k).
-        points_o: (k, 3) [m].
+        links: of the hand at these contacts (k).
+        points_o: contact points (k, 3) [m].
         forces_o: planned at the end, on the object (k, 3) [N].
-        normal_forces: (k,) [N].
-        depths: (k,) [m].
-        mu: (k,).
+        normal_forces: planned at the end (k,) [N].
+        depths: planned penetration at the end (k,) [m].
+        mu: friction coefficients (k,).
         torsion: largest moment about a normal per newton [m].
-        law: K, lambda, rho.
-        load: besides the weight, on the object about its centre of mass (6,) [N, N m].
+        law: K [N/m^rho], lambda [N s/m^(rho + 1)], rho.
+        load: on the object about its centre of mass, without the weight (6,) [N, N m].
         gravity_o: (3,) [m/s^2].
     """
 
     hand: HandModel
     body: Body
-    times: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    torques: np.ndarray
-    holding_torques: np.ndarray
-    torque_limit: np.ndarray
+    times: Array
+    q: Array
+    dq: Array
+    torques: Array
+    holding_torques: Array
+    torque_limit: Array
     impact_time: float
     final_time: float
     names: tuple[str, ...]
     links: tuple[str, ...]
-    points_o: np.ndarray
-    forces_o: np.ndarray
-    normal_forces: np.ndarray
-    depths: np.ndarray
-    mu: np.ndarray
+    points_o: Array
+    forces_o: Array
+    normal_forces: Array
+    depths: Array
+    mu: Array
     torsion: float
     law: tuple[float, float, float]
-    load: np.ndarray
-    gravity_o: np.ndarray
+    load: Array
+    gravity_o: Array
 
     __repr__ = brief("hand", "body", "names", "normal_forces", "mu", "impact_time", "final_time")
 
     @classmethod
     def of(cls, plan: PlanRecord | str | Path, body: Body | None = None) -> Task:
-        """From a plan, fresh or read back, or a run's folder; ``body`` where the plan does not know its own.
+        """The task of a plan, or of the plan in a run's folder; ``body``: the object, where the plan has none.
 
         Raises:
-            InvalidInput: neither, a search without a plan, or no object.
+            InvalidInput: not a plan, a search that found none, or a plan without an object.
         """
         instance_of("body", body, Body, type(None))
         record = read_run(plan) if isinstance(plan, str | Path) else plan
@@ -83,10 +87,9 @@ class Task:
             )
         contacts, law = record.contacts, record.law
         if not all(contacts.links):
-            raise InvalidInput("simulate: expected contacts of a hand; these were made without one (hand=None)")
+            raise InvalidInput("simulate: expected contacts of a hand; these were created without one (hand=None)")
         load = np.array(record.load)
-        # The weight acts on the simulated object by itself. A plan that did not know its object has the given one's in
-        # its load.
+        # The engine adds the weight itself. Where the plan has no object, its load contains the given object's weight.
         load[:3] -= (record.body_mass or body.mass) * record.gravity_o
         return cls(
             hand=hand,
@@ -113,5 +116,5 @@ class Task:
         )
 
     def joint_of(self, link: str) -> int:
-        """Pinocchio's index of the joint that carries a link (0: none, the palm)."""
-        return self.hand.model.frames[self.hand.frame_id(link)].parentJoint
+        """Pinocchio's index of the joint that carries a link (0: the palm)."""
+        return int(self.hand.model.frames[self.hand.frame_id(link)].parentJoint)

@@ -1,37 +1,80 @@
-"""Trials on disk, a line of JSON each as they come, so that a study goes on where it was stopped."""
+"""Trials on disk, one line of JSON each, so that an interrupted study can continue."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import math
+from collections.abc import Mapping
+from io import FileIO
 from pathlib import Path
+from typing import Any, TypedDict
 
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.writing import lock, place_of, write_errors
 
-_SAME = 1e-6  # relative difference between a plan and the same one, planned again
+_SAME = 1e-6  # relative difference below which values of two headers are equal: planning again reproduces no more
+
+
+class TrialRow(TypedDict):
+    """One trial of a study.
+
+    Attributes:
+        error: its error, or ``"together"``.
+        trial: its number.
+        drawn: the random values by error, as plain values.
+        held: whether the object stayed in the hand.
+        drift_m: of the object [m]; None: the simulation diverged.
+        reason: why it was held or lost, in words.
+    """
+
+    error: str
+    trial: int
+    drawn: dict[str, Any]
+    held: bool
+    drift_m: float | None
+    reason: str
 
 
 class TrialLog:
-    """Rows by error and trial, kept in ``rows`` and on disk, under a header that says what they are of.
+    """Rows by error and trial, in ``rows`` and on disk, below a header that describes the study.
 
-    A context: it keeps the file from other writers, and closes it. Without a path nothing is written. A last line that
-    was cut short is dropped.
+    A context manager: it locks the file against other writers, and closes it. Without a path nothing is written. An
+    incomplete last line is dropped.
 
     Raises:
-        InvalidInput: the file holds something else, or rows under another header.
-        ResultsNotWritten: it cannot be written, or another process is writing it.
+        InvalidInput: the file holds something else, or rows below another header.
+        ResultsNotWritten: the file cannot be written, or another process is writing to it.
     """
 
-    def __init__(self, path: Path | None, header: dict):
-        self.rows, self.file, self.path = {}, None, path
-        if path is None:
-            return
-        self.head = _line(header)
+    def __init__(self, path: Path | None, header: dict[str, Any]):
+        self.rows: dict[tuple[str, int], TrialRow] = {}
+        self._file: _LogFile | None = None
+        if path is not None:
+            self._file = _LogFile(path, header, self.rows)
+
+    def add(self, row: TrialRow) -> None:
+        """Keep a row; it is written to disk at once."""
+        if self._file is not None:
+            self._file.write(row)
+        self.rows[row["error"], row["trial"]] = row
+
+    def __enter__(self) -> TrialLog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self._file.file.close()
+
+
+class _LogFile:
+    """The file of a log, opened and locked; the rows that it holds are put into ``rows``."""
+
+    def __init__(self, path: Path, header: dict[str, Any], rows: dict[tuple[str, int], TrialRow]):
+        self.path, self.head = path, _line(header)
         with write_errors(path):
             place_of(path).parent.mkdir(parents=True, exist_ok=True)
-            self.file = path.open("a+b", buffering=0)
+            self.file: FileIO = path.open("a+b", buffering=0)
         try:
             with write_errors(path):
                 if lock(self.file.fileno()) is False:
@@ -40,30 +83,32 @@ class TrialLog:
                     )
                 self.file.seek(0)
                 kept = self.file.read()
-            whole = kept[: kept.rfind(b"\n") + 1]  # without a last line that was cut short
-            self._read(whole, kept, header)
+            lines = kept[: kept.rfind(b"\n") + 1]  # without an incomplete last line
+            self._read(lines, kept, header, rows)
             with write_errors(path):
-                self.file.truncate(len(whole))
+                self.file.truncate(len(lines))
         except BaseException:
             self.file.close()
             raise
-        self.size = len(whole)
+        self.size = len(lines)
 
-    def _read(self, whole: bytes, kept: bytes, header: dict) -> None:
-        if not whole:
+    def _read(
+        self, complete: bytes, kept: bytes, header: dict[str, Any], rows: dict[tuple[str, int], TrialRow]
+    ) -> None:
+        if not complete:
             if not self.head.startswith(kept):
                 raise InvalidInput(f"'{self.path}' holds no trials: give another folder")
             return
         at = 1
         try:
-            first, *lines = whole.split(b"\n")[:-1]
+            first, *lines = complete.split(b"\n")[:-1]
             found = json.loads(first)
             if not isinstance(found, dict) or found.get("schema") != header["schema"]:
                 raise InvalidInput(f"'{self.path}' holds no trials of schema {header['schema']}: give another folder")
             for line in lines:
                 at += 1
                 row = json.loads(line)
-                self.rows.setdefault((row["error"], row["trial"]), row)
+                rows.setdefault((row["error"], row["trial"]), row)
         except InvalidInput:
             raise
         except (ValueError, KeyError, TypeError) as error:
@@ -75,36 +120,27 @@ class TrialLog:
                 "another folder"
             )
 
-    def add(self, row: dict) -> None:
-        """Keep a row; on disk at once."""
-        if self.file is not None:
-            # Not before the first row: settings that cannot be simulated leave nothing behind.
-            line = (b"" if self.size else self.head) + _line(row)
-            with write_errors(self.path):
-                try:
-                    written = 0
-                    while written < len(line):
-                        written += self.file.write(line[written:])
-                except BaseException:
-                    with contextlib.suppress(OSError):  # part of a line that stays is dropped by the next reader
-                        self.file.truncate(self.size)
-                    raise
-            self.size += len(line)
-        self.rows[row["error"], row["trial"]] = row
-
-    def __enter__(self) -> TrialLog:
-        return self
-
-    def __exit__(self, *_) -> None:
-        if self.file is not None:
-            self.file.close()
+    def write(self, row: TrialRow) -> None:
+        """Append a row; what could not be written completely is removed again."""
+        # The header comes with the first row: settings that cannot be simulated leave nothing behind.
+        line = (b"" if self.size else self.head) + _line(row)
+        with write_errors(self.path):
+            try:
+                written = 0
+                while written < len(line):
+                    written += self.file.write(line[written:])
+            except BaseException:
+                with contextlib.suppress(OSError):  # the next reader drops an incomplete line that stays
+                    self.file.truncate(self.size)
+                raise
+        self.size += len(line)
 
 
-def _line(value: dict) -> bytes:
+def _line(value: Mapping[str, Any]) -> bytes:
     return json.dumps(value, allow_nan=False).encode() + b"\n"
 
 
-def _differences(a, b, name: str = "") -> list[str]:
+def _differences(a: object, b: object, name: str = "") -> list[str]:
     """Names of the values that differ by more than rounding."""
     if isinstance(a, dict) and isinstance(b, dict):
         return [

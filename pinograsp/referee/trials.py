@@ -1,4 +1,4 @@
-"""One trial of many: the settings they share, the plan handed to other processes, and what came of it."""
+"""Single trials of a study: their common settings, the plan for other processes, and their outcomes."""
 
 from __future__ import annotations
 
@@ -10,31 +10,54 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import cloudpickle
 import joblib
 
 from pinograsp.checks import instance_of, number, one_of
 from pinograsp.errors import InvalidInput, SimulationDiverged
+from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
 from pinograsp.referee.settings import Disturbance, Servo
-from pinograsp.referee.simulate import simulate
+from pinograsp.referee.simulate import ENGINES, MODES, Mode, SimulationSettings, simulate
 from pinograsp.referee.task import Task
 from pinograsp.writing import write_errors
 
-# "body" belongs to the task, and what is never let go always holds.
-_OTHERS = ("plan", "body", "release", "disturbance")
-_DEFAULTS = {name: one.default for name, one in inspect.signature(simulate).parameters.items() if name not in _OTHERS}
+# Set by the studies themselves; what is never let go always holds.
+_NOT_ACCEPTED = ("plan", "release", "disturbance")
+
+
+class TrialSettings(SimulationSettings, total=False):
+    """Settings that the trials of a study share: keyword arguments of :func:`~pinograsp.referee.simulate`."""
+
+    mode: Mode
+
+
+class StudySettings(TrialSettings, total=False):
+    """Settings that a study accepts: those of its trials, and the object where the plan has none."""
+
+    body: Body | None
+
+
+# A task with the settings of its trials, or the path of a file that holds both.
+Case: TypeAlias = tuple[Task, TrialSettings] | str
+
+_DEFAULTS = {
+    name: one.default
+    for name, one in inspect.signature(simulate).parameters.items()
+    if name in TrialSettings.__annotations__
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What came of one simulation.
+    """Outcome of one simulation.
 
     Attributes:
-        held: whether the object stayed.
-        reason: in words.
-        drift: of the object [m]; None where the simulation diverged.
+        held: whether the object stayed in the hand.
+        reason: why, in words.
+        drift: of the object [m]; None: the simulation diverged.
     """
 
     held: bool
@@ -42,33 +65,37 @@ class Outcome:
     drift: float | None
 
 
-def common_settings(plan: PlanRecord | Task | str | Path, settings: dict) -> tuple[Task, dict]:
-    """The task of a plan, and all settings of its simulations, defaults included.
+def common_settings(plan: PlanRecord | Task | str | Path, settings: StudySettings) -> tuple[Task, TrialSettings]:
+    """The task of a plan, and all settings of its trials, defaults included.
 
     Raises:
         InvalidInput: a plan that cannot be simulated, or a setting that does not exist here.
     """
-    settings = dict(settings)
-    body = settings.pop("body", None)
+    given: dict[str, Any] = dict(settings)
+    body = given.pop("body", None)
     task = plan if isinstance(plan, Task) else Task.of(plan, body)
-    for name in settings:
-        if name in _OTHERS:
-            raise InvalidInput(f"setting '{name}': not accepted here, every trial is told by the study")
+    for name in given:
+        if name in _NOT_ACCEPTED:
+            raise InvalidInput(f"setting '{name}': not accepted here, the study sets it for every trial")
         one_of("setting", name, _DEFAULTS)
-    settings = _DEFAULTS | settings
-    for name, default in _DEFAULTS.items():
-        if isinstance(default, float):
-            settings[name] = number(name.replace("_", " "), settings[name])
-    servo = settings["servo"]
-    settings["servo"] = Servo.of(task.hand) if servo is None else instance_of("servo", servo, Servo)
-    return task, settings
+    values = _DEFAULTS | given
+    servo = values["servo"]
+    return task, TrialSettings(
+        hold=number("hold", values["hold"]),
+        engine=one_of("engine", values["engine"], ENGINES),
+        mode=one_of("mode", values["mode"], MODES),
+        servo=Servo.of(task.hand) if servo is None else instance_of("servo", servo, Servo),
+        time_step=number("time step", values["time_step"]),
+        sample=number("sample", values["sample"]),
+        letting_go=number("letting go", values["letting_go"]),
+    )
 
 
 @contextlib.contextmanager
-def handed_over(task: Task, settings: dict, jobs: int) -> Iterator[tuple[Task, dict] | str]:
-    """A task with its settings as :func:`run_trial` takes them: for several processes, the path of a file for a while.
+def handed_over(task: Task, settings: TrialSettings, jobs: int) -> Iterator[Case]:
+    """A task with its settings as :func:`run_trial` takes them; for several processes, as a temporary file.
 
-    Meshes are heavy: they go to every process once.
+    Meshes are large: with a file, each process reads them only once.
     """
     if joblib.effective_n_jobs(jobs) == 1:
         yield task, settings
@@ -81,12 +108,13 @@ def handed_over(task: Task, settings: dict, jobs: int) -> Iterator[tuple[Task, d
 
 
 @functools.lru_cache(maxsize=1)
-def _read(path: str) -> tuple[Task, dict]:
-    return pickle.loads(Path(path).read_bytes())
+def _read(path: str) -> tuple[Task, TrialSettings]:
+    case: tuple[Task, TrialSettings] = pickle.loads(Path(path).read_bytes())
+    return case
 
 
-def run_trial(case: tuple[Task, dict] | str, disturbance: Disturbance, mu_factor: float = 1.0) -> Outcome:
-    """Simulate a task; ``mu_factor`` times the friction of every contact where the disturbance does not set it."""
+def run_trial(case: Case, disturbance: Disturbance, mu_factor: float = 1.0) -> Outcome:
+    """Simulate a task; ``mu_factor`` scales the friction of every contact, unless the disturbance sets mu."""
     task, settings = _read(case) if isinstance(case, str) else case
     if mu_factor != 1.0:
         task = replace(task, mu=mu_factor * task.mu)

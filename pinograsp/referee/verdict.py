@@ -1,4 +1,4 @@
-"""Held or lost: what the samples of a simulation say."""
+"""The verdict, held or lost, from the samples of a simulation."""
 
 from __future__ import annotations
 
@@ -7,28 +7,29 @@ import numpy as np
 from pinograsp.plan import Verdict
 from pinograsp.referee.sample import History
 from pinograsp.referee.task import Task
+from pinograsp.spatial import Array, BoolArray
 
-# Held: at the end of the hold the object has moved less than this since the release, and hardly moves any more.
+# The object counts as held if it has moved less than this since the release and has come to rest.
 MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
 RESTING = 5e-4  # [m] of motion in the last fifth of the hold
-GONE = 0.05  # [m] moved this far it does not come back
+GONE = 0.05  # [m] an object that has moved this far is lost
 _SLIPPED = 1e-4  # [m]
 _BEYOND = 1e-3  # [rad or m] past a joint's limit
-_AT_LIMIT = 1e-6  # of a torque limit
+_AT_LIMIT = 1e-6  # relative distance to a torque limit
 
 
 def verdict_of(
-    task: Task, history: History, depths: np.ndarray, release: float | None, *, gone: bool, audited: bool
+    task: Task, history: History, depths: Array, release: float | None, *, gone: bool, audited: bool
 ) -> Verdict:
     """The verdict on a task.
 
     Args:
-        task: what was tried.
-        history: the samples; the object does not move before that at t_F.
-        depths: planned, of the history's parts (p,) [m].
+        task: what was simulated.
+        history: the samples; the object is fixed until the sample at t_F.
+        depths: planned penetration of the history's parts (p,) [m].
         release: when the object was let go [s]; None: never.
-        gone: whether it was so far away that the simulation ended early.
-        audited: whether the energies can be compared.
+        gone: whether the object was so far away that the simulation ended early.
+        audited: whether the energy balance can be checked.
     """
     times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
     normal, planned = history.normal_forces, history.planned_forces
@@ -41,10 +42,10 @@ def verdict_of(
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
     held, reason = _held(times, poses, normal, drift, turn, release, gone)
 
-    # The last tenth of the hold: whatever still swings is averaged.
+    # Averages over the last tenth of the hold remove small oscillations.
     last = slice(min(times.size - 1, times.size - max(1, (times.size - complete) // 10)), None)
     should = planned > 0
-    # Of contacts that hardly carry, an error counts against a twentieth of the largest force.
+    # Errors of small forces are relative to a twentieth of the largest force.
     errors = (
         np.abs(normal[last].mean(axis=0) - planned)[should]
         / np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
@@ -53,8 +54,9 @@ def verdict_of(
     missed = np.abs(history.depths[complete] - depths)[should]
     slipped = history.slips[-1] - history.slips[complete] > _SLIPPED
     hand, q = task.hand, history.q
-    beyond = ((q < hand.lower - _BEYOND) | (q > hand.upper + _BEYOND)).any(axis=0)
-    at_limit = np.abs(history.torques[last]).max(axis=0) >= task.torque_limit * (1 - _AT_LIMIT)
+    beyond: BoolArray = np.any((q < hand.lower - _BEYOND) | (q > hand.upper + _BEYOND), axis=0)
+    at_limit: BoolArray = np.abs(history.torques[last]).max(axis=0) >= task.torque_limit * (1 - _AT_LIMIT)
+    touched: BoolArray = np.any(normal > 0, axis=0)
     return Verdict(
         held=held,
         reason=reason,
@@ -65,9 +67,7 @@ def verdict_of(
         force_errors=dict(zip(labels, errors.tolist())),
         penetration_error=float(missed.max(initial=0.0)),
         slipped=tuple(name for name, yes in zip(parts, slipped) if yes),
-        unplanned=tuple(
-            name for name, wanted, found in zip(parts, should, (normal > 0).any(axis=0)) if found and not wanted
-        ),
+        unplanned=tuple(name for name, wanted, found in zip(parts, should, touched) if found and not wanted),
         limit_hits=tuple(name for name, yes in zip(hand.joint_names, beyond) if yes),
         saturated=tuple(name for name, yes in zip(hand.joint_names, at_limit) if yes),
         energy_error=_energy_error(history.energies) if audited else None,
@@ -75,9 +75,9 @@ def verdict_of(
 
 
 def _held(
-    times: np.ndarray,
-    poses: np.ndarray,
-    normal: np.ndarray,
+    times: Array,
+    poses: Array,
+    normal: Array,
     drift: float,
     turn: float,
     release: float | None,
@@ -99,9 +99,9 @@ def _held(
     return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s"
 
 
-def _energy_error(energies: dict[str, np.ndarray]) -> float:
-    """Largest gap between energy put in and energy held or lost, relative to all that was put in and given out."""
+def _energy_error(energies: dict[str, Array]) -> float:
+    """Largest difference between the energy put in and that stored or lost, relative to the largest of all energies."""
     put_in = energies["joint_work"] + energies["load_work"]
     kept = np.sum([energies[name] for name in ("mechanical", "elastic", "damped", "slipped")], axis=0)
-    turned_over = np.abs(np.array(list(energies.values()))).max()
-    return float(np.abs(put_in - kept).max() / max(turned_over, 1e-12))
+    largest = float(np.abs(np.array(list(energies.values()))).max())
+    return float(np.abs(put_in - kept).max() / max(largest, 1e-12))

@@ -20,6 +20,7 @@ from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.checks import one_of, processes
 from pinograsp.errors import ExtraMissing, InvalidInput, PinograspError
 from pinograsp.interrupts import interrupts_kept, parallel_results
+from pinograsp.spatial import Array
 from pinograsp.sweep.rows import FIGURES, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
 
@@ -153,7 +154,7 @@ def sweep(
 class _Chunks:
     """The rows that are left, in chunks of equal work; workers give back what takes too long."""
 
-    def __init__(self, spec: SweepSpec, left: np.ndarray):
+    def __init__(self, spec: SweepSpec, left: Array):
         self.spec, self.left, self.at, self.back = spec, left, 0, deque()
         self.workers, self.pace = 1, math.inf
 

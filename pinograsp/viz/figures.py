@@ -15,6 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from pinograsp.checks import array_of, floats_of, instance_of, items_of, mapping_of, one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
+from pinograsp.spatial import Array
 from pinograsp.words import printable
 
 # Okabe-Ito colours, told apart by colour-blind readers too, and line styles for print.
@@ -51,7 +52,7 @@ def _moving(plan: PlanRecord) -> list[str]:
     return [name for name, dofs in plan.layout.fingers.items() if np.ptp(q[:, dofs], axis=0).max(initial=0.0) > 0]
 
 
-def _per_finger(plan: PlanRecord, values: np.ndarray, ylabel: str) -> Figure:
+def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
     """values (m, n) over time, a panel per moving finger."""
     fingers = _moving(plan)
     if not fingers:

@@ -23,7 +23,7 @@ from pinograsp.plan.answer import (
     shares,
     work,
 )
-from pinograsp.spatial import tangent_frame
+from pinograsp.spatial import Array, tangent_frame
 from pinograsp.viz.figures import COLOURS
 from pinograsp.viz.scene_meshes import Links, Solid, Triangles, cloud_of, friction_cone, placed, sevens, solids_of
 from pinograsp.words import number
@@ -57,19 +57,19 @@ class Simulated:
     reason: str
     engine: str
     release: float | None
-    link_poses: np.ndarray
-    object_poses: np.ndarray
+    link_poses: Array
+    object_poses: Array
     parts: tuple[str, ...]
-    planned: np.ndarray
-    normal_forces: np.ndarray
-    forces_o: np.ndarray
-    points_b: np.ndarray
-    drift: np.ndarray
-    beside: np.ndarray
+    planned: Array
+    normal_forces: Array
+    forces_o: Array
+    points_b: Array
+    drift: Array
+    beside: Array
 
     __repr__ = brief()
 
-    def arrows(self, frame: int, scale: float) -> np.ndarray:
+    def arrows(self, frame: int, scale: float) -> Array:
         """Start and end of the forces' arrows (p, 2, 3) [m] at ``scale`` [m/N]; of no length where it is not known
         where they act.
         """
@@ -123,37 +123,37 @@ class ViewScene:
     remedy: str
     facts: tuple[tuple[str, str], ...]
     cautions: tuple[str, ...]
-    times: np.ndarray
+    times: Array
     touch: float
     closed: float
     solids: tuple[Solid, ...]
-    link_poses: np.ndarray
-    object_pose: np.ndarray | None
+    link_poses: Array
+    object_pose: Array | None
     contacts: tuple[str, ...]
     colours: tuple[str, ...]
-    points_o: np.ndarray
-    rotations_oc: np.ndarray
+    points_o: Array
+    rotations_oc: Array
     cones: tuple[Triangles, ...]
     cone_height: float
     pyramids: bool
-    forces_o: np.ndarray
-    normal: np.ndarray
-    tangential: np.ndarray
-    used: np.ndarray
-    load_o: np.ndarray
-    com_o: np.ndarray
+    forces_o: Array
+    normal: Array
+    tangential: Array
+    used: Array
+    load_o: Array
+    com_o: Array
     joints: tuple[str, ...]
     fingers: dict[str, list[int]]
-    sliding: np.ndarray
-    q: np.ndarray
-    torques: np.ndarray
-    limits: np.ndarray
+    sliding: Array
+    q: Array
+    torques: Array
+    limits: Array
     force_scale: float
-    up: np.ndarray
+    up: Array
     ground: float
-    centre: np.ndarray
-    view: np.ndarray
-    extent: np.ndarray
+    centre: Array
+    view: Array
+    extent: Array
     simulated: Simulated | None
 
     __repr__ = brief("title", "status", "answer", "contacts", "times", "simulated")
@@ -167,7 +167,7 @@ class ViewScene:
         """The instant nearest to ``time`` [s]."""
         return int(np.abs(self.times - time).argmin())
 
-    def arrows(self, frame: int, scale: float | None = None) -> np.ndarray:
+    def arrows(self, frame: int, scale: float | None = None) -> Array:
         """Start and end of the contact forces' arrows (k, 2, 3) [m] at ``scale`` [m/N]: from the contact along the
         force.
         """
@@ -270,9 +270,7 @@ class _Stage:
         size: the longest side of what is shown [m].
     """
 
-    def __init__(
-        self, plan: PlanRecord, solids: tuple[Solid, ...], link_poses: np.ndarray, object_pose: np.ndarray | None
-    ):
+    def __init__(self, plan: PlanRecord, solids: tuple[Solid, ...], link_poses: Array, object_pose: Array | None):
         gravity, contacts = plan.gravity_o, plan.contacts
         self.up = -gravity / np.linalg.norm(gravity) if np.any(gravity) else np.array([0.0, 0.0, 1.0])
         shown = np.linspace(0, len(link_poses) - 1, 8).astype(int)
@@ -283,11 +281,11 @@ class _Stage:
         self.size = float(np.ptp(self.cloud, axis=0).max())
 
     @property
-    def beside(self) -> np.ndarray:
+    def beside(self) -> Array:
         """How far to move what is to stand beside (3,) [m]."""
         return 1.15 * np.ptp(self.cloud @ self.right) * self.right
 
-    def add(self, shift: np.ndarray) -> None:
+    def add(self, shift: Array) -> None:
         """Make room for the same once more, moved by ``shift`` (3,) [m]."""
         self.cloud = np.concatenate([self.cloud, self.cloud + shift])
 
@@ -296,7 +294,7 @@ class _Stage:
         """Height of the lowest point along ``up`` [m]."""
         return float((self.cloud @ self.up).min())
 
-    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+    def frame(self) -> tuple[Array, Array]:
         """What to look at (3,), and half the size to the right, upwards and along the view (3,) [m]."""
         axes = np.stack([self.right, np.cross(self.view, self.right), self.view])
         low, high = (self.cloud @ axes.T).min(axis=0), (self.cloud @ axes.T).max(axis=0)
@@ -312,7 +310,7 @@ def _force_scale(plan: PlanRecord, size: float) -> float:
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def _busy(fingers: Mapping[str, tuple[int, ...]], q: np.ndarray, torques: np.ndarray) -> dict[str, list[int]]:
+def _busy(fingers: Mapping[str, tuple[int, ...]], q: Array, torques: Array) -> dict[str, list[int]]:
     """Joints by finger, of the fingers that move or bear torque; each joint once."""
     busy, seen = {}, set()
     for name, dofs in fingers.items():
@@ -323,7 +321,7 @@ def _busy(fingers: Mapping[str, tuple[int, ...]], q: np.ndarray, torques: np.nda
     return busy
 
 
-def _instants(motion: Motion, simulation: Simulation | None) -> tuple[np.ndarray, np.ndarray]:
+def _instants(motion: Motion, simulation: Simulation | None) -> tuple[Array, Array]:
     """The instants shown (f,) [s], and the plan's sample at each; after its end it stays as it is."""
     times, last = motion.times, len(motion.times) - 1
     phases = np.r_[np.linspace(0, motion.impact, _APPROACH), np.linspace(motion.impact, last, _GRASP)]
@@ -337,7 +335,7 @@ def _instants(motion: Motion, simulation: Simulation | None) -> tuple[np.ndarray
 # -- the view ----------------------------------------------------------------------------------------------------------
 
 
-def _view(up, points, normals, samples, com) -> np.ndarray:
+def _view(up, points, normals, samples, com) -> Array:
     """Unit direction (3,) towards the camera.
 
     Of a ring of directions the one from which the hand hides the least around the contacts, and from which normals are
@@ -370,7 +368,7 @@ def _view(up, points, normals, samples, com) -> np.ndarray:
     return views[(hidden + 0.35 * along + 0.3 * np.abs(lift[:, 0] - _ELEVATION)).argmin()]
 
 
-def _spread(solids, link_poses: np.ndarray) -> tuple[np.ndarray, float]:
+def _spread(solids, link_poses: Array) -> tuple[Array, float]:
     """Points (s, 3) spread evenly over the hand [m], and the area that each stands for [m^2]."""
     corners = [placed(solid, link_poses[solid.link])[solid.faces] for solid in solids if solid.link is not None]
     corners = np.concatenate([np.zeros((0, 3, 3)), *corners])
@@ -393,7 +391,7 @@ def _rounded(scale: float) -> float:
 # -- forces ------------------------------------------------------------------------------------------------------------
 
 
-def _friction_used(plan: PlanRecord, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _friction_used(plan: PlanRecord, forces: Array) -> tuple[Array, Array, Array]:
     """Normal and tangential forces (f, k) [N] and the share of Coulomb's cone, mu F_n, that they use."""
     local = np.einsum("kji,fkj->fki", plan.contacts.rotations_oc, forces)
     normal, tangential = local[..., 2], np.linalg.norm(local[..., :2], axis=2)
@@ -429,7 +427,7 @@ def _facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
 
 
 def _simulated(
-    plan: PlanRecord, simulation: Simulation, times: np.ndarray, links: Links, hand: HandModel, beside: np.ndarray
+    plan: PlanRecord, simulation: Simulation, times: Array, links: Links, hand: HandModel, beside: Array
 ) -> Simulated:
     at = np.clip(np.searchsorted(simulation.times, times - 1e-9), 0, len(simulation.times) - 1)
     poses, parts = simulation.object_poses, simulation.parts

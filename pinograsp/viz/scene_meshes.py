@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from pinograsp.checks import brief
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
+from pinograsp.spatial import Array
 from pinograsp.viz.figures import COLOURS
 
 # Greys for the hand, and of the Okabe-Ito colours the one that no curve in the figures has: yellow, for the object.
@@ -23,7 +24,7 @@ _AROUND = 32  # edges of a circle: smooth at the size of a screen
 _CREASE = np.radians(35.0)  # faces that meet at more than this show their edge
 _SAME = 1e-6  # vertices nearer than this, of the shape's size, are one
 
-Triangles = tuple[np.ndarray, np.ndarray]
+Triangles = tuple[Array, Array]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,8 +41,8 @@ class Solid:
 
     name: str
     link: int | None
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: Array
+    faces: Array
     colour: str
 
     __repr__ = brief()
@@ -57,14 +58,14 @@ class Links:
         self.names = [frame.name for frame in frames.values()]
         self.back = np.array([frame.placement.inverse().homogeneous for frame in frames.values()]).reshape(-1, 4, 4)
 
-    def poses(self, q: np.ndarray) -> np.ndarray:
+    def poses(self, q: Array) -> Array:
         """(f, l, 7) at q (f, n)."""
         return sevens(
             np.array([self.hand.frame_placements(one, self.names) for one in q]).reshape(len(q), -1, 4, 4) @ self.back
         )
 
 
-def sevens(poses: np.ndarray) -> np.ndarray:
+def sevens(poses: Array) -> Array:
     """Placements (..., 4, 4) as positions and quaternions w, x, y, z (..., 7)."""
     quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat()[:, [3, 0, 1, 2]]
     return np.concatenate([poses[..., :3, 3], quaternions.reshape(*poses.shape[:-2], 4)], axis=-1)
@@ -98,17 +99,17 @@ def _mixed(colour: str, other: str) -> str:
     return "#" + "".join(f"{round(value):02X}" for value in values)
 
 
-def rgb(colour: str) -> np.ndarray:
+def rgb(colour: str) -> Array:
     """A colour such as ``#0072B2`` as three integers (3,)."""
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
 
 
-def placed(solid: Solid, pose: np.ndarray) -> np.ndarray:
+def placed(solid: Solid, pose: Array) -> Array:
     """A solid's vertices (n, 3) where its frame is at ``pose`` (7,) [m]."""
     return Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(solid.vertices) + pose[:3]
 
 
-def cloud_of(solids, link_poses: np.ndarray, object_pose) -> np.ndarray:
+def cloud_of(solids, link_poses: Array, object_pose) -> Array:
     """Vertices (n, 3) at one instant [m], enough to tell how much room all takes."""
     clouds = [np.zeros((0, 3))]
     for solid in solids:
@@ -172,7 +173,7 @@ def arrow() -> tuple[Triangles, Triangles]:
     )
 
 
-def creased(vertices: np.ndarray, faces: np.ndarray, crease: float = _CREASE) -> Triangles:
+def creased(vertices: Array, faces: Array, crease: float = _CREASE) -> Triangles:
     """The same surface with equal vertices made one, then repeated where faces meet at more than ``crease`` [rad]."""
     vertices, faces = _welded(np.asarray(vertices, dtype=float), np.asarray(faces))
     if not len(faces):
@@ -205,7 +206,7 @@ def creased(vertices: np.ndarray, faces: np.ndarray, crease: float = _CREASE) ->
     return split, label.reshape(m, 3)
 
 
-def _welded(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
+def _welded(vertices: Array, faces: Array) -> Triangles:
     size = np.ptp(vertices, axis=0).max(initial=0.0) or 1.0
     _, kept, same = np.unique(np.round(vertices / (_SAME * size)), axis=0, return_index=True, return_inverse=True)
     vertices, faces = vertices[kept], same.ravel()[faces]
@@ -213,24 +214,24 @@ def _welded(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
     return vertices, faces[~flat]
 
 
-def _rows(triangle, count: int) -> np.ndarray:
+def _rows(triangle, count: int) -> Array:
     return np.array([[t[0], t[1], t[2]] for t in map(triangle, range(count))], dtype=np.int64).reshape(-1, 3)
 
 
-def _outwards(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def _outwards(vertices: Array, faces: Array) -> Array:
     """Faces of a convex hull, turned so that they wind outwards."""
     a, b, c = np.moveaxis(vertices[faces] - vertices.mean(axis=0), 1, 0)
     inside = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
     return np.where(inside[:, None], faces[:, ::-1], faces)
 
 
-def _box(half: np.ndarray) -> Triangles:
+def _box(half: Array) -> Triangles:
     corners = half * (2.0 * np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(8, 3) - 1)
     quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     return corners, np.vstack([quads[:, :3], quads[:, [0, 2, 3]]])
 
 
-def _arc(radius: float, half_length: float) -> tuple[np.ndarray, np.ndarray]:
+def _arc(radius: float, half_length: float) -> tuple[Array, Array]:
     """Profile of a sphere, or of a capsule whose half-spheres are centred at +-half_length."""
     angle = np.linspace(0, np.pi / 2, _AROUND // 4 + 1)
     across, up = radius * np.cos(angle), half_length + radius * np.sin(angle)

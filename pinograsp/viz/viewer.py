@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pinograsp.checks import number, shown
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.plan import PlanRecord, Simulation
-from pinograsp.spatial import tangent_frame
+from pinograsp.spatial import Array, tangent_frame
 from pinograsp.viz.access import free_port, guarded
 from pinograsp.viz.page import save_html
 from pinograsp.viz.panel import foot, forces, head, told, torques
@@ -360,14 +360,14 @@ class Viewer:
                 label.visible = bool(self._on["labels"] and scene.normal[i, k] > 0)
             self._forces.content, self._torques.content = forces(scene, i), torques(scene, i)
 
-    def _aim(self, handle, points: np.ndarray, on: bool = True) -> None:
+    def _aim(self, handle, points: Array, on: bool = True) -> None:
         length = float(np.linalg.norm(points[1] - points[0]))
         handle.visible = bool(on and self._on["forces"] and length > 1e-5)
         if length > 1e-5:
             handle.points, handle.head_length = points[None].astype(np.float32), min(self._head, 0.6 * length)
 
 
-def _turn(rotation: np.ndarray) -> np.ndarray:
+def _turn(rotation: Array) -> Array:
     """Quaternion w, x, y, z of a rotation (3, 3)."""
     return Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
 

@@ -367,4 +367,4 @@ def test_what_is_no_shape_is_refused_and_meshes_are_noted():
     sides = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)]
     dented, sheet = mesh(corners, sides), mesh(corners, [(0, 1, 2), (0, 2, 3)])
     notes = [engine(PinocchioEngine, shape, OBJECTS["box"]).notes for shape in (dented, sheet)]
-    assert notes == [("'tip_0' is not convex: its convex hull is taken",), ("'tip_0' is flat: it is left out",)]
+    assert notes == [("'tip_0' is not convex: its convex hull is used",), ("'tip_0' is flat: it is left out",)]

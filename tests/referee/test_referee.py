@@ -584,7 +584,7 @@ def test_check_refuses_what_it_cannot_read(command, plan, tmp_path):
         ({"engine": "adams"}, "engine: expected one of"),
         ({"mode": "sideways"}, "mode: expected one of"),
         ({"hold": -1.0}, "hold: expected"),
-        ({"hold": 0.0}, "hold: expected at least a step"),
+        ({"hold": 0.0}, "hold: expected at least one step"),
         ({"hold": 1e308}, "hold, time step: expected at most 2000000 steps"),
         ({"time_step": 0.0}, "time step: expected"),
         ({"time_step": 1e-320}, "hold, time step: expected at most 2000000 steps"),
