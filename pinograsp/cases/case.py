@@ -1,4 +1,4 @@
-"""The case file: YAML in, checked values out, and the objects they describe."""
+"""The case file: YAML in, checked values out, and the objects that they describe."""
 
 from __future__ import annotations
 
@@ -25,19 +25,23 @@ from pinograsp.contacts import (
     touching,
 )
 from pinograsp.errors import CaseRejected
-from pinograsp.forces import BACKENDS, OBJECTIVES, ForceProblem, GridSpec, grid_values
+from pinograsp.forces import ForceProblem, GridSpec, grid_values
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
 from pinograsp.planner import GraspPlan, Search, plan_grasp
 from pinograsp.spatial import Array, pose_of, rotation_rpy
 
+# What the forces minimise, and what solves for them: the choices of :mod:`pinograsp.forces`.
+Objective = Literal["impulse", "work", "least_squares", "peak", "motor_heat"]
+Solver = Literal["auto", "interior", "newton", "daqp", "proxqp", "osqp", "quadprog", "piqp", "clarabel"]
+
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
-# Of numbers: nothing that a hand holds is outside, and computing stays away from the ends of floats.
+# Sizes of numbers: grasps of hands are well within, and computations cannot overflow or underflow.
 _SMALLEST, _LARGEST = 1e-12, 1e12
 _MOST_STEPS = 200_000  # of the motion
-_LONGEST_NAME = 100  # it becomes a folder's
-_MOST_VALUES, _MOST_CELLS = 10_000, 1_000_000  # of a grid: along one direction; impact times x accelerations
+_LONGEST_NAME = 100  # it becomes the name of a folder
+_MOST_VALUES, _MOST_CELLS = 10_000, 1_000_000  # of a grid: along one axis; impact times x accelerations
 
 
 def _increasing(pair: tuple[float, float]) -> tuple[float, float]:
@@ -61,13 +65,13 @@ Angles = dict[str, tuple[Number, ...]]
 
 
 class Section(BaseModel):
-    """A part of a case file: unknown keys and numbers that are not finite are refused."""
+    """A section of a case file: unknown keys and numbers that are not finite are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class HandSection(Section):
-    """Which hand, where, with which names and limits."""
+    """The hand: its file, placement, names and limits."""
 
     source: str
     position_mm: Vector = (0.0, 0.0, 0.0)
@@ -91,12 +95,12 @@ class ObjectSection(Section):
     @model_validator(mode="after")
     def _height_fits_shape(self) -> ObjectSection:
         if (self.shape == "cylinder") != (self.height_mm is not None):
-            raise ValueError("height_mm is needed for a cylinder and only there")
+            raise ValueError("height_mm is needed for a cylinder, and not accepted for other shapes")
         return self
 
 
 class ContactSection(Section):
-    """One contact: finger, point, and for several contacts of a finger the touching link and its contact length."""
+    """One contact: finger and point; where a finger has several contacts, also the touching link and its length."""
 
     finger: str
     point_mm: Vector
@@ -105,7 +109,7 @@ class ContactSection(Section):
 
 
 class FrictionSection(Section):
-    """Friction model; ``safety`` divides mu, ``torsion_mm`` is the largest moment per newton of normal force."""
+    """Friction: ``safety`` divides mu; ``torsion_mm`` is the largest moment per newton of normal force."""
 
     mu: NotNegative
     model: FrictionModel = "pyramid"
@@ -151,7 +155,7 @@ class DecelerationSection(Section):
 
 
 class LimitsSection(Section):
-    """Eqs. (13) and (14); caps, torque limits and other decelerations than the constant one need the convex search."""
+    """Eqs. (13) and (14); force caps, torque limits and decelerations that are not constant need the convex search."""
 
     final_time: Positive = 1.0
     impact_time: Range = (0.80, 0.95)
@@ -170,13 +174,13 @@ class LimitsSection(Section):
 
 
 class ForcesSection(Section):
-    """How the forces are searched, and what they minimise."""
+    """The search for the forces, and its objective."""
 
     search: Search = "hybrid"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Measure = "impulse"
-    objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
-    solver: Literal[BACKENDS] = "auto"
+    objective: Objective | dict[Objective, NotNegative] | None = None
+    solver: Solver = "auto"
     moment_length_mm: Positive | None = None
 
 
@@ -195,7 +199,7 @@ class Steps(Section):
 
     @property
     def count(self) -> float:
-        """Number of values, about."""
+        """Number of values, before rounding."""
         return max(0.0, (self.stop - self.start) / self.step + 1)
 
 
@@ -224,8 +228,10 @@ class GridSection(Section):
 
 
 class MotionSection(Section):
-    """Postures and sampling. ``touch``: what of a link is at its contact point: the end of its length l_c, on the line
-    along it (the paper), or its surface, as where the plan is to be simulated.
+    """Postures and sampling.
+
+    ``touch`` says which point of a link meets its contact point: ``"length"``, the point at length l_c on the line
+    along the link (the paper); or ``"surface"``, a point of its surface, which simulations need.
     """
 
     touch: Literal["length", "surface"] = "length"
@@ -238,7 +244,7 @@ class MotionSection(Section):
 
 
 class Case(Section):
-    """A whole case. ``folder`` is where relative hand paths start (the case file's own)."""
+    """A case. Relative paths of hands start at ``folder``, the case file's own."""
 
     schema_: Literal[1] = Field(1, alias="schema")
     name: str = Field(pattern=r"^\w[\w.-]*$", max_length=_LONGEST_NAME)
@@ -272,7 +278,7 @@ class Case(Section):
         return self
 
     def settings(self) -> dict[str, Any]:
-        """The case as plain values, defaults filled in: what a run's file echoes."""
+        """The case as plain values with all defaults, as a run's file records it."""
         return self.model_dump(mode="json", by_alias=True)
 
     def load_hand(self) -> HandModel:
@@ -315,7 +321,7 @@ class Case(Section):
         for finger, own in links.items():
             if 0 < len(named[finger]) < len(own):
                 raise CaseRejected(
-                    f"case '{self.name}': finger '{finger}': name the link of all its contacts or of none"
+                    f"case '{self.name}': finger '{finger}': expected the link of all its contacts or of none"
                 )
         contacts = contacts_at(
             hand,
@@ -392,7 +398,7 @@ class Case(Section):
             grid=self.make_grid(),
             search=self.forces.search,
             solver=self.forces.solver,
-            objective=self.forces.objective,
+            objective=weights_by_name(self.forces.objective),
             torque_limit=self.limits.torque_limit,
             motion=self.make_motion(),
             progress=progress,
@@ -400,12 +406,17 @@ class Case(Section):
         return replace(plan, settings=self.settings())
 
 
+def weights_by_name(objective: Objective | dict[Objective, float] | None) -> str | dict[str, float] | None:
+    """An objective of a case as the planner takes it."""
+    return {str(name): weight for name, weight in objective.items()} if isinstance(objective, dict) else objective
+
+
 def _radians(angles_deg: Angles) -> dict[str, Array]:
     return {finger: np.radians(np.array(angles)) for finger, angles in angles_deg.items()}
 
 
 def builtin_cases() -> list[str]:
-    """Names of the cases that come with the package."""
+    """Names of the built-in cases."""
     return sorted(path.stem for path in Path(__file__).parent.glob("*.yaml"))
 
 
@@ -432,7 +443,7 @@ def load_case(source: str | Path, changes: Mapping[str, Any] | Sequence[str] | N
 
 
 def with_changes(case: Case, changes: Mapping[str, Any]) -> Case:
-    """``case`` with some values changed, as ``load_case`` changes those of a file; errors alike."""
+    """``case`` with some values changed; keys and errors as in :func:`load_case`."""
     data = case.settings()
     for key, value in changes.items():
         put_value(data, key, value)

@@ -1,4 +1,4 @@
-"""A hand closed on an object, as checked values: what ``pinograsp plan --hand HAND --object SPEC`` plans."""
+"""The checked options of ``pinograsp plan --hand HAND --object SPEC``: a hand that is closed on an object."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from pinograsp.cases.case import NotNegative, Number, Section
+from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, weights_by_name
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
-from pinograsp.forces import BACKENDS, OBJECTIVES, ForceProblem, GraspConditions
+from pinograsp.forces import ForceProblem, GraspConditions
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
@@ -36,9 +36,9 @@ class ObjectCase(Section):
     """The options of ``pinograsp plan``, by their names.
 
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
-    ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the object in the hand's frame: x, y, z [m] and optionally
-    roll, pitch, yaw [deg]; without it the best of ``samples`` placements is taken. ``folder`` is where relative paths
-    start.
+    ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the object's placement in the hand's frame: x, y, z [m] and
+    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` placements is used. Relative paths start at
+    ``folder``.
     """
 
     hand: str
@@ -55,8 +55,8 @@ class ObjectCase(Section):
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Measure = "impulse"
-    objective: Literal[OBJECTIVES] | dict[Literal[OBJECTIVES], NotNegative] | None = None
-    solver: Literal[BACKENDS] = "auto"
+    objective: Objective | dict[Objective, NotNegative] | None = None
+    solver: Solver = "auto"
     folder: Path = Field(Path("."), exclude=True)
 
     @classmethod
@@ -69,11 +69,11 @@ class ObjectCase(Section):
         return validated(cls, values, "hand and object")
 
     def settings(self) -> dict[str, Any]:
-        """As plain values, defaults filled in."""
+        """As plain values with all defaults."""
         return self.model_dump(mode="json")
 
     def load_hand(self) -> HandModel:
-        """The hand at the world's origin; loaded once."""
+        """The hand at the world's origin; hands that were loaded before are reused."""
         beside = self.folder / self.hand
         return _hand(str(beside) if os.path.isfile(beside) else self.hand, self.root, self.hulls)
 
@@ -88,7 +88,7 @@ class ObjectCase(Section):
         )
 
     def placements(self, *, jobs: int = -1, progress: bool | None = None) -> PlacementSearch:
-        """Where the hand may come to the object: see :func:`~pinograsp.placement.find_placements`."""
+        """Placements of the object in the hand: see :func:`~pinograsp.placement.find_placements`."""
         return find_placements(
             self.load_hand(),
             self.make_object(),
@@ -116,9 +116,7 @@ class ObjectCase(Section):
         return self._conditions().problem(closure.object, closure.contacts())
 
     def plan(self, closure: Closure | None = None, *, progress: bool | None = None) -> GraspPlan:
-        """Close the hand, unless ``closure`` is it closed already, and plan: see
-        :func:`~pinograsp.planner.plan_grasp_on`.
-        """
+        """Plan with the hand closed, as ``closure`` where given: see :func:`~pinograsp.planner.plan_grasp_on`."""
         closure = self.closure() if closure is None else closure
         plan = plan_grasp_on(
             closure.hand,
@@ -126,7 +124,7 @@ class ObjectCase(Section):
             self._conditions(),
             search=self.search,
             solver=self.solver,
-            objective=self.objective,
+            objective=weights_by_name(self.objective),
             progress=progress,
         )
         name = self.object if isinstance(self.object, str) else str(self.object.get("shape", "object"))
@@ -147,7 +145,7 @@ class ObjectCase(Section):
 
 
 def object_fields(spec: str | dict[str, Any]) -> dict[str, Any]:
-    """An object's text as its fields, so that one of them can be changed: ``{"shape": ..., "radius": "0.02", ...}``."""
+    """The fields of an object's text, which can then be changed: ``{"shape": ..., "radius": "0.02", ...}``."""
     if isinstance(spec, dict):
         return dict(spec)
     shape, _, rest = spec.partition(":")

@@ -1,4 +1,4 @@
-"""The paper's published figures beside ours: every quantity of its results section, for the case study."""
+"""Comparison with the paper: every quantity of its results section beside ours, for the case study."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from pinograsp.cases.case import Case, with_changes
-from pinograsp.forces import GridSpec, grid_search, optimize_grasp, refine_multipliers
+from pinograsp.contacts import ContactSet, Measure
+from pinograsp.contacts.quality import Balance
+from pinograsp.forces import ForceProblem, GridSpec, grid_search, optimize_grasp, refine_multipliers
 from pinograsp.hands import HandModel
 from pinograsp.motion import contact_postures
 from pinograsp.motion.grasp_ik import press
 from pinograsp.plan import ComparisonRow
 from pinograsp.planner import GraspPlan
 
-# What the paper can be compared with: forces alone in balance, its friction pyramid used up to the limit, contacts on
-# the lines along the links, constant deceleration, no caps, no torque limits.
+# The paper's choices: balance of forces only, a friction pyramid without safety factor, contacts on the lines along the
+# links, constant deceleration, no force caps, no torque limits.
 AS_PUBLISHED = {
     "forces.balance": "force",
     "friction.model": "pyramid",
@@ -30,11 +32,14 @@ AS_PUBLISHED = {
 NORMAL_FORCES_N = {"thumb": 9.873, "index": 6.35, "middle": 4.7}
 IMPACT_TIME_S = 0.90
 ENERGY_MJ = 55.9
-UNOPTIMISED_ENERGY_MJ = 73.6  # MSC.Adams, not optimised
+UNOPTIMISED_ENERGY_MJ = 73.6  # MSC.Adams, without optimisation
 NET_FORCE_N = 0.089
 PENETRATION_MM = 3.3
 
-# Joint torque maxima, joints 1..4 [N m], after optimisation.
+_BALANCES: tuple[Balance, ...] = ("force", "wrench")
+_MEASURES: tuple[Measure, ...] = ("work", "impulse")
+
+# Joint torque maxima of joints 1 to 4 [N m], after optimisation.
 TORQUES_NM = {
     "grasp": {
         "thumb": (9.1e-3, 0.31, 0.18, 6.95e-2),
@@ -50,29 +55,47 @@ TORQUES_NM = {
 
 
 def compare(case: Case) -> list[ComparisonRow]:
-    """Published figures beside those of ``case`` planned with the paper's own choices (``AS_PUBLISHED``) and, where a
-    figure depends on balance or measure, of each choice.
+    """The paper's figures beside those of ``case``, planned with the paper's choices (``AS_PUBLISHED``).
 
-    ``case`` must have the case study's three contacts.
+    Figures that depend on the balance or the measure are given for each choice. The case must have the case study's
+    three contacts.
 
     Raises:
         NoGrasp: the case has no grasp with the paper's choices.
     """
     case = with_changes(case, AS_PUBLISHED)
     plan = case.plan(progress=False)
-    forces, grid = plan.forces, case.make_grid()
     solver = "daqp" if case.forces.solver == "auto" else case.forces.solver
     problem = plan.problem
-    fingers = list(NORMAL_FORCES_N)
-    published = np.array(list(NORMAL_FORCES_N.values()))
-    rows = [
+    return [
+        *_forces(plan),
+        *_optima(problem, case.make_grid(), solver),
+        *_at_published_forces(problem, solver),
+        ComparisonRow(
+            quantity="energy, not optimised (MSC.Adams)",
+            unit="mJ",
+            published=UNOPTIMISED_ENERGY_MJ,
+            ours=None,
+            note="needs a simulation",
+        ),
+        *_torques(plan),
+    ]
+
+
+def _forces(plan: GraspPlan) -> list[ComparisonRow]:
+    """Impact time, normal forces, energies, penetration and residual of the plan."""
+    forces = plan.forces
+    return [
         ComparisonRow(quantity="impact time t_I", unit="s", published=IMPACT_TIME_S, ours=forces.impact_time),
         *(
-            ComparisonRow(quantity=f"normal force {name}", unit="N", published=NORMAL_FORCES_N[name], ours=float(ours))
-            for name, ours in zip(fingers, forces.normal_forces)
+            ComparisonRow(quantity=f"normal force {name}", unit="N", published=published, ours=float(ours))
+            for (name, published), ours in zip(NORMAL_FORCES_N.items(), forces.normal_forces)
         ),
         ComparisonRow(
-            quantity="sum of normal forces", unit="N", published=published.sum(), ours=forces.normal_forces.sum()
+            quantity="sum of normal forces",
+            unit="N",
+            published=float(np.sum(list(NORMAL_FORCES_N.values()))),
+            ours=float(forces.normal_forces.sum()),
         ),
         ComparisonRow(
             quantity="grasp energy (work)",
@@ -93,16 +116,20 @@ def compare(case: Case) -> list[ComparisonRow]:
             quantity="net moment left", unit="N m", published=None, ours=forces.residual_moment, note="not in the paper"
         ),
     ]
-    rows += _optima(problem, grid, solver)
-    at = float(problem.energy(published, IMPACT_TIME_S, "work").sum())
+
+
+def _at_published_forces(problem: ForceProblem, solver: str) -> list[ComparisonRow]:
+    """Energies of the published normal forces, and the residual that they leave, for several mu."""
+    published = np.array(list(NORMAL_FORCES_N.values()))
+    work = float(problem.energy(published, IMPACT_TIME_S, "work").sum())
     impulse = float(problem.energy(published, IMPACT_TIME_S, "impulse").sum())
-    rows += [
-        ComparisonRow(quantity="work at the published forces", unit="mJ", published=ENERGY_MJ, ours=1e3 * at),
+    rows = [
+        ComparisonRow(quantity="work at the published forces", unit="mJ", published=ENERGY_MJ, ours=1e3 * work),
         ComparisonRow(quantity="impulse at the published forces", unit="N s", published=None, ours=impulse),
     ]
     balance = replace(problem, balance="force")
     for mu in dict.fromkeys((float(problem.mu[0]), 0.693, 0.8)):
-        left = refine_multipliers(replace(balance, mu=mu), published, solver=solver)
+        left = refine_multipliers(replace(balance, mu=np.full(problem.k, mu)), published, solver=solver)
         rows.append(
             ComparisonRow(
                 quantity=f"QP at the published forces, mu = {mu:g}",
@@ -112,23 +139,16 @@ def compare(case: Case) -> list[ComparisonRow]:
                 note="net force, force balance",
             )
         )
-    rows.append(
-        ComparisonRow(
-            quantity="energy, not optimised (MSC.Adams)",
-            unit="mJ",
-            published=UNOPTIMISED_ENERGY_MJ,
-            ours=None,
-            note="needs a simulation",
-        )
-    )
-    return rows + _torques(plan)
+    return rows
 
 
-def _optima(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
-    """The hybrid's optimum for both balances and measures, the paper's own search, and the latest feasible impact."""
-    rows = []
-    for balance in ("force", "wrench"):
-        for measure in ("work", "impulse"):
+def _optima(problem: ForceProblem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
+    """The hybrid search's optima for each balance and measure, the paper's own search, the certified optima, and the
+    latest feasible impact.
+    """
+    rows: list[ComparisonRow] = []
+    for balance in _BALANCES:
+        for measure in _MEASURES:
             chosen = replace(problem, balance=balance, measure=measure)
             best = grid_search(chosen, grid, solver=solver, progress=False)
             name = f"hybrid, {balance} balance, least {measure}"
@@ -155,7 +175,7 @@ def _optima(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
                 ),
             ]
     paper = grid_search(replace(problem, balance="force"), grid, search="paper", solver=solver, progress=False)
-    if paper.found:
+    if paper.found and paper.grid is not None:
         rows.append(
             ComparisonRow(
                 quantity="the paper's grid search: net force",
@@ -165,21 +185,21 @@ def _optima(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
                 note=f"limit {grid.residual_limit:g} N, {paper.grid.points:.2g} points",
             )
         )
-    for balance in ("force", "wrench"):
-        for measure in ("work", "impulse"):
+    for balance in _BALANCES:
+        for measure in _MEASURES:
             rows += _certified(replace(problem, balance=balance, measure=measure), grid, solver)
-    for balance in ("force", "wrench"):
+    for balance in _BALANCES:
         rows += _latest_impact(replace(problem, balance=balance, measure="impulse"), grid, solver)
     return rows
 
 
-def _certified(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
-    """The certified global optimum, and what it saves against the hybrid's grid."""
+def _certified(problem: ForceProblem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
+    """The certified global optimum, and its saving against the hybrid search's grid."""
     best = optimize_grasp(problem)
-    if not best.found:
+    certificate = best.certificate
+    if not best.found or certificate is None:
         return []
     unit, factor = ("mJ", 1e3) if problem.measure == "work" else ("N s", 1.0)
-    certificate = best.certificate
     note = f"t_I {best.impact_time:.5f} s, gap {certificate.relative_gap:.0e}"
     rival = grid_search(problem, grid, solver=solver, progress=False)
     if rival.found:
@@ -196,11 +216,11 @@ def _certified(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
     ]
 
 
-def _latest_impact(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
-    """Latest t_I on a 1 ms grid at which the hybrid finds a grasp, and its impulse."""
+def _latest_impact(problem: ForceProblem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
+    """The latest t_I on a 1 ms grid at which the hybrid search finds a grasp, and its impulse."""
     low, high = problem.impact_time_range
     for t_I in np.round(np.arange(high, low - 5e-4, -1e-3), 3):
-        found = grid_search(problem, replace(grid, impact_times=[t_I]), solver=solver, progress=False)
+        found = grid_search(problem, replace(grid, impact_times=np.array([t_I])), solver=solver, progress=False)
         if found.found:
             return [
                 ComparisonRow(
@@ -215,8 +235,8 @@ def _latest_impact(problem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
 
 
 def _torques(plan: GraspPlan) -> list[ComparisonRow]:
-    """Torque maxima per phase, finger and joint; in the grasp phase with the force the published torques belong to."""
-    rows = []
+    """Torque maxima by phase, finger and joint; in the grasp phase, also the force that the published torques imply."""
+    rows: list[ComparisonRow] = []
     maxima = plan.torque_maxima()
     for phase, fingers in TORQUES_NM.items():
         for finger, published in fingers.items():
@@ -242,9 +262,9 @@ def _torques(plan: GraspPlan) -> list[ComparisonRow]:
 
 
 def _in_plane_force(hand: HandModel, plan: GraspPlan, finger: str) -> float:
-    """Size [N] of the force in the flexion plane that best explains the published flexion torques of a fingertip.
+    """Magnitude [N] of the fingertip force in the flexion plane that best explains the published flexion torques.
 
-    At the posture nearest to Table IV's final angles: least squares on J^T f over joints 2..4.
+    Least squares on J^T f over joints 2 to 4, at the posture nearest to Table IV's final angles.
     """
     contacts = plan.problem.contacts
     i = [contact.finger for contact in contacts].index(finger)
@@ -264,5 +284,5 @@ def _in_plane_force(hand: HandModel, plan: GraspPlan, finger: str) -> float:
     return float(np.linalg.norm(force))
 
 
-def _only(contacts, i: int):
+def _only(contacts: ContactSet, i: int) -> ContactSet:
     return replace(contacts, contacts=(contacts[i],))

@@ -1,4 +1,4 @@
-"""YAML files to plain values, changes of them, and what is wrong with them in words."""
+"""Reading YAML files as plain values, changing values, and error messages for those that are not valid."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ruamel.yaml import YAML
 from pinograsp.checks import items_of, mapping_of, shown
 from pinograsp.errors import CaseRejected
 
-_DEEPEST, _MOST_PARTS = 50, 3_000_000  # lists and mappings within each other, and values with aliases written out
+_DEEPEST, _MOST_PARTS = 50, 3_000_000  # nesting of lists and mappings, and number of values with aliases expanded
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
 def validated(kind: type[_Model], data: Mapping[str, Any], what: str) -> _Model:
-    """``data`` as checked values of ``kind``; :class:`~pinograsp.errors.CaseRejected` lists all faults of ``what``."""
+    """``data`` as a checked ``kind``; :class:`~pinograsp.errors.CaseRejected` lists all errors in ``what``."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -30,10 +30,18 @@ def validated(kind: type[_Model], data: Mapping[str, Any], what: str) -> _Model:
 
 
 def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, keys: str) -> dict[str, Any]:
-    """The mapping in a YAML file of at most ``biggest`` bytes; ``kind`` and ``name`` are what errors call it.
+    """The mapping in a YAML file of at most ``biggest`` bytes.
+
+    Args:
+        path: of the file.
+        kind: of file, for error messages.
+        name: of the file, for error messages.
+        wanted: what was expected where there is no such file, for error messages.
+        biggest: largest size [bytes].
+        keys: that the mapping should have, for error messages.
 
     Raises:
-        CaseRejected: no such file (``wanted`` is expected), one that cannot be read, or no mapping with ``keys``.
+        CaseRejected: no such file, one that cannot be read, or no mapping.
     """
     name = name if len(name) <= 300 else f"{name[:300]}..."
     what = f"{kind} '{name}'"
@@ -56,7 +64,7 @@ def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, ke
 
 
 def check_extent(data: object, what: str) -> None:
-    """Refuse plain values that are nested too deep, or, with the aliases of YAML, too many."""
+    """Refuse plain values that are nested too deeply or, with YAML's aliases expanded, too many."""
     parts, left = 0, [(data, 0)]
     while left:
         one, depth = left.pop()
@@ -67,26 +75,26 @@ def check_extent(data: object, what: str) -> None:
             inner = one
         parts += len(inner)
         if depth > _DEEPEST:
-            raise CaseRejected(f"{what}: expected at most {_DEEPEST} lists and mappings within each other")
+            raise CaseRejected(f"{what}: expected at most {_DEEPEST} nested lists and mappings")
         if parts > _MOST_PARTS:
-            raise CaseRejected(f"{what}: expected at most {_MOST_PARTS} values, aliases written out")
+            raise CaseRejected(f"{what}: expected at most {_MOST_PARTS} values, aliases expanded")
         left += [(part, depth + 1) for part in inner if isinstance(part, dict | list | tuple | set)]
 
 
 def _parse_yaml(text: str, what: str) -> Any:
     opened = np.cumsum([(char in "[{") - (char in "]}") for char in text if char in "[]{}"] or [0])
-    if opened.max() > 2 * _DEEPEST:  # the reader would take many seconds; texts may hold some brackets as well
-        raise CaseRejected(f"{what}: expected at most {_DEEPEST} lists and mappings within each other")
+    if opened.max() > 2 * _DEEPEST:  # the reader would take many seconds; quoted texts may contain brackets as well
+        raise CaseRejected(f"{what}: expected at most {_DEEPEST} nested lists and mappings")
     try:
         return YAML(typ="safe", pure=True).load(text)
     except RecursionError:
-        raise CaseRejected(f"{what}: expected at most {_DEEPEST} lists and mappings within each other") from None
-    except Exception as error:  # numbers, dates, keys and tags that cannot be built raise whatever comes of them
+        raise CaseRejected(f"{what}: expected at most {_DEEPEST} nested lists and mappings") from None
+    except Exception as error:  # numbers, dates, keys and tags that cannot be built raise errors of many kinds
         raise CaseRejected(f"{what}: not valid YAML: {' '.join(str(error).split())}") from error
 
 
 def changes_of(changes: Mapping[str, Any] | Iterable[str] | None) -> dict[str, Any]:
-    """Changes of a case by key, given as a mapping or as texts ``key=value``."""
+    """Changes to a case by key, from a mapping or from texts ``key=value``."""
     if changes is None or isinstance(changes, Mapping):
         return {} if changes is None else mapping_of("changes", changes, "{key: value} with texts as keys")
     parsed = {}
@@ -107,7 +115,7 @@ def put_value(data: dict[str, Any], key: str, value: object) -> None:
         if isinstance(at, list) and parent.isdecimal() and int(parent) < len(at):
             inner = at[int(parent)]
         if not isinstance(inner, dict | list):
-            raise CaseRejected(f"--set {key}: '{'.'.join(parents[: i + 1])}' holds no further keys")
+            raise CaseRejected(f"--set {key}: '{'.'.join(parents[: i + 1])}' has no further keys")
         at = inner
     if isinstance(at, list):
         if not last.isdecimal() or int(last) >= len(at):
@@ -118,7 +126,7 @@ def put_value(data: dict[str, Any], key: str, value: object) -> None:
 
 
 def line_of(error: ErrorDetails, known: Sequence[str] = ()) -> str:
-    """One of pydantic's errors in words; an unknown key with the nearest spelling among ``known``."""
+    """One of pydantic's errors in words; for an unknown key, with the nearest spelling among ``known``."""
     where = place_of(error)
     text, got = error["msg"].removeprefix("Value error, "), error["input"]
     if error["type"] == "extra_forbidden":
@@ -130,5 +138,5 @@ def line_of(error: ErrorDetails, known: Sequence[str] = ()) -> str:
 
 
 def place_of(error: ErrorDetails) -> str:
-    """The dotted key that one of pydantic's errors is about, without the tags of unions, which would only confuse."""
+    """The dotted key of one of pydantic's errors, without pydantic's tags of unions."""
     return ".".join(str(part) for part in error["loc"] if part not in ("Steps", "tuple[float, ...]", "range", "list"))

@@ -1,4 +1,4 @@
-"""The sweep file: which inputs of a case take which values. From YAML to the inputs of every plan, checked."""
+"""The sweep file: the inputs of a case that vary, and their values; from YAML to the checked inputs of every plan."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import hashlib
 import json
 import math
 import os
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
-from pinograsp.cases.case import Case, NotNegative, Number, Positive, Section, load_case
+from pinograsp.cases.case import Case, NotNegative, Number, Objective, Positive, Section, load_case
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.cases.reading import check_extent, line_of, place_of, put_value, read_mapping
 from pinograsp.checks import mapping_of, path_of, shown
@@ -23,10 +25,10 @@ from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import HandModel
 
-IMPACT_TIME = "impact_time"  # the one input that no case has: t_I of forces alone
+IMPACT_TIME = "impact_time"  # t_I of ``what: forces``, the only input that is not a key of a case
 _MOST = 10_000_000  # rows; their indices are kept in memory
 _BIGGEST = 10_000_000  # bytes of a sweep file: lists of values may be long
-_LOOKED_AT = 20  # first rows of which one must be usable
+_LOOKED_AT = 20  # number of first rows of which at least one must be usable
 
 
 def _rising(pair: tuple[float, float]) -> tuple[float, float]:
@@ -48,19 +50,20 @@ class Span(Section):
     spacing: Literal["linear", "log"] = "linear"
 
     @model_validator(mode="after")
-    def _log_is_of_positive_numbers(self):
+    def _log_is_of_positive_numbers(self) -> Span:
         if self.spacing == "log" and min(self.from_, self.to) <= 0:
             raise ValueError("spacing 'log' needs from and to above 0")
         return self
 
     def values(self) -> list[float]:
         """The values of the range, ends included."""
-        made = (np.geomspace if self.spacing == "log" else np.linspace)(self.from_, self.to, self.steps)
-        return made.tolist()
+        spaced = np.geomspace if self.spacing == "log" else np.linspace
+        values: list[float] = spaced(self.from_, self.to, self.steps).tolist()
+        return values
 
 
 class Draw(Section):
-    """How values are drawn: exactly one of the distributions. ``normal`` is mean and standard deviation."""
+    """A distribution: exactly one of these. ``normal`` is mean and standard deviation."""
 
     uniform: Pair | None = None
     log_uniform: PositivePair | None = None
@@ -68,25 +71,31 @@ class Draw(Section):
     choice: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
-    def _one_distribution(self):
+    def _one_distribution(self) -> Draw:
         if sum(value is not None for value in (self.uniform, self.log_uniform, self.normal, self.choice)) != 1:
             raise ValueError("give one of uniform, log_uniform, normal and choice")
         return self
 
-    def values(self, count: int, seed: list[int]) -> list:
-        """``count`` of them; more of them begin with the same ones."""
+    def values(self, count: int, seed: list[int]) -> list[Any]:
+        """``count`` random values; a larger count begins with the same values."""
         rng = np.random.default_rng(seed)
         if self.choice is not None:
             return [self.choice[int(i)] for i in len(self.choice) * rng.random(count)]
         if self.normal is not None:
-            return rng.normal(*self.normal, size=count).tolist()
-        if self.log_uniform is not None:
-            return np.exp(rng.uniform(*np.log(self.log_uniform), size=count)).tolist()
-        return rng.uniform(*self.uniform, size=count).tolist()
+            mean, deviation = self.normal
+            drawn = rng.normal(mean, deviation, size=count)
+        elif self.log_uniform is not None:
+            low, high = np.log(self.log_uniform)
+            drawn = np.exp(rng.uniform(low, high, size=count))
+        else:
+            low, high = self.uniform or (0.0, 0.0)  # the validator has seen that it is there
+            drawn = rng.uniform(low, high, size=count)
+        values: list[float] = drawn.tolist()
+        return values
 
 
 class Samples(Section):
-    """``count`` random draws of all other keys, which are inputs of the case, independent of each other."""
+    """``count`` independent random draws of all other keys, which are inputs of the case."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Draw]
@@ -100,7 +109,7 @@ class Samples(Section):
         return self.__pydantic_extra__
 
 
-# Tagged, so that a mistake in one kind is not told as one in the other as well.
+# Tagged, so that an error in one kind is not reported for the other as well.
 Values = Annotated[
     Annotated[Span, Tag("range")] | Annotated[Annotated[tuple[Any, ...], Field(min_length=1)], Tag("list")],
     Discriminator(lambda value: "range" if isinstance(value, dict | Span) else "list"),
@@ -108,9 +117,10 @@ Values = Annotated[
 
 
 class SweepSpec(Section):
-    """A whole sweep: a case, or a hand and an object; ``set``: fixed inputs; ``over``: a grid of all combinations;
-    ``samples``: random draws, all of them at every point of the grid. ``folder`` is where relative paths start (the
-    sweep file's own).
+    """A sweep of a case, or of a hand and an object.
+
+    ``set`` holds fixed inputs, ``over`` a grid of all combinations, and ``samples`` random draws, which are all used at
+    every point of the grid. Relative paths start at ``folder``, the sweep file's own.
     """
 
     schema_: Literal[1] = Field(1, alias="schema")
@@ -125,7 +135,7 @@ class SweepSpec(Section):
     folder: Path = Field(Path("."), exclude=True)
 
     @model_validator(mode="after")
-    def _fits_together(self):
+    def _fits_together(self) -> SweepSpec:
         if (self.case is None) == (self.hand is None) or (self.hand is None) != (self.object is None):
             raise ValueError("expected either case, or hand and object")
         if not self.over and not (self.samples and self.samples.draws):
@@ -151,13 +161,13 @@ class SweepSpec(Section):
         return frozenset((found.draws if found else ()) if part == "samples" else found)
 
     @functools.cached_property
-    def grid(self) -> dict[str, list]:
+    def grid(self) -> dict[str, list[Any]]:
         """The values of each input of the grid."""
         return {key: values.values() if isinstance(values, Span) else list(values) for key, values in self.over.items()}
 
     @functools.cached_property
-    def drawn(self) -> dict[str, list]:
-        """The draws of each random input; they do not depend on which others there are."""
+    def drawn(self) -> dict[str, list[Any]]:
+        """The draws of each random input; they do not depend on the other inputs."""
         if self.samples is None:
             return {}
         return {
@@ -172,12 +182,12 @@ class SweepSpec(Section):
         return math.prod(sizes) * (self.samples.count if self.samples else 1)
 
     @property
-    def inputs(self) -> dict[str, list]:
+    def inputs(self) -> dict[str, list[Any]]:
         """The inputs that vary, with their values."""
         return {**self.grid, **self.drawn}
 
     def row(self, index: int) -> dict[str, Any]:
-        """The inputs of a plan: grid first, the last key fastest; draws within a point of the grid."""
+        """The inputs of a plan; the draws vary fastest, then the last key of the grid."""
         count = self.samples.count if self.samples else 1
         at, draw = divmod(index, count)
         picked = {}
@@ -188,38 +198,20 @@ class SweepSpec(Section):
 
     @functools.cached_property
     def base(self) -> Base:
-        """The case with its fixed inputs, ready for the rows.
+        """The case with its fixed inputs, for all rows.
 
         Raises:
             CaseRejected: the case cannot be used, an input does not exist, or none of the first rows can be used.
         """
         fixed = {key: value for key, value in self.set.items() if key != IMPACT_TIME}
         always = {key: value for key, value in self.set.items() if key == IMPACT_TIME}
-        if self.case is not None:
-            beside = self.folder / self.case
-            source = beside if os.path.isfile(beside) else self.case
-            known = _names(load_case(source).settings())
-            try:
-                made = load_case(source, fixed)
-            except CaseRejected as error:
-                raise self._rejected(error, fixed, known) from None
-            data = made.model_dump(mode="json", by_alias=True, exclude_unset=True)
-        else:
-            made, fields = self.folder, object_fields(self.object)
-            data = {"hand": self.hand, "object": fields}
-            known = _names({**ObjectCase(hand="", object="").settings(), "object": fields})
-            try:
-                data = _changed(data, fixed)
-                made = ObjectCase.model_validate({**data, "folder": self.folder})
-            except (CaseRejected, ValidationError) as error:
-                raise self._rejected(error, fixed, known) from None
-        base = Base(
-            kind="case" if self.case else "object", what=self.what, folder=str(made.folder), data=data, always=always
-        )
+        start = self._case_start(fixed) if self.object is None else self._object_start(self.object, fixed)
+        kind: Literal["case", "object"] = "case" if self.object is None else "object"
+        base = Base(kind=kind, what=self.what, folder=start.folder, data=start.data, always=always)
         for key, values in self.inputs.items():
-            if key not in known and key != IMPACT_TIME:
-                self._known(base, key, values[0], known)
-        first = None
+            if key not in start.known and key != IMPACT_TIME:
+                self._known(base, key, values[0], start.known)
+        first: InvalidInput | None = None
         for index in range(min(self.rows, _LOOKED_AT)):
             try:
                 base.look(self.row(index))
@@ -230,8 +222,32 @@ class SweepSpec(Section):
             raise CaseRejected(f"sweep '{self.name}': none of the first rows can be used: {first}")
         return base
 
-    def _known(self, base: Base, key: str, value, known: list[str]) -> None:
-        """Refuse an input that no case has. Those that a case may have, but has no value of, are known by trying."""
+    def _case_start(self, fixed: dict[str, Any]) -> _Start:
+        """What the rows of a case start from."""
+        case = str(self.case)
+        beside = self.folder / case
+        source = beside if os.path.isfile(beside) else case
+        known = _names(load_case(source).settings())
+        try:
+            loaded = load_case(source, fixed)
+        except CaseRejected as error:
+            raise self._rejected(error, fixed, known) from None
+        data = loaded.model_dump(mode="json", by_alias=True, exclude_unset=True)
+        return _Start(data, str(loaded.folder), known)
+
+    def _object_start(self, spec: str | dict[str, Any], fixed: dict[str, Any]) -> _Start:
+        """What the rows of a hand and an object start from."""
+        fields = object_fields(spec)
+        known = _names({**ObjectCase.of(hand="", object="").settings(), "object": fields})
+        try:
+            data = _changed({"hand": self.hand, "object": fields}, fixed)
+            ObjectCase.model_validate({**data, "folder": self.folder})
+        except (CaseRejected, ValidationError) as error:
+            raise self._rejected(error, fixed, known) from None
+        return _Start(data, str(self.folder), known)
+
+    def _known(self, base: Base, key: str, value: Any, known: list[str]) -> None:
+        """Refuse an input that does not exist; keys without a value in this case are found by trying them."""
         try:
             base.look({key: value})
         except InvalidInput as error:
@@ -240,7 +256,10 @@ class SweepSpec(Section):
             ):
                 raise self._rejected(error, [key], known) from None
 
-    def _rejected(self, error, keys, known: list[str]) -> CaseRejected:
+    def _rejected(
+        self, error: CaseRejected | InvalidInput | ValidationError, keys: Iterable[str], known: list[str]
+    ) -> CaseRejected:
+        """The error of a case as the sweep's own, with the nearest spelling of unknown keys."""
         text = (
             "; ".join(_lines(error, known)) if isinstance(error, ValidationError) else str(error).replace("--set ", "")
         )
@@ -254,21 +273,24 @@ class SweepSpec(Section):
         )
         return CaseRejected(f"sweep '{self.name}': {text}{hint}")
 
-    def settings(self) -> dict:
-        """The sweep as plain values, with the values of its case and what its hand's file holds, for the record of a
-        run.
-        """
-        made = self.base.case({})
-        source = made.folder / (made.hand.source if isinstance(made, Case) else made.hand)
+    def settings(self) -> dict[str, Any]:
+        """The sweep as plain values, with the values of its case and a digest of the hand's file."""
+        case = self.base.case({})
+        source = case.folder / (case.hand.source if isinstance(case, Case) else case.hand)
         digest = hashlib.sha256(source.read_bytes()).hexdigest() if os.path.isfile(source) else None
-        told = self.model_dump(mode="json", by_alias=True)
-        return {**told, "of": made.settings(), "hand_file_sha256": digest}
+        return {**self.model_dump(mode="json", by_alias=True), "of": case.settings(), "hand_file_sha256": digest}
+
+
+class _Start(NamedTuple):
+    """What the rows of a sweep start from: plain values, the folder of relative paths, and the keys that exist."""
+
+    data: dict[str, Any]
+    folder: str
+    known: list[str]
 
 
 class Base(Section):
-    """What rows have in common, as plain values that go to other processes: ``always`` is the impact time where it is
-    fixed.
-    """
+    """What the rows of a sweep share, as plain values for other processes; ``always``: the impact time, where fixed."""
 
     kind: Literal["case", "object"]
     what: Literal["plan", "forces"]
@@ -280,7 +302,7 @@ class Base(Section):
         """The case of one row.
 
         Raises:
-            CaseRejected: values that cannot be used: all of them named at once.
+            CaseRejected: values that cannot be used; the message names all of them.
         """
         changes = {key: value for key, value in inputs.items() if key != IMPACT_TIME}
         kind = HeldCase if self.kind == "case" else ObjectCase
@@ -292,10 +314,10 @@ class Base(Section):
             raise CaseRejected("; ".join(_lines(error, []))) from None
 
     def look(self, inputs: dict[str, Any]) -> None:
-        """Raise :class:`~pinograsp.errors.InvalidInput` for what is wrong with a row and seen without planning it."""
+        """Check a row without planning it; :class:`~pinograsp.errors.InvalidInput` where it cannot be used."""
         case = self.case(inputs)
         hand = case.load_hand()
-        if self.kind == "object":
+        if isinstance(case, ObjectCase):
             case.make_object()
         elif self.what == "forces":
             case.problem().checked_impact_time(self.impact_time(inputs))
@@ -303,16 +325,17 @@ class Base(Section):
             case.make_problem(hand)
 
     def impact_time(self, inputs: dict[str, Any]) -> float:
-        """t_I of a row [s], for forces alone."""
-        return {**self.always, **inputs}[IMPACT_TIME]
+        """t_I of a row with ``what: forces`` [s]."""
+        at: float = {**self.always, **inputs}[IMPACT_TIME]
+        return at
 
 
 class HeldCase(Case):
-    """A case whose hand is loaded once for all rows that share it."""
+    """A case that loads each hand once for all rows that use it."""
 
     def load_hand(self) -> HandModel:
         """The hand, placed, with the case's limits."""
-        key = self.folder, self.hand.model_dump_json()
+        key = (self.folder, self.hand.model_dump_json())
         if key not in _HANDS:
             if len(_HANDS) == _HANDS_KEPT:
                 _HANDS.clear()
@@ -330,23 +353,24 @@ class HeldCase(Case):
         return self.make_problem(self.load_hand())
 
     @property
-    def objective(self) -> str | dict | None:
-        """What the forces minimise; None: the default of the case."""
+    def objective(self) -> Objective | dict[Objective, float] | None:
+        """What the forces minimise; None: the case's measure."""
         return self.forces.objective
 
 
-_HANDS: dict[tuple, HandModel] = {}
+_HANDS: dict[tuple[Path, str], HandModel] = {}
 _HANDS_KEPT = 4
 
 
-def load_sweep(source: str | Path | dict) -> SweepSpec:
-    """A sweep from a YAML file, or from the same as a mapping.
+def load_sweep(source: str | Path | dict[str, Any]) -> SweepSpec:
+    """A sweep from a YAML file, or from a mapping with the same content.
 
     Raises:
         CaseRejected: no such file, broken YAML, unknown keys or unusable values, in the sweep or in its case.
     """
-    name, folder, data = "sweep", Path("."), source
-    if not isinstance(source, dict):
+    if isinstance(source, dict):
+        name, folder, data = "sweep", Path("."), source
+    else:
         path = path_of("sweep", source)
         name, keys = str(path), "case, over, samples"
         data = read_mapping(path, "sweep", name, f"a YAML file with {keys}", _BIGGEST, keys)
@@ -363,7 +387,7 @@ def load_sweep(source: str | Path | dict) -> SweepSpec:
         raise CaseRejected(f"sweep '{name}' is not valid: " + "; ".join(_lines(error, _OWN))) from None
     except (TypeError, ValueError) as error:
         raise CaseRejected(f"sweep '{name}': expected numbers, texts, lists and mappings as values: {error}") from None
-    spec.base  # noqa: B018  (its errors come now, not with the first row)
+    spec.base  # noqa: B018  (raises its errors now, not with the first row)
     return spec
 
 
@@ -374,11 +398,11 @@ _OWN = [
 
 
 def _lines(error: ValidationError, known: list[str]) -> list[str]:
-    """What is wrong, each once, unknown keys with the nearest spelling among ``known``."""
+    """The distinct errors in words; for unknown keys, with the nearest spelling among ``known``."""
     return list(dict.fromkeys(_line(one, known) for one in error.errors()))
 
 
-def _line(error, known: list[str]) -> str:
+def _line(error: ErrorDetails, known: list[str]) -> str:
     where = place_of(error)
     if error["type"] == "tuple_type" and where.startswith("over."):
         return f"{where}: expected a list of values, or {{from, to, steps}} (got {shown(error['input'])})"
@@ -387,15 +411,16 @@ def _line(error, known: list[str]) -> str:
     return line_of(error, known)
 
 
-def _changed(data: dict, changes: dict[str, Any]) -> dict:
-    made = copy.deepcopy(data)
+def _changed(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    changed = copy.deepcopy(data)
     for key, value in changes.items():
-        put_value(made, key, copy.deepcopy(value))
-    return made
+        put_value(changed, key, copy.deepcopy(value))
+    return changed
 
 
-def _names(value, name: str = "") -> list[str]:
-    """The dotted names of all that is in plain values, sections included."""
+def _names(value: object, name: str = "") -> list[str]:
+    """The dotted names of all plain values within a value, and of the sections that hold them."""
+    parts: Iterable[tuple[object, object]]
     if isinstance(value, dict):
         parts = value.items()
     elif isinstance(value, list):

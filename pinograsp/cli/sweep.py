@@ -41,11 +41,20 @@ def sweep(
 
       pinograsp sweep friction.yaml --backend dask --scheduler tcp://10.0.0.1:8786
     """
+    from pinograsp.checks import one_of
     from pinograsp.sweep import sweep
+    from pinograsp.sweep.run import BACKENDS
     from pinograsp.writing import safe_name
 
     folder = out if out is not None else Path("runs") / safe_name(file.stem)
-    done = sweep(file, folder, jobs=jobs, backend=backend, scheduler=scheduler, progress=bar(as_json))
+    done = sweep(
+        file,
+        folder,
+        jobs=jobs,
+        backend=one_of("backend", backend, BACKENDS),
+        scheduler=scheduler,
+        progress=bar(as_json),
+    )
     if as_json:
         typer.echo(json.dumps(done.summary(), allow_nan=False))
     else:

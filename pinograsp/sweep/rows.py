@@ -1,4 +1,4 @@
-"""The rows of a sweep: what a worker makes of the inputs of its plans, and the columns of the table."""
+"""The rows of a sweep: how a worker computes them from their inputs, and the columns of the table."""
 
 from __future__ import annotations
 
@@ -6,16 +6,26 @@ import functools
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
 from pinograsp.cases.sweep_file import Base
+from pinograsp.contacts import Friction
+from pinograsp.contacts.quality import Balance
 from pinograsp.errors import ExtraMissing, PinograspError, Status, status_of
-from pinograsp.forces import ForceBatch, solve_batch
+from pinograsp.forces import ForceBatch, ForceProblem, solve_batch
 
-# Columns beside index and inputs, with their kinds; empty where a row has no such figure.
-FIGURES = {
+_Result = TypeVar("_Result")
+
+# A row of the table, or of inputs: plain values by column.
+Row: TypeAlias = dict[str, Any]
+# Kinds of columns.
+Kind = Literal["text", "json", "number", "whole", "flag", "numbers", "texts"]
+
+# Columns beside index and inputs, with their kinds; empty where a row has no such value.
+FIGURES: dict[Literal["plan", "forces"], dict[str, Kind]] = {
     "plan": {
         "status": "text",
         "message": "text",
@@ -66,14 +76,20 @@ FIGURES = {
 }
 
 
-_LONGEST = 1.0  # [s] of a chunk: rows may take much longer than those before them
+_LONGEST = 1.0  # [s] of a chunk: its rows may take much longer than earlier ones
+_SCALARS: tuple[tuple[Kind, tuple[type, ...]], ...] = (
+    ("flag", (bool,)),
+    ("whole", (int,)),
+    ("number", (int, float)),
+    ("text", (str,)),
+)
 
 
-def kind_of(values: list) -> str:
+def kind_of(values: list[Any]) -> Kind:
     """The kind of an input's column: that of all its values, or ``"json"``."""
-    for kind, accepted in (("flag", bool), ("whole", int), ("number", int | float), ("text", str)):
+    for kind, accepted in _SCALARS:
         if kind != "text" and any(isinstance(value, int) and abs(value) >= 2**63 for value in values):
-            continue  # no column of numbers takes it
+            continue  # too large for a column of numbers
         if all(isinstance(value, accepted) and isinstance(value, bool) == (kind == "flag") for value in values):
             return kind
     if all(isinstance(value, list | tuple) and kind_of(list(value)) in ("whole", "number") for value in values):
@@ -81,29 +97,35 @@ def kind_of(values: list) -> str:
     return "json"
 
 
-# The compiled code and the hands that are kept do not stand several threads.
+# Compiled code and cached hands are not safe for several threads.
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def run_chunk(payload: str, rows: list[tuple[int, dict]]) -> tuple[list[dict], float, list[int]]:
-    """What workers do: the rows of a chunk, given as index and inputs, the seconds they took, and the indices of those
-    left over when it had lasted for long.
-    """
+class ChunkResult(NamedTuple):
+    """What a worker returns: the rows of a chunk, their duration [s], and the indices of the rows that it left over."""
+
+    rows: list[Row]
+    seconds: float
+    left: list[int]
+
+
+def run_chunk(payload: str, rows: list[tuple[int, Row]]) -> ChunkResult:
+    """Compute the rows of a chunk, given as index and inputs; rows are left over where the chunk takes too long."""
     with _ONE_AT_A_TIME:
         base = _base(payload)
         started = time.perf_counter()
         if base.what == "forces":
-            made = _forces(base, rows, started)
+            results = _forces(base, rows, started)
         else:
-            made = list(_in_time(started, rows, lambda inputs: _row(_planned, base, inputs)))
-        told = [{"index": index, **inputs, **row} for (index, inputs), row in zip(rows, made)]
-        return told, time.perf_counter() - started, [index for index, _ in rows[len(made) :]]
+            results = list(_in_time(started, rows, functools.partial(_row, _planned, base)))
+        done = [{"index": index, **inputs, **row} for (index, inputs), row in zip(rows, results)]
+        return ChunkResult(done, time.perf_counter() - started, [index for index, _ in rows[len(results) :]])
 
 
-def _in_time(started: float, rows: list[tuple[int, dict]], make) -> Iterator[dict]:
-    """What ``make`` makes of the inputs of rows, until time is up."""
+def _in_time(started: float, rows: list[tuple[int, Row]], result_of: Callable[[Row], _Result]) -> Iterator[_Result]:
+    """The results of the inputs of rows, until the time is up."""
     for _, inputs in rows:
-        yield make(inputs)
+        yield result_of(inputs)
         if time.perf_counter() - started > _LONGEST:
             return
 
@@ -113,64 +135,82 @@ def _base(payload: str) -> Base:
     return Base.model_validate_json(payload)
 
 
-def _row(make, *args) -> dict:
-    """What ``make`` returns, or its failure as a row."""
+def _row(compute: Callable[[Base, Row], _Result], base: Base, inputs: Row) -> _Result | Row:
+    """What ``compute`` returns, or its failure as a row."""
     started = time.perf_counter()
     try:
-        return make(*args)
-    except ExtraMissing:
-        raise
-    except Exception as error:  # one row's failure, of whatever kind, is not the sweep's
-        status = status_of(error)
-        text = str(error) if isinstance(error, PinograspError) else f"{type(error).__name__}: {error}"
-        if status is Status.INTERRUPTED:
-            raise KeyboardInterrupt from error
-        return {"status": str(status), "message": text, "elapsed_s": time.perf_counter() - started}
+        return compute(base, inputs)
+    except Exception as error:
+        return _failure(error, time.perf_counter() - started)
 
 
-def _planned(base: Base, inputs: dict) -> dict:
+def _failure(error: Exception, elapsed: float) -> Row:
+    """The failure of a row, of any kind, which must not stop the sweep; a missing extra and Ctrl-C do."""
+    if isinstance(error, ExtraMissing):
+        raise error
+    status = status_of(error)
+    if status is Status.INTERRUPTED:
+        raise KeyboardInterrupt from error
+    text = str(error) if isinstance(error, PinograspError) else f"{type(error).__name__}: {error}"
+    return {"status": str(status), "message": text, "elapsed_s": elapsed}
+
+
+def _planned(base: Base, inputs: Row) -> Row:
     plan = base.case(inputs).plan(progress=False)
-    if plan.status is Status.INTERRUPTED:  # the search hears Ctrl-C first
+    if plan.status is Status.INTERRUPTED:  # the search catches Ctrl-C
         raise KeyboardInterrupt
-    told = plan.summary()
-    margins, forces = told["margins"], told["normal_forces_N"]
+    summary = plan.summary()
+    margins, forces = summary["margins"], summary["normal_forces_N"]
 
-    def of(values: dict, pick) -> float | None:
-        return pick((value for value in values.values() if value is not None), default=None)
+    def known(values: dict[str, float | None]) -> list[float]:
+        return [value for value in values.values() if value is not None]
 
     return {
-        **{name: told[name] for name in FIGURES["plan"] if name in told},
+        **{name: summary[name] for name in FIGURES["plan"] if name in summary},
         **{name: margins[name] for name in FIGURES["plan"] if name in margins},
-        "message": "; ".join([told["remedy"], *told["notes"]]) if plan.status is not Status.OK else None,
+        "message": "; ".join([summary["remedy"], *summary["notes"]]) if plan.status is not Status.OK else None,
         "contacts": list(forces),
         "normal_forces_N": list(forces.values()),
         "normal_force_sum_N": sum(forces.values()),
         "normal_force_max_N": max(forces.values()),
-        "tracking_error_max_m": of(told["tracking_error_m"], max),
-        "relative_gap": (told["certificate"] or {}).get("relative_gap"),
-        "friction_used_max": of(margins["friction_used"], max),
-        "least_mu_max": of(margins["least_mu"], max),
-        "slip_distance_min_N": of(margins["slip_distance_N"], min),
+        "tracking_error_max_m": max(known(summary["tracking_error_m"]), default=None),
+        "relative_gap": (summary["certificate"] or {}).get("relative_gap"),
+        "friction_used_max": max(known(margins["friction_used"]), default=None),
+        "least_mu_max": max(known(margins["least_mu"]), default=None),
+        "slip_distance_min_N": min(known(margins["slip_distance_N"]), default=None),
     }
 
 
-def _forces(base: Base, rows: list[tuple[int, dict]], started: float) -> list[dict]:
-    """Forces alone: one batch for all rows of one friction model, balance and objective."""
-    groups: dict = {}
-    made = list(_in_time(started, rows, lambda inputs: _row(_problem, base, inputs)))
-    for i, row in enumerate(made):
-        if "problem" in row:
-            groups.setdefault(row["group"], []).append(i)
+class _Problem(NamedTuple):
+    """A row's force problem, its impact time [s], and what it shares with the rows of its batch."""
+
+    problem: ForceProblem
+    at: float
+    group: tuple[Friction, Balance, str]
+
+
+def _forces(base: Base, rows: list[tuple[int, Row]], started: float) -> list[Row]:
+    """Rows of contact forces only: one batch for all rows with the same friction model, balance and objective."""
+    groups: dict[tuple[Friction, Balance, str], list[int]] = {}
+    prepared = list(_in_time(started, rows, functools.partial(_row, _problem, base)))
+    results: list[Row] = [{} if isinstance(one, _Problem) else one for one in prepared]
+    for i, one in enumerate(prepared):
+        if isinstance(one, _Problem):
+            groups.setdefault(one.group, []).append(i)
     for (_, _, objective), which in groups.items():
-        solved = _row(_solved, [made[i] for i in which], json.loads(objective))
-        for place, i in enumerate(which):
-            made[i] = solved.get(place, solved)  # one failure is that of all of them
+        batch = [one for i in which if isinstance(one := prepared[i], _Problem)]
+        try:
+            solved = _solved(batch, json.loads(objective))
+        except Exception as error:  # a failure of the batch is that of all its rows
+            solved = [_failure(error, 0.0)] * len(batch)
+        for i, row in zip(which, solved):
+            results[i] = row
     seconds = time.perf_counter() - started
-    return [{**row, "elapsed_s": seconds / len(made)} for row in made]
+    return [{**row, "elapsed_s": seconds / len(results)} for row in results]
 
 
-def _problem(base: Base, inputs: dict) -> dict:
-    """A row's problem, impact time, and what it shares with its batch; or that its limits leave no force."""
+def _problem(base: Base, inputs: Row) -> _Problem | Row:
+    """A row's problem; or its result, where its limits leave no force."""
     case = base.case(inputs)
     problem = case.problem()
     at = problem.checked_impact_time(base.impact_time(inputs))
@@ -182,25 +222,26 @@ def _problem(base: Base, inputs: dict) -> dict:
             "impact_time_s": at,
         }
     objective = json.dumps(problem.measure if case.objective is None else case.objective, sort_keys=True)
-    return {"problem": problem, "at": at, "group": (problem.friction, problem.balance, objective)}
+    return _Problem(problem, at, (problem.friction, problem.balance, objective))
 
 
-def _solved(group: list[dict], objective) -> dict[int, dict]:
-    """The rows of one batch, by their place in it."""
-    problems, times = [one["problem"] for one in group], [one["at"] for one in group]
+def _solved(batch: list[_Problem], objective: str | dict[str, float]) -> list[Row]:
+    """The rows of one batch."""
+    problems, times = [one.problem for one in batch], [one.at for one in batch]
     answers = solve_batch(ForceBatch.of(problems, times), objective=objective, threads=1)
-    made = {}
+    rows: list[Row] = []
     for i, (problem, at, status) in enumerate(zip(problems, times, answers.status)):
-        made[i] = {
+        row: Row = {
             "status": str(status),
             "message": status.remedy or None,
             "impact_time_s": at,
             "contacts": list(problem.contacts.names),
         }
+        rows.append(row)
         if status is not Status.OK:
             continue
         normal = answers.forces_c[i, : problem.k, 2]
-        made[i] |= {
+        row |= {
             "work_J": float(problem.energy(normal, at, "work").sum()),
             "impulse_Ns": float(problem.energy(normal, at, "impulse").sum()),
             "normal_forces_N": normal.tolist(),
@@ -211,4 +252,4 @@ def _solved(group: list[dict], objective) -> dict[int, dict]:
             "residual_N": float(answers.residual_norm[i]),
             "violation_N": float(answers.violation[i]),
         }
-    return made
+    return rows

@@ -1,4 +1,4 @@
-"""Many plans of one case over ranges or random draws of its inputs, on all cores or on a cluster."""
+"""Plans of one case over ranges or random draws of its inputs, on all cores or on a cluster."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import math
 import socket
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import joblib
 import numpy as np
@@ -20,27 +21,31 @@ from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.checks import one_of, processes
 from pinograsp.errors import ExtraMissing, InvalidInput, PinograspError
 from pinograsp.interrupts import interrupts_kept, parallel_results
-from pinograsp.spatial import Array
-from pinograsp.sweep.rows import FIGURES, kind_of, run_chunk
+from pinograsp.spatial import IntArray
+from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
 
-BACKENDS = ("joblib", "dask")
-_SAVED_EVERY = 2.0  # [s] of rows that a kill may lose
-_CHUNK = 0.3  # [s] of work handed over at once: long beside the handing over, short beside what is waited for
+if TYPE_CHECKING:
+    import pyarrow
+
+Backend = Literal["joblib", "dask"]
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
+_SAVED_EVERY = 2.0  # [s] between writes: the rows that may be lost when the process is killed
+_CHUNK = 0.3  # [s] of work in a chunk: long compared with its transfer, short compared with the sweep
 _MOST_AT_ONCE = 2000  # rows of a chunk
-_ANSWERED_WITHIN, _CONNECTED_WITHIN = 3, 10  # [s] at the address of a scheduler, and by the scheduler itself
+_ANSWERED_WITHIN, _CONNECTED_WITHIN = 3, 10  # [s] for the address of a scheduler, and for the scheduler itself
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """What came of a sweep; the rows themselves are in its folder, :meth:`table` reads them.
+    """Result of a sweep. Its rows are in its folder; :meth:`table` reads them.
 
     Attributes:
-        folder: with the rows.
-        rows: asked for.
-        done: there, those of earlier runs included.
-        counts: of the rows by status.
-        interrupted: whether it was stopped (Ctrl-C): the same call goes on.
+        folder: that holds the rows.
+        rows: number of rows of the sweep.
+        done: number of rows in the folder, those of earlier runs included.
+        counts: number of rows by status.
+        interrupted: whether Ctrl-C stopped it; the same call continues it.
         elapsed: of this run [s].
     """
 
@@ -51,11 +56,11 @@ class Sweep:
     interrupted: bool
     elapsed: float
 
-    def table(self):
+    def table(self) -> pyarrow.Table:
         """The rows in order, a ``pyarrow.Table``: see :func:`read_sweep`."""
         return read_sweep(self.folder)
 
-    def summary(self) -> dict:
+    def summary(self) -> dict[str, Any]:
         """As plain JSON values."""
         return {
             "rows": self.rows,
@@ -68,30 +73,29 @@ class Sweep:
 
 
 def sweep(
-    spec: SweepSpec | dict | str | Path,
+    spec: SweepSpec | dict[str, Any] | str | Path,
     folder: str | Path,
     *,
     jobs: int = -1,
-    backend: str = "joblib",
+    backend: Backend = "joblib",
     scheduler: str | None = None,
     progress: bool | None = None,
 ) -> Sweep:
-    """Plan a case over ranges or random draws of its inputs, a row each; called again, it goes on where it was stopped.
+    """Plan a case over ranges or random draws of its inputs, one row each; called again, it continues.
 
-    Rows: ``index``, the inputs by name, ``status`` and ``message``, and figures
-    (:data:`~pinograsp.sweep.rows.FIGURES`). A plan that fails is a row as well: its status is that of the plan or its
+    A row has ``index``, the inputs by name, ``status``, ``message``, and the columns of
+    :data:`~pinograsp.sweep.rows.FIGURES`. A plan that fails is a row as well. Its status is that of the plan or its
     search (``infeasible``, ``joint_limit``...), ``not_reached`` (a finger cannot reach its contact), ``not_found`` (no
-    placement), ``invalid_input`` (values that cannot be used) or ``failed`` (anything else), and the message says why.
-    With ``what: forces`` only contact forces at a given impact time are computed, in bulk.
+    placement), ``invalid_input`` (unusable values) or ``failed`` (anything else), and its message says why. With
+    ``what: forces``, only contact forces at a given impact time are computed, in batches.
 
     Args:
-        spec: a sweep file, the same as a mapping, or what :func:`~pinograsp.cases.sweep_file.load_sweep` has read.
-        folder: for the rows: Parquet files, written every two seconds, whole or not at all; a new folder, or one of
-            this sweep.
-        jobs: processes of ``"joblib"``; -1: all cores. 1: this process.
-        backend: ``"joblib"``, or ``"dask"``: the cluster of ``scheduler``, an address such as
-            ``"tcp://10.0.0.1:8786"``; its workers need this package, and the files of hands and meshes at the same
-            paths.
+        spec: a sweep file, a mapping with the same content, or a sweep that was loaded.
+        folder: for the rows, as Parquet files that are written every two seconds; a new folder, or one of this sweep.
+        jobs: processes of ``"joblib"``; -1: all cores; 1: this process.
+        backend: ``"joblib"``, or ``"dask"``, whose workers need this package, and the files of hands and meshes at the
+            same paths.
+        scheduler: address of a Dask scheduler, such as ``"tcp://10.0.0.1:8786"``.
         progress: bar on stderr: None (on a terminal), True or False.
 
     Raises:
@@ -100,7 +104,7 @@ def sweep(
         ResultsNotWritten: the folder holds another sweep or other files, is in use, or cannot be written.
         ExtraMissing: pyarrow (extra ``sweep``), distributed (``dask``) or, for forces alone, numba (``fast``) is not
             installed.
-        PinograspError: workers were lost; what was done is kept.
+        PinograspError: workers were lost; completed rows are kept.
     """
     started = time.perf_counter()
     jobs = processes(jobs)
@@ -112,33 +116,12 @@ def sweep(
     kinds = {key: kind_of(values) for key, values in spec.inputs.items()}
     with Store(Path(folder), spec.settings(), spec.rows, {**kinds, **FIGURES[spec.what]}) as store:
         chunks = _Chunks(spec, np.flatnonzero(~store.have))
-        if backend == "dask":
+        if scheduler is not None:
             results, chunks.workers = _by_dask(scheduler, payload, chunks), 1
         else:
             results, chunks.workers = _by_joblib(jobs, payload, chunks), joblib.effective_n_jobs(jobs)
-        bar = tqdm(
-            total=spec.rows,
-            initial=spec.rows - len(chunks),
-            desc="sweep",
-            unit="row",
-            disable=None if progress is None else not progress,
-            leave=False,
-        )
-        interrupted, saved = False, time.perf_counter()
-        with bar, contextlib.closing(results), interrupts_kept() as interrupt:
-            try:
-                for rows, seconds, left in results:
-                    chunks.told(seconds / len(rows), left)
-                    store.add(rows)
-                    bar.update(len(rows))
-                    if time.perf_counter() - saved >= _SAVED_EVERY:
-                        store.save()
-                        saved = time.perf_counter()
-                    interrupt()
-            except KeyboardInterrupt:
-                interrupted = True
-            finally:
-                store.save()
+        with contextlib.closing(results):
+            interrupted = _collect(results, chunks, store, progress)
         if not interrupted:
             store.merge()
         return Sweep(
@@ -151,11 +134,40 @@ def sweep(
         )
 
 
-class _Chunks:
-    """The rows that are left, in chunks of equal work; workers give back what takes too long."""
+def _collect(results: Generator[ChunkResult, None, None], chunks: _Chunks, store: Store, progress: bool | None) -> bool:
+    """Store the rows as they come; returns whether Ctrl-C stopped it."""
+    bar = tqdm(
+        total=chunks.spec.rows,
+        initial=chunks.spec.rows - len(chunks),
+        desc="sweep",
+        unit="row",
+        disable=None if progress is None else not progress,
+        leave=False,
+    )
+    saved = time.perf_counter()
+    with bar, interrupts_kept() as interrupt:
+        try:
+            for rows, seconds, left in results:
+                chunks.report(seconds / len(rows), left)
+                store.add(rows)
+                bar.update(len(rows))
+                if time.perf_counter() - saved >= _SAVED_EVERY:
+                    store.save()
+                    saved = time.perf_counter()
+                interrupt()
+        except KeyboardInterrupt:
+            return True
+        finally:
+            store.save()
+    return False
 
-    def __init__(self, spec: SweepSpec, left: Array):
-        self.spec, self.left, self.at, self.back = spec, left, 0, deque()
+
+class _Chunks:
+    """The rows that are left, in chunks of equal work; workers return rows for which there was no time."""
+
+    def __init__(self, spec: SweepSpec, left: IntArray):
+        self.spec, self.left, self.at = spec, left, 0
+        self.back: deque[int] = deque()
         self.workers, self.pace = 1, math.inf
 
     def __len__(self) -> int:
@@ -164,38 +176,38 @@ class _Chunks:
     def __iter__(self) -> _Chunks:
         return self
 
-    def __next__(self) -> list[tuple[int, dict]]:
+    def __next__(self) -> list[tuple[int, Row]]:
         left = len(self)
         if not left:
             raise StopIteration
-        # At the end smaller ones, so that no worker waits long for another.
+        # Chunks become smaller at the end, so that no worker waits long for another.
         count = max(1, min(int(_CHUNK / max(self.pace, 1e-9)), _MOST_AT_ONCE, left // (2 * self.workers)))
         rows = [self.back.popleft() for _ in range(min(count, len(self.back)))]
         start = self.at
         self.at = min(start + count - len(rows), len(self.left))
         return [(index, self.spec.row(index)) for index in (*rows, *self.left[start : self.at].tolist())]
 
-    def told(self, pace: float, back: list[int]) -> None:
-        """``pace`` [s per row] of a chunk, and the rows it did not come to."""
+    def report(self, pace: float, back: list[int]) -> None:
+        """Record the ``pace`` of a chunk [s per row], and the rows that it left over."""
         self.pace = pace
         self.back.extend(back)
 
 
-def _by_joblib(jobs: int, payload: str, chunks: _Chunks) -> Iterator[tuple[list[dict], float, list[int]]]:
+def _by_joblib(jobs: int, payload: str, chunks: _Chunks) -> Generator[ChunkResult, None, None]:
     try:
-        while len(chunks):  # rows may have come back when all chunks had been handed over
+        while len(chunks):  # workers may have returned rows after the last chunk was sent
             work = ((payload, rows) for rows in chunks)
             with parallel_results(run_chunk, work, jobs, return_as="generator_unordered", batch_size=1) as results:
                 yield from results
     except BrokenProcessPool as error:
         why = str(error).splitlines()[0]
         raise PinograspError(
-            f"a worker was lost, by lack of memory or a crash; what is done is kept: start again ({why})"
+            f"a worker was lost, by lack of memory or a crash; completed rows are kept: start again ({why})"
         ) from error
 
 
 def _check_answer(scheduler: str) -> None:
-    """Refuse an address where no scheduler speaks: Dask's own client says so late and at length, or waits for ever."""
+    """Refuse an address where no scheduler answers: Dask's own client reports that late, or waits for ever."""
     scheme, _, rest = scheduler.rpartition("://")
     host, _, port = rest.rpartition(":")
     if not host or not (port.isascii() and port.isdecimal()) or not 1 <= int(port) <= 65535:
@@ -206,15 +218,15 @@ def _check_answer(scheduler: str) -> None:
         return
     try:
         with socket.create_connection((host.strip("[]"), int(port)), timeout=_ANSWERED_WITHIN) as link:
-            if scheme != "tls" and not link.recv(1):  # a scheduler speaks first
-                raise OSError("what is there hangs up")
+            if scheme != "tls" and not link.recv(1):  # a scheduler sends first
+                raise OSError("the connection was closed")
     except (OSError, UnicodeError) as error:
         raise InvalidInput(
             f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})"
         ) from error
 
 
-def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Iterator[tuple[list[dict], float, list[int]]]:
+def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Generator[ChunkResult, None, None]:
     try:
         import distributed
     except ImportError as error:
@@ -222,7 +234,7 @@ def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Iterator[tuple[li
     _check_answer(scheduler)
     try:
         client = distributed.Client(scheduler, timeout=_CONNECTED_WITHIN, set_as_default=False)
-    except Exception as error:  # whatever comes of a stranger's answer
+    except Exception as error:  # an unknown server's answer can cause any error
         raise InvalidInput(
             f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})"
         ) from error
@@ -238,7 +250,7 @@ def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Iterator[tuple[li
                 yield next(ahead)[1]
         except distributed.scheduler.KilledWorker as error:
             raise PinograspError(
-                f"a worker was lost again and again; what is done is kept: start again ({error})"
+                f"workers were lost repeatedly; completed rows are kept: start again ({error})"
             ) from error
         finally:
             client.cancel([*ahead.futures])

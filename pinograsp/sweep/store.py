@@ -1,4 +1,4 @@
-"""The rows of a sweep on disk: Parquet files written as the rows come, so that a sweep goes on where it was stopped."""
+"""The rows of a sweep on disk, as Parquet files that are written as rows come, so that a sweep can continue."""
 
 from __future__ import annotations
 
@@ -8,30 +8,42 @@ import re
 from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
+from pinograsp.spatial import BoolArray
+from pinograsp.sweep.rows import Kind, Row
 from pinograsp.writing import ASIDE, discard, is_still, lock, place_of, sweep, write_errors, write_file
 
-# pyarrow's and other readers of whole folders pass over names that begin like these.
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+# Readers of folders, such as pyarrow's, ignore names with these first characters.
 SCHEMA, MANIFEST, _LOCK = "pinograsp.sweep/1", "_manifest.json", ".lock"
 _PART = re.compile(r"part-(\d{6,})-(\d{6,})\.parquet")
-_MERGED = 100  # parts that become one
+_MERGED = 100  # number of parts that are merged into one
 
 
 class Store:
-    """The rows on disk: part files of a folder, each written aside and renamed, below a manifest that says which sweep
-    they are of.
+    """The rows on disk: part files in a folder, with a manifest that identifies the sweep.
 
-    A context: it keeps the folder from other writers meanwhile. ``have`` (rows,) says which rows are there, ``counts``
-    how many of each status. A part is called after the writes that it holds, ``part-<first>-<last>.parquet``: a merged
-    one takes the place of those within its range, whether or not they could still be removed.
+    A context manager: it locks the folder against other writers. Each part is written to a temporary file and renamed.
+    It is named after the writes that it holds, ``part-<first>-<last>.parquet``; a merged part replaces those within its
+    range, even where they could not be removed.
+
+    Attributes:
+        have: which rows are there (rows,).
+        counts: number of rows by status.
     """
 
-    def __init__(self, folder: Path, settings: dict, rows: int, kinds: dict[str, str]):
+    def __init__(self, folder: Path, settings: dict[str, Any], rows: int, kinds: dict[str, Kind]):
         self.folder, self.kinds, self.schema = folder, kinds, _schema(kinds)
-        self.have, self.counts, self.kept, self.lock = np.zeros(rows, dtype=bool), Counter(), [], None
+        self.have: BoolArray = np.zeros(rows, dtype=bool)
+        self.counts: Counter[str] = Counter()
+        self.kept: list[Row] = []
+        self.lock: TextIO | None = None
         text = json.dumps(settings, sort_keys=True)
         manifest = {
             "schema": SCHEMA,
@@ -49,7 +61,7 @@ class Store:
             self.__exit__()
             raise
 
-    def _open(self, manifest: dict) -> None:
+    def _open(self, manifest: dict[str, Any]) -> None:
         path = self.folder / MANIFEST
         self._refuse_others()
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -78,14 +90,14 @@ class Store:
             rows = table["index"].to_numpy()
             if rows.min(initial=0) < 0 or rows.max(initial=0) >= len(self.have):
                 raise InvalidInput(
-                    f"'{one}' holds rows that this sweep has not: remove it, and its own are planned again"
+                    f"'{one}' holds rows that this sweep does not have: remove it, and this sweep's are planned again"
                 )
             self.have[rows] = True
             self.counts.update(table["status"].to_pylist())
         self.next = 1 + max((_span(one)[1] for one in live), default=-1)
 
     def _refuse_others(self) -> None:
-        """Raise where the folder has no manifest, but something else."""
+        """Raise where the folder holds other files and no manifest."""
         if self.folder.exists() and not (self.folder / MANIFEST).exists():
             foreign = sorted(
                 one.name for one in self.folder.iterdir() if one.name != _LOCK and not one.name.startswith(ASIDE)
@@ -98,27 +110,26 @@ class Store:
 
     @property
     def done(self) -> int:
-        """Number of rows that are there."""
+        """Number of rows in the folder."""
         return int(self.have.sum())
 
-    def add(self, rows: list[dict]) -> None:
-        """Keep rows; on disk with the next :meth:`save`."""
+    def add(self, rows: list[Row]) -> None:
+        """Keep rows; the next :meth:`save` writes them."""
         self.kept += rows
 
     def save(self) -> None:
-        """Write what has been added. Interrupted anywhere and called again, it writes no row twice."""
+        """Write the rows that were added. Called again after an interruption, it writes no row twice."""
         import pyarrow as pa
 
         if not self.kept:
             return
-        if not is_still(self.lock.fileno(), self.folder / _LOCK) or not (self.folder / MANIFEST).exists():
+        locked = self.lock is not None and is_still(self.lock.fileno(), self.folder / _LOCK)
+        if not locked or not (self.folder / MANIFEST).exists():
             raise ResultsNotWritten(
                 f"folder '{self.folder}' was removed, or another has taken its place, while a sweep was writing there"
             )
-        columns = {
-            name: [_CELLS.get(kind, _plain)(row.get(name)) for row in self.kept]
-            for name, kind in {"index": "whole", **self.kinds}.items()
-        }
+        kinds: dict[str, Kind] = {"index": "whole", **self.kinds}
+        columns = {name: [_cell(kind, row.get(name)) for row in self.kept] for name, kind in kinds.items()}
         path = self.folder / f"part-{self.next:06d}-{self.next:06d}.parquet"
         write_file(path, _parquet(pa.table(columns, schema=self.schema)))
         new, self.kept, self.next = self.kept, [], self.next + 1
@@ -128,7 +139,7 @@ class Store:
             self.merge()
 
     def merge(self) -> None:
-        """Small parts as one: a sweep of a day would leave tens of thousands."""
+        """Merge small parts into one: a sweep of a day would leave tens of thousands."""
         import pyarrow as pa
 
         small = [one for one in _parts(self.folder)[0] if _span(one)[0] == _span(one)[1]]
@@ -143,17 +154,19 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         if self.lock is not None:
             self.lock.close()
 
 
-def read_sweep(folder: str | Path):
-    """The rows of a sweep, in order of their index, as a ``pyarrow.Table`` (``.to_pandas()``,
-    ``["work_J"].to_numpy()``); those of one that was interrupted, or is still running, as far as they are.
+def read_sweep(folder: str | Path) -> pa.Table:
+    """The rows of a sweep as a ``pyarrow.Table``, in order of their index.
+
+    For other forms: ``.to_pandas()``, ``["work_J"].to_numpy()``. A sweep that was interrupted, or is still running, has
+    the rows that were written so far.
 
     Raises:
-        InvalidInput: the folder holds no sweep, or a broken one.
+        InvalidInput: the folder holds no sweep, or a damaged one.
         ExtraMissing: pyarrow (extra ``sweep``) is not installed.
     """
     folder = Path(folder)
@@ -163,7 +176,7 @@ def read_sweep(folder: str | Path):
     while True:
         try:
             tables = [_read(one) for one in _parts(folder)[0]]
-        except FileNotFoundError:  # merged just now
+        except FileNotFoundError:  # merged in the meantime
             continue
         try:
             return pa.concat_tables(tables).sort_by("index") if tables else schema.empty_table()
@@ -171,8 +184,8 @@ def read_sweep(folder: str | Path):
             raise InvalidInput(f"'{folder}' holds parts of other sweeps: {error}") from error
 
 
-def _schema(kinds: dict[str, str]):
-    """The columns of a sweep by their kinds, as a ``pyarrow.Schema``."""
+def _schema(kinds: dict[str, Kind]) -> pa.Schema:
+    """The columns of a sweep by their kinds."""
     try:
         import pyarrow as pa
         import pyarrow.parquet
@@ -180,7 +193,7 @@ def _schema(kinds: dict[str, str]):
         raise ExtraMissing(
             f"sweeps are kept as Parquet, which needs pyarrow: pip install 'pinograsp[sweep]' ({error})"
         ) from error
-    types = {
+    types: dict[Kind, pa.DataType] = {
         "text": pa.string(),
         "json": pa.string(),
         "number": pa.float64(),
@@ -192,19 +205,18 @@ def _schema(kinds: dict[str, str]):
     return pa.schema([("index", pa.int64()), *((name, types[kind]) for name, kind in kinds.items())])
 
 
-def _plain(value):
+def _cell(kind: Kind, value: Any) -> object:
+    """A value as pyarrow takes it: a whole number too large for a float must be rounded first."""
+    if kind == "json":
+        return json.dumps(value)
+    if kind == "number":
+        return None if value is None else float(value)
+    if kind == "numbers":
+        return None if value is None else [float(one) for one in value]
     return value
 
 
-# pyarrow takes no whole number for a float that is not exactly one.
-_CELLS = {
-    "json": json.dumps,
-    "number": lambda value: None if value is None else float(value),
-    "numbers": lambda value: None if value is None else [float(one) for one in value],
-}
-
-
-def _manifest(folder: Path) -> dict:
+def _manifest(folder: Path) -> dict[str, Any]:
     try:
         found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -217,8 +229,10 @@ def _manifest(folder: Path) -> dict:
 
 
 def _parts(folder: Path) -> tuple[list[Path], list[Path]]:
-    """The parts in order, and those that a merged one has taken the place of."""
-    live, stale, end = [], [], -1
+    """The parts in order, and those that a merged one has replaced."""
+    live: list[Path] = []
+    stale: list[Path] = []
+    end = -1
     parts = [path for path in folder.glob("part-*.parquet") if _PART.fullmatch(path.name)]
     for path in sorted(parts, key=lambda path: (_span(path)[0], -_span(path)[1])):
         (live if _span(path)[0] > end else stale).append(path)
@@ -227,11 +241,12 @@ def _parts(folder: Path) -> tuple[list[Path], list[Path]]:
 
 
 def _span(path: Path) -> tuple[int, int]:
-    first, last = _PART.fullmatch(path.name).groups()
+    """First and last write that a part holds."""
+    _, first, last = path.stem.split("-")
     return int(first), int(last)
 
 
-def _read(path: Path, columns: list[str] | None = None):
+def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -249,16 +264,17 @@ def _read(path: Path, columns: list[str] | None = None):
     return table
 
 
-def _parquet(table) -> bytes:
+def _parquet(table: pa.Table) -> bytes:
     import pyarrow as pa
     from pyarrow import parquet
 
     sink = pa.BufferOutputStream()
     parquet.write_table(table, sink)
-    return sink.getvalue().to_pybytes()
+    content: bytes = sink.getvalue().to_pybytes()
+    return content
 
 
-def _differences(a, b, name: str = "") -> list[str]:
+def _differences(a: object, b: object, name: str = "") -> list[str]:
     """Names of the plain values that differ."""
     if isinstance(a, dict) and isinstance(b, dict):
         inner = (

@@ -1,6 +1,4 @@
-"""Who may look at the live page: browsers send any web page's requests to this machine, so each must say that it comes
-from here.
-"""
+"""Access to the live page: requests that foreign web pages make a browser send to this machine are refused."""
 
 from __future__ import annotations
 
@@ -8,19 +6,28 @@ import contextlib
 import ipaddress
 import socket
 import threading
+from collections.abc import Awaitable, Callable, Iterator
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any, TypeAlias
 from urllib.parse import urlsplit
 
 from pinograsp.errors import InvalidInput
 
-_ATTEMPTS = 100  # ports tried from the first one on
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request, Response
+
+    _Process: TypeAlias = Callable[[ServerConnection, Request], Awaitable[Response | None] | Response | None]
+
+_ATTEMPTS = 100  # number of ports to try
 _wrapping = threading.Lock()
 
 
 def free_port(host: str, port: int) -> int:
-    """The first port from ``port`` on that ``host`` can listen on; 0 stays 0.
+    """The first free port of ``host``, from ``port`` on; 0 stays 0.
 
     Raises:
-        InvalidInput: no address of this machine, or no free port.
+        InvalidInput: not an address of this machine, or no free port.
     """
     try:
         places = {
@@ -45,11 +52,10 @@ def free_port(host: str, port: int) -> int:
 
 
 def welcome(host: str, hosts: list[str], origins: list[str]) -> bool:
-    """Whether a request with these headers ``Host`` and ``Origin`` may be answered by a server that listens on
-    ``host``.
+    """Whether a server that listens on ``host`` may answer a request with these headers ``Host`` and ``Origin``.
 
-    Names are this machine's own: to any other one, a web page may have bound this machine's address (DNS rebinding).
-    Addresses are safe from that. A page's origin must be the server itself; programs that are no browsers send none.
+    Only this machine's own names are accepted: an attacker's name may resolve to this machine (DNS rebinding).
+    Addresses are safe from that. The origin of a page must be the server itself; only browsers send an origin.
     """
     if len(hosts) != 1 or len(origins) > 1:
         return False
@@ -61,12 +67,13 @@ def welcome(host: str, hosts: list[str], origins: list[str]) -> bool:
         return False
     own = {"localhost", host.lower()}
     try:
-        address = ipaddress.ip_address(name)
+        loopback = ipaddress.ip_address(name).is_loopback
+        is_address = True
     except ValueError:
-        address = None
+        loopback = is_address = False
     if _loopback(host):
-        return name in own or (address is not None and address.is_loopback)
-    return address is not None or name in own | {socket.gethostname().lower(), socket.getfqdn().lower()}
+        return name in own or loopback
+    return is_address or name in own | {socket.gethostname().lower(), socket.getfqdn().lower()}
 
 
 def _loopback(host: str) -> bool:
@@ -77,26 +84,31 @@ def _loopback(host: str) -> bool:
 
 
 @contextlib.contextmanager
-def guarded(host: str):
-    """A viser server that starts within it refuses requests that are not :func:`welcome`; viser has no setting."""
+def guarded(host: str) -> Iterator[None]:
+    """A viser server that starts within this context refuses requests that are not :func:`welcome`."""
     from websockets.asyncio import server
 
     serve = server.serve
 
-    def wrapped(handler, *args, process_request=None, **settings):
+    def wrapped(
+        handler: Callable[[ServerConnection], Awaitable[None]],
+        *args: Any,
+        process_request: _Process | None = None,
+        **settings: Any,
+    ) -> server.serve:
         if not handler.__module__.startswith("viser."):
             return serve(handler, *args, process_request=process_request, **settings)
 
-        def process(connection, request):
+        def process(connection: ServerConnection, request: Request) -> Awaitable[Response | None] | Response | None:
             if not welcome(host, request.headers.get_all("Host"), request.headers.get_all("Origin")):
-                return connection.respond(403, "This page answers to its own address alone.\n")
-            return process_request(connection, request)
+                return connection.respond(HTTPStatus.FORBIDDEN, "This page answers to its own address alone.\n")
+            return None if process_request is None else process_request(connection, request)
 
         return serve(handler, *args, process_request=process, **settings)
 
     with _wrapping:
-        server.serve = wrapped
+        server.serve = wrapped  # type: ignore[misc, assignment]  # viser has no setting for it
         try:
             yield
         finally:
-            server.serve = serve
+            server.serve = serve  # type: ignore[misc]  # likewise

@@ -1,4 +1,4 @@
-"""Figures of a simulation beside its plan."""
+"""Figures that compare a simulation with its plan."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ from matplotlib.figure import Figure
 
 from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
-from pinograsp.viz.figures import COLOURS, label_of
+from pinograsp.viz.figures import COLOURS, label_of, note
 
 
 def _hold(axes: Axes, simulation: Simulation) -> None:
     """Mark when the object was let go."""
     if simulation.release is not None:
         axes.axvspan(simulation.release, simulation.times[-1], color="0.92", zorder=0)
-        foot = {"transform": axes.get_xaxis_transform(), "va": "bottom", "fontsize": 8, "color": "0.35"}
-        axes.text(simulation.release, 0.01, " let go", ha="left", **foot)
+        note(axes, simulation.release, " let go", "left")
     axes.grid(alpha=0.3, linewidth=0.5)
     axes.set_xlabel("time [s]")
 
 
 def forces_beside_plan(simulation: Simulation) -> Figure:
-    """Simulated normal forces over time, with what was planned for the end, and how much of the friction they use."""
+    """Simulated normal forces over time with the planned final ones, and penetration depths."""
     instance_of("simulation", simulation, Simulation)
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
@@ -43,7 +42,7 @@ def forces_beside_plan(simulation: Simulation) -> Figure:
 
 
 def object_motion(simulation: Simulation) -> Figure:
-    """Where the object goes after it was let go: drift and turn."""
+    """Motion of the object after it was let go, and slip of the contacts."""
     instance_of("simulation", simulation, Simulation)
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     drift, slip = figure.subplots(1, 2)
@@ -72,7 +71,7 @@ def object_motion(simulation: Simulation) -> Figure:
 
 
 def energy_audit(simulation: Simulation) -> Figure:
-    """Energy put in by motors and load, and where it went."""
+    """Energy put in by motors and load, and how it was stored or lost."""
     instance_of("simulation", simulation, Simulation)
     figure = Figure(figsize=(6.4, 3.8), layout="constrained")
     axes, energies = figure.subplots(), simulation.energies
@@ -96,16 +95,16 @@ def energy_audit(simulation: Simulation) -> Figure:
 
 
 def _first_touch(simulation: Simulation) -> float:
-    """A tenth of the pressing before anything touches [s]."""
+    """Time shortly before the first touch, by a tenth of the grasp phase [s]."""
     touching = np.flatnonzero((simulation.normal_forces > 0).any(axis=1))
     if not touching.size:
         return 0.0
-    first, until = simulation.times[touching[0]], simulation.times[simulation.complete]
+    first, until = float(simulation.times[touching[0]]), float(simulation.times[simulation.complete])
     return first - 0.1 * abs(until - first)
 
 
 def save_check_figures(simulation: Simulation, folder: str | Path) -> list[Path]:
-    """Write the figures of a simulation as PNG; returns their paths."""
+    """Write the figures of a simulation as PNG files; returns their paths."""
     figures = {"forces": forces_beside_plan, "object": object_motion, "energy": energy_audit}
     paths = []
     for name, figure in figures.items():

@@ -1,14 +1,14 @@
-"""Figures of a plan, as Matplotlib figures: the paper's Figs. 14 to 18 and more. They need a
-:class:`~pinograsp.plan.PlanRecord` only.
-"""
+"""Matplotlib figures of a :class:`~pinograsp.plan.PlanRecord`: the paper's Figs. 14 to 18, and more."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.integrate import cumulative_trapezoid
 
@@ -18,45 +18,50 @@ from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
 from pinograsp.words import printable
 
-# Okabe-Ito colours, told apart by colour-blind readers too, and line styles for print.
+# Okabe-Ito colours, which colour-blind readers can distinguish, and line styles for print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _STYLES = ("-", "--", "-.", ":")
 
 
 def label_of(name: str) -> str:
-    """A name of someone else's as Matplotlib shows it: no formulas, never left out of a legend, short."""
+    """A name from a file as Matplotlib's text: short, without formulas, and never hidden from a legend."""
     name = printable(name, 40).replace("$", r"\$")
     return f" {name}" if name.startswith("_") or not name else name
 
 
-def _lines(axes, times, values, labels) -> None:
+def _lines(axes: Axes, times: Array, values: Array, labels: Sequence[str]) -> None:
     for i, label in enumerate(labels):
         axes.plot(times, values[:, i], _STYLES[i % 4], color=COLOURS[i % 7], linewidth=1.6, label=label_of(label))
 
 
-def _phases(axes, plan: PlanRecord) -> None:
-    """Mark the impact and name the phases on either side."""
+def note(axes: Axes, time: float, text: str, side: Literal["left", "right"]) -> None:
+    """A small note at the lower end of the axes, on one side of a time [s]."""
+    transform = axes.get_xaxis_transform()
+    axes.text(time, 0.01, text, ha=side, va="bottom", transform=transform, fontsize=8, color="0.35")
+
+
+def _phases(axes: Axes, plan: PlanRecord) -> None:
+    """Mark the impact, and name the phases before and after it."""
     impact, end = plan.forces.impact_time, plan.forces.final_time
     axes.axvspan(impact, end, color="0.92", zorder=0)
     axes.axvline(impact, color="0.4", linewidth=0.8)
-    foot = {"transform": axes.get_xaxis_transform(), "va": "bottom", "fontsize": 8, "color": "0.35"}
-    axes.text(impact, 0.01, "approach ", ha="right", **foot)
-    axes.text(impact, 0.01, " grasp", ha="left", **foot)
+    note(axes, impact, "approach ", "right")
+    note(axes, impact, " grasp", "left")
     axes.grid(alpha=0.3, linewidth=0.5)
     axes.set_xlabel("time [s]")
 
 
 def _moving(plan: PlanRecord) -> list[str]:
-    """Fingers that move or carry torque from contact, in the hand's order."""
+    """Fingers that move, in the hand's order."""
     q = plan.motion.q
     return [name for name, dofs in plan.layout.fingers.items() if np.ptp(q[:, dofs], axis=0).max(initial=0.0) > 0]
 
 
 def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
-    """values (m, n) over time, a panel per moving finger."""
+    """Values (m, n) over time, one panel for each moving finger."""
     fingers = _moving(plan)
     if not fingers:
-        raise InvalidInput("figure: expected a plan in which joints move, got one in which none does")
+        raise InvalidInput("figure: expected a plan in which joints move, got one in which none moves")
     columns = min(3, len(fingers))
     rows = -(-len(fingers) // columns)
     figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
@@ -73,32 +78,32 @@ def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
 
 
 def joint_angles(plan: PlanRecord) -> Figure:
-    """Joint angles over time, a panel per moving finger (Fig. 14 d-f)."""
+    """Joint angles over time, one panel for each moving finger (Fig. 14 d-f)."""
     instance_of("plan", plan, PlanRecord)
     return _per_finger(plan, np.degrees(plan.motion.q), "joint angle [deg]")
 
 
 def joint_rates(plan: PlanRecord) -> Figure:
-    """Joint rates over time, a panel per moving finger."""
+    """Joint rates over time, one panel for each moving finger."""
     instance_of("plan", plan, PlanRecord)
     return _per_finger(plan, np.degrees(plan.motion.dq), "joint rate [deg/s]")
 
 
 def joint_torques(plan: PlanRecord, finger: str) -> Figure:
-    """Joint torques of one finger over time: the whole motion, and the approach alone (Figs. 15-17 b)."""
+    """Joint torques of one finger over time: during all of the motion, and during the approach (Figs. 15-17 b)."""
     instance_of("plan", plan, PlanRecord)
     dofs = plan.layout.fingers[one_of("finger", finger, plan.layout.fingers)]
     labels = [plan.layout.joints[i] for i in dofs]
     times, torques, impact = plan.motion.times, plan.motion.torques[:, dofs], plan.motion.impact
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
-    whole, early = figure.subplots(1, 2)
-    _lines(whole, times, torques, labels)
-    _phases(whole, plan)
-    whole.set(title=f"{label_of(finger)}: joint torques", ylabel="torque [N m]", xlim=(0, plan.forces.final_time))
-    whole.legend(fontsize=8, loc="center left")
+    complete, early = figure.subplots(1, 2)
+    _lines(complete, times, torques, labels)
+    _phases(complete, plan)
+    complete.set(title=f"{label_of(finger)}: joint torques", ylabel="torque [N m]", xlim=(0, plan.forces.final_time))
+    complete.legend(fontsize=8, loc="center left")
     _lines(early, times[: impact + 1], 1e3 * torques[: impact + 1], labels)
     early.grid(alpha=0.3, linewidth=0.5)
-    early.set(title="approach phase alone", xlabel="time [s]", ylabel="torque [mN m]", xlim=(0, times[impact]))
+    early.set(title="approach phase", xlabel="time [s]", ylabel="torque [mN m]", xlim=(0, times[impact]))
     return figure
 
 
@@ -139,7 +144,7 @@ def contact_forces(plan: PlanRecord) -> Figure:
 
 
 def grasp_energy(plan: PlanRecord) -> Figure:
-    """Grasp energy as it builds up in the grasp phase: work (Eq. 9) and impulse (Eq. 11), with a factor rho + 1."""
+    """Grasp energy over the grasp phase: work (Eq. 9) and impulse (Eq. 11), with the factor rho + 1."""
     instance_of("plan", plan, PlanRecord)
     impact = plan.motion.impact
     times, rates = plan.motion.times[impact:], plan.forces.rates[impact:]
@@ -157,12 +162,12 @@ def grasp_energy(plan: PlanRecord) -> Figure:
 
 
 def friction_use(plan: PlanRecord) -> Figure:
-    """How much of Coulomb's cone, mu F_n, each contact uses over the grasp phase; above 100 % it would slip."""
+    """Share of Coulomb's cone, mu F_n, that each contact uses in the grasp phase; above 100 % it would slip."""
     instance_of("plan", plan, PlanRecord)
     times, safety = plan.motion.times, plan.friction.safety
     forces = np.einsum("kji,mkj->mki", plan.contacts.rotations_oc, plan.motion.forces_o)
     limit = plan.friction.mu * forces[:, :, 2]
-    pressed = limit > 1e-3 * limit.max()  # where next to nothing presses the share says nothing
+    pressed = limit > 1e-3 * limit.max()  # at negligible normal forces the share is meaningless
     share = np.where(pressed, np.hypot(forces[:, :, 0], forces[:, :, 1]) / np.where(pressed, limit, 1.0), np.nan)
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
@@ -189,7 +194,7 @@ def friction_use(plan: PlanRecord) -> Figure:
 
 
 def wrench_margin(plan: PlanRecord) -> Figure:
-    """The largest force in each direction that may come on top of the load while the squeeze stays, in three planes."""
+    """The largest force that the grasp bears besides its load, by direction, in three planes."""
     instance_of("plan", plan, PlanRecord)
     if plan.reach is None:
         raise InvalidInput("figure: expected a plan with its margins by direction, got one without: plan.with_reach()")
@@ -205,16 +210,14 @@ def wrench_margin(plan: PlanRecord) -> Figure:
         axes.set(xlabel=f"force along {plane[0]} [N]", ylabel=f"force along {plane[1]} [N]")
         axes.grid(alpha=0.3, linewidth=0.5)
     figure.suptitle(
-        "Disturbing forces on the centre of mass that friction still holds, besides the load (gravity along -z)",
+        "Disturbing forces on the centre of mass that friction can hold besides the load (gravity along -z)",
         fontsize=10,
     )
     return figure
 
 
 def search_over_time(plan: PlanRecord) -> Figure:
-    """Grasp energy against the impact time: what is proven for each interval of t_I, the best found, and the gap as it
-    closes.
-    """
+    """Grasp energy over the impact time: the lower bound of each interval of t_I, the best found, and the gap."""
     instance_of("plan", plan, PlanRecord)
     certificate = plan.forces.certificate
     if certificate is None or not len(certificate.branches):
@@ -222,19 +225,19 @@ def search_over_time(plan: PlanRecord) -> Figure:
     unit = {"work": "J", "impulse": "N s"}[plan.measure]
     start, end, bound, best = certificate.branches.T
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
-    map_, gap = figure.subplots(1, 2)
+    bounds, gap = figure.subplots(1, 2)
     known = np.isfinite(bound)
-    map_.hlines(
+    bounds.hlines(
         bound[known],
         start[known],
         end[known],
         color=COLOURS[0],
         linewidth=1.6,
-        label="proven: no less in this interval",
+        label="lower bound in this interval",
     )
     if (~known).any():
         floor = np.nanmin(np.where(known, bound, np.nan)) if known.any() else 0.0
-        map_.hlines(
+        bounds.hlines(
             np.full((~known).sum(), floor),
             start[~known],
             end[~known],
@@ -243,27 +246,28 @@ def search_over_time(plan: PlanRecord) -> Figure:
             alpha=0.5,
             label="no forces in this interval",
         )
-    map_.plot(plan.forces.impact_time, certificate.objective, "o", color=COLOURS[1], label="found")
-    map_.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(plan.measure)} [{unit}]")
+    bounds.plot(plan.forces.impact_time, certificate.objective, "o", color=COLOURS[1], label="found")
+    bounds.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(plan.measure)} [{unit}]")
     steps = np.arange(1, len(best) + 1)
     known = np.isfinite(best)
     gap.step(steps[known], best[known], where="post", color=COLOURS[1], linewidth=1.6, label="best found")
-    gap.axhline(certificate.lower_bound, color=COLOURS[0], linewidth=1.4, linestyle="--", label="proven in the end")
-    gap.set(xlabel="intervals looked at", ylabel=f"{label_of(plan.measure)} [{unit}]")
-    gap.set_title(f"gap in the end {certificate.relative_gap:.1e}", fontsize=10)
-    for axes in (map_, gap):
+    gap.axhline(certificate.lower_bound, color=COLOURS[0], linewidth=1.4, linestyle="--", label="final lower bound")
+    gap.set(xlabel="intervals searched", ylabel=f"{label_of(plan.measure)} [{unit}]")
+    gap.set_title(f"final gap {certificate.relative_gap:.1e}", fontsize=10)
+    for axes in (bounds, gap):
         axes.grid(alpha=0.3, linewidth=0.5)
         axes.legend(fontsize=8)
     return figure
 
 
-def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Figure:
-    """A value of a sweep over one or two of its inputs; where nothing holds the map stays empty.
+def sweep_map(columns: Mapping[str, Iterable[object]], value: str, x: str, y: str | None = None) -> Figure:
+    """A value of a sweep over one or two of its inputs; grey: no grasp.
 
     Args:
         columns: of the sweep's table, name to values (r,).
         value: the column to show.
-        x, y: columns of inputs on a grid; without ``y`` a line.
+        x: the column of an input.
+        y: the column of a second input, on a grid with x; None: a line over x.
     """
     columns = mapping_of("columns", columns, "{name: values}")
     for name in (value, x, *(() if y is None else (y,))):
@@ -291,7 +295,7 @@ def sweep_map(columns: Mapping, value: str, x: str, y: str | None = None) -> Fig
 
 
 def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
-    """Write every figure of a plan as PNG; returns the paths in the order of the paper's figures."""
+    """Write all figures of a plan as PNG files; returns their paths."""
     touching = {name.split("/")[0] for name in plan.contacts.names}
     figures = {"joint_angles": joint_angles(plan), "joint_rates": joint_rates(plan)} if _moving(plan) else {}
     figures |= {f"torques_{name}": joint_torques(plan, name) for name in plan.layout.fingers if name in touching}
@@ -302,11 +306,10 @@ def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
         figures["wrench_margin"] = wrench_margin(plan)
     if plan.forces.certificate is not None and len(plan.forces.certificate.branches):
         figures["search_over_time"] = search_over_time(plan)
-    paths = []
+    paths: list[Path] = []
     for name, figure in figures.items():
-        path = (
-            Path(folder) / f"{re.sub(r'[^A-Za-z0-9_]', '_', name)[:80]}.png"
-        )  # fingers' names come from files of others
+        # Names of fingers come from the hand's file and may hold any characters.
+        path = Path(folder) / f"{re.sub(r'[^A-Za-z0-9_]', '_', name)[:80]}.png"
         if path in paths:
             path = path.with_stem(f"{path.stem}_{len(paths)}")
         paths.append(path)

@@ -1,4 +1,4 @@
-"""A run as one HTML file, which opens from disk and needs nothing but a browser with WebGL 2."""
+"""A run as one HTML file, which opens from disk in a browser with WebGL 2."""
 
 from __future__ import annotations
 
@@ -6,44 +6,54 @@ import base64
 import json
 from importlib.resources import files
 from pathlib import Path
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pinograsp.plan import PlanRecord, Simulation
+from pinograsp.spatial import Array, IntArray
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, arrow
 from pinograsp.writing import write_file
 
 
 def save_html(plan: PlanRecord, path: str | Path, *, simulation: Simulation | None = None) -> Path:
-    """Write a page that shows a plan: one file, which opens from disk, without a server or a network; returns its path.
+    """Write a page that shows a plan: one file that needs no server and no network; returns its path.
 
     Args:
-        plan, simulation: as for :func:`~pinograsp.viz.viewer.view`.
-        path: of the file; what is there is overwritten.
+        plan: as for :func:`~pinograsp.viz.viewer.view`.
+        path: of the file; an existing file is overwritten.
+        simulation: as for :func:`~pinograsp.viz.viewer.view`.
 
     Raises:
-        InvalidInput, HandNotLoaded: as there.
+        InvalidInput: a plan without its hand, or a simulation of another plan.
+        HandNotLoaded: mesh files are missing.
         ResultsNotWritten: the file cannot be written.
     """
     return write_file(path, _page(scene_of(plan, simulation)).encode())
 
 
+# Where an array lies in the page's bytes: [type, offset, shape].
+_Place: TypeAlias = list[str | int | list[int]]
+
+
 class _Bytes:
-    """Arrays one after the other, each told as [type, offset, shape]."""
+    """Arrays, one after the other."""
 
-    def __init__(self):
-        self.parts, self.size = [], 0
+    def __init__(self) -> None:
+        self.parts: list[bytes] = []
+        self.size = 0
 
-    def put(self, array, kind: str = "f4") -> list:
-        array = np.ascontiguousarray(array, dtype=f"<{kind}")
-        told = [kind, self.size, list(array.shape)]
+    def put(self, values: NDArray[Any], kind: Literal["f4", "u2", "u4"] = "f4") -> _Place:
+        array = np.ascontiguousarray(values, dtype=f"<{kind}")
+        place: _Place = [kind, self.size, list(array.shape)]
         padded = array.tobytes() + bytes(-array.nbytes % 4)
         self.parts.append(padded)
         self.size += len(padded)
-        return told
+        return place
 
-    def mesh(self, vertices, faces) -> list:
+    def mesh(self, vertices: Array, faces: IntArray) -> list[_Place]:
         return [self.put(vertices), self.put(faces, "u2" if len(vertices) < 65536 else "u4")]
 
 
@@ -54,19 +64,19 @@ def _page(scene: ViewScene) -> str:
     return template.replace("__DATA__", record)
 
 
-def _record(scene: ViewScene) -> dict:
+def _record(scene: ViewScene) -> dict[str, Any]:
     """The scene as plain JSON values, arrays in base64."""
     block, simulated = _Bytes(), scene.simulated
     limits = [float(limit) if np.isfinite(limit) and limit > 0 else None for limit in scene.limits]
     sentences = [scene.phase(i) for i in range(len(scene.times))]
-    told = list(dict.fromkeys(sentences))
+    distinct = list(dict.fromkeys(sentences))
     shape = "pyramid" if scene.pyramids else "cone"
     alone, apart = scene.centre, 0.0
     if simulated is not None:
         alone, apart = scene.centre - simulated.beside / 2, float(np.linalg.norm(simulated.beside)) / 2
     right = np.cross(scene.up, scene.view)
     top = np.cross(scene.view, right / np.linalg.norm(right))
-    record = {
+    record: dict[str, Any] = {
         "title": scene.title,
         "subtitle": scene.subtitle,
         "status": scene.status,
@@ -78,8 +88,8 @@ def _record(scene: ViewScene) -> dict:
         "times": block.put(scene.times),
         "start": scene.frame_at(scene.closed),
         "phases": _phases(scene),
-        "sentences": told,
-        "phase": [told.index(sentence) for sentence in sentences],
+        "sentences": distinct,
+        "phase": [distinct.index(sentence) for sentence in sentences],
         "links": scene.link_poses.shape[1],
         "solids": [
             {"name": one.name, "link": one.link, "colour": one.colour, "mesh": block.mesh(one.vertices, one.faces)}
@@ -143,8 +153,8 @@ def _record(scene: ViewScene) -> dict:
     return record
 
 
-def _phases(scene: ViewScene) -> list:
-    """[name, first instant, last instant] of each phase that there is."""
+def _phases(scene: ViewScene) -> list[tuple[str, int, int]]:
+    """Name, first and last frame of the phases that are not empty."""
     touch, closed, last = scene.frame_at(scene.touch), scene.frame_at(scene.closed), len(scene.times) - 1
-    phases = [["approach", 0, touch], ["grasp", touch, closed], ["simulated hold", closed, last]]
-    return [phase for phase in phases if phase[1] < phase[2]]
+    phases = [("approach", 0, touch), ("grasp", touch, closed), ("simulated hold", closed, last)]
+    return [(name, first, end) for name, first, end in phases if first < end]

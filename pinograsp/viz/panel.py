@@ -1,4 +1,4 @@
-"""Text of the live page's panel, as HTML. Names come from files of others: all of them are escaped."""
+"""Text of the live page's panel, as HTML. Names come from files and are escaped."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _USED = "#56B4E9"
 
 
 def head(scene: ViewScene) -> str:
-    """What the run is, whether it holds, the plan's status, and the simulation's verdict."""
+    """Title, whether the grasp holds, the plan's status, and the simulation's verdict."""
     lines = [f"<b style='font-size:1.25em'>{escape(scene.title)}</b><br>{escape(scene.subtitle)}"]
     plan = f"plan: {scene.status}" + (f"; {scene.remedy}" if scene.remedy else "")
     lines.append(_badge(scene.answer.level, scene.answer.text, plan))
@@ -27,32 +27,32 @@ def head(scene: ViewScene) -> str:
 
 
 def forces(scene: ViewScene, frame: int) -> str:
-    """The instant, the contact forces with the friction they use, and the simulation's forces."""
+    """Time, contact forces with the friction that they use, and the simulation's forces."""
     rows = [_row("contact", "normal [N]", "friction [N]", "of mu F_n", grey=True)]
     for k, name in enumerate(scene.contacts):
         dot = f"<span style='color:{scene.colours[k]}'>&#9679;</span> {escape(name)}"
         used = scene.used[frame, k]
-        rows.append(_row(dot, told(max(scene.normal[frame, k], 0.0)), told(scene.tangential[frame, k]), _bar(used)))
+        rows.append(_row(dot, short(max(scene.normal[frame, k], 0.0)), short(scene.tangential[frame, k]), _bar(used)))
     total = scene.forces_o[frame].sum(axis=0)
-    load = np.linalg.norm(scene.load_o)
+    load = float(np.linalg.norm(scene.load_o))
     lines = [
         f"<b style='font-size:1.25em'>{scene.times[frame]:.3f} s</b><br>{escape(scene.phase(frame))}",
         _table(rows),
-        f"together {told(np.linalg.norm(total))} N; load {told(load)} N; "
-        f"left over {told(np.linalg.norm(total + scene.load_o), 2)} N",
+        f"sum {short(float(np.linalg.norm(total)))} N; load {short(load)} N; "
+        f"residual {short(float(np.linalg.norm(total + scene.load_o)), 2)} N",
     ]
     if (check := scene.simulated) is not None:
         rows = [_row("in the simulation", "normal [N]", "planned [N]", grey=True)]
         rows += [
-            _row(escape(part), told(check.normal_forces[frame, p]), told(check.planned[p]))
+            _row(escape(part), short(check.normal_forces[frame, p]), short(check.planned[p]))
             for p, part in enumerate(check.parts)
         ]
-        lines += [_table(rows), f"object has drifted {told(1e3 * check.drift[frame])} mm since the grasp was complete"]
+        lines += [_table(rows), f"drift of the object since t_F: {short(1e3 * check.drift[frame])} mm"]
     return _boxed("".join(f"<div style='margin:4px 0'>{line}</div>" for line in lines))
 
 
 def torques(scene: ViewScene, frame: int) -> str:
-    """Joint positions and torques at an instant, beside the torque limits."""
+    """Joint positions, torques, and the shares of the torque limits that they use."""
     rows = [_row("joint", "position", "torque", "of its limit", grey=True)]
     for finger, dofs in scene.fingers.items():
         rows.append(_row(f"<b>{escape(finger)}</b>"))
@@ -61,13 +61,13 @@ def torques(scene: ViewScene, frame: int) -> str:
             share = abs(torque) / limit if np.isfinite(limit) and limit > 0 else np.nan
             position = f"{1e3 * q:.1f} mm" if slides else f"{np.degrees(q):.1f} deg"
             rows.append(
-                _row(escape(scene.joints[i]), position, f"{told(torque)} {'N' if slides else 'N m'}", _bar(share))
+                _row(escape(scene.joints[i]), position, f"{short(torque)} {'N' if slides else 'N m'}", _bar(share))
             )
     return _boxed(_table(rows))
 
 
 def foot(scene: ViewScene) -> str:
-    """What does not change: margins of the grasp, and cautions."""
+    """What does not change over time: margins of the grasp, and cautions."""
     rows = [
         f"<tr><td>{escape(what)}</td><td style='text-align:right'>{escape(value)}</td></tr>"
         for what, value in scene.facts
@@ -76,8 +76,8 @@ def foot(scene: ViewScene) -> str:
     return _boxed(_table(rows) + (f"<b>Cautions</b><ul>{cautions}</ul>" if cautions else ""))
 
 
-def told(value: float, digits: int = 3) -> str:
-    """A number for people: plain, three digits."""
+def short(value: float, digits: int = 3) -> str:
+    """A number with few digits, for display."""
     if not np.isfinite(value):
         return "-"
     if abs(value) < 1e-12:

@@ -1,9 +1,10 @@
-"""What there is to see of a run at every instant: the viewer's live page and its file draw the same record."""
+"""The scene of a run at every instant, as one record for the live page and the HTML file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,16 +24,16 @@ from pinograsp.plan.answer import (
     shares,
     work,
 )
-from pinograsp.spatial import Array, tangent_frame
+from pinograsp.spatial import Array, BoolArray, IntArray, tangent_frame
 from pinograsp.viz.figures import COLOURS
 from pinograsp.viz.scene_meshes import Links, Solid, Triangles, cloud_of, friction_cone, placed, sevens, solids_of
 from pinograsp.words import number
 
-# Instants shown in the approach, in the grasp phase, and after it: the shortest phase is the one to look at closely.
+# Number of instants in the approach, in the grasp phase, and after it: the grasp phase is short but needs a close look.
 _APPROACH, _GRASP, _HOLD = 150, 100, 150
-_ARROW = 0.3  # of the scene's size: length of the largest force's arrow, before it is rounded to a scale of 1, 2 or 5
-_ELEVATION = np.radians(22.0)  # of the camera, unless something is in the way
-_SAMPLES = 4000  # points on the hand that may hide contacts
+_ARROW = 0.3  # length of the largest arrow relative to the scene's size, before the scale is rounded to 1, 2 or 5
+_ELEVATION = np.radians(22.0)  # preferred elevation of the camera
+_SAMPLES = 4000  # number of points on the hand, which may hide contacts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,17 +41,20 @@ class Simulated:
     """A simulation of the plan at the scene's f instants.
 
     Attributes:
-        held, reason, engine: the verdict in words.
+        held: whether the object stayed in the hand.
+        reason: why, in words.
+        engine: that simulated it.
         release: when the object was let go [s]; None: never.
-        link_poses: (f, l, 7), object_poses: (f, 7): position [m] and quaternion w, x, y, z.
+        link_poses: position [m] and quaternion w, x, y, z (f, l, 7).
+        object_poses: likewise (f, 7).
         parts: of the hand that touch (p).
         planned: F_n at t_F (p,) [N].
         normal_forces: (f, p) [N].
         forces_o: (f, p, 3) [N].
-        points_b: where they are drawn, in the body frame (p, 3) [m]: the mean of a part's planned contacts; NaN: not
-            known.
+        points_b: points at which the forces are drawn, in the body frame (p, 3) [m]: the mean of a part's planned
+            contacts; NaN: unknown.
         drift: of the object since t_F (f,) [m].
-        beside: how far to move it so that it stands beside the plan (3,) [m].
+        beside: shift that places the simulation beside the plan (3,) [m].
     """
 
     held: bool
@@ -70,11 +74,10 @@ class Simulated:
     __repr__ = brief()
 
     def arrows(self, frame: int, scale: float) -> Array:
-        """Start and end of the forces' arrows (p, 2, 3) [m] at ``scale`` [m/N]; of no length where it is not known
-        where they act.
-        """
-        pose, known = self.object_poses[frame], np.isfinite(self.points_b).all(axis=1)[:, None]
-        start = Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(np.where(known, self.points_b, 0.0)) + pose[:3]
+        """Start and end of the forces' arrows (p, 2, 3) [m] at ``scale`` [m/N]; at unknown points without length."""
+        pose = self.object_poses[frame]
+        known: BoolArray = np.all(np.isfinite(self.points_b), axis=1, keepdims=True)
+        start: Array = Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(np.where(known, self.points_b, 0.0)) + pose[:3]
         return np.stack([start, start + scale * np.where(known, self.forces_o[frame], 0.0)], axis=1)
 
 
@@ -83,37 +86,45 @@ class ViewScene:
     """A run as geometry and numbers, at f instants.
 
     Attributes:
-        title, subtitle: of the run.
-        answer: whether it holds.
-        status, remedy: of the plan.
-        facts: (what, value with its unit).
+        title: of the run.
+        subtitle: hand and object.
+        answer: whether the grasp holds.
+        status: of the plan.
+        remedy: of the plan; empty: none needed.
+        facts: name and value with its unit.
         cautions: in words.
         times: (f,) [s]; closer together where forces build up.
-        touch, closed: t_I and t_F [s].
+        touch: t_I [s].
+        closed: t_F [s].
         solids: of hand and object.
-        link_poses: (f, l, 7), object_pose: (7,) or None: position [m], quaternion w, x, y, z.
-        contacts: names (k).
-        colours: (k) ``#rrggbb``.
-        points_o: (k, 3) [m].
+        link_poses: position [m] and quaternion w, x, y, z (f, l, 7).
+        object_pose: likewise (7,); None: the plan has no object.
+        contacts: their names (k).
+        colours: of the contacts (k), ``#rrggbb``.
+        points_o: contact points (k, 3) [m].
         rotations_oc: (k, 3, 3).
-        cones: (k) triangles in the contact frames, of ``cone_height`` [m].
-        pyramids: whether they have edges.
+        cones: triangles in the contact frames (k).
+        cone_height: [m].
+        pyramids: whether the cones have edges.
         forces_o: on the object (f, k, 3) [N].
-        normal, tangential: (f, k) [N].
-        used: share of Coulomb's cone, mu F_n (f, k), NaN without force.
+        normal: normal forces (f, k) [N].
+        tangential: tangential forces (f, k) [N].
+        used: share of Coulomb's cone, mu F_n, that is used (f, k); NaN without force.
         load_o: weight and other loads (3,) [N].
-        com_o: (3,) [m].
-        joints: names (n).
-        fingers: joints by finger, of those that move or bear torque; each joint once.
-        sliding: (n,).
-        q: (f, n) [rad, m].
-        torques: (f, n), limits: (n,), infinity: none [N m, N].
+        com_o: centre of mass (3,) [m].
+        joints: their names (n).
+        fingers: joints by finger, for fingers that move or bear torque; each joint once.
+        sliding: which joints slide (n,).
+        q: joint positions (f, n) [rad or m].
+        torques: (f, n) [N m or N].
+        limits: of the torques (n,) [N m or N]; infinity: none.
         force_scale: length of arrows [m/N].
-        up: (3,).
-        ground: its height along ``up`` [m].
-        centre: what to look at [m], from the direction ``view`` (3,); ``extent``: half the size of the scene to the
-            right, upwards and along ``view`` [m].
-        simulated: or None.
+        up: direction against gravity (3,).
+        ground: height of the ground along ``up`` [m].
+        centre: point that the camera looks at (3,) [m].
+        view: direction from there to the camera (3,).
+        extent: half the size of the scene to the right, upwards and along ``view`` (3,) [m].
+        simulated: the simulation; None: there is none.
     """
 
     title: str
@@ -144,7 +155,7 @@ class ViewScene:
     com_o: Array
     joints: tuple[str, ...]
     fingers: dict[str, list[int]]
-    sliding: Array
+    sliding: BoolArray
     q: Array
     torques: Array
     limits: Array
@@ -168,18 +179,16 @@ class ViewScene:
         return int(np.abs(self.times - time).argmin())
 
     def arrows(self, frame: int, scale: float | None = None) -> Array:
-        """Start and end of the contact forces' arrows (k, 2, 3) [m] at ``scale`` [m/N]: from the contact along the
-        force.
-        """
+        """Start and end of the contact forces' arrows (k, 2, 3) [m] at ``scale`` [m/N], from the contacts."""
         scale = self.force_scale if scale is None else scale
         return np.stack([self.points_o, self.points_o + scale * self.forces_o[frame]], axis=1)
 
     def colour_of(self, part: str, i: int) -> str:
-        """The colour of the simulation's part ``i``: its contact's, where one has its name."""
+        """Colour of the simulation's part ``i``: that of the contact with the same name, if there is one."""
         return self.colours[self.contacts.index(part)] if part in self.contacts else COLOURS[i % len(COLOURS)]
 
     def phase(self, frame: int) -> str:
-        """What happens then, in a sentence."""
+        """What happens at an instant, in a sentence."""
         time = self.times[frame]
         if time < self.touch:
             return "Approach: the fingers close. Until the grasp is complete, something else carries the object."
@@ -261,13 +270,13 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
 
 
 class _Stage:
-    """Where the scene is looked at from, and how much room it takes.
+    """Camera direction and size of the scene.
 
     Attributes:
         up: against gravity (3,).
         view: unit direction towards the camera (3,).
         right: (3,).
-        size: the longest side of what is shown [m].
+        size: the scene's largest dimension [m].
     """
 
     def __init__(self, plan: PlanRecord, solids: tuple[Solid, ...], link_poses: Array, object_pose: Array | None):
@@ -282,11 +291,12 @@ class _Stage:
 
     @property
     def beside(self) -> Array:
-        """How far to move what is to stand beside (3,) [m]."""
-        return 1.15 * np.ptp(self.cloud @ self.right) * self.right
+        """Shift that places a second copy beside the scene (3,) [m]."""
+        shift: Array = 1.15 * np.ptp(self.cloud @ self.right) * self.right
+        return shift
 
     def add(self, shift: Array) -> None:
-        """Make room for the same once more, moved by ``shift`` (3,) [m]."""
+        """Include a second copy of the scene, moved by ``shift`` (3,) [m]."""
         self.cloud = np.concatenate([self.cloud, self.cloud + shift])
 
     @property
@@ -295,7 +305,7 @@ class _Stage:
         return float((self.cloud @ self.up).min())
 
     def frame(self) -> tuple[Array, Array]:
-        """What to look at (3,), and half the size to the right, upwards and along the view (3,) [m]."""
+        """Centre of the scene (3,), and half its size to the right, upwards and along the view (3,) [m]."""
         axes = np.stack([self.right, np.cross(self.view, self.right), self.view])
         low, high = (self.cloud @ axes.T).min(axis=0), (self.cloud @ axes.T).max(axis=0)
         return (low + high) / 2 @ axes, (high - low) / 2
@@ -311,8 +321,9 @@ def _force_scale(plan: PlanRecord, size: float) -> float:
 
 
 def _busy(fingers: Mapping[str, tuple[int, ...]], q: Array, torques: Array) -> dict[str, list[int]]:
-    """Joints by finger, of the fingers that move or bear torque; each joint once."""
-    busy, seen = {}, set()
+    """Joints by finger, for fingers that move or bear torque; each joint once."""
+    busy: dict[str, list[int]] = {}
+    seen: set[int] = set()
     for name, dofs in fingers.items():
         own = [int(i) for i in dofs if i not in seen]
         seen.update(own)
@@ -321,8 +332,8 @@ def _busy(fingers: Mapping[str, tuple[int, ...]], q: Array, torques: Array) -> d
     return busy
 
 
-def _instants(motion: Motion, simulation: Simulation | None) -> tuple[Array, Array]:
-    """The instants shown (f,) [s], and the plan's sample at each; after its end it stays as it is."""
+def _instants(motion: Motion, simulation: Simulation | None) -> tuple[Array, IntArray]:
+    """The instants shown (f,) [s], and the plan's sample for each: after its end, the last one."""
     times, last = motion.times, len(motion.times) - 1
     phases = np.r_[np.linspace(0, motion.impact, _APPROACH), np.linspace(motion.impact, last, _GRASP)]
     shown = np.unique(np.round(phases).astype(int))
@@ -335,18 +346,18 @@ def _instants(motion: Motion, simulation: Simulation | None) -> tuple[Array, Arr
 # -- the view ----------------------------------------------------------------------------------------------------------
 
 
-def _view(up, points, normals, samples, com) -> Array:
+def _view(up: Array, points: Array, normals: Array, samples: _Samples, com: Array) -> Array:
     """Unit direction (3,) towards the camera.
 
-    Of a ring of directions the one from which the hand hides the least around the contacts, and from which normals are
-    seen from the side: there arrows and cones are long.
+    The choice is among rings of directions. The hand should hide little around the contacts, and the normals should be
+    seen from the side, where arrows and cones appear long.
 
     Args:
-        up: (3,).
-        points: of the contacts (k, 3).
-        normals: (k, 3).
-        samples: points spread evenly over the hand's surface (s, 3), and the area each stands for [m^2].
-        com: of the object (3,).
+        up: direction against gravity (3,).
+        points: of the contacts (k, 3) [m].
+        normals: of the contacts (k, 3).
+        samples: of the hand's surface.
+        com: of the object (3,) [m].
     """
     on_hand, area = samples
     x, y = tangent_frame(up, np.zeros(3)).T[:2]
@@ -361,24 +372,32 @@ def _view(up, points, normals, samples, com) -> Array:
         offset = on_hand[None] - targets[:, None]
         depth = offset @ view
         aside = (offset**2).sum(axis=2) - depth**2
-        # Half of a closed surface faces away: what is in front covers with half its area.
+        # Half of a closed surface faces away, so it covers with half its area.
         covered = ((aside < radius**2) & (depth > 0.1 * radius)).sum(axis=1) * area / 2 / (np.pi * radius**2)
         hidden[i] = np.minimum(covered, 1.0).mean()
     along = ((views @ normals.T) ** 2).mean(axis=1)
-    return views[(hidden + 0.35 * along + 0.3 * np.abs(lift[:, 0] - _ELEVATION)).argmin()]
+    best: Array = views[(hidden + 0.35 * along + 0.3 * np.abs(lift[:, 0] - _ELEVATION)).argmin()]
+    return best
 
 
-def _spread(solids, link_poses: Array) -> tuple[Array, float]:
-    """Points (s, 3) spread evenly over the hand [m], and the area that each stands for [m^2]."""
-    corners = [placed(solid, link_poses[solid.link])[solid.faces] for solid in solids if solid.link is not None]
-    corners = np.concatenate([np.zeros((0, 3, 3)), *corners])
+class _Samples(NamedTuple):
+    """Points spread evenly over the hand's surface (s, 3) [m], and the area for each [m^2]."""
+
+    points: Array
+    area: float
+
+
+def _spread(solids: Sequence[Solid], link_poses: Array) -> _Samples:
+    """Samples of the hand's surface."""
+    triangles = [placed(solid, link_poses[solid.link])[solid.faces] for solid in solids if solid.link is not None]
+    corners = np.concatenate([np.zeros((0, 3, 3)), *triangles])
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     if not area.sum() > 0:
-        return np.zeros((0, 3)), 0.0
+        return _Samples(np.zeros((0, 3)), 0.0)
     rng = np.random.default_rng(0)
     chosen = corners[rng.choice(len(corners), _SAMPLES, p=area / area.sum())]
     weights = rng.dirichlet(np.ones(3), _SAMPLES)
-    return np.einsum("si,sij->sj", weights, chosen), float(area.sum() / _SAMPLES)
+    return _Samples(np.einsum("si,sij->sj", weights, chosen), float(area.sum() / _SAMPLES))
 
 
 def _rounded(scale: float) -> float:
@@ -392,7 +411,7 @@ def _rounded(scale: float) -> float:
 
 
 def _friction_used(plan: PlanRecord, forces: Array) -> tuple[Array, Array, Array]:
-    """Normal and tangential forces (f, k) [N] and the share of Coulomb's cone, mu F_n, that they use."""
+    """Normal forces, tangential forces (f, k) [N], and the share of Coulomb's cone, mu F_n, that they use (f, k)."""
     local = np.einsum("kji,fkj->fki", plan.contacts.rotations_oc, forces)
     normal, tangential = local[..., 2], np.linalg.norm(local[..., :2], axis=2)
     pressing = normal > 1e-9 * max(float(normal.max(initial=0.0)), 1e-9)
@@ -417,7 +436,7 @@ def _facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
             yield what, shares(values)
         yield "load held by these forces", load_factor(margins)
         yield "disturbance held besides", disturbance_held(margins, plan.friction.safety)
-        least = round(float(margins.slip_distance.min()), 6) + 0.0  # forces on the limit: -0 is 0
+        least = round(float(margins.slip_distance.min()), 6) + 0.0  # -0 becomes 0
         yield "least slip margin", f"{number(least, 3)} N"
         closed = "force closure" if margins.force_closure else "no force closure"
         yield "grasp", f"{closed}, Ferrari-Canny epsilon {number(margins.ferrari_canny, 3)}"
@@ -458,8 +477,8 @@ def _simulated(
 
 
 def _joint(hand: HandModel, link: str) -> int:
-    """Index of the joint that carries a link; -1 where the hand has no such link."""
-    return hand.model.frames[hand.frame_id(link)].parentJoint if hand.model.existFrame(link) else -1
+    """Index of the joint that carries a link; -1: the hand has no such link."""
+    return int(hand.model.frames[hand.frame_id(link)].parentJoint) if hand.model.existFrame(link) else -1
 
 
 def _in_words(body: Body) -> str:

@@ -1,10 +1,13 @@
-"""Triangles of what the viewer draws: hands and objects, friction cones and arrows."""
+"""Triangles of the viewer's solids: hands, objects, friction cones and arrows."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
@@ -12,29 +15,30 @@ from scipy.spatial.transform import Rotation
 from pinograsp.checks import brief
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
-from pinograsp.spatial import Array
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array, IntArray
 from pinograsp.viz.figures import COLOURS
 
-# Greys for the hand, and of the Okabe-Ito colours the one that no curve in the figures has: yellow, for the object.
+# Greys for the hand; for the object yellow, the Okabe-Ito colour that the figures do not use.
 PALM, LINK, OBJECT, GHOST = "#7C8794", "#B9C1CA", "#F0E442", "#9DB2C7"
 AXES = (COLOURS[1], COLOURS[2], COLOURS[0])  # x, y, z of the contact frames
 LOAD = "#000000"
-_TINT = 0.45  # how far a link that touches takes on its contact's colour
+_TINT = 0.45  # share of its contact's colour that a touching link takes
 _AROUND = 32  # edges of a circle: smooth at the size of a screen
-_CREASE = np.radians(35.0)  # faces that meet at more than this show their edge
-_SAME = 1e-6  # vertices nearer than this, of the shape's size, are one
+_CREASE = np.radians(35.0)  # faces that meet at a larger angle show their edge
+_SAME = 1e-6  # distance at which vertices are merged, relative to the size of the shape
 
-Triangles = tuple[Array, Array]
+Triangles: TypeAlias = tuple[Array, IntArray]  # vertices (n, 3) [m], faces (m, 3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solid:
-    """A part that moves as a whole.
+    """A rigid part of the scene.
 
     Attributes:
-        name: for people.
+        name: for display.
         link: index into ``ViewScene.link_poses``; None: the object.
-        vertices: (n, 3) in the frame that moves it [m].
+        vertices: in the frame of the link or the object (n, 3) [m].
         faces: (m, 3).
         colour: ``#rrggbb``.
     """
@@ -42,7 +46,7 @@ class Solid:
     name: str
     link: int | None
     vertices: Array
-    faces: Array
+    faces: IntArray
     colour: str
 
     __repr__ = brief()
@@ -71,9 +75,9 @@ def sevens(poses: Array) -> Array:
     return np.concatenate([poses[..., :3, 3], quaternions.reshape(*poses.shape[:-2], 4)], axis=-1)
 
 
-def solids_of(hand: HandModel, thing, links: Links, touching: dict[str, str]) -> tuple[Solid, ...]:
-    """Triangles and colours of the hand's links and of the object."""
-    solids = []
+def solids_of(hand: HandModel, body: Body | None, links: Links, touching: dict[str, str]) -> tuple[Solid, ...]:
+    """Triangles and colours of the hand's links and of the object; ``touching``: colours of contacts by link."""
+    solids: list[Solid] = []
     for one in hand.geometry.geometryObjects:
         vertices, faces = triangles_of(one.geometry)
         frame = hand.model.frames[one.parentFrame]
@@ -88,8 +92,8 @@ def solids_of(hand: HandModel, thing, links: Links, touching: dict[str, str]) ->
                 vertices=vertices @ one.placement.rotation.T + one.placement.translation,
             )
         )
-    if thing is not None:
-        vertices, faces = triangles_of(thing.collision_geometry)
+    if body is not None:
+        vertices, faces = triangles_of(body.collision_geometry)
         solids.append(Solid(name="object", link=None, vertices=vertices, faces=faces, colour=OBJECT))
     return tuple(solids)
 
@@ -99,36 +103,39 @@ def _mixed(colour: str, other: str) -> str:
     return "#" + "".join(f"{round(value):02X}" for value in values)
 
 
-def rgb(colour: str) -> Array:
+def rgb(colour: str) -> IntArray:
     """A colour such as ``#0072B2`` as three integers (3,)."""
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
 
 
 def placed(solid: Solid, pose: Array) -> Array:
-    """A solid's vertices (n, 3) where its frame is at ``pose`` (7,) [m]."""
-    return Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(solid.vertices) + pose[:3]
+    """Vertices (n, 3) of a solid whose frame is at ``pose`` (7,) [m]."""
+    turned: Array = Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(solid.vertices)
+    return turned + pose[:3]
 
 
-def cloud_of(solids, link_poses: Array, object_pose) -> Array:
-    """Vertices (n, 3) at one instant [m], enough to tell how much room all takes."""
+def cloud_of(solids: Sequence[Solid], link_poses: Array, object_pose: Array | None) -> Array:
+    """Some vertices of all solids at one instant (n, 3) [m], which show the size of the scene."""
     clouds = [np.zeros((0, 3))]
     for solid in solids:
-        few = replace(solid, vertices=solid.vertices[:: 1 + len(solid.vertices) // 500])
-        clouds.append(placed(few, object_pose if solid.link is None else link_poses[solid.link]))
+        pose = object_pose if solid.link is None else link_poses[solid.link]
+        if pose is not None:
+            few = replace(solid, vertices=solid.vertices[:: 1 + len(solid.vertices) // 500])
+            clouds.append(placed(few, pose))
     return np.concatenate(clouds)
 
 
 # -- shapes -----------------------------------------------------------------------------------------------------------
 
 
-def triangles_of(shape) -> Triangles:
-    """Vertices (n, 3) [m] and faces (m, 3), outwards, of a shape of coal in its own frame.
+def triangles_of(shape: Any) -> Triangles:
+    """Triangles of a shape of coal in its own frame, with faces outwards.
 
-    Vertices at creases are repeated, so that normals averaged over the faces at a vertex shade smooth parts smoothly
-    and edges sharply. Shapes are told by the names of their classes.
+    Vertices at creases are repeated, so that normals averaged over the faces at a vertex give smooth shading and sharp
+    edges. Shapes are recognised by the names of their classes, because only some rooms import coal.
 
     Raises:
-        InvalidInput: a shape without a surface that is known.
+        InvalidInput: a shape of another kind.
     """
     kind = type(shape).__name__
     if kind == "Box":
@@ -152,12 +159,12 @@ def triangles_of(shape) -> Triangles:
 
 
 def friction_cone(mu: float, height: float, edges: int | None = None) -> Triangles:
-    """The directions that friction can bear, apex at the origin, about +z; open at the far end.
+    """The cone of forces that friction can bear, about +z with its apex at the origin; open at the far end.
 
     Args:
         mu: friction coefficient; the half-angle is atan(mu).
         height: along z [m].
-        edges: of a pyramid, which is inscribed in the cone with its first edge at 45 deg from x; None: a cone.
+        edges: number of edges of a pyramid, inscribed in the cone with its first edge at 45 deg from x; None: a cone.
     """
     angles = 2 * np.pi * np.arange(edges or _AROUND) / (edges or _AROUND) + (np.pi / 4 if edges else 0.0)
     rim = height * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones_like(angles)])
@@ -168,13 +175,13 @@ def friction_cone(mu: float, height: float, edges: int | None = None) -> Triangl
 
 def arrow() -> tuple[Triangles, Triangles]:
     """Shaft and head of an arrow along +z, each from z = 0 to 1 and of radius 1, to be scaled."""
-    return creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0])), creased(
-        *_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
-    )
+    shaft = creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]))
+    head = creased(*_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
+    return shaft, head
 
 
-def creased(vertices: Array, faces: Array, crease: float = _CREASE) -> Triangles:
-    """The same surface with equal vertices made one, then repeated where faces meet at more than ``crease`` [rad]."""
+def creased(vertices: Array, faces: IntArray, crease: float = _CREASE) -> Triangles:
+    """The surface with equal vertices merged, then repeated where faces meet at more than ``crease`` [rad]."""
     vertices, faces = _welded(np.asarray(vertices, dtype=float), np.asarray(faces))
     if not len(faces):
         return vertices, faces
@@ -193,7 +200,7 @@ def creased(vertices: Array, faces: Array, crease: float = _CREASE) -> Triangles
     smooth = (normals[first // 3] * normals[second // 3]).sum(axis=1) > np.cos(crease)
     first, second = first[smooth], second[smooth]
     after = np.roll(corner, -1, axis=1).ravel()
-    same = start[first] == start[second]  # faces that are wound alike run along their edge in opposite directions
+    same = start[first] == start[second]  # faces of equal orientation traverse their edge in opposite directions
     links = (
         np.concatenate([first, after[first]]),
         np.concatenate([np.where(same, second, after[second]), np.where(same, after[second], second)]),
@@ -206,7 +213,7 @@ def creased(vertices: Array, faces: Array, crease: float = _CREASE) -> Triangles
     return split, label.reshape(m, 3)
 
 
-def _welded(vertices: Array, faces: Array) -> Triangles:
+def _welded(vertices: Array, faces: IntArray) -> Triangles:
     size = np.ptp(vertices, axis=0).max(initial=0.0) or 1.0
     _, kept, same = np.unique(np.round(vertices / (_SAME * size)), axis=0, return_index=True, return_inverse=True)
     vertices, faces = vertices[kept], same.ravel()[faces]
@@ -214,12 +221,12 @@ def _welded(vertices: Array, faces: Array) -> Triangles:
     return vertices, faces[~flat]
 
 
-def _rows(triangle, count: int) -> Array:
+def _rows(triangle: Callable[[int], Sequence[int]], count: int) -> IntArray:
     return np.array([[t[0], t[1], t[2]] for t in map(triangle, range(count))], dtype=np.int64).reshape(-1, 3)
 
 
-def _outwards(vertices: Array, faces: Array) -> Array:
-    """Faces of a convex hull, turned so that they wind outwards."""
+def _outwards(vertices: Array, faces: IntArray) -> IntArray:
+    """Faces of a convex hull, oriented outwards."""
     a, b, c = np.moveaxis(vertices[faces] - vertices.mean(axis=0), 1, 0)
     inside = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
     return np.where(inside[:, None], faces[:, ::-1], faces)
@@ -232,15 +239,15 @@ def _box(half: Array) -> Triangles:
 
 
 def _arc(radius: float, half_length: float) -> tuple[Array, Array]:
-    """Profile of a sphere, or of a capsule whose half-spheres are centred at +-half_length."""
+    """Radii and heights of the profile of a sphere, or of a capsule with its half-spheres centred at +-half_length."""
     angle = np.linspace(0, np.pi / 2, _AROUND // 4 + 1)
     across, up = radius * np.cos(angle), half_length + radius * np.sin(angle)
     return np.r_[across[::-1], across], np.r_[-up[::-1], up]
 
 
-def _lathe(radii, heights) -> Triangles:
-    """The surface of a profile (p,) turned about z, from its lower end to its upper one."""
-    radii, heights = np.asarray(radii), np.asarray(heights)
+def _lathe(radii: ArrayLike, heights: ArrayLike) -> Triangles:
+    """The surface of revolution about z of a profile (p,), from its lower end to its upper one."""
+    radii, heights = np.asarray(radii, dtype=float), np.asarray(heights, dtype=float)
     angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     vertices = np.concatenate([np.column_stack([r * ring, np.full(_AROUND, z)]) for r, z in zip(radii, heights)])

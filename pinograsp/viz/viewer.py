@@ -1,9 +1,10 @@
-"""A run to look at and to turn round: a live page, or one HTML file that needs nothing but a browser."""
+"""The viewer of a run: a live page, or one HTML file that needs only a browser."""
 
 from __future__ import annotations
 
 import threading
 import time
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,13 +15,16 @@ from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.spatial import Array, tangent_frame
 from pinograsp.viz.access import free_port, guarded
 from pinograsp.viz.page import save_html
-from pinograsp.viz.panel import foot, forces, head, told, torques
+from pinograsp.viz.panel import foot, forces, head, short, torques
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, rgb
 
+if TYPE_CHECKING:
+    import viser
+
 __all__ = ["Viewer", "save_html", "view"]
 
-_RATE = 30.0  # instants a second while it plays
+_RATE = 30.0  # frames per second at play speed 1
 _LAYERS = {
     "hand": "hand",
     "object": "object",
@@ -45,16 +49,16 @@ def view(
     """Show a plan on a live page, in a browser on this machine.
 
     Args:
-        plan: fresh or read back; with its margins they are shown, too.
-        simulation: of it, to stand beside it.
-        port: the first one to try.
-        host: ``"0.0.0.0"`` lets other machines look on as well, by this one's address or name. Web pages from elsewhere
-            are refused.
+        plan: its margins are shown where it has them.
+        simulation: of the plan, shown beside it.
+        port: first port to try.
+        host: ``"0.0.0.0"`` admits other machines as well, by this machine's address or name. Requests from foreign web
+            pages are refused.
         open_browser: whether to open the page; its address is ``viewer.url``.
 
     Raises:
-        InvalidInput: a plan without its hand, a simulation that is not one of it, an unusable port.
-        HandNotLoaded: mesh files that are missing.
+        InvalidInput: a plan without its hand, a simulation of another plan, or an unusable port.
+        HandNotLoaded: mesh files are missing.
         ExtraMissing: viser (extra ``viz``) is not installed.
     """
     if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 65536:
@@ -71,11 +75,32 @@ def view(
 # -- the live page -----------------------------------------------------------------------------------------------------
 
 
+class _ArrowSize(TypedDict):
+    """Dimensions of an arrow [m], as viser names them."""
+
+    shaft_radius: float
+    head_radius: float
+    head_length: float
+
+
+def _arrow_size(radius: float) -> _ArrowSize:
+    return {"shaft_radius": radius, "head_radius": 2.3 * radius, "head_length": 5 * radius}
+
+
+class _Body(NamedTuple):
+    """Frames of one hand and its object in the scene, of the plan or of the simulation."""
+
+    links: list[viser.FrameHandle]
+    object: viser.FrameHandle | None
+
+
 class Viewer:
-    """A running page: ``url`` says where; :meth:`show`, :meth:`play` and :meth:`close` work it from Python.
+    """A live page, which :meth:`show`, :meth:`play`, :meth:`pause` and :meth:`close` control.
 
     Attributes:
-        scene: what it shows. server: the ``viser.ViserServer``, to which more can be added. url: address of the page.
+        scene: what it shows.
+        server: the ``viser.ViserServer``, to which more can be added.
+        url: address of the page.
     """
 
     def __init__(self, scene: ViewScene, port: int, host: str):
@@ -94,7 +119,7 @@ class Viewer:
         self._frame, self._scale = scene.frame_at(scene.closed), scene.force_scale
         self._lock, self._closed = threading.RLock(), threading.Event()
         self._playing = threading.Event()
-        self._layers: dict[str, list] = {name: [] for name in _LAYERS}
+        self._layers: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in _LAYERS}
         self._on = dict.fromkeys(_LAYERS, True)
         try:
             self._set_stage()
@@ -111,7 +136,7 @@ class Viewer:
     def show(self, time: float) -> None:
         """Stop playing, and show the instant nearest to ``time`` [s]."""
         self.pause()
-        self._slider.value = self.scene.frame_at(number("time", time, unit="s"))
+        self._move_slider(self.scene.frame_at(number("time", time, unit="s")))
 
     @property
     def time(self) -> float:
@@ -119,9 +144,9 @@ class Viewer:
         return float(self.scene.times[self._frame])
 
     def play(self) -> None:
-        """Play from here, from the start where it is at its end."""
+        """Play from the present instant, or from the start if that is the last one."""
         if self._frame >= len(self.scene.times) - 1:
-            self._slider.value = 0
+            self._move_slider(0)
         self._playing.set()
         self._play.label = "Pause"
 
@@ -131,22 +156,22 @@ class Viewer:
         self._play.label = "Play"
 
     def wait(self) -> None:
-        """Return when the viewer is closed; Ctrl-C comes through."""
+        """Return when the viewer is closed; Ctrl-C interrupts it."""
         while not self._closed.wait(0.2):
             pass
 
     def close(self) -> None:
-        """Take the page down; a second time does nothing."""
+        """Stop the server; a second call does nothing."""
         if not self._closed.is_set():
             self._closed.set()
-            self._playing.set()  # the player leaves its wait
+            self._playing.set()  # wakes the thread that plays
             self._thread.join(timeout=2.0)
             self.server.stop()
 
     def __enter__(self) -> Viewer:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _run(self) -> None:
@@ -157,14 +182,17 @@ class Viewer:
             if self._frame >= len(self.scene.times) - 1:
                 self.pause()
             else:
-                self._slider.value = self._frame + 1
+                self._move_slider(self._frame + 1)
             time.sleep(1.0 / (_RATE * self._speed.value))
 
-    # What is in the scene.
+    def _move_slider(self, frame: int) -> None:
+        self._slider.value = frame  # type: ignore[misc]  # viser's setter, which mypy does not find
+
+    # The scene.
 
     def _set_stage(self) -> None:
         scene, world = self.scene, self.server.scene
-        world.set_up_direction(tuple(map(float, scene.up)))
+        world.set_up_direction(np.array(scene.up))
         world.configure_environment_map("studio", environment_intensity=0.35)
         # The panel covers a quarter of the width, on the right.
         width, height, depth = scene.extent
@@ -192,46 +220,53 @@ class Viewer:
         )
 
     def _add_bodies(self) -> None:
-        scene, world = self.scene, self.server.scene
-        sets = [("plan", scene.link_poses, scene.object_pose is not None, "hand", "object", np.zeros(3))]
+        scene = self.scene
+        self._bodies: list[_Body] = []
+        self._root: viser.FrameHandle | None = None  # of the simulation
+        self._ghost: list[tuple[viser.MeshHandle, float | None]] = []  # its meshes, with their opacity
+        links = scene.link_poses.shape[1]
+        self._add_body("plan", links, np.zeros(3), ("hand", "object"), has_object=scene.object_pose is not None)
         if scene.simulated is not None:
-            sets.append(
-                ("simulation", scene.simulated.link_poses, True, "simulation", "simulation", scene.simulated.beside)
+            shift = scene.simulated.beside
+            self._root = self._add_body("simulation", links, shift, ("simulation", "simulation"), has_object=True)
+
+    def _add_body(
+        self, name: str, links: int, shift: Array, layers: tuple[str, str], *, has_object: bool
+    ) -> viser.FrameHandle:
+        """Add a hand and its object, moved by ``shift``; ``layers``: theirs. Returns their common frame."""
+        world, simulated = self.server.scene, name == "simulation"
+        root = world.add_frame(f"/{name}", show_axes=False, position=shift)
+        frames = [world.add_frame(f"/{name}/link{i}", show_axes=False) for i in range(links)]
+        held = world.add_frame(f"/{name}/object", show_axes=False) if has_object else None
+        self._bodies.append(_Body(frames, held))
+        for i, solid in enumerate(self.scene.solids):
+            is_object = solid.link is None
+            parent = f"/{name}/object" if is_object else f"/{name}/link{solid.link}"
+            colour = GHOST if simulated and not is_object else solid.colour
+            opacity = 0.6 if is_object else None
+            mesh = world.add_mesh_simple(
+                f"{parent}/{i}", solid.vertices, solid.faces, color=_colour(colour), side="double", opacity=opacity
             )
-        self._links, self._bodies, self._root, self._ghost = [], [], None, []
-        for name, poses, body, hand_layer, body_layer, shift in sets:
-            root = world.add_frame(f"/{name}", show_axes=False, position=shift)
-            self._root = root if name == "simulation" else None
-            frames = [world.add_frame(f"/{name}/link{i}", show_axes=False) for i in range(poses.shape[1])]
-            self._links.append(frames)
-            self._bodies.append(world.add_frame(f"/{name}/object", show_axes=False) if body else None)
-            for i, solid in enumerate(scene.solids):
-                parent = f"/{name}/object" if solid.link is None else f"/{name}/link{solid.link}"
-                colour = solid.colour if name == "plan" or solid.link is None else GHOST
-                opacity = 0.6 if solid.link is None else None
-                mesh = world.add_mesh_simple(
-                    f"{parent}/{i}", solid.vertices, solid.faces, color=_colour(colour), side="double", opacity=opacity
-                )
-                if name == "simulation":
-                    self._ghost.append((mesh, opacity))
-                self._keep(body_layer if solid.link is None else hand_layer, mesh)
+            if simulated:
+                self._ghost.append((mesh, opacity))
+            self._keep(layers[1] if is_object else layers[0], mesh)
+        return root
 
     def _add_contacts(self) -> None:
         scene, world, k = self.scene, self.server.scene, len(self.scene.contacts)
         width = 0.011 * float(scene.extent[1:].max())
-        thick = {"shaft_radius": width, "head_radius": 2.3 * width, "head_length": 5 * width}
-        thin = {name: 0.42 * value for name, value in thick.items()}
+        thick, thin = _arrow_size(width), _arrow_size(0.42 * width)
         ends = scene.points_o[:, None] + 0.6 * scene.cone_height * np.moveaxis(scene.rotations_oc, 1, 2)
         points = np.stack([np.repeat(scene.points_o[:, None], 3, axis=1), ends], axis=2).reshape(-1, 2, 3)
         self._keep(
             "frames", world.add_arrows("/contacts/frames", points, np.array([_dark(c) for c in AXES] * k), **thin)
         )
         outside = scene.points_o - 0.5 * scene.cone_height * scene.rotations_oc[:, :, 2]
-        self._arrows, self._labels = [], []
+        self._arrows: list[viser.ArrowsHandle] = []
+        self._labels: list[viser.LabelHandle] = []
         for i, name in enumerate(scene.colours):
             colour, dark = _colour(name), _dark(name)
             vertices, faces = scene.cones[i]
-            at = {"wxyz": _turn(scene.rotations_oc[i]), "position": scene.points_o[i]}
             self._keep(
                 "cones",
                 world.add_mesh_simple(
@@ -242,7 +277,8 @@ class Viewer:
                     opacity=0.3,
                     side="double",
                     cast_shadow=False,
-                    **at,
+                    wxyz=_turn(scene.rotations_oc[i]),
+                    position=scene.points_o[i],
                 ),
             )
             self._arrows.append(
@@ -250,7 +286,8 @@ class Viewer:
             )
             self._labels.append(world.add_label(f"/contacts/label{i}", "", position=outside[i], anchor="bottom-center"))
         self._load = world.add_arrows("/contacts/load", np.zeros((1, 2, 3)), _dark(LOAD), **thick)
-        self._head, self._pressing = thick["head_length"], []
+        self._head = thick["head_length"]
+        self._pressing: list[viser.ArrowsHandle] = []
         if scene.simulated is not None:
             for i, part in enumerate(scene.simulated.parts):
                 colour = _dark(scene.colour_of(part, i))
@@ -260,7 +297,7 @@ class Viewer:
             self._keep("labels", world.add_label("/signs/plan", "planned", position=top))
             self._keep("simulation", world.add_label("/simulation/sign", f"simulated: {verdict}", position=top))
 
-    def _keep(self, layer: str, handle) -> None:
+    def _keep(self, layer: str, handle: viser.SceneNodeHandle) -> None:
         self._layers[layer].append(handle)
 
     # The panel.
@@ -283,15 +320,15 @@ class Viewer:
             step=1,
             initial_value=self._frame,
             marks=tuple(marks.items()),
-            hint="from instant to instant: they are closer together where forces build up",
+            hint="instants are closer together where forces build up",
         )
         self._play = gui.add_button("Play")
         self._forces = gui.add_html("")
         with gui.add_folder("Show"):
             for name, text in _LAYERS.items():
                 if name != "simulation" or scene.simulated is not None:
-                    told_as = "friction pyramids" if name == "cones" and scene.pyramids else text
-                    self._add_toggle(gui.add_checkbox(told_as, True), name)
+                    label = "friction pyramids" if name == "cones" and scene.pyramids else text
+                    self._add_toggle(gui.add_checkbox(label, True), name)
             if scene.simulated is not None:
                 beside = gui.add_checkbox("simulation beside", True)
                 beside.on_update(lambda _: self._set_beside(bool(beside.value)))
@@ -311,8 +348,8 @@ class Viewer:
         self._play.on_click(lambda _: self.pause() if self._playing.is_set() else self.play())
         arrows.on_update(lambda _: self._rescale(1e-3 * arrows.value))
 
-    def _add_toggle(self, box, layer: str) -> None:
-        def change(_) -> None:
+    def _add_toggle(self, box: viser.GuiCheckboxHandle, layer: str) -> None:
+        def change(_: object) -> None:
             with self._lock:
                 self._on[layer] = bool(box.value)
                 for handle in self._layers[layer]:
@@ -322,7 +359,9 @@ class Viewer:
         box.on_update(change)
 
     def _set_beside(self, beside: bool) -> None:
-        """Move the simulation beside the plan, or let it shine through it."""
+        """Show the simulation beside the plan, or transparent in the same place."""
+        if self._root is None or self.scene.simulated is None:
+            return
         with self._lock:
             self._root.position = self.scene.simulated.beside * beside
             for mesh, opacity in self._ghost:
@@ -340,15 +379,15 @@ class Viewer:
 
     def _draw(self) -> None:
         scene, i = self.scene, self._frame
-        tracks = [(scene.link_poses[i], scene.object_pose)]
+        tracks: list[tuple[Array, Array | None]] = [(scene.link_poses[i], scene.object_pose)]
         if scene.simulated is not None:
             tracks.append((scene.simulated.link_poses[i], scene.simulated.object_poses[i]))
         with self.server.atomic():
-            for (links, body), frames, thing in zip(tracks, self._links, self._bodies):
-                for pose, frame in zip(links, frames):
+            for (link_poses, object_pose), body in zip(tracks, self._bodies):
+                for pose, frame in zip(link_poses, body.links):
                     frame.position, frame.wxyz = pose[:3], pose[3:]
-                if thing is not None:
-                    thing.position, thing.wxyz = body[:3], body[3:]
+                if body.object is not None and object_pose is not None:
+                    body.object.position, body.object.wxyz = object_pose[:3], object_pose[3:]
             for points, handle in zip(scene.arrows(i, self._scale), self._arrows):
                 self._aim(handle, points)
             self._aim(self._load, np.stack([scene.com_o, scene.com_o + self._scale * scene.load_o]))
@@ -356,11 +395,11 @@ class Viewer:
                 for points, handle in zip(scene.simulated.arrows(i, self._scale), self._pressing):
                     self._aim(handle, points, self._on["simulation"])
             for k, label in enumerate(self._labels):
-                label.text = f"{scene.contacts[k]} {told(scene.normal[i, k])} N"
+                label.text = f"{scene.contacts[k]} {short(scene.normal[i, k])} N"
                 label.visible = bool(self._on["labels"] and scene.normal[i, k] > 0)
             self._forces.content, self._torques.content = forces(scene, i), torques(scene, i)
 
-    def _aim(self, handle, points: Array, on: bool = True) -> None:
+    def _aim(self, handle: viser.ArrowsHandle, points: Array, on: bool = True) -> None:
         length = float(np.linalg.norm(points[1] - points[0]))
         handle.visible = bool(on and self._on["forces"] and length > 1e-5)
         if length > 1e-5:
@@ -369,13 +408,16 @@ class Viewer:
 
 def _turn(rotation: Array) -> Array:
     """Quaternion w, x, y, z of a rotation (3, 3)."""
-    return Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
+    quaternion: Array = Rotation.from_matrix(rotation).as_quat()
+    return quaternion[[3, 0, 1, 2]]
 
 
 def _colour(text: str) -> tuple[int, int, int]:
-    return tuple(map(int, rgb(text)))
+    red, green, blue = rgb(text).tolist()
+    return red, green, blue
 
 
 def _dark(text: str) -> tuple[int, int, int]:
-    """The colour as viser's arrows need it: they take the values as linear ones, so that they come out brighter."""
-    return tuple(round(255 * (value / 255) ** 2.2) for value in _colour(text))
+    """The colour for viser's arrows, which would show it too bright: they take its values as linear."""
+    red, green, blue = (round(255 * (value / 255) ** 2.2) for value in _colour(text))
+    return red, green, blue

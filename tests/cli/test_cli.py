@@ -179,7 +179,7 @@ BAD = {
     "unknown key": (["paper", "--set", "object.mas=1"], "object.mas: unknown key"),
     "unknown section": (["paper", "--set", "objekt.mass=1"], "objekt: unknown key"),
     "folder is not a key": (["paper", "--set", "folder=x"], "unknown key"),
-    "key below a value": (["paper", "--set", "object.mass.unit=1"], "holds no further keys"),
+    "key below a value": (["paper", "--set", "object.mass.unit=1"], "has no further keys"),
     "index out of range": (["paper", "--set", "contacts.7=1"], "below 3"),
     "no equals sign": (["paper", "--set", "object.mass"], "expected KEY=VALUE"),
     "broken value": (["paper", "--set", "object.mass=[1"], "not valid YAML"),
@@ -219,10 +219,10 @@ BAD = {
     "long case": (["a" * 300], "no case"),
     "no case at all": ([""], "no case"),
     "no decimal index": (["paper", "--set", "contacts.²=1"], "expected an index below 3"),
-    "deep key": (["paper", "--set", "a" + ".a" * 3000 + "=1"], "at most 50 lists and mappings within each other"),
+    "deep key": (["paper", "--set", "a" + ".a" * 3000 + "=1"], "at most 50 nested lists and mappings"),
     "deep value": (
         ["paper", "--set", "hand.xacro_args=" + "[" * 60 + "]" * 60],
-        "at most 50 lists and mappings within each other",
+        "at most 50 nested lists and mappings",
     ),
     "half the links": (
         [
@@ -231,7 +231,7 @@ BAD = {
             "contacts=[{finger: index, point_mm: [4.7, 8.8, 71], link: index_distal}, "
             "{finger: index, point_mm: [4.7, 8.8, 71]}]",
         ],
-        "name the link of all",
+        "expected the link of all",
     ),
 }
 
@@ -294,9 +294,9 @@ def test_a_motion_at_its_limit_is_written_and_said(command, tmp_path):
         ("name: x", "hand: Field required"),
         ("\x00", "not valid YAML"),
         ("x" * 1_000_001, "at most 1000000"),
-        ("[" * 3000, "at most 50 lists and mappings within each other"),
-        ("hand: " + "[" * 100 + "]" * 100, "at most 50 lists and mappings within each other"),
-        ("a: &a [*a]", "at most 50 lists and mappings within each other"),
+        ("[" * 3000, "at most 50 nested lists and mappings"),
+        ("hand: " + "[" * 100 + "]" * 100, "at most 50 nested lists and mappings"),
+        ("a: &a [*a]", "at most 50 nested lists and mappings"),
         (
             "a: &a ["
             + "x, " * 9

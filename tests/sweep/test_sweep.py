@@ -560,7 +560,7 @@ def test_parts_of_other_tables_are_told(tmp_path):
     part = tmp_path / "out" / "part-000000-000000.parquet"
     for columns, message in (
         ({"a": [1]}, "no column index"),
-        ({"index": [7], "status": ["ok"]}, "holds rows that this sweep has not"),
+        ({"index": [7], "status": ["ok"]}, "holds rows that this sweep does not have"),
     ):
         parquet.write_table(pa.table(columns), part)
         with pytest.raises(InvalidInput, match=message):
@@ -721,7 +721,7 @@ BAD = {
     ),
     "no such contact": (
         {"case": "paper", "over": {"contacts.3.point_mm": [[0, 0, 0]]}},
-        "'contacts.3' holds no further keys",
+        "'contacts.3' has no further keys",
     ),
     "a fixed value": (
         {"case": "paper", "set": {"friction.mu": -1}, "over": MASS},
