@@ -25,13 +25,11 @@ from pinograsp.plan.answer import (
 from pinograsp.words import number, printable
 from pinograsp.writing import place_of, write_errors
 
-_LONGEST = 2000  # characters of a line that someone else wrote
+_LONGEST = 2000  # characters of a line from a file
 
 
 def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str]:
-    """The answer first, a line of Markdown each: does it hold, how hard, how much energy, which margin, was it
-    simulated.
-    """
+    """The main results, one line of Markdown each: holding, forces, energy, margins and simulation."""
     instance_of("plan", plan, PlanRecord)
     instance_of("simulation", simulation, Simulation, type(None))
     forces, certificate = plan.forces, plan.forces.certificate
@@ -39,7 +37,7 @@ def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str
     energy = f"{work(plan)}; {forces.impulse:.3f} N s as impulse (Eq. 11)"
     if certificate is not None:
         share = max(certificate.relative_gap, 0.0)
-        energy += f"; within a share of {share:.0e} of the least {_objective(plan)}, proven"
+        energy += f"; proven to be within {share:.0e} (relative) of the least {_objective(plan)}"
     margin = f"the squeeze holds {load_factor(plan.require_margins())}"
     for what, values in friction_used(plan):
         used = [value for value in values.values() if math.isfinite(value)]
@@ -52,7 +50,7 @@ def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str
         ("Which margin?", f"{margin[0].upper()}{margin[1:]}."),
     ]
     if simulation is None:
-        lines.append(("Simulated?", "Not yet: pinograsp check does it."))
+        lines.append(("Simulated?", "Not yet: run pinograsp check."))
     else:
         verdict = simulation.verdict
         off = f"normal forces at most {100 * verdict.force_error:.1f} % off the plan"
@@ -66,7 +64,7 @@ def _normal_forces(plan: PlanRecord) -> dict[str, float]:
 
 
 def answer(plan: PlanRecord, simulation: Simulation | None = None) -> list[tuple[str, str]]:
-    """The answer in a few lines: (what, value with its unit)."""
+    """The results as pairs of a name and a value with its unit."""
     instance_of("plan", plan, PlanRecord)
     forces, motion, names = plan.forces, plan.motion, plan.contacts.names
     normal = ", ".join(f"{name} {value:.3f}" for name, value in _normal_forces(plan).items())
@@ -110,7 +108,7 @@ def _proof(plan: PlanRecord) -> list[tuple[str, str]]:
 
 
 def _safety(plan: PlanRecord) -> list[tuple[str, str]]:
-    """The margins: what the grasp bears beyond its load with these normal forces."""
+    """The margins: what the grasp bears besides its load with these normal forces."""
     margins = plan.require_margins()
     closure = "force closure" if margins.force_closure else "no force closure"
     quality = (
@@ -126,7 +124,7 @@ def _safety(plan: PlanRecord) -> list[tuple[str, str]]:
 
 
 def failure(found: PlanFailure) -> str:
-    """``report.md`` of a search that found that there is no grasp."""
+    """``report.md`` of a search that found no grasp."""
     instance_of("found", found, PlanFailure)
     first, *rest = found.message.splitlines() or [""]
     return "\n".join(
@@ -147,10 +145,10 @@ def _made_with(versions: Mapping[str, str]) -> list[str]:
 
 
 def _escaped(text: str, most: int = _LONGEST) -> str:
-    """Text that Markdown shows as it is: names come from files of others."""
+    """Text that Markdown shows unchanged: names come from files and may hold any characters."""
     text = re.sub(r"[\\`*\[\]<>|~&$]", r"\\\g<0>", printable(text, most).strip())
-    text = re.sub(r"(?<![^\W_])_|_(?![^\W_])", r"\\_", text)  # within words it means nothing
-    text = re.sub(r"^(?=#|[-+=](?![\d.]))", r"\\", text)  # headings, rules and lists begin so
+    text = re.sub(r"(?<![^\W_])_|_(?![^\W_])", r"\\_", text)  # within words it has no meaning
+    text = re.sub(r"^(?=#|[-+=](?![\d.]))", r"\\", text)  # headings, rules and lists
     return re.sub(r"^(\d+)(?=[.)](\s|$))", r"\1\\", text)
 
 
@@ -159,14 +157,14 @@ def _code(key: str) -> str:
 
 
 def markdown(plan: PlanRecord, figures: Sequence[str] | None = None, simulation: Simulation | None = None) -> str:
-    """``report.md`` of a plan; ``figures``: names of the files beside it."""
+    """``report.md`` of a plan; ``figures``: names of image files in the same folder."""
     instance_of("plan", plan, PlanRecord)
     lines = [f"# Grasp plan: {_escaped(plan.name, 200)}", ""]
     lines += [
         *(f"- {line}" for line in headline(plan, simulation)),
         "",
         *_figures(figures, _FIRST),
-        "## In figures",
+        "## Results",
         "",
     ]
     lines += _table(("quantity", "value"), answer(plan, simulation))
@@ -175,8 +173,8 @@ def markdown(plan: PlanRecord, figures: Sequence[str] | None = None, simulation:
     lines += _listed("Cautions", plan.cautions) + _listed("Notes", plan.notes)
     lines += [*_contact_section(plan), *_torque_section(plan), *_search_section(plan)]
     if plan.comparison:
-        lines += ["## Beside the paper", ""]
-        lines += ["Planned as the paper does: forces alone in balance, friction used up to its limit.", ""]
+        lines += ["## Comparison with the paper", ""]
+        lines += ["Planned with the paper's choices: balance of forces only, no safety factor for friction.", ""]
         lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(plan.comparison))
     if assumed := plan.settings.get("assumed"):
         lines += ["## Assumed inputs", "", *(f"- {_code(key)}: {_escaped(why)}" for key, why in assumed.items()), ""]
@@ -222,7 +220,7 @@ def _search_section(plan: PlanRecord) -> list[str]:
     certificate, grid = plan.forces.certificate, plan.forces.grid
     if certificate is not None:
         text = (
-            f"Branch and bound over t_I: {len(certificate.branches)} intervals. Left over: "
+            f"Branch and bound over t_I: {len(certificate.branches)} intervals. Residual: "
             f"{plan.forces.residual_force:.1e} N, {plan.forces.residual_moment:.1e} N m; largest violation of a limit: "
             f"{certificate.violation:.1e} N."
         )
@@ -239,15 +237,15 @@ _CAPTIONS = {
     "contact_forces": "Normal forces and penetration depths in the grasp phase",
     "joint_angles": "Joint angles, approach and grasp phase (grey)",
     "joint_rates": "Joint rates",
-    "grasp_energy": "Grasp energy as it builds up, rho + 1 times the contacts' work",
+    "grasp_energy": "Grasp energy over time, rho + 1 times the contacts' work",
     "friction_use": "Friction used: each contact's share of Coulomb's cone, mu F_n",
-    "wrench_margin": "Forces that may come on top of the load",
-    "search_over_time": "The search over the impact time: proven bounds, what was found, and the gap",
+    "wrench_margin": "Forces that the grasp bears besides its load",
+    "search_over_time": "The search over the impact time: lower bounds, the best found, and the gap",
 }
 
 
 def _figures(names: Sequence[str] | None, only: Sequence[str] | None) -> list[str]:
-    """Figures with captions: those ``only``, or all."""
+    """Figures with captions; ``only``: which, by name; None: all."""
     lines = []
     for name in () if names is None else items_of("figures", names, str, Path):
         stem = Path(str(name)).stem
@@ -261,7 +259,7 @@ def _figures(names: Sequence[str] | None, only: Sequence[str] | None) -> list[st
 
 
 def _settings(settings: Mapping[str, Any]) -> list[str]:
-    """What was asked for, key by key."""
+    """The settings of the plan, by key."""
     rows = [(key, str(value)) for key, value in _flat(settings) if key != "name" and not key.startswith("assumed.")]
     return ["## Settings", "", *_table(("key", "value"), rows)] if rows else []
 
@@ -300,16 +298,17 @@ code { font-size: 0.9em; } pre { overflow-x: auto; background: #f5f5f5; padding:
 
 
 def page(text: str, figures: Sequence[str | Path] = (), levels: Sequence[str] = ()) -> str:
-    """Markdown as one HTML file: nothing comes from a network, and no file comes in but ``figures``.
+    """Markdown as one HTML file, which loads nothing from a network or from other files.
 
     Args:
-        figures: paths of PNG files that the text may show by their names.
-        levels: "yes", "caution" or "no" of the first list's entries, which take its colour; "" is neutral.
+        text: Markdown.
+        figures: paths of PNG files that the text may show by their names; they are embedded.
+        levels: "yes", "caution", "no" or "" (neutral) for the entries of the first list, which sets their colour.
     """
     from markdown_it import MarkdownIt
 
-    made = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens, known = made.parse(text), {Path(path).name: Path(path) for path in figures}
+    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    tokens, known = parser.parse(text), {Path(path).name: Path(path) for path in figures}
     for token in tokens:
         for child in token.children or ():
             if child.type == "image":
@@ -318,12 +317,12 @@ def page(text: str, figures: Sequence[str | Path] = (), levels: Sequence[str] = 
                     child.attrs["src"] = "data:image/png;base64," + base64.b64encode(picture).decode()
                 else:
                     child.type, child.tag = "text", ""
-    body = made.renderer.render(tokens, made.options, {})
+    body = parser.renderer.render(tokens, parser.options, {})
     body = body.replace("<table>", '<div class="wide"><table>').replace("</table>", "</table></div>")
     head, *entries = body.split("<li>")
     for entry, level in zip(entries, [*levels, *[""] * len(entries)]):
         head += f'<li class="{level}">{entry}' if level else f"<li>{entry}"
-    # A picture alone in its paragraph is a figure, and its description the caption.
+    # An image alone in its paragraph becomes a figure, with its description as caption.
     body = re.sub(r'<p>(<img [^>]*alt="([^"]*)"[^>]*>)</p>', r"<figure>\1<figcaption>\2</figcaption></figure>", head)
     title = html.escape("".join(child.content for child in tokens[1].children or ())) if len(tokens) > 1 else ""
     return (
@@ -339,10 +338,13 @@ def write_report(
     figures: Sequence[str | Path] = (),
     simulation: Simulation | None = None,
 ) -> None:
-    """``report.md`` and ``report.html`` into a folder that has the figures already.
+    """Write ``report.md`` and ``report.html`` into a folder that already holds the figures.
 
-    ``figures``: their names there, as :func:`~pinograsp.viz.figures.save_figures` gave them; no other file comes into
-    the page.
+    Args:
+        run: a plan, or a search that found none.
+        folder: to write to.
+        figures: names of the image files there, as from :func:`~pinograsp.viz.figures.save_figures`.
+        simulation: of the plan.
     """
     instance_of("run", run, PlanRecord, PlanFailure)
     folder = path_of("folder", folder)
@@ -361,7 +363,7 @@ def write_report(
 
 
 def comparison_rows(comparison: Sequence[ComparisonRow]) -> list[tuple[str, ...]]:
-    """Published figures beside ours as text: quantity, unit, paper, ours, difference, note."""
+    """Rows of the comparison with a publication, as text: quantity, unit, paper, ours, difference, note."""
     return [
         (row.quantity, row.unit, number(row.published), number(row.ours), number(row.difference, 3), row.note)
         for row in comparison
@@ -374,14 +376,14 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def checked(simulation: Simulation, figures: Sequence[str] = (), studies: Sequence[str] = ()) -> str:
-    """``check.md`` of a simulation: the verdict first; ``studies``: what else was tried, as text."""
+    """``check.md`` of a simulation, with the verdict first; ``studies``: results of further trials, as text."""
     instance_of("simulation", simulation, Simulation)
     verdict = simulation.verdict
     lines = [f"# {'Held' if verdict.held else 'Lost'}", "", f"{_escaped(verdict.reason)}.", ""]
     lines += _table(("", ""), _verdict_rows(simulation))
     if simulation.disturbance:
         differences = [f"{name}: {value}" for name, value in simulation.disturbance.items()]
-        lines += _listed("Not as planned", differences)
+        lines += _listed("Differences from the plan", differences)
     lines += ["## Forces at the end", ""]
     rows = zip(simulation.parts, simulation.planned_forces, simulation.normal_forces[-1])
     lines += _table(
@@ -404,13 +406,13 @@ def _verdict_rows(simulation: Simulation) -> list[tuple[str, str]]:
     return [
         ("drift since the release", f"{1e3 * verdict.drift:.3f} mm"),
         ("tilt, turn about any axis", f"{verdict.tilt:.3f} deg, {verdict.turn:.3f} deg"),
-        ("normal forces off the plan", errors or "-"),
-        ("penetration off the plan at t_F", f"{1e3 * verdict.penetration_error:.4f} mm"),
+        ("errors of the normal forces", errors or "-"),
+        ("penetration error at t_F", f"{1e3 * verdict.penetration_error:.4f} mm"),
         ("slipped by more than 0.1 mm", ", ".join(verdict.slipped) or "none"),
-        ("touching without a plan", ", ".join(verdict.unplanned) or "none"),
+        ("unplanned contacts", ", ".join(verdict.unplanned) or "none"),
         ("joints beyond their limits", ", ".join(verdict.limit_hits) or "none"),
         ("motors at their limits at the end", ", ".join(verdict.saturated) or "none"),
         ("grasp energy at t_F", work_in_words(simulation.grasp_energy, simulation.exponent)),
-        ("energy audit closes to", "-" if verdict.energy_error is None else f"{verdict.energy_error:.1e}"),
+        ("error of the energy balance", "-" if verdict.energy_error is None else f"{verdict.energy_error:.1e}"),
         ("engine", run),
     ]

@@ -1,4 +1,4 @@
-"""The command ``pinograsp``. Exit codes: 0 done, 2 unusable input, 3 no grasp or one that is lost, 130 interrupted."""
+"""The command ``pinograsp``. Exit codes: 0 success, 2 unusable input, 3 no grasp or a lost one, 130 interrupted."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import sys
 import traceback
 from typing import Any
 
-try:  # Ctrl-C may come while the commands, which register themselves, are loaded
+try:  # Ctrl-C may come while the commands are imported
     import typer
 
     from pinograsp.cli import bench, check, hands, plan, report, sweep, view
-    from pinograsp.cli.app import app, told
+    from pinograsp.cli.app import app, given
 except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
     raise SystemExit(130) from None
@@ -29,38 +29,36 @@ _UsageError: Any = typer.BadParameter.__base__  # of click, or of the copy of it
 
 
 def main() -> None:
-    """Entry point: the command line, and the end of the process."""
+    """Entry point: runs the command line and ends the process."""
     code = run()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):
             stream.flush()
     if code == 130:
-        # At once: where Ctrl-C has passed through compiled code, Python would end by the signal instead, or crash.
+        # At once: after Ctrl-C in compiled code, an orderly exit could end by the signal instead, or crash.
         os._exit(130)
-    signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # nothing is left to do but to clear up
+    signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # only clean-up is left
     raise SystemExit(code)
 
 
 def run() -> int:
-    """The command line as a call, which returns the exit code: errors become one message, never a traceback."""
-    told.update(quiet=False, verbose=False)
+    """Run the command line and return the exit code; errors become a message without a traceback."""
+    given.update(quiet=False, verbose=False)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # names of files may be no text
+            stream.reconfigure(errors="backslashreplace")  # names of files may hold invalid text
     try:
         code = int(app(prog_name="pinograsp", standalone_mode=False) or 0)
         sys.stdout.flush()
     except BaseException as error:
-        code = _tell(error)
+        code = _report(error)
     if code == 130:
         _say("interrupted")
     return code
 
 
-def _tell(error: BaseException) -> int:
-    """Tell an error, as JSON as well where that was asked for; returns the exit code. What is no error of a user's goes
-    on.
-    """
+def _report(error: BaseException) -> int:
+    """Print an error, with ``--json`` also as JSON, and return the exit code. Unexpected errors are raised again."""
     if _interrupted(error):
         return 130
     if isinstance(error, _UsageError):
@@ -74,16 +72,16 @@ def _tell(error: BaseException) -> int:
         text = str(error) if str(error) or not isinstance(error, MemoryError) else "not enough memory: ask for less"
     else:
         raise error
-    if told["verbose"]:
+    if given["verbose"]:
         traceback.print_exception(error)
-    if "--json" in sys.argv and not told["quiet"]:
+    if "--json" in sys.argv and not given["quiet"]:
         typer.echo(json.dumps({"status": str(status), "error": name, "message": text}))
     _say(text)
     return code
 
 
 def _interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind it: libraries turn it into errors of their own."""
+    """Whether Ctrl-C caused the error: libraries turn it into errors of their own."""
     while error is not None and not isinstance(error, KeyboardInterrupt | typer.Abort):
         error = error.__cause__ or error.__context__
     return error is not None

@@ -1,4 +1,4 @@
-"""What every command shares: the application and options."""
+"""What all commands share: the application and common options."""
 
 from __future__ import annotations
 
@@ -39,35 +39,39 @@ Safety = Annotated[float, typer.Option(help="Friction is used up to mu / safety.
 Hulls = Annotated[
     bool,
     typer.Option(
-        "--hulls", help="Convex hulls of the hand's meshes, as physics engines take them: for plans to be checked."
+        "--hulls", help="Use convex hulls of the hand's meshes, as physics engines do: for plans to be checked."
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
-told = {"quiet": False, "verbose": False}  # by options before the command or after it
+given = {"quiet": False, "verbose": False}  # options that may stand before the command or after it
 
 
-def _hush(context: typer.Context, quiet: bool) -> None:
-    if quiet and not told["quiet"]:
-        told["quiet"] = True
+def _set_quiet(context: typer.Context, quiet: bool) -> None:
+    if quiet and not given["quiet"]:
+        given["quiet"] = True
         context.with_resource(contextlib.redirect_stdout(context.with_resource(open(os.devnull, "w"))))  # noqa: SIM115
 
 
-def _tell_more(verbose: bool) -> None:
-    told["verbose"] |= verbose
+def _set_verbose(verbose: bool) -> None:
+    given["verbose"] |= verbose
 
 
 Quiet = Annotated[
     bool,
     typer.Option(
-        "--quiet", "-q", callback=_hush, expose_value=False, help="Print errors alone; the exit code tells the rest."
+        "--quiet",
+        "-q",
+        callback=_set_quiet,
+        expose_value=False,
+        help="Print only errors; the exit code gives the result.",
     ),
 ]
 Verbose = Annotated[
     bool,
     typer.Option(
-        "--verbose", "-v", callback=_tell_more, expose_value=False, help="Print the traceback of an error as well."
+        "--verbose", "-v", callback=_set_verbose, expose_value=False, help="Print the traceback of an error as well."
     ),
 ]
 
@@ -92,19 +96,19 @@ def _main(
 
 
 def bar(as_json: bool) -> bool | None:
-    """Whether to show a bar: on terminals, unless less is asked for."""
-    return False if as_json or told["quiet"] else None
+    """Whether to show a progress bar; None: on terminals."""
+    return False if as_json or given["quiet"] else None
 
 
 def console() -> Console:
-    """Standard output for tables: as wide as the terminal; a pipe has no width, and gets whole rows."""
+    """Standard output for tables, as wide as the terminal; pipes have no width and get unbroken rows."""
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else 150, highlight=False, markup=False)
 
 
 def new_folder(out: Path | None, force: bool, name: str, beside: Path = Path("runs")) -> NewFolder:
-    """``--out``, or a folder that does not exist yet, NAME, NAME-2, ...: kept for this process from now on."""
+    """``--out``, or a new folder, NAME, NAME-2, ...; reserved for this process."""
     from pinograsp.writing import NewFolder
 
     return NewFolder(out, force=force) if out is not None else NewFolder.fresh(name, beside)

@@ -26,11 +26,11 @@ def bench(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """How fast this machine solves: one load of a ForceSolver, one tick of OnlineForces, many problems at once.
+    """Measure the speed of this machine: one load of a ForceSolver, one step of OnlineForces, a batch of problems.
 
-    Seeded random grasps on a cylinder, exact friction cones, least squares; medians over 200 new loads. The compiled
-    solvers (extra fast) are used where they are installed. The package's benchmarks, beside other solvers, are scripts
-    of the sources.
+    Seeded random grasps on a cylinder with exact friction cones and least squares; medians over 200 loads. The compiled
+    solvers (extra fast) are used where they are installed. Comparisons with other solvers are in the sources, in
+    benchmarks.
 
     Examples:
       pinograsp bench
@@ -60,13 +60,13 @@ def bench(
         if fast:
             online = pg.OnlineForces(problem, normal_forces=(0.01, 30.0))
             rows[-1]["online_step_us"] = _median(online.step, loads)
-            many = pg.ForceBatch.of([problem.with_load(load) for load in loads], 0.9)
+            small = pg.ForceBatch.of([problem.with_load(load) for load in loads], 0.9)
             arrays: dict[str, Any] = {
-                name: np.concatenate([getattr(many, name)] * (_BATCH // len(loads)))
+                name: np.concatenate([getattr(small, name)] * (_BATCH // len(loads)))
                 for name in ("points", "rotations", "loads", "mu", "low", "high", "counts", "moment_lengths")
             }
             batch = pg.ForceBatch(**arrays, friction=problem.friction)
-            pg.solve_batch(many)
+            pg.solve_batch(small)
             rows[-1]["batch_per_problem_us"] = round(1e6 * pg.solve_batch(batch).elapsed / len(batch), 2)
     if as_json:
         typer.echo(json.dumps({"compiled": fast, "rows": rows}))
@@ -78,7 +78,7 @@ def bench(
 
 
 def _problem(k: int) -> tuple[ForceProblem, Array]:
-    """A grasp of k contacts around a cylinder, and loads about its weight."""
+    """A grasp of k contacts around a cylinder, and random loads near its weight."""
     import numpy as np
 
     import pinograsp as pg
@@ -95,7 +95,7 @@ def _problem(k: int) -> tuple[ForceProblem, Array]:
 
 
 def _median(call: Callable[[Array], object], loads: Array) -> float:
-    """Microseconds."""
+    """Median time of a call [us]."""
     import statistics
 
     spent, clock = [], time.perf_counter

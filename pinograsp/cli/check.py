@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pinograsp.referee.monte_carlo import MonteCarlo
     from pinograsp.referee.task import Task
     from pinograsp.referee.thresholds import Threshold
+    from pinograsp.referee.trials import TrialSettings
     from pinograsp.writing import NewFolder
 
 _MOST_TRIALS = 100_000  # of each error
@@ -43,22 +44,20 @@ def check(
     ] = None,
     mu: Annotated[float | None, typer.Option(help="Friction coefficient instead of the plan's.")] = None,
     mass: Annotated[float | None, typer.Option(help="Mass of the object instead of the plan's \\[kg].")] = None,
-    offset: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="The object is off by this \\[mm].")] = None,
-    turn: Annotated[str | None, typer.Option(metavar="RX,RY,RZ", help="The object is turned by this \\[deg].")] = None,
-    start_error: Annotated[float, typer.Option(help="Every joint starts off by this \\[deg, mm].")] = 0.0,
-    engine: Annotated[
-        str, typer.Option(help="mujoco (extra sim), or pinocchio: slower, with nothing else installed.")
-    ] = "mujoco",
+    offset: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Offset of the object \\[mm].")] = None,
+    turn: Annotated[str | None, typer.Option(metavar="RX,RY,RZ", help="Rotation of the object \\[deg].")] = None,
+    start_error: Annotated[float, typer.Option(help="Offset of every joint at the start \\[deg, mm].")] = 0.0,
+    engine: Annotated[str, typer.Option(help="mujoco (extra sim), or pinocchio: slower, needs no extra.")] = "mujoco",
     prescribed: Annotated[
-        bool, typer.Option("--prescribed", help="Move the joints as commanded, whatever it takes, instead of servos.")
+        bool, typer.Option("--prescribed", help="Joints follow the commands exactly, instead of by servos.")
     ] = False,
     time_step: Annotated[float, typer.Option(help="Of the simulation \\[s].")] = 2.5e-4,
     monte_carlo: Annotated[
         int,
         typer.Option(
             metavar="N",
-            help="How likely it holds: N trials with each of six random errors alone (position, rotation, friction, "
-            "mass, posture, push) and N with all of them together, 7 N in all. Interrupted, the same command goes on.",
+            help="Probability of holding: N trials with each of six random errors alone (position, rotation, friction, "
+            "mass, posture, push) and N with all of them, 7 N in all; after an interruption, the same command continues.",
         ),
     ] = 0,
     seed: Annotated[int, typer.Option(help="Of the random errors.")] = 0,
@@ -74,7 +73,7 @@ def check(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Try a plan in a simulation with a free object: does it hold? Exit code 0: it holds, 3: it is lost.
+    """Simulate a plan with a free object: does it hold? Exit code 0: held, 3: lost.
 
     Examples:
       pinograsp check runs/paper
@@ -83,25 +82,27 @@ def check(
 
       pinograsp check runs/paper --monte-carlo 100
     """
+    from pinograsp.checks import one_of
     from pinograsp.planner import load_run
+    from pinograsp.referee.simulate import ENGINES
 
     if not 0 <= monte_carlo <= _MOST_TRIALS:
         raise InvalidInput(f"--monte-carlo: expected a number of trials from 0 to {_MOST_TRIALS}, got {monte_carlo}")
-    plan = load_run(run)  # says what is wrong with it before anything is made
+    plan = load_run(run)  # raises its errors before anything is written
     with new_folder(out, force, "check", run) as folder:
         place = folder.place
         if (place / "plan.json").exists() or place in (run.resolve(), *run.resolve().parents):
             raise InvalidInput(f"--out: expected a folder for the check alone, got '{out}', which holds a run")
-        settings = {
+        settings: TrialSettings = {
             "hold": hold,
-            "engine": engine,
+            "engine": one_of("engine", engine, ENGINES),
             "time_step": time_step,
             "mode": "prescribed" if prescribed else "servo",
         }
-        disturbances = (push, shake, mu, mass, offset, turn, start_error)
-        studies: dict[str, Any] = {"monte_carlo": monte_carlo, "seed": seed, "thresholds": thresholds}
-        studies["trials"] = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
-        summary = _check(plan, run, folder, settings, disturbances, studies, as_json)
+        differences = _Differences(push, shake, mu, mass, offset, turn, start_error)
+        trials = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
+        studies = _Studies(monte_carlo, seed, thresholds, trials)
+        summary = _check(plan, run, folder, settings, differences, studies, as_json)
     if as_json:
         typer.echo(json.dumps({**summary, "folder": str(folder.path)}, allow_nan=False))
     if summary.get("monte_carlo", {}).get("interrupted"):
@@ -110,15 +111,39 @@ def check(
         raise typer.Exit(3)
 
 
+class _Differences(NamedTuple):
+    """The options that describe a disturbance."""
+
+    push: list[str] | None
+    shake: str | None
+    mu: float | None
+    mass: float | None
+    offset: str | None
+    turn: str | None
+    start_error: float
+
+
+class _Studies(NamedTuple):
+    """The options of further studies: number and seed of random trials, whether to search thresholds, and the folder
+    of the trials.
+    """
+
+    monte_carlo: int
+    seed: int
+    thresholds: bool
+    trials: Path
+
+
 def _check(
     plan: GraspPlan,
     run: Path,
     folder: NewFolder,
-    settings: dict[str, Any],
-    disturbances: tuple[Any, ...],
-    studies: dict[str, Any],
+    settings: TrialSettings,
+    differences: _Differences,
+    studies: _Studies,
     as_json: bool,
 ) -> dict[str, Any]:
+    """Simulate the plan, run the studies, and write the results; returns their summary."""
     from pinograsp.referee import simulate
     from pinograsp.referee.task import Task
     from pinograsp.report import checked
@@ -127,9 +152,9 @@ def _check(
     from pinograsp.writing import list_in
 
     task = Task.of(plan)
-    disturbance = _disturbance(task, *disturbances)
-    if studies["monte_carlo"] and disturbance.summary():
-        raise InvalidInput("--monte-carlo: expected without other disturbances, it draws its own")
+    disturbance = _disturbance(task, differences)
+    if studies.monte_carlo and disturbance.summary():
+        raise InvalidInput("--monte-carlo: expected no other disturbances, it draws its own")
     simulation = simulate(task, disturbance=disturbance, **settings)
     if not as_json:
         typer.echo(simulation.describe())
@@ -145,7 +170,7 @@ def _check(
         figures = [figure.name for figure in save_check_figures(simulation, path)]
         (path / "check.md").write_text(checked(simulation, figures, texts), encoding="utf-8")
 
-    list_in(run, f"{folder.place}/")  # in the run's folder it is a part of the run
+    list_in(run, f"{folder.place}/")  # so that a folder within the run counts as part of it
     folder.write(fill)
     if not as_json:
         typer.echo(f"\nwritten to {folder.path}: check.md, check.json, check.npz and figures")
@@ -156,34 +181,32 @@ def _studies(
     run: Path,
     task: Task,
     margins: PlanMargins,
-    studies: dict[str, Any],
+    studies: _Studies,
     disturbance: Disturbance,
-    settings: dict[str, Any],
+    settings: TrialSettings,
     as_json: bool,
 ) -> Iterator[tuple[str, MonteCarlo | Threshold]]:
-    """The studies that were asked for, by name; the planner's own margins stand beside the thresholds."""
+    """The requested studies, by name; thresholds are compared with the planner's own margins."""
     from pinograsp.referee import Errors, load_threshold, monte_carlo, slip_threshold
     from pinograsp.referee.monte_carlo import FILE
     from pinograsp.writing import list_in
 
-    if studies["monte_carlo"]:
+    if count := studies.monte_carlo:
         if not as_json:
-            count, kinds = studies["monte_carlo"], Errors().kinds
+            kinds = Errors().kinds
             typer.echo(
                 f"{count} trials with each of {', '.join(kinds)}, and {count} with all together: "
                 f"{count * (len(kinds) + 1)} trials"
             )
-        # Trials are kept as they come: the same command, typed again, goes on from there.
-        told = json.dumps({"seed": studies["seed"], **settings}, sort_keys=True)
-        trials = studies["trials"] / hashlib.sha256(told.encode()).hexdigest()[:8]
+        # Trials are kept as they come, so that the same command can continue.
+        key = json.dumps({"seed": studies.seed, **settings}, sort_keys=True)
+        trials = studies.trials / hashlib.sha256(key.encode()).hexdigest()[:8]
         list_in(run, trials / FILE)
-        study = monte_carlo(
-            task, count=studies["monte_carlo"], seed=studies["seed"], progress=bar(as_json), folder=trials, **settings
-        )
+        study = monte_carlo(task, count=count, seed=studies.seed, progress=bar(as_json), folder=trials, **settings)
         yield "monte_carlo", study
         if study.interrupted:
             return
-    if studies["thresholds"]:
+    if studies.thresholds:
         least = float(margins.least_mu.max())
         held = margins.load_factor if math.isfinite(margins.load_factor) else None
         yield "slip_threshold", slip_threshold(task, planned=least, disturbance=disturbance, **settings)
@@ -193,23 +216,14 @@ def _studies(
         )
 
 
-def _disturbance(
-    task: Task,
-    push: list[str] | None,
-    shake: str | None,
-    mu: float | None,
-    mass: float | None,
-    offset: str | None,
-    turn: str | None,
-    start_error: float,
-) -> Disturbance:
+def _disturbance(task: Task, options: _Differences) -> Disturbance:
     import numpy as np
 
     from pinograsp.checks import number
     from pinograsp.referee import Disturbance, Push
 
     pushes = []
-    for text in push or ():
+    for text in options.push or ():
         values, _, when = text.partition("@")
         start, _, duration = when.partition("+")
         wrench = _numbers("--push", values, (3, 6))
@@ -219,22 +233,22 @@ def _disturbance(
         if duration:
             timing["duration"] = _numbers("--push", duration, (1,))[0]
         pushes.append(Push(wrench_o=np.array([*wrench, *[0.0] * (6 - len(wrench))]), **timing))
-    given: dict[str, Any] = {"pushes": tuple(pushes), "mu": mu}
-    if shake is not None:
-        values, _, frequency = shake.partition("@")
+    given: dict[str, Any] = {"pushes": tuple(pushes), "mu": options.mu}
+    if options.shake is not None:
+        values, _, frequency = options.shake.partition("@")
         given["shake"] = _numbers("--shake", values, (3,))
         if frequency:
             given["shake_frequency"] = _numbers("--shake", frequency, (1,))[0]
-    if mass is not None:
-        given["mass_factor"] = number("--mass", mass, above=0, unit="kg") / task.body.mass
-    if offset is not None:
-        given["object_offset"] = 1e-3 * np.array(_numbers("--offset", offset, (3,)))
-    if turn is not None:
-        given["object_turn"] = np.radians(_numbers("--turn", turn, (3,)))
-    if start_error:
-        hand = task.hand
+    if options.mass is not None:
+        given["mass_factor"] = number("--mass", options.mass, above=0, unit="kg") / task.body.mass
+    if options.offset is not None:
+        given["object_offset"] = 1e-3 * np.array(_numbers("--offset", options.offset, (3,)))
+    if options.turn is not None:
+        given["object_turn"] = np.radians(_numbers("--turn", options.turn, (3,)))
+    if options.start_error:
+        hand, error = task.hand, options.start_error
         slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
-        given["start_error"] = np.where(slides, 1e-3 * start_error, np.radians(start_error))
+        given["start_error"] = np.where(slides, 1e-3 * error, np.radians(error))
     return Disturbance(**given)
 
 
@@ -245,6 +259,6 @@ def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
         values = []
     if len(values) not in counts:
         raise InvalidInput(
-            f"{option}: expected {' or '.join(map(str, counts))} numbers with commas between, got '{text}'"
+            f"{option}: expected {' or '.join(map(str, counts))} numbers separated by commas, got '{text}'"
         )
     return values

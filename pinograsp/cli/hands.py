@@ -10,7 +10,7 @@ import typer
 from pinograsp.cli.app import Json, Quiet, Root, Verbose, app, console
 from pinograsp.errors import InvalidInput
 
-_WIDE = 120  # columns of a terminal that shows titles and names of fingers
+_WIDE = 120  # columns of a terminal that are enough for titles and names of fingers
 
 
 @app.command()
@@ -23,7 +23,7 @@ def hands(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """List the hands that need no file, or describe one: fingers, joints, limits, couplings, masses.
+    """List the hands of the catalogue, or describe a hand: fingers, joints, limits, couplings, masses.
 
     Examples:
       pinograsp hands
@@ -57,17 +57,17 @@ def _list_hands(as_json: bool) -> None:
     columns = {
         name: i for i, name in enumerate(("name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"))
     }
-    if screen.width < _WIDE:  # a line for each hand
+    if screen.width < _WIDE:  # keeps each hand on one line
         del columns["title"]
     table = Table(box=None, header_style="bold")
     for column in columns:
         number = column in ("joints", "moving", "mass [kg]")
         table.add_column(column, justify="right" if number else "left", no_wrap=True)
     for row in rows:
-        told = [cells(row)[i] for i in columns.values()]
+        shown = [cells(row)[i] for i in columns.values()]
         if screen.width < _WIDE:
-            told[list(columns).index("fingers")] = str(len(row["fingers"]))
-        table.add_row(*told)
+            shown[list(columns).index("fingers")] = str(len(row["fingers"]))
+        table.add_row(*shown)
     screen.print(table)
     if problems:
         raise InvalidInput("; ".join(problems))

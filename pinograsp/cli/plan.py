@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pinograsp.writing import NewFolder
 
 _SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 or mesh:path=mug.stl,scale=0.001,density=600 \\[m, kg]"
-_WIDE = 120  # columns of a terminal that shows notes beside figures
+_WIDE = 120  # columns of a terminal that are enough for the notes
 
 
 @app.command()
@@ -122,23 +122,21 @@ def _plan(
         try:
             planned = loaded.plan(progress=bar(as_json))
         except GraspInfeasible as error:
-            # A proof is a result: it is kept like one. A grid that found nothing proves nothing.
+            # A proof that there is no grasp is a result and is kept; a grid that found nothing proves nothing.
             if error.solution.search == "convex":
                 _keep_proof(error, loaded, folder)
             raise
-        _finish(_beside_the_paper(planned, loaded) if case == "paper" else planned, folder, as_json)
+        _finish(_with_comparison(planned, loaded) if case == "paper" else planned, folder, as_json)
 
 
-def _beside_the_paper(plan: GraspPlan, case: Case) -> GraspPlan:
-    """The plan with the published figures beside those of the case planned with the paper's own choices; with a note
-    where it has no such plan.
-    """
+def _with_comparison(plan: GraspPlan, case: Case) -> GraspPlan:
+    """The plan with the comparison with the paper, or with a note where the paper's choices give no grasp."""
     from pinograsp.cases.published import compare
 
     try:
         return replace(plan, comparison=tuple(compare(case)))
     except NoGrasp as error:
-        note = f"nothing stands beside the paper's figures: with its own choices there is no grasp ({error})"
+        note = f"no comparison with the paper: with the paper's choices there is no grasp ({error})"
         return replace(plan, notes=(*plan.notes, note))
 
 
@@ -154,7 +152,7 @@ def _object_case(hand: str, object: str, root: str | None, at: str | None, **opt
 
 
 def _closed(case: ObjectCase, as_json: bool) -> Closure:
-    """The hand closed on the object, where it is said to be or at the best placement found."""
+    """The hand closed on the object, at the given placement or at the best one found."""
     if case.at is not None:
         return case.closure()
     found = case.placements(progress=bar(as_json))
@@ -170,7 +168,7 @@ def _closed(case: ObjectCase, as_json: bool) -> Closure:
 
 def _plan_object(case: ObjectCase, out: Path | None, force: bool, as_json: bool) -> None:
     """Place the hand, close it on the object, plan."""
-    kind = str(case.object).partition(":")[0]  # of a command line: a line of text
+    kind = str(case.object).partition(":")[0]  # on the command line, the object is a text
     with new_folder(out, force, f"{Path(case.hand).stem}-{kind}") as folder:
         _finish(case.plan(_closed(case, as_json), progress=bar(as_json)), folder, as_json)
 
@@ -192,7 +190,7 @@ def close(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Close a hand on an object: which links touch where, and what stops each joint.
+    """Close a hand on an object: which links touch it where, and what stops each joint.
 
     Examples:
       pinograsp close --hand allegro_right --object sphere:radius=0.03,mass=0.2 --at 0.08,0,0.07
@@ -215,7 +213,7 @@ def close(
 
 
 def _finish(plan: GraspPlan, folder: NewFolder, as_json: bool) -> None:
-    """Save a plan with its report and figures, print it, and leave with its exit code."""
+    """Save a plan with its report and figures, print it, and exit with its code."""
     from pinograsp.planner import save_run
 
     plan = plan.with_margins().with_reach()
@@ -244,20 +242,20 @@ def _keep_proof(error: GraspInfeasible, case: Case, folder: NewFolder) -> None:
 
 
 def _print(plan: GraspPlan, folder: Path) -> None:
-    """The answer comes last: what is printed before it may be longer than a terminal."""
+    """Print a plan; the answer comes last, where it stays visible below a long table."""
     from rich.table import Table
 
     from pinograsp.report import answer, comparison_rows
 
     screen = console()
     if plan.comparison:
-        title = "Beside the paper (planned as the paper does, forces alone in balance)"
+        title = "Comparison with the paper (planned with the paper's choices: balance of forces only)"
         beside = Table(title=title, title_justify="left", box=None, header_style="bold", padding=(0, 1, 0, 0))
         beside.add_column("quantity")
         beside.add_column("unit", no_wrap=True)
         for name in ("paper", "ours", "difference"):
             beside.add_column(name, justify="right", no_wrap=True)
-        shown = None if screen.width >= _WIDE else -1  # notes are in the report as well
+        shown = None if screen.width >= _WIDE else -1  # without the notes, which the report has
         if shown is None:
             beside.add_column("note")
         for row in comparison_rows(plan.comparison):

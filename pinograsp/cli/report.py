@@ -14,12 +14,12 @@ from pinograsp.cli.app import Quiet, Verbose, app
 def report(
     run: Annotated[Path, typer.Argument(help="Folder of a run, as `pinograsp plan` writes it.")],
     check: Annotated[
-        Path | None, typer.Option(help="Folder of a simulation to tell about; default: the newest below the run.")
+        Path | None, typer.Option(help="Folder of a simulation to include; default: the newest in the run.")
     ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Write a run's report and figures again, with the verdict of its newest simulation.
+    """Rewrite a run's report and figures, with the verdict of its newest simulation.
 
     Examples:
       pinograsp report runs/paper
@@ -33,12 +33,12 @@ def report(
     from pinograsp.viz.figures import save_figures
     from pinograsp.writing import add_files
 
-    read_run(run, with_scene=False)  # says what is wrong with it before anything is made
+    read_run(run, with_scene=False)  # raises its errors before anything is written
 
     answers = []
 
     def fill(path: Path) -> None:
-        # That of the folder in which the files are to be: another may have taken its place.
+        # Read again, now that the folder is locked: it may have been replaced.
         loaded = read_run(run, with_scene=False)
         if isinstance(loaded, PlanFailure):
             write_report(loaded, path)

@@ -25,14 +25,14 @@ def sweep(
     jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = -1,
     backend: Annotated[str, typer.Option(help="joblib: this machine, or dask: the cluster of --scheduler.")] = "joblib",
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, as tcp://10.0.0.1:8786.")
+        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Plan a case over ranges or random draws of its inputs: a table with a row per plan. Interrupted, the same command
-    goes on.
+    """Plan a case over ranges or random draws of its inputs: a table with a row per plan. After an interruption, the
+    same command continues.
 
     Examples:
       pinograsp sweep friction.yaml
@@ -76,5 +76,5 @@ def _print(done: Sweep) -> None:
     for status, count in sorted(done.counts.items(), key=lambda one: -one[1]):
         table.add_row(status, str(count), f"{100 * count / done.done:.1f} %")
     screen.print(table)
-    left = f"; {done.rows - done.done} of {done.rows} are left: the same command goes on" if done.interrupted else ""
+    left = f"; {done.rows - done.done} of {done.rows} are left: the same command continues" if done.interrupted else ""
     screen.print(f"\n{done.done} rows in {done.folder}{left}", soft_wrap=True)

@@ -17,19 +17,19 @@ def view(
     run: Annotated[Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.")],
     html: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write a page that opens from disk, without a server or a network."),
+        typer.Option(metavar="FILE", help="Write a page that needs no server and no network."),
     ] = None,
     check: Annotated[
         Path | None,
-        typer.Option(help="Folder of a check to show beside the plan; default: the latest one in the run's folder."),
+        typer.Option(help="Folder of a check to show beside the plan; default: the newest in the run."),
     ] = None,
-    port: Annotated[int, typer.Option(help="Of the live page; the next one that is free.")] = 8080,
+    port: Annotated[int, typer.Option(help="Port of the live page; the next free one is used.")] = 8080,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the live page in a browser.")] = True,
     force: Annotated[bool, typer.Option("--force", help="Overwrite FILE.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Look at a plan: hand, object, forces and friction over time, and its simulation where there is one.
+    """Show a plan: hand, object, forces and friction over time, and its simulation if there is one.
 
     The live page needs the extra viz; Ctrl-C ends it.
 
@@ -53,7 +53,7 @@ def view(
         from pinograsp.writing import list_in
 
         save_html(loaded, html, simulation=simulation)
-        list_in(html.parent, html)  # in a run's folder it is one of the run's files
+        list_in(html.parent, html)  # so that it counts as one of a run's files
         typer.echo(f"written to {html} ({html.stat().st_size / 1e6:.1f} MB)")
         return
     if not 0 <= port < 65536:

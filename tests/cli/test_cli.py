@@ -73,7 +73,7 @@ def test_plan_paper_as_a_newcomer_types_it(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    for expected in ("Beside the paper", "impact time t_I", "9.873", "55.90", "written to runs/paper"):
+    for expected in ("Comparison with the paper", "impact time t_I", "9.873", "55.90", "written to runs/paper"):
         assert expected in done.stdout
     assert "Traceback" not in done.stderr
     assert int(done.stdout.rsplit("peak", 1)[1]) < 300_000  # KiB
@@ -140,7 +140,7 @@ def test_a_case_file_of_ones_own(command, tmp_path):
     (tmp_path / "lab" / "mine.urdf").write_text((urdf_folder() / "humanoid_hand.urdf").read_text())
     write_case(tmp_path / "lab" / "case.yaml", name="lab", hand__source="mine.urdf", object__mass=0.5)
     code, out, _ = command("plan", "lab/case.yaml", "--balance", "wrench")
-    assert code == 0 and "Grasp plan 'lab'" in out and "Beside the paper" not in out
+    assert code == 0 and "Grasp plan 'lab'" in out and "Comparison with the paper" not in out
     assert json.loads((tmp_path / "runs" / "lab" / "plan.json").read_text())["settings"]["name"] == "lab"
 
 
