@@ -57,7 +57,7 @@ def check(
         typer.Option(
             metavar="N",
             help="Probability of holding: N trials with each of six random errors alone (position, rotation, friction, "
-            "mass, posture, push) and N with all of them, 7 N in all; after an interruption, the same command continues.",
+            "mass, posture, push) and N with all of them, 7 N in all. The same command continues an interrupted study.",
         ),
     ] = 0,
     seed: Annotated[int, typer.Option(help="Of the random errors.")] = 0,

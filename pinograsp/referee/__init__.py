@@ -1,6 +1,6 @@
-"""The referee: plans tried in an independent simulation.
+"""The referee: independent simulations of plans.
 
-Shares no contact, force, torque or energy code with what it judges.
+It shares no contact, force, torque or energy code with the planner.
 """
 
 from pinograsp.plan import Simulation, Verdict

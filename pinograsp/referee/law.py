@@ -154,14 +154,8 @@ class ContactLaw:
     def press(self, touches: Touches, dt: float) -> Pressing:
         """Forces after the springs have followed the surfaces for ``dt`` [s]."""
         if not touches.part.size:
-            if self.elastic:
-                self.z[:], self.phi[:] = 0.0, 0.0
-                for forces in self._before:
-                    forces[:] = 0.0
-                self.slipped += self._held
-                self.elastic = self._held = 0.0
-            none = np.zeros((0, 3))
-            return Pressing(none, none, np.zeros(0))
+            self._release()
+            return Pressing(_NO_VECTORS, _NO_VECTORS, _NO_VALUES)
         part, n, depth = touches.part, touches.normal_o, touches.depth
         here = np.flatnonzero(np.bincount(part, minlength=len(self.counts)))
         of = part == here[:, None]  # (h, c): which points belong to which part
@@ -213,6 +207,15 @@ class ContactLaw:
         self.elastic = float(pressed @ depth) / (self.rho + 1) + springs
         moment = (twist[which] * normal / np.maximum(normal_of[which], 1e-300))[:, None] * n
         return Pressing(normal[:, None] * n + tangential, moment, normal)
+
+    def _release(self) -> None:
+        """Relax all springs; the energy in the tangential ones counts as slipped."""
+        if self.elastic:
+            self.z[:], self.phi[:] = 0.0, 0.0
+            for forces in self._before:
+                forces[:] = 0.0
+            self.slipped += self._held
+            self.elastic = self._held = 0.0
 
     def _account(self, here: IntArray, forces: _PartForces, speeds: _PartSpeeds, springs: float, dt: float) -> None:
         """Add the work of a step: the mean of the forces at its two ends, times the distance at these speeds."""

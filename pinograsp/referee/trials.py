@@ -24,7 +24,7 @@ from pinograsp.referee.simulate import ENGINES, MODES, Mode, SimulationSettings,
 from pinograsp.referee.task import Task
 from pinograsp.writing import write_errors
 
-# Set by the studies themselves; what is never let go always holds.
+# Set by the studies themselves; an object that is never let go would always be held.
 _NOT_ACCEPTED = ("plan", "release", "disturbance")
 
 

@@ -1,4 +1,4 @@
-"""Sweeps: rows of plans over ranges or random draws of a case's inputs, kept on disk as they come."""
+"""Sweeps: plans over ranges or random draws of a case's inputs, as rows on disk."""
 
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.sweep.rows import FIGURES

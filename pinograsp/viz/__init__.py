@@ -1,1 +1,1 @@
-"""Pictures of a run."""
+"""Figures and viewer of a run."""

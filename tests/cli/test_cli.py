@@ -14,6 +14,7 @@ import sys
 import termios
 import time
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from ruamel.yaml import YAML
@@ -333,6 +334,13 @@ def test_a_pipe_is_no_case_file(command, tmp_path):
     os.mkfifo(tmp_path / "case.yaml")
     code, _, err = command("plan", "case.yaml")
     assert code == 2 and "no case 'case.yaml'" in err
+
+
+def test_a_case_offers_the_choices_of_the_force_searches():
+    from pinograsp.cases.case import Objective, Solver
+    from pinograsp.forces import BACKENDS, OBJECTIVES
+
+    assert get_args(Objective) == OBJECTIVES and get_args(Solver) == BACKENDS
 
 
 def test_all_problems_of_a_case_are_named_at_once():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import os
@@ -28,9 +29,11 @@ from pinograsp.referee import (
     slip_threshold,
 )
 from pinograsp.referee.monte_carlo import drawn_errors, wilson
+from pinograsp.referee.naive import NaiveSettings, naive_grasp
 from pinograsp.referee.task import Task
 from pinograsp.referee.thresholds import bracket
 from pinograsp.referee.trial_log import TrialLog
+from pinograsp.referee.trials import StudySettings
 
 G, MU, SAFETY = 9.81, 0.6, 1.5
 QUICK = {"hold": 0.6, "time_step": 5e-4}
@@ -352,10 +355,23 @@ def test_wrong_input_is_refused(task, tmp_path):
         ):
             with pytest.raises(InvalidInput, match=match):
                 call(task, **{**QUICK, **settings})
+    for settings, match in (
+        ({"holdd": 1.0}, "did you mean 'hold'"),
+        ({"mode": "servo"}, "mode"),
+        ({"body": None}, "body"),
+    ):
+        with pytest.raises(InvalidInput, match=match):
+            naive_grasp(task, **settings)
     with pytest.raises(InvalidInput, match="friction"):
         slip_threshold(replace(task, mu=0 * task.mu), **QUICK)
     with pytest.raises(InvalidInput, match="plan: expected a PlanRecord"):
         monte_carlo(3)
+
+
+def test_type_checkers_know_the_settings_that_are_accepted():
+    every = set(inspect.signature(simulate).parameters)
+    assert set(StudySettings.__annotations__) == every - {"plan", "release", "disturbance"}
+    assert set(NaiveSettings.__annotations__) == every - {"plan", "release", "mode", "body"}
 
 
 INTERRUPTED = """
