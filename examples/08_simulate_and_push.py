@@ -1,13 +1,16 @@
-"""Another program judges: MuJoCo plays the plan with a free object, then pushes it, then makes it slippery."""
+"""An independent simulation: MuJoCo runs the plan with a free object, pushes the object, and makes it slippery."""
+
+import numpy as np
 
 import pinograsp as pg
 from pinograsp.referee import Disturbance, Push
 
 plan = pg.load_case("paper", {"forces.search": "convex", "friction.model": "cone", "friction.safety": 1.3}).plan()
 
+sideways = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # force [N], moment [N m]
 trials = {
     "as planned": Disturbance(),
-    "a push of 1 N sideways": Disturbance(pushes=(Push(wrench_o=[1.0, 0, 0, 0, 0, 0], start=0.1, duration=0.1),)),
+    "a push of 1 N sideways": Disturbance(pushes=(Push(wrench_o=sideways, start=0.1, duration=0.1),)),
     "5 % heavier": Disturbance(mass_factor=1.05),
     "mu 0.3 instead of 0.7": Disturbance(mu=0.3),
 }
