@@ -10,7 +10,7 @@ from pinograsp.placement import find_placements
 from pinograsp.spatial import pose_of, rotation_rpy
 
 
-def finger(name, at, yaw):
+def finger(name: str, at: list[float], yaw: float) -> FingerDescription:
     """Two phalanges of 45 and 35 mm that flex towards the middle; A_i = Rz(q_i) Tz(d_i) Tx(a_i) Rx(alpha_i)."""
     rows = (
         Link(
