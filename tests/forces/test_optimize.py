@@ -161,9 +161,10 @@ def test_random_grasps_agree_with_the_oracle(family):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_thousand_random_grasps_agree_with_the_oracle(family, often):
     """250 of each friction model, torque limits in half of them: the optimum to 1e-6, no wrong verdict, none open."""
-    seeds = range(1000 * FAMILIES.index(family), 1000 * FAMILIES.index(family) + often(250))
+    count = often(250)
+    seeds = range(1000 * FAMILIES.index(family), 1000 * FAMILIES.index(family) + count)
     grasps = (random_grasp(seed, family=family, torques=bool(seed % 2)) for seed in seeds)
-    assert_agreement(grasps, split=0.25)
+    assert_agreement(grasps, split=0.25 if count >= 250 else None)  # of few, chance makes the shares
 
 
 @pytest.mark.parametrize("kind", DEGENERATE)

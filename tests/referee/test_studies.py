@@ -413,9 +413,9 @@ def test_interrupted_and_nothing_lost(plan, tmp_path):
 
 
 @pytest.mark.slow
-def test_probabilities_agree_with_the_normal_distribution(plan):
+def test_probabilities_agree_with_the_normal_distribution(plan, often):
     """Friction: P(1 + s N > 1 / safety). Mass: P(1 + s N < safety). Both: P(1 + s N > (1 + s N') / safety)."""
-    size, count = 0.4, 100
+    size, count = 0.4, often(100)
     errors = Errors(**OFF | {"friction": size, "mass": size})
     many = monte_carlo(plan, count=count, seed=1, errors=errors, jobs=-1, hold=0.6, time_step=1e-3)
     both = (1 - 1 / SAFETY) / (size * math.hypot(1, 1 / SAFETY))
