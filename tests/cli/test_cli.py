@@ -98,6 +98,7 @@ def test_json_is_one_object_and_nothing_else(command, tmp_path):
     assert stored["settings"]["forces"]["measure"] == "work"
 
 
+@pytest.mark.slow
 def test_folders_never_collide_and_replacing_one_needs_force(command, tmp_path):
     taken, run = tmp_path / "runs" / "paper", tmp_path / "runs" / "paper-2"
     taken.mkdir(parents=True)

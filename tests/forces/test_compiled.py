@@ -424,6 +424,7 @@ print(json.dumps(primal))
 """
 
 
+@pytest.mark.slow
 def test_interpreted_kernels_give_the_same(tmp_path):
     """Compiled code checks no index: the same functions, interpreted, do, and must agree."""
     answers = {}

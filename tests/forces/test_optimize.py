@@ -41,6 +41,10 @@ from pinograsp.spatial import rotation_rpy
 
 # Named, since "auto" depends on what has been loaded. The compiled methods are an extra.
 BACKENDS = ("default", "newton", "interior") if importlib.util.find_spec("numba") else ("default",)
+# The other two models take the same ways through the code, and their time: slow.
+SOME_FAMILIES = [
+    pytest.param(family, marks=[] if family in ("pyramid", "cone") else [pytest.mark.slow]) for family in FAMILIES
+]
 
 
 def judged(grasp, backend, expectation):
@@ -189,7 +193,7 @@ def test_few_and_many_contacts_agree_with_the_oracle_often(k, often):
     assert_agreement(random_grasp(seed, k=k) for seed in range(6000, 6000 + often(60)))
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", SOME_FAMILIES)
 def test_at_the_edge_of_feasibility_every_verdict_is_proven(family):
     """Loads off the largest one by 1e-8 to 1e-4: within 1e-6 either verdict will do, each with its certificate.
 
@@ -658,7 +662,7 @@ def held(problem, impact_time):
     return found.status is Status.OK
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", SOME_FAMILIES)
 def test_diagnosis_gives_the_load_factor_and_the_least_friction(family):
     """Both verified just inside and just outside, and the load factor against the oracle."""
     checked = {"factor": 0, "mu": 0}

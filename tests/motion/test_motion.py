@@ -396,6 +396,7 @@ def test_motion_is_continuous_and_tracks(hand, paper_motion):
     )
 
 
+@pytest.mark.slow
 def test_selected_posture_has_the_least_peak_torque(hand, make_problem, final_angles, paper_motion):
     """Step 15, by planning every candidate on its own."""
     solution, motion = paper_motion

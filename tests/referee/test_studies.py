@@ -91,7 +91,8 @@ def normal_force(plan, **disturbance) -> float:
     return float(run.normal_forces[run.times > run.times[-1] - 0.06].mean(axis=0).sum())
 
 
-@pytest.mark.parametrize("shape", [pytest.param("cylinder", marks=pytest.mark.slow), "sphere"])
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["cylinder", "sphere"])
 def test_slip_threshold_is_the_weight_over_the_normal_forces(plan, planned, shape):
     if shape == "sphere":
         plan = planned(2, pg.Sphere(radius=0.025, mass=0.2))
@@ -205,6 +206,7 @@ def study(task, tmp_path_factory):
     return folder, monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=2, folder=folder, **STUDY)
 
 
+@pytest.mark.slow
 def test_trials_do_not_depend_on_jobs(task, study):
     _, many = study
     one = monte_carlo(task, count=2, seed=5, errors=ROUGH, jobs=1, progress=False, **STUDY)

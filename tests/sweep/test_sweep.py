@@ -865,6 +865,7 @@ def test_a_case_beside_the_sweep(tmp_path, monkeypatch):
 # --- a cluster, and extras that are missing
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_finds_the_same(grid, tmp_path, command):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(

@@ -561,6 +561,7 @@ def test_the_file_draws_the_grasp_and_follows_its_slider(offline, run):
     assert "force closure" in offline.locator("#margins").inner_text()
 
 
+@pytest.mark.slow
 def test_every_layer_of_the_file_can_be_switched(offline):
     canvas = offline.locator("#scene")
     everything = pixels(offline)
@@ -600,6 +601,7 @@ def test_the_files_arrows_grow_with_the_force(offline, run):
     assert length(half) / whole == pytest.approx(scene.normal[half, 0] / scene.normal[last, 0], abs=0.08)
 
 
+@pytest.mark.slow
 def test_the_file_plays_turns_and_scales_its_arrows(offline):
     canvas = offline.locator("#scene")
     slide(offline, 0)
@@ -666,6 +668,7 @@ def settled(page, done, timeout: float = 120.0) -> np.ndarray:
         page.wait_for_timeout(500)
 
 
+@pytest.mark.slow
 def test_the_live_page_draws_follows_time_and_switches_layers(chromium, live):
     with page_of(chromium, live.url, 1100, 400) as page:
         closed = settled(page, lambda picture: yellow(picture) > 5e-3)
