@@ -20,7 +20,7 @@ from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
 from pinograsp.referee.settings import Disturbance, Servo
-from pinograsp.referee.simulate import ENGINES, MODES, Mode, SimulationSettings, simulate
+from pinograsp.referee.simulate import ENGINES, MODES, Mode, SimulationSettings, simulate, task_of
 from pinograsp.referee.task import Task
 from pinograsp.writing import write_errors
 
@@ -73,7 +73,7 @@ def common_settings(plan: PlanRecord | Task | str | Path, settings: StudySetting
     """
     given: dict[str, Any] = dict(settings)
     body = given.pop("body", None)
-    task = plan if isinstance(plan, Task) else Task.of(plan, body)
+    task = task_of(plan, body)
     for name in given:
         if name in _NOT_ACCEPTED:
             raise InvalidInput(f"setting '{name}': not accepted here, the study sets it for every trial")

@@ -331,6 +331,7 @@ def test_wrong_input_is_refused(task, tmp_path):
         ({"time_step": -1.0}, "time step"),
         ({"time_step": math.nan}, "time step"),
         ({"sample": "often"}, "sample"),
+        ({"body": task.body}, "got one with a task, which has its own"),
     ):
         with pytest.raises(InvalidInput, match=match):
             monte_carlo(task, **{"jobs": 1, "folder": tmp_path, **STUDY, **settings})
@@ -354,6 +355,7 @@ def test_wrong_input_is_refused(task, tmp_path):
             ({"planned": -1}, "planned"),
             ({"disturbance": 0.5}, "disturbance"),
             ({"holdd": 1.0}, "did you mean 'hold'"),
+            ({"body": task.body}, "got one with a task, which has its own"),
         ):
             with pytest.raises(InvalidInput, match=match):
                 call(task, **{**QUICK, **settings})

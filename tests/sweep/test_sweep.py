@@ -334,7 +334,6 @@ def start(folder: Path, *args, every: float = 0.1) -> subprocess.Popen:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "COVERAGE_PROCESS_START": ""},
     )
 
 
