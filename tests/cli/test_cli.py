@@ -215,6 +215,7 @@ BAD = {
     "endless motion": (["paper", "--set", "limits.final_time=1e6"], "expected at most 200000 steps"),
     "tiny stiffness": (["paper", "--set", "compliance.stiffness=1e-300"], "expected 0 or a size from 1e-12 to 1e+12"),
     "huge exponent": (["paper", "--set", "compliance.exponent=300"], "less than or equal to 10"),
+    "huge mass": (["paper", "--set", "object.mass=1e300"], "expected 0 or a size from 1e-12 to 1e+12"),
     "long name": (["paper", "--set", "name=" + "a" * 300], "at most 100 characters"),
     "name of dots": (["paper", "--set", "name=.."], "name"),
     "long hand": (["paper", "--set", "hand.source=" + "a" * 300], "no such file"),
@@ -314,6 +315,12 @@ def test_broken_case_files(command, tmp_path, text, message):
     code, _, err = command("plan", "case.yaml")
     assert code == 2 and message in err
     assert [path.name for path in tmp_path.iterdir()] == ["case.yaml"]
+
+
+def test_deep_sweep_files_are_refused(command, tmp_path):
+    (tmp_path / "sweep.yaml").write_text("[" * 3000)
+    code, _, err = command("sweep", "sweep.yaml")
+    assert code == 2 and "at most 50 nested lists and mappings" in err and "Traceback" not in err
 
 
 def test_binary_case_file_and_strange_hands(command, tmp_path):

@@ -44,6 +44,12 @@ def test_case_study_plan(plan):
     json.dumps(summary, allow_nan=False)
 
 
+def test_the_shipped_case_balances_forces_and_moments():
+    case = load_case("paper")
+    assert case.forces.balance == "wrench"
+    assert case.plan().summary()["residual_Nm"] < 1e-9
+
+
 def test_wrench_balance_holds_moments_too(paper_case):
     plan = load_case("paper", {"forces.balance": "wrench"}).plan()
     assert plan.summary()["residual_N"] < 1e-9 and plan.summary()["residual_Nm"] < 1e-9

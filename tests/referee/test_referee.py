@@ -524,6 +524,15 @@ def test_check_writes_a_verdict_with_figures(command, plan, tmp_path):
         pg.save_run(plan, folder / "of", force=True)
 
 
+def test_times_out_of_all_proportion_are_refused_on_the_command_line(command, plan, tmp_path):
+    folder = str(pg.save_run(plan, tmp_path / "run"))
+    for option, value in (("--hold", "1e308"), ("--time-step", "1e-320")):
+        code, _, err = command("check", folder, option, value)
+        assert code == 2 and "expected at most 2000000 steps" in err and "Traceback" not in err
+    code, _, err = command("check", folder, "--monte-carlo", "9" * 20)
+    assert code == 2 and "Traceback" not in err
+
+
 @pytest.mark.slow
 def test_check_goes_on_with_trials_that_were_killed(command, plan, tmp_path):
     folder = pg.save_run(plan, tmp_path / "run")
