@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -25,16 +25,16 @@ from pinograsp.contacts import (
     touching,
 )
 from pinograsp.errors import CaseRejected
-from pinograsp.forces import ForceProblem, GridSpec, grid_values
+from pinograsp.forces import BackendName, ForceProblem, GridSpec, ObjectiveName, grid_values
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
 from pinograsp.planner import GraspPlan, Search, plan_grasp
 from pinograsp.spatial import Array, pose_of, rotation_rpy
 
-# What the forces minimise, and what solves for them: the choices of :mod:`pinograsp.forces`.
-Objective = Literal["impulse", "work", "least_squares", "peak", "motor_heat"]
-Solver = Literal["auto", "interior", "newton", "daqp", "proxqp", "osqp", "quadprog", "piqp", "clarabel"]
+# What the forces minimise, and what solves for them, as case files call it.
+Objective: TypeAlias = ObjectiveName
+Solver: TypeAlias = BackendName
 
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
 # Sizes of numbers: grasps of hands are well within, and computations cannot overflow or underflow.

@@ -1,6 +1,6 @@
 """Contact forces: the problem, grid searches, the multiplier QP, certified convex optima, margins, robust sets."""
 
-from pinograsp.forces.backends import BACKENDS
+from pinograsp.forces.backends import BACKENDS, BackendName
 from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
 from pinograsp.forces.conditions import GraspConditions, TorqueLimit
@@ -20,7 +20,7 @@ from pinograsp.forces.margins import (
 from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
 from pinograsp.forces.optimize import optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
-from pinograsp.forces.program import OBJECTIVES
+from pinograsp.forces.program import OBJECTIVES, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
 from pinograsp.forces.robust import RobustForces, optimize_robust
 from pinograsp.forces.search import SEARCHES, grid_search
@@ -35,6 +35,7 @@ __all__ = [
     "SEARCHES",
     "SOLVERS",
     "TOLERANCE",
+    "BackendName",
     "BatchSolution",
     "BetterContacts",
     "Branch",
@@ -53,6 +54,7 @@ __all__ = [
     "LoadSet",
     "MultiplierQP",
     "MultiplierSolution",
+    "ObjectiveName",
     "Reliability",
     "RobustForces",
     "Sensitivity",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -15,12 +16,14 @@ from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
-from pinograsp.forces.solvers import SOLVERS, compiled_installed, compiled_solvers
+from pinograsp.forces.solvers import SolverName, compiled_installed, compiled_solvers
 from pinograsp.forces.template import Template
 
 _USEFUL = 1e-3  # relative to the load: forces that miss their limits by more are not recorded
-COMPILED = ("interior", "newton")
-BACKENDS = ("auto", *COMPILED, *SOLVERS)
+CompiledName = Literal["interior", "newton"]
+COMPILED: tuple[CompiledName, ...] = get_args(CompiledName)
+BackendName = Literal["auto", CompiledName, SolverName]
+BACKENDS: tuple[BackendName, ...] = get_args(BackendName)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
 _DENSE_UP_TO = 20
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -32,7 +32,8 @@ from pinograsp.forces.matrices import Matrices, matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.spatial import Array
 
-OBJECTIVES = (*MEASURES, "least_squares", "peak", "motor_heat")
+ObjectiveName = Literal[Measure, "least_squares", "peak", "motor_heat"]
+OBJECTIVES: tuple[ObjectiveName, ...] = get_args(ObjectiveName)
 
 # Per grasp-energy measure: (coefficient, exponent) pairs.
 EnergyTerms: TypeAlias = Mapping[Measure, Sequence[tuple[float, float]]]
@@ -233,7 +234,7 @@ def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProble
         raise InvalidInput(
             f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {shown(objective)}"
         )
-    weights = {
+    weights: dict[str, float] = {
         one_of("objective", name, OBJECTIVES): number(f"weight of {shown(name)}", weight, at_least=0)
         for name, weight in objective.items()
     }

@@ -6,7 +6,7 @@ import functools
 import importlib.util
 import warnings
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal, get_args
 
 import daqp
 import numpy as np
@@ -35,7 +35,8 @@ TOLERANCES: dict[str, dict[str, Any]] = {
     "piqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "eps_duality_gap_abs": 1e-11, "eps_duality_gap_rel": 0.0},
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
 }
-SOLVERS = tuple(TOLERANCES)
+SolverName = Literal["daqp", "proxqp", "osqp", "quadprog", "piqp", "clarabel"]
+SOLVERS: tuple[SolverName, ...] = get_args(SolverName)
 
 
 @functools.cache

@@ -128,16 +128,7 @@ class MujocoEngine:
     def step(
         self, q: Array, dq: Array, feed_forward: Array, touches: Touches, pressing: Pressing, wrench_o: Array
     ) -> None:
-        """One step with servos.
-
-        Args:
-            q: positions that the motors hold (n,) [rad or m].
-            dq: their velocities (n,) [rad/s or m/s].
-            feed_forward: torques added to the servos' (n,) [N m or N].
-            touches: of the last :meth:`touches`.
-            pressing: the contact forces there.
-            wrench_o: on the object (6,) [N, N m].
-        """
+        """One step with servos, see :meth:`pinograsp.referee.stepping.Engine.step`."""
         data, servo = self.data, self.servo
         data.ctrl[:] = q + (servo.damping * dq + feed_forward) / servo.stiffness
         self._press(touches, pressing, wrench_o)

@@ -111,16 +111,7 @@ class PinocchioEngine:
     def step(
         self, q: Array, dq: Array, feed_forward: Array, touches: Touches, pressing: Pressing, wrench_o: Array
     ) -> None:
-        """One step with servos.
-
-        Args:
-            q: positions that the motors hold (n,) [rad or m].
-            dq: their velocities (n,) [rad/s or m/s].
-            feed_forward: torques added to the servos' (n,) [N m or N].
-            touches: of the last :meth:`touches`.
-            pressing: the contact forces there.
-            wrench_o: on the object (6,) [N, N m].
-        """
+        """One step with servos, see :meth:`pinograsp.referee.stepping.Engine.step`."""
         servo, before = self.servo, self.dq
         wanted = servo.stiffness * (q - self.q) + servo.damping * (dq - before) + feed_forward
         torques = np.clip(wanted, -self.limit, self.limit)

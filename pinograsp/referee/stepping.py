@@ -69,7 +69,16 @@ class Engine(Protocol):
         pressing: Pressing,
         wrench_o: Array,
     ) -> None:
-        """One step with servos."""
+        """One step with servos.
+
+        Args:
+            q: positions that the motors hold (n,) [rad or m].
+            dq: their velocities (n,) [rad/s or m/s].
+            feed_forward: torques added to the servos' (n,) [N m or N].
+            touches: of the last :meth:`touches`.
+            pressing: the contact forces there.
+            wrench_o: on the object (6,) [N, N m].
+        """
 
     def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
         """One step with joints that follow the commands exactly."""
