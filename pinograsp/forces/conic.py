@@ -46,26 +46,65 @@ def solve(P: sp.spmatrix, q: Array, A: sp.spmatrix, b: Array, cones: Sequence[Co
     return clarabel.DefaultSolver(P, q, A, b, cones, settings()).solve()
 
 
-def cone_rows(matrices: Matrices) -> tuple[sp.csc_matrix, sp.csc_matrix, list[int], sp.csc_matrix]:
+def sparse(rows: Array) -> sp.csc_matrix:
+    """Dense rows (m, n) as Clarabel takes them; for some tens of contacts dense blocks are far faster to stack."""
+    columns = np.ascontiguousarray(rows.T)
+    kept = columns != 0.0
+    starts = np.append(0, np.cumsum(kept.sum(axis=1)))
+    return sp.csc_matrix((columns[kept], np.nonzero(kept)[1], starts), shape=rows.shape)
+
+
+def stacked(blocks: Sequence[Sequence[Array | None]], widths: Sequence[int]) -> Array:
+    """Block rows one above the other, of columns of these widths; None: zeros."""
+    heights = [next(len(block) for block in row if block is not None) for row in blocks]
+    found = np.zeros((sum(heights), sum(widths)))
+    lefts, top = np.append(0, np.cumsum(widths)), 0
+    for row, height in zip(blocks, heights):
+        for left, right, block in zip(lefts[:-1], lefts[1:], row):
+            if block is not None:
+                found[top : top + height, left:right] = block
+        top += height
+    return found
+
+
+class ConeRows(NamedTuple):
     """Constraint blocks on x that every program shares, as rows of A x + s = b.
 
-    The linear inequality block for [F >= lo, F <= hi, facets], the second-order block, its cone sizes, and the
-    selection of F (k, k d).
+    Attributes:
+        select: selection of F (k, k d).
+        facets: inequalities of polyhedral friction, right-hand side zero.
+        second: rows of second-order cones, right-hand side zero.
+        sizes: of the second-order cones.
     """
+
+    select: Array
+    facets: Array
+    second: Array
+    sizes: list[int]
+
+
+def cone_rows(matrices: Matrices) -> ConeRows:
+    """Selection of the normal forces, and friction as facets or second-order cones."""
     k, d, friction = matrices.k, matrices.d, matrices.friction
     n = k * d
-    normal = np.arange(d - 1, n, d)
-    select = sp.csc_matrix((np.ones(k), (np.arange(k), normal)), shape=(k, n))
+    select = np.zeros((k, n))
+    select[np.arange(k), np.arange(d - 1, n, d)] = 1.0
     D = friction.facets
-    facets = sp.kron(sp.identity(k), np.hstack([D, -np.ones((len(D), 1))])) if len(D) else sp.csc_matrix((0, n))
-    linear = sp.vstack([-select, select, facets], format="csc")
+    facets = _on_diagonal(np.hstack([D, -np.ones((len(D), 1))]), k) if len(D) else np.zeros((0, n))
     if friction.polyhedral:
-        return linear, sp.csc_matrix((0, n)), [], select
+        return ConeRows(select, facets, np.zeros((0, n)), [])
     inside = friction.round_dimensions + 1  # (F, u)
     block = np.zeros((inside, d))
     block[0, -1] = -1.0
     block[np.arange(1, inside), np.arange(inside - 1)] = -1.0
-    return linear, sp.csc_matrix(sp.kron(sp.identity(k), block)), [inside] * k, select
+    return ConeRows(select, facets, _on_diagonal(block, k), [inside] * k)
+
+
+def _on_diagonal(block: Array, count: int) -> Array:
+    """A block (p, q) ``count`` times along the diagonal (count p, count q)."""
+    found = np.zeros((count, block.shape[0], count, block.shape[1]))
+    found[np.arange(count), :, np.arange(count), :] = block
+    return found.reshape(count * block.shape[0], count * block.shape[1])
 
 
 class LimitRows(NamedTuple):
@@ -80,11 +119,11 @@ class LimitRows(NamedTuple):
         sizes: of the second-order cones.
     """
 
-    fixed: sp.csc_matrix
+    fixed: Array
     fixed_b: Array
-    linear: sp.csc_matrix
+    linear: Array
     linear_b: Array
-    second: sp.csc_matrix
+    second: Array
     sizes: list[int]
 
 
@@ -93,22 +132,21 @@ def limit_rows(program: Program) -> LimitRows:
 
     Fixed normal forces are equations: as two inequalities they would leave no interior to an interior-point method.
     """
-    k, n = program.k, program.k * program.d
-    linear, second, sizes, select = cone_rows(program.matrices)
-    facets = linear[2 * k :]
+    select, facets, second, sizes = cone_rows(program.matrices)
     if np.array_equal(program.lo, program.hi):
-        return LimitRows(select, program.lo, facets, np.zeros(facets.shape[0]), second, sizes)
-    limits = np.concatenate([-program.lo, program.hi, np.zeros(facets.shape[0])])
-    return LimitRows(sp.csc_matrix((0, n)), np.zeros(0), linear, limits, second, sizes)
+        return LimitRows(select, program.lo, facets, np.zeros(len(facets)), second, sizes)
+    limits = np.concatenate([-program.lo, program.hi, np.zeros(len(facets))])
+    linear = np.concatenate([-select, select, facets])
+    return LimitRows(select[:0], np.zeros(0), linear, limits, second, sizes)
 
 
 def solve_linear(
     program: Program,
-    equal: sp.spmatrix,
+    equal: Array,
     equal_b: Array,
     q: Array,
     *,
-    least: sp.spmatrix | None = None,
+    least: Array | None = None,
     torques: bool = False,
 ) -> tuple[Array, Array, Array] | None:
     """min q . z over z = (x, further columns), x within friction and bounds (and torque limits).
@@ -116,30 +154,26 @@ def solve_linear(
     Subject to ``equal`` z = ``equal_b`` and ``least`` z >= 0. Returns z, the multipliers of the equations and those of
     the torque rows; callers certify them. None where they are not finite.
     """
-    n = program.k * program.d
+    n, m = program.k * program.d, len(program.R) if torques else 0
     fixed, fixed_b, linear, linear_b, second, sizes = limit_rows(program)
-    blocks = [linear, *((sp.csc_matrix(program.R), sp.csc_matrix(-program.R)) if torques else ())]
-    limits = [linear_b, *((program.R_hi, -program.R_lo) if torques else ())]
-
-    def wide(block: sp.spmatrix) -> sp.spmatrix:
-        return sp.hstack([block, sp.csc_matrix((block.shape[0], len(q) - n))])
-
-    rows = [wide(block) for block in blocks]
-    if least is not None:
-        rows.append(-least)
-        limits.append(np.zeros(least.shape[0]))
-    A = sp.vstack([equal, wide(fixed), *rows, wide(second)], format="csc")
-    b = np.concatenate([equal_b, fixed_b, *limits, np.zeros(second.shape[0])])
+    least = np.zeros((0, len(q))) if least is None else least
+    R = program.R[:m]
+    inside = np.concatenate([fixed, linear, R, -R, second])
+    x_rows = np.hstack([inside, np.zeros((len(inside), len(q) - n))])
+    at = len(fixed) + len(linear) + 2 * m
+    A = np.concatenate([equal, x_rows[:at], -least, x_rows[at:]])
+    torque_b = (program.R_hi, -program.R_lo) if torques else ()
+    b = np.concatenate([equal_b, fixed_b, linear_b, *torque_b, np.zeros(len(least) + len(second))])
     cones = [
         clarabel.ZeroConeT(len(equal_b) + len(fixed_b)),
-        clarabel.NonnegativeConeT(sum(row.shape[0] for row in rows)),
+        clarabel.NonnegativeConeT(len(linear) + 2 * m + len(least)),
     ]
     cones += [clarabel.SecondOrderConeT(size) for size in sizes]
-    found = solve(sp.csc_matrix((len(q), len(q))), q, A, b, cones)
+    found = solve(sp.csc_matrix((len(q), len(q))), q, sparse(A), b, cones)
     z, dual = np.array(found.x), np.array(found.z)
     if not (np.abs(z).max() < HUGE and np.abs(dual).max() < HUGE):
         return None
-    at, m = len(equal_b) + len(fixed_b) + len(linear_b), len(program.R) if torques else 0
+    at = len(equal_b) + len(fixed_b) + len(linear_b)
     return z, dual[: len(equal_b)], dual[at : at + m] - dual[at + m : at + 2 * m]
 
 
@@ -154,28 +188,27 @@ class ConicMethod:
         """Stack the rows. Columns: x, the largest F_n where it counts, one per power and contact."""
         k, n, m = matrices.k, matrices.k * matrices.d, len(matrices.R)
         peak, extra = int(matrices.peak > 0), len(exponents) * k
-        linear, second, sizes, select = cone_rows(matrices)
-
-        def wide(block: sp.spmatrix, middle: sp.spmatrix | None = None) -> sp.spmatrix:
-            middle = sp.csc_matrix((block.shape[0], peak)) if middle is None else middle
-            return sp.hstack([block, middle, sp.csc_matrix((block.shape[0], extra))])
-
-        torque = sp.csc_matrix(np.vstack([matrices.R, -matrices.R]))
-        blocks = [wide(sp.csc_matrix(matrices.A)), wide(linear), wide(torque)]
+        select, facets, second, sizes = cone_rows(matrices)
+        linear = np.concatenate([-select, select, facets])
+        blocks: list[list[Array | None]] = [
+            [matrices.A, None, None],
+            [linear, None, None],
+            [matrices.R, None, None],
+            [-matrices.R, None, None],
+        ]
         if peak:
-            blocks.append(wide(select, sp.csc_matrix(-np.ones((k, 1)))))
-        blocks.append(wide(second))
-        cones = [clarabel.ZeroConeT(matrices.rows), clarabel.NonnegativeConeT(linear.shape[0] + 2 * m + peak * k)]
+            blocks.append([select, -np.ones((k, 1)), None])
+        blocks.append([second, None, None])
+        cones = [clarabel.ZeroConeT(matrices.rows), clarabel.NonnegativeConeT(len(linear) + 2 * m + peak * k)]
         cones += [clarabel.SecondOrderConeT(size) for size in sizes]
-        normal = np.arange(matrices.d - 1, n, matrices.d)
         for j, exponent in enumerate(exponents):
-            rows = sp.lil_matrix((3 * k, n + peak + extra))
-            rows[np.arange(0, 3 * k, 3), n + peak + j * k + np.arange(k)] = -1.0
-            rows[np.arange(2, 3 * k, 3), normal] = -1.0
-            blocks.append(rows)
+            on_force, on_power = np.zeros((3 * k, n)), np.zeros((3 * k, extra))
+            on_power[np.arange(0, 3 * k, 3), j * k + np.arange(k)] = -1.0
+            on_force[2::3] = -select
+            blocks.append([on_force, None, on_power])
             cones += [clarabel.PowerConeT(1 / exponent)] * k
-        self.exponents, self._A, self._cones = exponents, sp.csc_matrix(sp.vstack(blocks)), cones
-        self._torque_at = matrices.rows + linear.shape[0]
+        self.exponents, self._A, self._cones = exponents, sparse(stacked(blocks, (n, peak, extra))), cones
+        self._torque_at = matrices.rows + len(linear)
 
     def solve(self, program: Program) -> Answer | None:
         """The interior-point method's answer; None where it is not finite."""

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from pinograsp.checks import brief, read_only
 from pinograsp.forces.answers import forces_of
 from pinograsp.forces.certificate import TOLERANCE, Infeasibility
-from pinograsp.forces.conic import limit_rows, solve, solve_linear
+from pinograsp.forces.conic import limit_rows, solve, solve_linear, sparse, stacked
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
 from pinograsp.spatial import Array, BoolArray
@@ -50,29 +50,28 @@ def closest(program: Program) -> Closest | None:
     n, rows, m = program.k * program.d, len(program.b), len(program.R)
     fixed, fixed_b, linear, linear_b, second, sizes = limit_rows(program)
     extra = rows + m + 1  # r, s and the norm t
-
-    def wide(block: sp.spmatrix, at: int = 0, value: sp.spmatrix | None = None) -> sp.spmatrix:
-        side = sp.csc_matrix((block.shape[0], extra))
-        if value is not None:
-            side = sp.lil_matrix(side)
-            side[:, at : at + value.shape[1]] = value
-        return sp.hstack([block, side])
-
-    one = sp.identity(m)
-    norm = sp.lil_matrix((extra, n + extra))
-    norm[0, n + extra - 1] = -1.0
-    norm[1:, n : n + extra - 1] = -sp.identity(extra - 1)
-    parts = [wide(sp.csc_matrix(program.A), 0, -sp.identity(rows)), wide(fixed), wide(linear)]
-    if m:
-        R = sp.csc_matrix(program.R)
-        parts += [wide(R, rows, -one), wide(-R, rows, one)]
-    A = sp.vstack([*parts, norm, wide(second)], format="csc")
-    b = np.concatenate([program.b, fixed_b, linear_b, program.R_hi, -program.R_lo, np.zeros(extra + second.shape[0])])
+    norm = np.zeros((extra, extra))
+    norm[0, -1] = -1.0
+    norm[1:, :-1] = -np.eye(extra - 1)
+    one = np.eye(extra)[rows:-1]
+    A = stacked(
+        [
+            [program.A, -np.eye(rows, extra)],
+            [fixed, None],
+            [linear, None],
+            [program.R, -one],
+            [-program.R, one],
+            [None, norm],
+            [second, None],
+        ],
+        (n, extra),
+    )
+    b = np.concatenate([program.b, fixed_b, linear_b, program.R_hi, -program.R_lo, np.zeros(extra + len(second))])
     q = np.zeros(n + extra)
     q[-1] = 1.0
     cones = [clarabel.ZeroConeT(rows + len(fixed_b)), clarabel.NonnegativeConeT(len(linear_b) + 2 * m)]
-    cones.append(clarabel.SecondOrderConeT(extra))
-    found = solve(sp.csc_matrix((len(q),) * 2), q, A, b, cones + [clarabel.SecondOrderConeT(size) for size in sizes])
+    cones += [clarabel.SecondOrderConeT(size) for size in (extra, *sizes)]
+    found = solve(sp.csc_matrix((len(q),) * 2), q, sparse(A), b, cones)
     z, dual = np.array(found.x), np.array(found.z)
     if not (np.isfinite(z).all() and np.isfinite(dual).all()):
         return None
@@ -167,8 +166,8 @@ def extreme_multiple(program: Program, column: Array, sign: int) -> float | None
     """
     n, size = program.k * program.d, float(np.linalg.norm(column))
     column = column / size
-    equal = sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(-column[:, None])])
-    positive = sp.csc_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
+    equal = np.hstack([program.A, -column[:, None]])
+    positive = np.eye(1, n + 1, n)
     q = np.zeros(n + 1)
     q[n] = sign
     bound, value = _bound(program, column, sign, sign * column, np.zeros(len(program.R))), None

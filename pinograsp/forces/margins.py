@@ -18,7 +18,7 @@ from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.contacts.quality import Balance
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import TOLERANCE
-from pinograsp.forces.conic import solve, solve_linear
+from pinograsp.forces.conic import solve, solve_linear, sparse
 from pinograsp.forces.infeasibility import extreme_multiple, holds, missed
 from pinograsp.forces.matrices import balance_columns
 from pinograsp.forces.problem import ForceProblem
@@ -230,18 +230,17 @@ def min_weight(contacts: ContactSet, mu: ArrayLike, *, edges: int = 8, balance: 
     edge_wrenches = (A[:, :, :2] @ corners.T + A[:, :, 2:]).reshape(problem.rows, -1)
     count = edge_wrenches.shape[1]
     # Variables: weights, l. Maximise l.
-    rows = sp.vstack(
+    rows = np.block(
         [
-            sp.hstack([sp.csc_matrix(edge_wrenches), sp.csc_matrix((problem.rows, 1))]),
-            sp.csc_matrix(np.append(np.ones(count), 0.0)[None]),
-            sp.hstack([-sp.identity(count), sp.csc_matrix(np.ones((count, 1)))]),
-        ],
-        format="csc",
+            [edge_wrenches, np.zeros((problem.rows, 1))],
+            [np.ones((1, count)), np.zeros((1, 1))],
+            [-np.eye(count), np.ones((count, 1))],
+        ]
     )
     q = np.append(np.zeros(count), -1.0)
     b = np.concatenate([np.zeros(problem.rows), [1.0], np.zeros(count)])
     cones = [clarabel.ZeroConeT(problem.rows + 1), clarabel.NonnegativeConeT(count)]
-    found = solve(sp.csc_matrix((count + 1, count + 1)), q, rows, b, cones)
+    found = solve(sp.csc_matrix((count + 1, count + 1)), q, sparse(rows), b, cones)
     # Certified without the solver: weights that balance to rounding, and the least of them.
     equations = np.vstack([edge_wrenches, np.ones(count)])
     weights = np.array(found.x)[:count]
@@ -283,7 +282,7 @@ def _section(program: Program, rows: tuple[int, ...]) -> float:
     n, count = program.k * program.d, len(program.b)
     pick = np.zeros((count, len(rows)))
     pick[list(rows), range(len(rows))] = 1.0
-    equal = sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(pick)])
+    equal = np.hstack([program.A, pick])
     held = True
 
     def support_point(y: Array) -> Array:
@@ -311,15 +310,10 @@ def _interior(problem: ForceProblem) -> tuple[float, Array]:
     mean = program.A.reshape(problem.rows, k, -1)[:, :, -1].mean(axis=1)
     total = np.zeros((1, n))
     total[0, program.d - 1 :: program.d] = 1.0
-    equal = sp.vstack(
-        [
-            sp.hstack([sp.csc_matrix(program.A), sp.csc_matrix(mean[:, None])]),
-            sp.hstack([sp.csc_matrix(total), sp.csc_matrix([[1.0]])]),
-        ]
-    )
+    equal = np.block([[program.A, mean[:, None]], [total, np.ones((1, 1))]])
     q = np.zeros(n + 1)
     q[n] = -1.0
-    positive = sp.csc_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
+    positive = np.eye(1, n + 1, n)
     found = solve_linear(program, equal, np.append(np.zeros(problem.rows), 1.0), q, least=positive)
     if found is None:
         return 0.0, np.zeros(problem.rows)

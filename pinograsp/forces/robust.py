@@ -31,7 +31,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import Answer, Checks, certify
 from pinograsp.forces.backends import Outcome
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, objective_size_of
-from pinograsp.forces.conic import Cone, cone_rows, solve
+from pinograsp.forces.conic import Cone, cone_rows, solve, sparse
 from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.matrices import matrices_of
@@ -261,7 +261,7 @@ class _Robust:
         closed form.
         """
         m, per_load = len(self.program.R), self.facets + 2 * len(self.program.R)
-        slack = sp.lil_matrix((A.shape[0], self.equalities + self.s * m))
+        slack = np.zeros((A.shape[0], self.equalities + self.s * m))
         slack[np.arange(self.equalities), np.arange(self.equalities)] = -1.0
         for s in range(self.s):
             rows = self.torque_at + s * per_load + self.facets + np.arange(m)
@@ -269,7 +269,7 @@ class _Robust:
             slack[rows, columns] = -1.0
             slack[rows + m, columns] = 1.0
         P = sp.diags(np.concatenate([np.zeros(self.size), np.ones(slack.shape[1])]), format="csc")
-        found = solve(P, np.zeros(P.shape[0]), sp.hstack([A, slack], format="csc"), b, cones)
+        found = solve(P, np.zeros(P.shape[0]), sp.hstack([A, sparse(slack)], format="csc"), b, cones)
         z = np.array(found.x)[self.size :]
         size = float(np.abs(z).max())
         if not np.isfinite(size) or size <= 1e-9:
@@ -279,27 +279,24 @@ class _Robust:
         slopes, total = self.shared(y, w)
         return total + self.program.least(slopes) > TOLERANCE.proof
 
-    def block(self, rows: Array, load: int | None) -> sp.spmatrix:
+    def block(self, rows: Array, load: int | None) -> Array:
         """Rows on x = (u, F) of one load as rows on all columns; without a load they are rows on F alone."""
-        rows = rows.reshape(len(rows), self.k, self.e + 1)
-        parts = [sp.csc_matrix(rows[:, :, -1])]
-        for s in range(self.s):
-            u = rows[:, :, :-1].reshape(len(rows), self.per_load)
-            parts.append(sp.csc_matrix(u if s == load else (len(rows), self.per_load)))
-        parts.append(sp.csc_matrix((len(rows), self.size - self.L)))
-        return sp.hstack(parts, format="csr")
+        wide, rows = np.zeros((len(rows), self.size)), rows.reshape(len(rows), self.k, self.e + 1)
+        wide[:, : self.k] = rows[:, :, -1]
+        if load is not None:
+            at = self.k + load * self.per_load
+            wide[:, at : at + self.per_load] = rows[:, :, :-1].reshape(len(rows), self.per_load)
+        return wide
 
     def constraints(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
         """Rows A, right-hand side b and cones of A x + s = b."""
         p, k = self.program, self.k
-        linear, second, sizes, select = cone_rows(p.matrices)
-        facets = linear[2 * k :].toarray() if linear.shape[0] > 2 * k else np.zeros((0, k * p.d))
-        select, second = select.toarray(), second.toarray()
+        select, facets, second, sizes = cone_rows(p.matrices)
         equal = [self.block(p.A, s) for s in range(self.s)]
         equal_b = [t for t in self.targets]
         least = [self.block(-select, None), self.block(select, None)]
         least_b = [-p.lo, p.hi]
-        soc: list[sp.spmatrix] = []
+        soc: list[Array] = []
         soc_b: list[Array] = []
         soc_sizes: list[int] = []
         for s in range(self.s):
@@ -312,18 +309,18 @@ class _Robust:
         if self.radius:
             self.ball_rows(equal, equal_b, soc, soc_b, soc_sizes, facets)
         if p.peak > 0:
-            rows = self.block(select, None).tolil()
+            rows = self.block(select, None)
             rows[:, self.peak] = -1.0
             least.append(rows)
             least_b.append(np.zeros(k))
         power, power_b = [], []
         for j in range(len(self.curved)):
-            rows = sp.lil_matrix((3 * k, self.size))
+            rows = np.zeros((3 * k, self.size))
             rows[np.arange(0, 3 * k, 3), self.extra + j * k + np.arange(k)] = -1.0
             rows[np.arange(2, 3 * k, 3), np.arange(k)] = -1.0
             power.append(rows)
             power_b.append(np.tile([0.0, 1.0, 0.0], k))
-        A = sp.vstack([*equal, *least, *soc, *power], format="csc")
+        A = sparse(np.concatenate([*equal, *least, *soc, *power]))
         b = np.concatenate([*equal_b, *least_b, *soc_b, *power_b])
         self.equalities = sum(len(v) for v in equal_b)
         self.torque_at = self.equalities + 2 * k
@@ -338,9 +335,9 @@ class _Robust:
 
     def ball_rows(
         self,
-        equal: list[sp.spmatrix],
+        equal: list[Array],
         equal_b: list[Array],
-        soc: list[sp.spmatrix],
+        soc: list[Array],
         soc_b: list[Array],
         soc_sizes: list[int],
         facets: Array,
@@ -349,9 +346,9 @@ class _Robust:
         p, rows = self.program, self.rows
         tangential = p.A.reshape(rows, self.k, p.d)[:, :, :-1].reshape(rows, -1)
         # Column order of L: (contact, component, row), so A_t L = -1 is a Kronecker product.
-        block = sp.lil_matrix((rows * rows, self.size))
-        block[:, self.L : self.extra] = sp.kron(sp.csc_matrix(tangential), sp.identity(rows))
-        equal.append(block.tocsr())
+        block = np.zeros((rows * rows, self.size))
+        block[:, self.L : self.extra] = np.kron(tangential, np.eye(rows))
+        equal.append(block)
         equal_b.append(-np.eye(rows).ravel())
         torque = [(p.R, p.R_hi), (-p.R, -p.R_lo)] if len(p.R) else []
         for s in range(self.s):
@@ -359,11 +356,9 @@ class _Robust:
                 across = matrix.reshape(len(matrix), self.k, p.d)[:, :, :-1].reshape(len(matrix), self.per_load)
                 for i in range(len(matrix)):
                     # limit - row . x >= radius |L' row|
-                    reach = sp.lil_matrix((rows, self.size))
-                    reach[:, self.L : self.extra] = -self.radius * sp.kron(
-                        sp.csc_matrix(across[i : i + 1]), sp.identity(rows)
-                    )
-                    soc.append(sp.vstack([self.block(matrix[i : i + 1], s), reach.tocsr()]))
+                    reach = np.zeros((rows, self.size))
+                    reach[:, self.L : self.extra] = -self.radius * np.kron(across[i : i + 1], np.eye(rows))
+                    soc.append(np.concatenate([self.block(matrix[i : i + 1], s), reach]))
                     soc_b.append(np.concatenate([limit[i : i + 1], np.zeros(rows)]))
                     soc_sizes.append(rows + 1)
 
