@@ -358,16 +358,21 @@ def draws(count: int) -> dict:
     return {**BASE, "samples": {"count": count, **mixed}}
 
 
-def killed_twice_and_resumed(tmp_path, count: int, every: float, jobs: int) -> None:
+@pytest.mark.slow
+def test_killed_twice_and_resumed_nothing_is_lost_or_doubled(tmp_path, often):
+    """Two thousand plans, two at a time."""
+    count = often(2000)
     write(tmp_path, draws(count))
-    first = sweep(tmp_path / "sweep.yaml", tmp_path / "whole", jobs=jobs, progress=False)
+    first = sweep(tmp_path / "sweep.yaml", tmp_path / "whole", jobs=2, progress=False)
     before = 0
     for share, processes in ((0.2, "2"), (0.5, "1")):
-        code, _, _ = stopped_after(tmp_path, int(share * count), signal.SIGKILL, "--jobs", processes, every=every)
+        code, _, _ = stopped_after(
+            tmp_path, int(share * count), signal.SIGKILL, "--jobs", processes, every=min(1.0, 5e-4 * count)
+        )
         kept = rows_on_disk(tmp_path / "out")
         assert code == -signal.SIGKILL and before < kept < count
         before = kept
-    process = start(tmp_path, "--jobs", str(jobs), "--json", every=every)
+    process = start(tmp_path, "--jobs", "2", "--json", every=min(1.0, 5e-4 * count))
     out, err = process.communicate(timeout=1200)
     assert process.returncode == 0 and err == ""
     document = json.loads(out)
@@ -376,16 +381,6 @@ def killed_twice_and_resumed(tmp_path, count: int, every: float, jobs: int) -> N
     assert table["index"].to_pylist() == list(range(count))
     assert same(table, first.table())
     assert not list((tmp_path / "out").glob(".part*"))
-
-
-@pytest.mark.slow
-def test_killed_twice_and_resumed_nothing_is_lost_or_doubled(tmp_path):
-    killed_twice_and_resumed(tmp_path, 30, 0.05, jobs=1)
-
-
-@pytest.mark.slow
-def test_two_thousand_plans_killed_twice_and_resumed(tmp_path, often):
-    killed_twice_and_resumed(tmp_path, often(2000), 1.0, jobs=2)
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
