@@ -24,6 +24,7 @@ from .forces import (
     GraspConditions as GraspConditions,
     GridSpec as GridSpec,
     LoadSet as LoadSet,
+    Reserve as Reserve,
     TorqueLimits as TorqueLimits,
     diagnose as diagnose,
     force_closure as force_closure,

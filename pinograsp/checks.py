@@ -250,6 +250,14 @@ def _wanted(above: float | None, at_least: float | None, at_most: float | None, 
     return f"a finite number{' ' if bounds else ''}{' and '.join(bounds)}" + (f" [{unit}]" if unit else "")
 
 
+def share_of(name: str, value: object) -> float:
+    """``value`` as a number from 0 to below 1, or :class:`InvalidInput`."""
+    share = number(name, value, at_least=0)
+    if not share < 1:
+        raise InvalidInput(f"{name}: expected a share from 0 to below 1, got {share:g}")
+    return share
+
+
 def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
     """``value`` as an int within the bounds, or :class:`InvalidInput`."""
     try:

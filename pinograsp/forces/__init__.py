@@ -22,6 +22,7 @@ from pinograsp.forces.optimize import optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
+from pinograsp.forces.reserve import Reserve, optimize_reserve
 from pinograsp.forces.robust import RobustForces, optimize_robust
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
@@ -56,6 +57,7 @@ __all__ = [
     "MultiplierSolution",
     "ObjectiveName",
     "Reliability",
+    "Reserve",
     "RobustForces",
     "Sensitivity",
     "Tolerance",
@@ -74,6 +76,7 @@ __all__ = [
     "optimize_contacts",
     "optimize_forces",
     "optimize_grasp",
+    "optimize_reserve",
     "optimize_robust",
     "refine_multipliers",
     "solve_batch",

@@ -100,10 +100,11 @@ class Prepared:
         self._joints = tuple(names[row] for row in template.order)
         self._sizes, self._numbers = template.packed(problem)
         low, high, _ = problem.normal_force_limits(impact_time)
-        caps = problem.max_normal_force
-        limits = (method == "newton", low, high)
+        floor, cap = problem.min_normal_force, problem.max_normal_force
+        least = np.full(self._k, low) if floor is None else np.maximum(floor, low)
+        largest = np.full(self._k, high) if cap is None else np.minimum(cap, high)
         powers = [(weights[m] * c, e) for m, own in terms.items() for c, e in own]
-        self._at = joined((limits, np.full(self._k, np.inf) if caps is None else caps, powers), np.float64)
+        self._at = joined(((method == "newton",), least, largest, powers), np.float64)
 
     def forces(self, load: Array) -> CompiledForces | None:
         """Forces for a load (6,), read-only; None where there is no certified answer."""
@@ -194,7 +195,7 @@ def compile_now() -> None:
         correction,
         np.ones(k * d + 18 * k + 3 * k),
     )
-    at = (0.0, 0.1, 1.0), ones, (1.0, 1.0)
+    at = (0.0,), 0.1 * ones, ones, (1.0, 1.0)
     solve_one(
         joined(sizes, np.int64),
         joined(numbers, np.float64),

@@ -12,8 +12,11 @@ from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Fricti
 from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.reserve import Reserve
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
+
+_LATER = ("torque_limit", "reserve")  # what a problem gets at the posture of its contacts, and when it is solved
 
 TorqueLimit = Literal["effort"] | float | Array | None
 
@@ -40,6 +43,7 @@ class GraspConditions:
         shape: of the deceleration over the grasp phase.
         torque_limit: largest |torque| while the hand holds: ``"effort"`` (its own limits; joints without one are not
             limited), one number or (n,) [N m]; None: not limited.
+        reserve: what the forces are to bear besides the weight; None: nothing.
     """
 
     mu: float
@@ -57,6 +61,7 @@ class GraspConditions:
     moment_length: float | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
     torque_limit: TorqueLimit = "effort"
+    reserve: Reserve | None = None
 
     __repr__ = brief("mu", "friction", "balance", "measure", "torque_limit")
 
@@ -64,15 +69,16 @@ class GraspConditions:
         number("mu", self.mu, at_least=0)
         for name, kind in (("friction", Friction), ("compliance", Compliance), ("shape", DecelerationShape)):
             instance_of(name, getattr(self, name), kind)
+        instance_of("reserve", self.reserve, Reserve, type(None))
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
         object.__setattr__(self, "gravity_o", array_of("gravity", self.gravity_o, (3,)))
 
     def problem(self, body: Body, contacts: ContactSet) -> ForceProblem:
-        """The problem of holding ``body`` at these contacts, without torque limits.
+        """The problem of holding ``body`` at these contacts, without torque limits and without the reserve.
 
         Raises:
             InvalidInput: times, ranges or limits that cannot be used.
         """
-        own: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "torque_limit"}
+        own: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in _LATER}
         return ForceProblem.holding(body, contacts, **own)

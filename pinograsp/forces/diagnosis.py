@@ -108,8 +108,9 @@ def _words(
         crossed = ", ".join(name for name, empty in zip(names, proof.crossed) if empty)
         low, high = problem.normal_force_range(impact_time)
         lines.append(
-            f"no normal force is admissible at {crossed}: the least deceleration already gives {low.max():.4g} N, the "
-            f"cap allows {high.min():.4g} N; raise the cap, or lower acceleration_range or the duration"
+            f"no normal force is admissible at {crossed}: at least {low[proof.crossed].max():.4g} N (the least "
+            f"deceleration, or min_normal_force), at most {high[proof.crossed].min():.4g} N; raise the cap, or lower "
+            "acceleration_range, min_normal_force or the duration"
         )
     else:
         lines.append(
@@ -118,7 +119,7 @@ def _words(
         )
         for what, mask in (
             ("friction limit", proof.at_friction),
-            ("least normal force (least deceleration, Eq. 13c)", proof.at_least),
+            ("least normal force (least deceleration, Eq. 13c, or the contact's own)", proof.at_least),
         ):
             who = [name for name, meets in zip(names, mask) if meets]
             if who:

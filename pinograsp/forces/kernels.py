@@ -1352,8 +1352,9 @@ def solve_one(
     widths, i = _part(numbers, i, (k, d))
     G, i = _part(numbers, i, (6, 3 * k))
     normals, i = _part(numbers, i, (k, 3))
-    newton, low, high = at[0] != 0.0, at[1], at[2]
-    caps, i = _part(at, 3, (k,))
+    newton = at[0] != 0.0
+    least, i = _part(at, 1, (k,))
+    greatest, i = _part(at, i, (k,))
     terms, i = _part(at, i, ((at.shape[0] - i) // 2, 2))
     wrench, i = _part(out, 0, (6,))
     forces, i = _part(out, i, (k, 3))
@@ -1366,10 +1367,10 @@ def solve_one(
         scale += b[r] * b[r]
     scale = np.sqrt(scale)
     if scale == 0.0:
-        scale = low
+        scale = least.max()
     lo, hi = np.empty(k), np.empty(k)
     for i in range(k):
-        lo[i], hi[i] = low / scale, min(caps[i], high) / scale
+        lo[i], hi[i] = least[i] / scale, greatest[i] / scale
         if not hi[i] - lo[i] > 1e-9 * hi[i]:
             return failed
     b /= scale

@@ -62,7 +62,8 @@ class GraspMargins:
 
 
 def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspMargins:
-    """Margins of the forces of a solution, within its problem's friction model at full mu (safety factor 1).
+    """Margins of the forces of a solution, within its problem's friction model at full mu (safety factor 1) and full
+    torque limits.
 
     Args:
         solution: forces that hold the load.
@@ -252,10 +253,13 @@ def min_weight(contacts: ContactSet, mu: ArrayLike, *, edges: int = 8, balance: 
 
 
 def _unsafed(problem: ForceProblem) -> ForceProblem:
-    """The problem at full mu."""
-    if problem.friction.safety == 1.0:
+    """The problem at full mu and full torque limits."""
+    friction, torques = problem.friction, problem.torques
+    if torques is not None and torques.reserve:
+        torques = replace(torques, reserve=0.0)
+    if friction.safety == 1.0 and torques is problem.torques:
         return problem
-    return replace(problem, friction=replace(problem.friction, safety=1.0))
+    return replace(problem, friction=replace(friction, safety=1.0), torques=torques)
 
 
 def _at(problem: ForceProblem, normal: Array) -> Program:

@@ -176,7 +176,7 @@ def _torque_rows(problem: ForceProblem, torque: Array | None) -> tuple[Array, Ar
     if problem.torques is None or torque is None or not np.any(problem.torques.limited):
         return np.zeros((0, problem.k * problem.friction.d)), np.zeros(0), np.zeros(0), np.zeros(0)
     limited = problem.torques.limited
-    limit, bias = problem.torques.limit[limited], problem.torques.bias[limited]
+    limit, bias = problem.torques.usable[limited], problem.torques.bias[limited]
     rows = torque[limited]
     norm = np.linalg.norm(rows, axis=1)
     norm[norm <= 1e-12 * max(float(norm.max()), 1e-300)] = 1.0

@@ -22,6 +22,7 @@ from pinograsp.checks import (
     read_only,
     rebuilt,
     record_of,
+    share_of,
     shown,
 )
 from pinograsp.contacts import (
@@ -56,19 +57,21 @@ _STRONG, _DEAR = 1e12, 1e100  # [N], energy per newton
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueLimits:
-    """Limits of the joint torques: |bias + J^T f| <= limit, f being the forces on the object.
+    """Limits of the joint torques: |bias + J^T f| <= (1 - reserve) limit, f being the forces on the object.
 
     Attributes:
         jacobian: of each contact point (k, 6, n), linear velocity first, world axes (``LOCAL_WORLD_ALIGNED``).
         bias: torque without contact at that posture (n,) [N m], usually that of gravity.
         limit: largest |torque| (n,) [N m]; infinity: no limit.
         joints: names (n,).
+        reserve: share of each limit that is kept free [-]: forces use |torque| <= (1 - reserve) limit.
     """
 
     jacobian: Array
     bias: Array
     limit: Array
     joints: tuple[str, ...] = ()
+    reserve: float = 0.0
 
     __repr__ = brief()
 
@@ -89,6 +92,13 @@ class TorqueLimits:
         object.__setattr__(self, "bias", array_of("bias torques", self.bias, (n,)))
         object.__setattr__(self, "limit", read_only(limit))
         object.__setattr__(self, "joints", joints or tuple(f"joint {j + 1}" for j in range(n)))
+        object.__setattr__(self, "reserve", share_of("reserve of the torque limits", self.reserve))
+
+    @property
+    def usable(self) -> Array:
+        """Largest |torque| that forces may use (n,) [N m]: the limits without their reserve."""
+        usable: Array = (1.0 - self.reserve) * self.limit
+        return usable
 
     @property
     def limited(self) -> BoolArray:
@@ -137,6 +147,7 @@ class ProblemSettings(TypedDict, total=False):
     max_depth: float
     moment_length: float | None
     friction: Friction
+    min_normal_force: ArrayLike | None
     max_normal_force: ArrayLike | None
     torques: TorqueLimits | None
     shape: DecelerationShape
@@ -162,6 +173,7 @@ class ForceProblem:
             mean distance of the contacts from the centre of mass.
         gravity_o: gravity (3,) [m/s^2]; it acts on the hand too, when joint torques are computed.
         friction: the friction model with its safety factor; the grids need the paper's pyramid.
+        min_normal_force: least F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         max_normal_force: caps on F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         torques: limits of the joint torques, or None.
         shape: of the deceleration over the grasp phase; constant by default, as in the paper.
@@ -185,6 +197,7 @@ class ForceProblem:
     moment_length: float = None  # type: ignore[assignment]  # None becomes a length in __post_init__
     gravity_o: Array = (0.0, 0.0, -9.81)  # type: ignore[assignment]  # becomes an array in __post_init__
     friction: Friction = field(default_factory=Friction)
+    min_normal_force: Array | None = None
     max_normal_force: Array | None = None
     torques: TorqueLimits | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
@@ -236,11 +249,23 @@ class ForceProblem:
         instance_of("torques", self.torques, TorqueLimits, type(None))
         instance_of("shape", self.shape, DecelerationShape)
         instance_of("object", self.object, Body, type(None))
+        if self.min_normal_force is not None:
+            floor = each_of("least normal forces", self.min_normal_force, k)
+            if np.any((floor < 0) | (floor > _STRONG)):
+                raise InvalidInput(
+                    f"least normal forces: expected values from 0 to {_STRONG:g} [N], got {shown(floor.tolist())}"
+                )
+            put("min_normal_force", floor)
         if self.max_normal_force is not None:
             cap = each_of("largest normal forces", self.max_normal_force, k)
             if np.any(cap <= 0):
                 raise InvalidInput(f"largest normal forces: expected values > 0 [N], got {shown(cap.tolist())}")
             put("max_normal_force", cap)
+            if self.min_normal_force is not None and np.any(self.min_normal_force > cap):
+                raise InvalidInput(
+                    f"normal forces: expected a least value up to the largest [N], got "
+                    f"{shown(self.min_normal_force.tolist())} and {shown(cap.tolist())}"
+                )
         if self.torques is not None and len(self.torques.jacobian) != k:
             raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
         put("moment_length", self.contacts.checked_moment_length(self.moment_length))
@@ -264,7 +289,8 @@ class ForceProblem:
         """The problem of holding ``object`` against gravity (3,) [m/s^2].
 
         ``settings`` are optional attributes of the class: compliance, balance, measure, final_time, impact_time_range,
-        acceleration_range, max_speed, max_depth, moment_length, friction, max_normal_force, torques, shape.
+        acceleration_range, max_speed, max_depth, moment_length, friction, min_normal_force, max_normal_force,
+        torques, shape.
 
         Raises:
             InvalidInput: a value that cannot be used.
@@ -330,8 +356,9 @@ class ForceProblem:
     def normal_force_range(self, impact_time: float) -> tuple[Array, Array]:
         """Least and largest F_n at t_F (k,), (k,) [N] that Eqs. (13) and the caps allow for an impact at t_I [s]."""
         low, high, _ = self.normal_force_limits(self.checked_impact_time(impact_time))
-        cap = self.max_normal_force
-        return np.full(self.k, low), np.full(self.k, high) if cap is None else np.minimum(cap, high)
+        floor, cap = self.min_normal_force, self.max_normal_force
+        least = np.full(self.k, low) if floor is None else np.maximum(floor, low)
+        return least, np.full(self.k, high) if cap is None else np.minimum(cap, high)
 
     def binding_bound(self, impact_time: float, contact: int) -> str:
         """Which limit sets the largest F_n of a contact at t_I [s]: a name of Eqs. (13), or the contact's cap."""
@@ -341,7 +368,7 @@ class ForceProblem:
         return BY_CAP if capped else reason
 
     def normal_force_limits(self, impact_time: float) -> NormalForceLimits:
-        """The range of F_n at t_F that Eqs. (13) allow for an impact at t_I [s], without the contacts' caps."""
+        """The range of F_n at t_F that Eqs. (13) allow for an impact at t_I [s], without the contacts' own limits."""
         tau, depth = self.final_time - impact_time, self.depth_per_acceleration(impact_time)
         limits = {
             BY_ACCELERATION: self.acceleration_range[1] * depth,

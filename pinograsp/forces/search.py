@@ -53,10 +53,11 @@ def grid_search(
     one_of("search", search, SEARCHES)
     one_of("solver", solver, SOLVERS)
     one_of("method", method, METHODS)
-    if not problem.friction.is_paper or problem.max_normal_force is not None or problem.torques is not None:
+    bounded = problem.min_normal_force is not None or problem.max_normal_force is not None
+    if not problem.friction.is_paper or bounded or problem.torques is not None:
         raise InvalidInput(
-            "grid search: expected the paper's friction pyramid, no caps on F_n and no torque limits; for these use "
-            "optimize_forces or optimize_grasp (search='convex')"
+            "grid search: expected the paper's friction pyramid, no least or largest F_n and no torque limits; for "
+            "these use optimize_forces or optimize_grasp (search='convex')"
         )
     grid = GridSpec() if grid is None else grid
     if search == "hybrid":

@@ -204,7 +204,7 @@ class OnlineForces:
         problem, torques = self.problem, self.problem.torques
         if torques is None or not torques.limited.any():
             return []
-        self._torque_limit[:] = torques.limit
+        self._torque_limit[:] = torques.usable
         k, m, friction = problem.k, problem.rows, problem.friction
         enters = np.zeros((len(torques.limit), k), dtype=bool)
         for contact, joint in zip(chains[::3], chains[2::3]):

@@ -1,0 +1,175 @@
+"""What a grasp is to hold besides the weight of its object: the reserve of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pinograsp.checks import array_of, instance_of, number, share_of
+from pinograsp.errors import InvalidInput
+from pinograsp.forces.load_set import LoadSet
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.robust import RobustForces, optimize_robust
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array
+
+# An icosahedron contains the ball that touches its faces; its vertices are that much further out than the ball's
+# radius: sqrt(15 - 6 sqrt(5)) = 1.2584. An octahedron would go 1.73 times as far, a cube too.
+CIRCUMSCRIBED = float(np.sqrt(15 - 6 * np.sqrt(5)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reserve:
+    """What a squeeze bears besides the weight that it is planned for. All shares may be 0.
+
+    Attributes:
+        disturbance: force in any direction, as share of the weight [-]; and moment about any axis, this force times
+            ``moment_arm``. Either of the two, or a mixture of shares of both that add up to one.
+        moment_arm: arm of the moments [m]; None: the object's largest radius of gyration about its centre of mass, the
+            arm at which its mass resists turning. 0: forces alone.
+        mass: the object may be lighter or heavier by this share [-].
+        friction: share of every friction coefficient (and of torsion) that is not relied on [-].
+        normal_force: least normal force of each contact, as share of the weight [-].
+        torque: share of each torque limit that is kept free [-].
+    """
+
+    disturbance: float = 0.5
+    moment_arm: float | None = None
+    mass: float = 0.2
+    friction: float = 0.2
+    normal_force: float = 0.05
+    torque: float = 0.1
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: float | None) -> None:
+            object.__setattr__(self, name, value)
+
+        put("disturbance", number("reserve: disturbance", self.disturbance, at_least=0))
+        if self.moment_arm is not None:
+            put("moment_arm", number("reserve: moment arm", self.moment_arm, at_least=0, unit="m"))
+        put("mass", share_of("reserve: mass", self.mass))
+        put("friction", share_of("reserve: friction", self.friction))
+        put("normal_force", number("reserve: normal force", self.normal_force, at_least=0))
+        put("torque", share_of("reserve: torque", self.torque))
+
+    @classmethod
+    def none(cls) -> Reserve:
+        """No reserve: the weight alone, all of the friction and of the torques."""
+        return cls(disturbance=0.0, moment_arm=0.0, mass=0.0, friction=0.0, normal_force=0.0, torque=0.0)
+
+    def arm(self, body: Body) -> float:
+        """The arm of the moments for a body [m]."""
+        instance_of("body", body, Body)
+        if self.moment_arm is not None:
+            return self.moment_arm
+        return float(np.sqrt(np.linalg.eigvalsh(body.inertia_b)[-1] / body.mass))
+
+    def load_set(self, body: Body, gravity_o: ArrayLike = (0.0, 0.0, -9.81)) -> LoadSet:
+        """The loads that a body brings: weights of the least and the largest mass, each with every disturbance.
+
+        The disturbances are the convex hull of a ball of forces (radius ``disturbance`` times the weight) and a ball of
+        moments (that times the arm). Both balls lie inside icosahedra with vertices :data:`CIRCUMSCRIBED` = 1.26 times
+        as far out, one vertex along the weight and the others turned with the body, so that nothing depends on the
+        world's axes. Loads that lie between others are left out.
+
+        Args:
+            body: what is held.
+            gravity_o: gravity (3,) [m/s^2].
+        """
+        weight_o = instance_of("body", body, Body).mass * array_of("gravity", gravity_o, (3,))
+        weight = float(np.linalg.norm(weight_o))
+        multiples = (1.0 - self.mass, 1.0 + self.mass) if self.mass else (1.0,)
+        masses = np.zeros((len(multiples), 6))
+        masses[:, :3] = np.outer(multiples, weight_o)
+        size = CIRCUMSCRIBED * self.disturbance * weight
+        if size == 0:
+            return LoadSet(loads=np.unique(masses, axis=0))
+        directions = _icosahedron(weight_o / weight, body.pose[:3, :3])
+        forces = np.zeros((12, 6))
+        forces[:, :3] = size * directions
+        # Of the loads along the weight the least and the largest are enough: the others lie between them.
+        along, against, around = forces[:1], forces[1:2], forces[2:]
+        loads = [masses[:1] + against, masses[-1:] + along, *(mass + around for mass in masses)]
+        if arm := self.arm(body):
+            moments = np.zeros((12, 6))
+            moments[:, 3:] = size * arm * directions
+            loads += [mass + moments for mass in masses]
+        return LoadSet(loads=np.concatenate(loads))
+
+    def problem(self, problem: ForceProblem) -> ForceProblem:
+        """A problem with what the reserve keeps back: friction, torque limits, and a least normal force per contact.
+
+        Friction is kept back by the friction model's safety factor, torques by ``TorqueLimits.reserve``, so that the
+        problem still has its own mu and limits, and margins are those of all of it.
+        """
+        body = _held(problem)
+        friction, torques, floor = problem.friction, problem.torques, problem.min_normal_force
+        if self.friction:
+            friction = replace(friction, safety=friction.safety / (1.0 - self.friction))
+        if self.torque and torques is not None:
+            torques = replace(torques, reserve=1.0 - (1.0 - torques.reserve) * (1.0 - self.torque))
+        if self.normal_force:
+            least = self.normal_force * body.mass * float(np.linalg.norm(problem.gravity_o))
+            floor = np.maximum(least, np.zeros(problem.k) if floor is None else floor)
+        return replace(problem, friction=friction, torques=torques, min_normal_force=floor)
+
+    def summary(self) -> dict[str, float | None]:
+        """As plain JSON values."""
+        return {
+            "disturbance": self.disturbance,
+            "moment_arm_m": self.moment_arm,
+            "mass": self.mass,
+            "friction": self.friction,
+            "normal_force": self.normal_force,
+            "torque": self.torque,
+        }
+
+
+def optimize_reserve(
+    problem: ForceProblem,
+    reserve: Reserve,
+    impact_time: float,
+    *,
+    objective: str | Mapping[str, float] | None = None,
+) -> RobustForces:
+    """The least-cost normal forces that hold a problem's object with a reserve, for an impact at one t_I.
+
+    The loads are those of the object's weight, :meth:`Reserve.load_set`; the problem's own load is not used.
+
+    Args:
+        problem: of holding an object (``ForceProblem.holding``), without the reserve.
+        reserve: what to bear besides.
+        impact_time: t_I [s].
+        objective: as for :func:`~pinograsp.forces.optimize_robust`.
+
+    Raises:
+        InvalidInput: a problem without an object, or another objective.
+    """
+    instance_of("problem", problem, ForceProblem)
+    instance_of("reserve", reserve, Reserve)
+    loads = reserve.load_set(_held(problem), problem.gravity_o)
+    return optimize_robust(reserve.problem(problem), loads, impact_time, objective=objective)
+
+
+def _held(problem: ForceProblem) -> Body:
+    if problem.object is None:
+        raise InvalidInput("reserve: expected the problem of holding an object, got one without: ForceProblem.holding")
+    return problem.object
+
+
+def _icosahedron(first: Array, axes: Array) -> Array:
+    """Unit vectors (12, 3): ``first`` (3,), its opposite, and two rings of five around it.
+
+    The rings are turned with that column of ``axes`` (3, 3) which is most across ``first``.
+    """
+    across = axes[:, np.argmin(np.abs(first @ axes))]
+    across = across - first * (first @ across)
+    across /= np.linalg.norm(across)
+    third, height = np.cross(first, across), 1 / np.sqrt(5)
+    turns = np.pi / 5 * np.arange(10)
+    ring = np.sqrt(1 - height**2) * (np.outer(np.cos(turns), across) + np.outer(np.sin(turns), third))
+    ring += np.outer(height * (-1.0) ** np.arange(10), first)
+    return np.concatenate([[first, -first], ring])
