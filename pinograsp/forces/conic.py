@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from pinograsp.forces.answers import Answer
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 
 _SETTINGS = {
     "tol_gap_abs": 1e-11,
@@ -65,6 +65,52 @@ def stacked(blocks: Sequence[Sequence[Array | None]], widths: Sequence[int]) -> 
                 found[top : top + height, left:right] = block
         top += height
     return found
+
+
+class Triplets:
+    """Rows of a sparse matrix while they are put together, for programs with blocks of columns of their own per load.
+
+    Columns: F (k), then u of each load (``per_load``), then any others.
+
+    Attributes:
+        height: number of rows so far.
+    """
+
+    def __init__(self, k: int, per_load: int):
+        self._k, self._per_load, self.height = k, per_load, 0
+        self._rows: list[IntArray] = []
+        self._columns: list[IntArray] = []
+        self._values: list[Array] = []
+
+    def add(self, *blocks: tuple[Array, int]) -> None:
+        """Append rows: dense blocks of as many rows side by side, each with its first column."""
+        for block, left in blocks:
+            rows, columns = np.nonzero(block)
+            self._put(rows + self.height, columns + left, block[rows, columns])
+        self.height += len(blocks[0][0])
+
+    def of_every_load(self, block: Array, loads: int) -> None:
+        """Append rows on x = (u, F) of one load, once for each load."""
+        if not len(block):
+            return
+        split = block.reshape(len(block), self._k, -1)
+        at = self.height + len(block) * np.arange(loads)[:, None]
+        for part, left, step in ((split[:, :, -1], 0, 0), (split[:, :, :-1], self._k, self._per_load)):
+            flat = part.reshape(len(block), -1)
+            rows, columns = np.nonzero(flat)
+            shift = left + step * np.arange(loads)[:, None]
+            self._put((rows + at).ravel(), (columns + shift).ravel(), np.tile(flat[rows, columns], loads))
+        self.height += loads * len(block)
+
+    def _put(self, rows: IntArray, columns: IntArray, values: Array) -> None:
+        self._rows.append(rows)
+        self._columns.append(columns)
+        self._values.append(values)
+
+    def matrix(self, width: int) -> sp.csc_matrix:
+        """The rows, of that many columns."""
+        where = np.concatenate(self._rows), np.concatenate(self._columns)
+        return sp.csc_matrix((np.concatenate(self._values), where), shape=(self.height, width))
 
 
 class ConeRows(NamedTuple):

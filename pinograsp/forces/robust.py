@@ -31,7 +31,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import Answer, Checks, certify
 from pinograsp.forces.backends import Outcome
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, objective_size_of
-from pinograsp.forces.conic import Cone, cone_rows, solve, sparse
+from pinograsp.forces.conic import Cone, Triplets, cone_rows, solve, sparse
 from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.matrices import matrices_of
@@ -199,16 +199,16 @@ def optimize_robust(
         problem = replace(problem, friction=inscribed)
     terms = energy_terms_at(problem, weights, impact_time)
     lo, hi = problem.normal_force_range(impact_time)
-    largest = load_set.loads[np.argmax([problem.scaled_norm(w) for w in load_set.loads])]
-    program = assemble(matrices_of(problem, weights), _scaled(problem, largest), terms, lo, hi)
-    scaled = np.array([_scaled(problem, wrench) for wrench in load_set.loads])
+    scaled = _scaled(problem, load_set.loads)
+    largest = scaled[np.argmax(np.linalg.norm(scaled, axis=1))]
+    program = assemble(matrices_of(problem, weights), largest, terms, lo, hi)
     targets = np.unique(-scaled / program.force_scale, axis=0)  # in force balance loads may differ by moments alone
     return _Robust(problem, program, targets, load_set, impact_time).solved(started)
 
 
-def _scaled(problem: ForceProblem, wrench: Array) -> Array:
-    """A wrench (6,) in the balance rows (rows,), moments divided by the moment length [N]."""
-    return np.concatenate([wrench[:3], wrench[3:] / problem.moment_length])[: problem.rows]
+def _scaled(problem: ForceProblem, wrenches: Array) -> Array:
+    """Wrenches (..., 6) in the balance rows (..., rows), moments divided by the moment length [N]."""
+    return np.concatenate([wrenches[..., :3], wrenches[..., 3:] / problem.moment_length], axis=-1)[..., : problem.rows]
 
 
 class _Robust:
@@ -279,88 +279,63 @@ class _Robust:
         slopes, total = self.shared(y, w)
         return total + self.program.least(slopes) > TOLERANCE.proof
 
-    def block(self, rows: Array, load: int | None) -> Array:
-        """Rows on x = (u, F) of one load as rows on all columns; without a load they are rows on F alone."""
-        wide, rows = np.zeros((len(rows), self.size)), rows.reshape(len(rows), self.k, self.e + 1)
-        wide[:, : self.k] = rows[:, :, -1]
-        if load is not None:
-            at = self.k + load * self.per_load
-            wide[:, at : at + self.per_load] = rows[:, :, :-1].reshape(len(rows), self.per_load)
-        return wide
-
     def constraints(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
         """Rows A, right-hand side b and cones of A x + s = b."""
-        p, k = self.program, self.k
-        select, facets, second, sizes = cone_rows(p.matrices)
-        equal = [self.block(p.A, s) for s in range(self.s)]
-        equal_b = [t for t in self.targets]
-        least = [self.block(-select, None), self.block(select, None)]
-        least_b = [-p.lo, p.hi]
-        soc: list[Array] = []
-        soc_b: list[Array] = []
-        soc_sizes: list[int] = []
-        for s in range(self.s):
-            if not self.radius:
-                least += [self.block(facets, s), self.block(p.R, s), self.block(-p.R, s)]
-                least_b += [np.zeros(len(facets)), p.R_hi, -p.R_lo]
-            soc.append(self.block(second, s))
-            soc_b.append(np.zeros(len(second)))
-            soc_sizes += sizes
+        p, k, s = self.program, self.k, self.s
+        _, facets, second, sizes = cone_rows(p.matrices)
+        rows = Triplets(self.k, self.per_load)
+        rows.of_every_load(p.A, s)
+        b = [self.targets.ravel()]
         if self.radius:
-            self.ball_rows(equal, equal_b, soc, soc_b, soc_sizes, facets)
+            tangential = p.A.reshape(self.rows, k, p.d)[:, :, :-1].reshape(self.rows, -1)
+            # A_t L = -1. Column order of L: (contact, component, row), so this is a Kronecker product.
+            response = np.asarray(np.kron(tangential, np.eye(self.rows)), dtype=float)
+            rows.add((response, self.L))
+            b.append(-np.eye(self.rows).ravel())
+        self.equalities = rows.height
+        rows.add((np.concatenate([-np.eye(k), np.eye(k)]), 0))
+        b += [-p.lo, p.hi]
+        self.torque_at, self.facets = rows.height, len(facets)
+        linear, limits = np.concatenate([facets, p.R, -p.R]), np.concatenate([np.zeros(len(facets)), p.R_hi, -p.R_lo])
+        if not self.radius:
+            rows.of_every_load(linear, s)
+            b.append(np.tile(limits, s))
         if p.peak > 0:
-            rows = self.block(select, None)
-            rows[:, self.peak] = -1.0
-            least.append(rows)
-            least_b.append(np.zeros(k))
-        power, power_b = [], []
+            rows.add((np.eye(k), 0), (-np.ones((k, 1)), self.peak))
+            b.append(np.zeros(k))
+        inequalities = rows.height - self.equalities
+        rows.of_every_load(second, s)
+        b.append(np.zeros(s * len(second)))
+        sizes = sizes * s
+        if self.radius:
+            sizes = sizes + self.ball_rows(rows, b, linear, limits)
         for j in range(len(self.curved)):
-            rows = np.zeros((3 * k, self.size))
-            rows[np.arange(0, 3 * k, 3), self.extra + j * k + np.arange(k)] = -1.0
-            rows[np.arange(2, 3 * k, 3), np.arange(k)] = -1.0
-            power.append(rows)
-            power_b.append(np.tile([0.0, 1.0, 0.0], k))
-        A = sparse(np.concatenate([*equal, *least, *soc, *power]))
-        b = np.concatenate([*equal_b, *least_b, *soc_b, *power_b])
-        self.equalities = sum(len(v) for v in equal_b)
-        self.torque_at = self.equalities + 2 * k
-        self.facets = len(facets)
-        cones: list[Cone] = [
-            clarabel.ZeroConeT(self.equalities),
-            clarabel.NonnegativeConeT(sum(len(v) for v in least_b)),
-        ]
-        cones += [clarabel.SecondOrderConeT(size) for size in soc_sizes]
+            power, force = np.zeros((3 * k, k)), np.zeros((3 * k, k))
+            power[::3] = force[2::3] = -np.eye(k)
+            rows.add((force, 0), (power, self.extra + j * k))
+            b.append(np.tile([0.0, 1.0, 0.0], k))
+        cones: list[Cone] = [clarabel.ZeroConeT(self.equalities), clarabel.NonnegativeConeT(inequalities)]
+        cones += [clarabel.SecondOrderConeT(size) for size in sizes]
         cones += [clarabel.PowerConeT(1 / power) for _, power in self.curved for _ in range(k)]
-        return A, b, cones
+        return rows.matrix(self.size), np.concatenate(b), cones
 
-    def ball_rows(
-        self,
-        equal: list[Array],
-        equal_b: list[Array],
-        soc: list[Array],
-        soc_b: list[Array],
-        soc_sizes: list[int],
-        facets: Array,
-    ) -> None:
-        """Append A_t L = -1, and every facet and torque row with its response to the ball as a second-order cone."""
-        p, rows = self.program, self.rows
-        tangential = p.A.reshape(rows, self.k, p.d)[:, :, :-1].reshape(rows, -1)
-        # Column order of L: (contact, component, row), so A_t L = -1 is a Kronecker product.
-        block = np.zeros((rows * rows, self.size))
-        block[:, self.L : self.extra] = np.kron(tangential, np.eye(rows))
-        equal.append(block)
-        equal_b.append(-np.eye(rows).ravel())
-        torque = [(p.R, p.R_hi), (-p.R, -p.R_lo)] if len(p.R) else []
+    def ball_rows(self, rows: Triplets, b: list[Array], linear: Array, limits: Array) -> list[int]:
+        """Append every facet and torque row of every load with its response to the ball as a second-order cone; the
+        cones' sizes.
+        """
+        p = self.program
+        across = linear.reshape(len(linear), self.k, p.d)[:, :, :-1].reshape(len(linear), self.per_load)
+        along = linear.reshape(len(linear), self.k, p.d)[:, :, -1]
         for s in range(self.s):
-            for matrix, limit in [(facets, np.zeros(len(facets))), *torque]:
-                across = matrix.reshape(len(matrix), self.k, p.d)[:, :, :-1].reshape(len(matrix), self.per_load)
-                for i in range(len(matrix)):
-                    # limit - row . x >= radius |L' row|
-                    reach = np.zeros((rows, self.size))
-                    reach[:, self.L : self.extra] = -self.radius * np.kron(across[i : i + 1], np.eye(rows))
-                    soc.append(np.concatenate([self.block(matrix[i : i + 1], s), reach]))
-                    soc_b.append(np.concatenate([limit[i : i + 1], np.zeros(rows)]))
-                    soc_sizes.append(rows + 1)
+            for own, reach, limit in zip(along, across, limits):
+                # limit - row . x >= radius |L' row|
+                first = np.zeros((self.rows + 1, self.k + self.per_load))
+                first[0] = np.concatenate([own, reach])
+                swing = np.zeros((self.rows + 1, self.extra - self.L))
+                swing[1:] = -self.radius * np.kron(reach[None], np.eye(self.rows))
+                rows.add((first[:, : self.k], 0), (first[:, self.k :], self.k + s * self.per_load), (swing, self.L))
+                b.append(np.concatenate([[limit], np.zeros(self.rows)]))
+        return [self.rows + 1] * (self.s * len(linear))
 
     def multipliers(self, dual: Array) -> tuple[Array, Array]:
         """Balance (s, rows) and torque (s, m) multipliers of a solution without a ball."""
@@ -374,11 +349,11 @@ class _Robust:
 
     def shared(self, y: Array, w: Array) -> tuple[Array, float]:
         """The sum over all loads of their duals' slopes in F_n (k,), which is common to them, and of the constants."""
-        p, total, s_sum = self.program, 0.0, np.zeros(self.k)
-        for s in range(self.s):
-            s_sum += p.reduced(y[s] @ p.A + w[s] @ p.R)
-            total -= float(y[s] @ self.targets[s]) + p.rows_at_their_limits(w[s])
-        return s_sum, total
+        p = self.program
+        c = (y @ p.A + w @ p.R).reshape(self.s, self.k, p.d)
+        slopes: Array = (c[:, :, -1] - p.friction.support(c[:, :, :-1])).sum(axis=0)
+        at_limits = float(np.maximum(w * p.R_hi, w * p.R_lo).sum())
+        return slopes, -float(np.vdot(y, self.targets)) - at_limits
 
     def lower_bound(self, z: Array, dual: Array) -> float:
         """Proven bound of the objective: as in :mod:`pinograsp.forces.program`, with F_n shared by all loads."""
@@ -445,16 +420,18 @@ class _Robust:
         worst, residual = int(np.argmax(norms)), np.zeros(6)
         residual[: self.rows] = residuals[worst] * force
         residual[3:] *= self.problem.moment_length
-        checks = [p.violations(one) for one in x]
-        violation = max(violation for violation, _, _ in checks)
+        u = x.reshape(self.s, self.k, p.d)[:, :, :-1]
+        gauge = p.friction.gauge(u).max(axis=0)
+        torque = x @ p.R.T
+        violation = max(0.0, float(np.maximum(np.maximum(gauge, p.lo) - F, F - p.hi).max()))
+        if len(p.R):
+            violation = max(violation, float(np.maximum(torque - p.R_hi, p.R_lo - torque).max()))
         if response is not None:
-            violation = max(violation, self.ball_violation(x.reshape(self.s, self.k, p.d)[:, :, :-1], F, response))
-        gauge = np.max([gauge for _, gauge, _ in checks], axis=0)
+            violation = max(violation, self.ball_violation(u, F, response))
         meets = np.zeros(0, dtype=bool)
         joints: tuple[str, ...] = ()
         if self.problem.torques is not None:
             joints = self.problem.torques.limited_joints
-            torque = x @ p.R.T
             meets = np.any((torque >= p.R_hi - TOLERANCE.active) | (torque <= p.R_lo + TOLERANCE.active), axis=0)
         return Certificate(
             objective=objective * unit,
