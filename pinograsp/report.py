@@ -13,11 +13,13 @@ from typing import Any
 from pinograsp.checks import instance_of, items_of, path_of
 from pinograsp.plan import ComparisonRow, PlanFailure, PlanRecord, Simulation
 from pinograsp.plan.answer import (
+    bears,
     disturbance_held,
     does_it_hold,
     friction_model,
     friction_used,
     load_factor,
+    planned_reserve,
     shares,
     work,
     work_in_words,
@@ -42,9 +44,11 @@ def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str
     for what, values in friction_used(plan):
         used = [value for value in values.values() if math.isfinite(value)]
         margin += f"; {what}: up to {100 * max(used):.0f} %" if used else ""
+    borne = bears(plan)
     total, peak = sum(_normal_forces(plan).values()), plan.motion.peak_torque
     lines = [
         ("Does it hold?", does_it_hold(plan, simulation).text),
+        ("What does it bear?", f"{borne[0].upper()}{borne[1:]}; reserve planned: {planned_reserve(plan.reserve)}."),
         ("How hard?", f"{total:.2f} N of normal force in all: {listed}; at most {peak:.3g} N m at a joint."),
         ("How much energy?", f"{energy}."),
         ("Which margin?", f"{margin[0].upper()}{margin[1:]}."),
@@ -72,6 +76,8 @@ def answer(plan: PlanRecord, simulation: Simulation | None = None) -> list[tuple
     solved = f"{forces.search}, solver {forces.backend or 'none'}, {plan.balance} balance, least {_objective(plan)}"
     lines = [
         ("does it hold?", does_it_hold(plan, simulation).text),
+        ("it bears", bears(plan)),
+        ("reserve planned", planned_reserve(plan.reserve)),
         ("status", str(plan.status)),
         ("search", solved),
         ("friction", friction_model(plan.friction)),
@@ -102,8 +108,9 @@ def _proof(plan: PlanRecord) -> list[tuple[str, str]]:
     certificate = plan.forces.certificate
     if certificate is None:
         return []
-    gap = f"no forces cost less than {number(certificate.lower_bound, 7)} (ours {number(certificate.objective, 7)}), "
-    gap += f"gap {certificate.relative_gap:.1e}"
+    where = "at this t_I " if plan.reserve is not None else ""
+    gap = f"{where}no forces cost less than {number(certificate.lower_bound, 7)} "
+    gap += f"(ours {number(certificate.objective, 7)}), gap {certificate.relative_gap:.1e}"
     return [("proven", gap), ("active limits", "; ".join(certificate.active) or "none")]
 
 
@@ -218,6 +225,14 @@ def _torque_section(plan: PlanRecord) -> list[str]:
 
 def _search_section(plan: PlanRecord) -> list[str]:
     certificate, grid = plan.forces.certificate, plan.forces.grid
+    if certificate is not None and plan.reserve is not None:
+        text = (
+            f"One squeeze for {plan.reserve.loads} loads. {plan.reserve.impact_times} impact times were tried; at the "
+            f"one taken no squeeze costs less (proven), that no other impact time does is not proven. Residual: "
+            f"{plan.forces.residual_force:.1e} N, {plan.forces.residual_moment:.1e} N m; largest violation of a limit "
+            f"under any of the loads: {certificate.violation:.1e} N."
+        )
+        return ["## Search", "", text, ""]
     if certificate is not None:
         text = (
             f"Branch and bound over t_I: {len(certificate.branches)} intervals. Residual: "
@@ -353,7 +368,7 @@ def write_report(
     if isinstance(run, PlanRecord):
         text = markdown(run, names, simulation)
         lost = simulation is not None and not simulation.verdict.held
-        levels = [does_it_hold(run, simulation).level, "", "", "", "no" if lost else ""]
+        levels = [does_it_hold(run, simulation).level, "", "", "", "", "no" if lost else ""]
     else:
         text = failure(run)
     with write_errors(folder):

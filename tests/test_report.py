@@ -69,20 +69,23 @@ def test_the_answer_comes_first(run, simulated):
     lines = headline(run)
     assert [re.match(r"\*\*(.*?)\*\*", line).group(1) for line in lines] == [
         "Does it hold?",
+        "What does it bear?",
         "How hard?",
         "How much energy?",
         "Which margin?",
         "Simulated?",
     ]
-    assert "Yes" in lines[0] and f"{run.forces.normal_forces.sum():.2f} N" in lines[1]
+    assert "Yes" in lines[0] and f"{run.forces.normal_forces.sum():.2f} N" in lines[2]
+    push, planned = run.margins.disturbance_force, "none: planned for the load alone"
+    assert f"A push of {number(push, 3)} N" in lines[1] and planned in lines[1] and "m/s2" in lines[1]
     assert (
         f"{1e3 * run.forces.work:.2f} mJ by Eq. (9), rho + 1 = 2.5 times the contacts' "
         f"{number(1e3 * run.forces.work / 2.5)} mJ"
-        in lines[2]
-        and "proven" in lines[2]
+        in lines[3]
+        and "proven" in lines[3]
     )
-    assert f"{run.margins.load_factor:.3g} times" in lines[3] and "pinograsp check" in lines[4]
-    assert "Lost (mujoco): it fell" in headline(run, simulated["lost"])[4]
+    assert f"{run.margins.load_factor:.3g} times" in lines[4] and "pinograsp check" in lines[5]
+    assert "Lost (mujoco): it fell" in headline(run, simulated["lost"])[5]
     for changed, expected in (
         (replace(run, balance="force"), "moments are not balanced"),
         (ended(run, Status.UNBALANCED), "Almost"),

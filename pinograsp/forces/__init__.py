@@ -22,7 +22,7 @@ from pinograsp.forces.optimize import optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
-from pinograsp.forces.reserve import Reserve, optimize_reserve
+from pinograsp.forces.reserve import Reserve, optimize_reserve, parts_in_the_way, search_reserve
 from pinograsp.forces.robust import RobustForces, optimize_robust
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
@@ -78,7 +78,9 @@ __all__ = [
     "optimize_grasp",
     "optimize_reserve",
     "optimize_robust",
+    "parts_in_the_way",
     "refine_multipliers",
+    "search_reserve",
     "solve_batch",
     "warm_up",
 ]

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, instance_of, number, share_of
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.robust import RobustForces, optimize_robust
+from pinograsp.forces.robust import RobustForces, optimize_robust, robust_at, robust_weights
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
 # An icosahedron contains the ball that touches its faces; its vertices are that much further out than the ball's
 # radius: sqrt(15 - 6 sqrt(5)) = 1.2584. An octahedron would go 1.73 times as far, a cube too.
 CIRCUMSCRIBED = float(np.sqrt(15 - 6 * np.sqrt(5)))
+# A search over t_I ends at that share of the range, or after so many programs of some 10 ms each.
+_NARROW, _MOST_TRIED = 5e-3, 16
+_GOLDEN = (3 - np.sqrt(5)) / 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,6 +156,90 @@ def optimize_reserve(
     instance_of("reserve", reserve, Reserve)
     loads = reserve.load_set(_held(problem), problem.gravity_o)
     return optimize_robust(reserve.problem(problem), loads, impact_time, objective=objective)
+
+
+def search_reserve(
+    problem: ForceProblem,
+    reserve: Reserve,
+    *,
+    objective: str | Mapping[str, float] | None = None,
+    start: float | None = None,
+) -> RobustForces:
+    """The least-cost squeeze that a search over the impact times finds: a certified program at each that it tries.
+
+    Late impacts cost less, but leave less time to press; between the two the search narrows an interval around the best
+    impact time so far. Its squeeze is the proven optimum of its own impact time; that no other one is cheaper is not
+    proven.
+
+    Args:
+        problem: of holding an object, without the reserve.
+        reserve: what to bear besides.
+        objective: as for :func:`~pinograsp.forces.optimize_robust`.
+        start: impact time of an earlier squeeze [s]: if it does and no torque limit is met, there is no search.
+
+    Returns:
+        The squeeze; ``INFEASIBLE``: no impact time admits any (proven), ``INACCURATE``: none was found.
+
+    Raises:
+        InvalidInput: a problem without an object, or another objective.
+    """
+    instance_of("problem", problem, ForceProblem)
+    instance_of("reserve", reserve, Reserve)
+    started, weights = time.perf_counter(), robust_weights(objective, problem)
+    loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+    early, late = problem.impact_time_range
+    tried: dict[float, RobustForces] = {}
+
+    def cost(t: float) -> float:
+        if t not in tried:
+            tried[t] = robust_at(kept, loads, t, weights, proven=False)
+        certificate = tried[t].certificate
+        return np.inf if tried[t].status is not Status.OK or certificate is None else certificate.objective
+
+    if start is not None and cost(start) < np.inf:
+        found = tried[start]
+        if found.certificate is not None and not found.certificate.at_torque:
+            return found
+    first = np.linspace(early, late, 4).tolist() if late > early else [early]
+    if min([cost(t) for t in first]) == np.inf:
+        # All that any impact time allows: the least lower bound, of the latest one, to the largest upper bound.
+        bounds = kept.normal_force_range(late)[0], kept.normal_force_range(early)[1]
+        none = robust_at(kept, loads, early, weights, bounds=bounds)
+        if none.status is Status.OK:
+            none = replace(tried[early], status=Status.INACCURATE)
+        return replace(none, tried=len(tried), elapsed=time.perf_counter() - started)
+    while len(tried) < _MOST_TRIED:
+        times = sorted(tried)
+        best = min(range(len(times)), key=lambda i: cost(times[i]))
+        before, after = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
+        if after - before <= _NARROW * (late - early):
+            break
+        # The larger of the two parts beside the best, at the golden section.
+        at = times[best]
+        cost(at + _GOLDEN * (after - at) if after - at > at - before else at - _GOLDEN * (at - before))
+    best_time = min(tried, key=cost)
+    return replace(tried[best_time], tried=len(tried), elapsed=time.perf_counter() - started)
+
+
+def parts_in_the_way(
+    problem: ForceProblem, reserve: Reserve, *, objective: str | Mapping[str, float] | None = None
+) -> tuple[str, ...]:
+    """Names of the parts of a reserve without which, one at a time, a squeeze is found where there is none with all."""
+    found = []
+    for part, value in asdict(reserve).items():
+        if value == 0 or (part == "moment_arm" and reserve.disturbance == 0):
+            continue
+        found += [part] if _holds(problem, replace(reserve, **{part: 0.0}), objective) else []
+    return tuple(found)
+
+
+def _holds(problem: ForceProblem, reserve: Reserve, objective: str | Mapping[str, float] | None) -> bool:
+    """Whether a squeeze is found at the earliest, the latest or an impact time between."""
+    weights = robust_weights(objective, problem)
+    loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+    early, late = problem.impact_time_range
+    times = (early, (early + late) / 2, late)
+    return any(robust_at(kept, loads, t, weights, proven=False).status is Status.OK for t in times)
 
 
 def _held(problem: ForceProblem) -> Body:

@@ -63,6 +63,8 @@ class RobustForces:
         certificate: residual and limits under the worst of the loads; the lower bound holds for all normal forces that
             hold the set (for a ball: among affine reactions, by the solver's dual). None without a solution.
         infeasibility: proof that a single load of the set cannot be held, or None.
+        weights: the objective, ``{name: weight}``.
+        tried: number of impact times that were tried; more than 1: a search took this one.
         elapsed: computing time [s].
     """
 
@@ -77,7 +79,9 @@ class RobustForces:
     response: Array | None
     certificate: Certificate | None
     infeasibility: Infeasibility | None
+    weights: dict[str, float]
     elapsed: float
+    tried: int = 1
 
     __repr__ = brief()
 
@@ -86,7 +90,8 @@ class RobustForces:
         load.
 
         The reaction is a weighted mean of the reactions to the set's loads, plus the response to the rest. Default: the
-        problem's own load where it is in the set, else the mean of the set's loads.
+        problem's own load where it is in the set, else the mean of the set's loads. The certificate is that of the
+        squeeze, under the worst of the loads.
 
         Raises:
             InvalidInput: there are no normal forces, or the load is not in the set.
@@ -123,8 +128,8 @@ class RobustForces:
         checks = Checks(violation, gauge, residual, program.value(x), bound)
         forces = certify(problem, program, Answer(x, y, w, checks))
         outcome = Outcome(status=self.status, backend="clarabel", forces=forces)
-        found = solution_of(problem, outcome, impact_time=self.impact_time, weights={}, started=started)
-        return replace(found, search="robust")
+        found = solution_of(problem, outcome, impact_time=self.impact_time, weights=self.weights, started=started)
+        return replace(found, search="robust", certificate=self.certificate)
 
     def _shares(self, load: Array) -> tuple[Array, Array]:
         """Weights (s,) of the set's loads whose mean is nearest to ``load`` (6,), and the rest of it (rows,) [N]."""
@@ -181,12 +186,7 @@ def optimize_robust(
     instance_of("problem", problem, ForceProblem)
     instance_of("load set", load_set, LoadSet)
     impact_time = problem.checked_impact_time(impact_time)
-    weights = weights_of(objective, problem)
-    other = [name for name, weight in weights.items() if weight and name not in _FRICTION_ONLY]
-    if other:
-        raise InvalidInput(
-            f"robust objective: expected {', '.join(_FRICTION_ONLY)} or a sum of them, got {', '.join(other)}"
-        )
+    weights = robust_weights(objective, problem)
     if mu_range is not None:
         low, high = array_of("mu range", mu_range, (2,))
         if not 0 <= low <= high:
@@ -197,13 +197,48 @@ def optimize_robust(
             raise InvalidInput("a ball of disturbances: expected friction 'pyramid' or 'cone', got 'soft'; use a box")
         inscribed = Friction(edges=_EDGES_FOR_BALLS, torsion=problem.friction.torsion, safety=problem.friction.safety)
         problem = replace(problem, friction=inscribed)
+    found = robust_at(problem, load_set, impact_time, weights)
+    return replace(found, elapsed=time.perf_counter() - started)
+
+
+def robust_weights(objective: str | Mapping[str, float] | None, problem: ForceProblem) -> dict[str, float]:
+    """The objective as ``{name: weight}``, or :class:`InvalidInput` where it does not depend on F_n alone."""
+    weights = weights_of(objective, problem)
+    other = [name for name, weight in weights.items() if weight and name not in _FRICTION_ONLY]
+    if other:
+        raise InvalidInput(
+            f"robust objective: expected {', '.join(_FRICTION_ONLY)} or a sum of them, got {', '.join(other)} (of one "
+            "load alone: no load set, reserve=None)"
+        )
+    return weights
+
+
+def robust_at(
+    problem: ForceProblem,
+    load_set: LoadSet,
+    impact_time: float,
+    weights: dict[str, float],
+    *,
+    bounds: tuple[Array, Array] | None = None,
+    proven: bool = True,
+) -> RobustForces:
+    """:func:`optimize_robust` without its checks of the arguments.
+
+    Args:
+        problem: with the least mu; polyhedral friction for a ball.
+        load_set: see :class:`LoadSet`.
+        impact_time: t_I [s].
+        weights: :func:`robust_weights`.
+        bounds: least and largest F_n (k,), (k,) [N]; None: the problem's at t_I.
+        proven: whether to look for a proof where there are no forces; without one they are ``INACCURATE``.
+    """
     terms = energy_terms_at(problem, weights, impact_time)
-    lo, hi = problem.normal_force_range(impact_time)
+    lo, hi = problem.normal_force_range(impact_time) if bounds is None else bounds
     scaled = _scaled(problem, load_set.loads)
     largest = scaled[np.argmax(np.linalg.norm(scaled, axis=1))]
     program = assemble(matrices_of(problem, weights), largest, terms, lo, hi)
     targets = np.unique(-scaled / program.force_scale, axis=0)  # in force balance loads may differ by moments alone
-    return _Robust(problem, program, targets, load_set, impact_time).solved(started)
+    return _Robust(problem, program, targets, load_set, impact_time).solved(proven)
 
 
 def _scaled(problem: ForceProblem, wrenches: Array) -> Array:
@@ -227,7 +262,8 @@ class _Robust:
         self.peak = self.extra + self.k * len(self.curved)
         self.size = self.peak + (program.peak > 0)
 
-    def solved(self, started: float) -> RobustForces:
+    def solved(self, prove_it: bool) -> RobustForces:
+        started = time.perf_counter()
         if np.any(self.program.lo > self.program.hi):
             return self.record(Status.INFEASIBLE, None, -np.inf, started)
         A, b, cones = self.constraints()
@@ -245,6 +281,8 @@ class _Robust:
             tried = self.record(Status.OK, z, bound, started)
             if tried.status is Status.OK:
                 return tried
+        if not prove_it:
+            return self.record(Status.INACCURATE, None, -np.inf, started)
         if self.radius:
             # The solver's ray, checked: where A' ray = 0 > b . ray no x has A x + s = b with s in the cones.
             ray = np.array(found.z)
@@ -385,7 +423,7 @@ class _Robust:
             normal = F * p.force_scale
         elif status is Status.INFEASIBLE:
             for single in self.suspects():
-                proof = prove(single, feasibility(single, *problem.normal_force_range(self.t)))
+                proof = prove(single, feasibility(single, p.lo * p.force_scale, p.hi * p.force_scale))
                 if proof is not None:
                     break
         return RobustForces(
@@ -400,6 +438,7 @@ class _Robust:
             response=None if response is None else read_only(response),
             certificate=certificate,
             infeasibility=proof,
+            weights=p.matrices.weights,
             elapsed=time.perf_counter() - started,
         )
 
@@ -449,14 +488,19 @@ class _Robust:
         )
 
     def suspects(self) -> list[ForceProblem]:
-        """The loads one by one; where numba is installed only those that cannot be held alone."""
+        """The loads one by one; where numba is installed only those that cannot be held alone, if it finds any."""
         singles = [replace(self.problem, load=wrench) for wrench in self.load_set.loads]
         low, high = self.problem.normal_force_range(self.t)
-        if not compiled_installed() or self.problem.torques is not None or np.any(low > high):
+        if not compiled_installed() or np.any(low > high):
             return singles
         from pinograsp.forces.batch import ForceBatch, solve_batch
 
-        held = solve_batch(ForceBatch.of(singles, self.t), objective="work").ok
+        free = [replace(single, torques=None) for single in singles]
+        held = solve_batch(ForceBatch.of(free, self.t), objective="work").ok
+        scale = self.program.force_scale
+        same = np.allclose(low, scale * self.program.lo) and np.allclose(high, scale * self.program.hi)
+        if held.all() and (self.problem.torques is not None or not same):
+            return singles  # torque limits, or bounds of other impact times, may exclude them
         return [single for single, ok in zip(singles, held) if not ok]
 
     def ball_violation(self, u: Array, F: Array, response: Array) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
 from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import ForceSolution
+from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
@@ -61,8 +61,8 @@ class MotionSpec:
                 object.__setattr__(self, name, mapping_of(name, getattr(self, name), "{finger: joint angles}"))
 
 
-def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | None = None) -> Motion:
-    """Joint motion and torques that carry out ``solution``; of robust forces the squeeze is ``robust.under(load)``.
+def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: MotionSpec | None = None) -> Motion:
+    """Joint motion and torques that carry out ``solution``; of robust forces the squeeze, under the problem's own load.
 
     Every contact-phase posture of every finger is taken through grasp and approach phase; per finger the one with the
     least infinity norm of its torques over both phases is kept (the palm is fixed, so fingers do not disturb each
@@ -74,6 +74,8 @@ def plan_motion(hand: HandModel, solution: ForceSolution, spec: MotionSpec | Non
     """
     instance_of("hand", hand, HandModel)
     spec = MotionSpec() if spec is None else instance_of("spec", spec, MotionSpec)
+    if isinstance(solution, RobustForces):
+        solution = solution.under()
     instance_of("solution", solution, ForceSolution)
     contacts = solution.problem.contacts
     postures = contact_postures(

@@ -11,6 +11,7 @@ from pinograsp.plan.parts import (
     PlanFriction,
     PlanGrid,
     PlanMargins,
+    PlanReserve,
     Reach,
 )
 from pinograsp.plan.record import PlanFailure, PlanRecord, Proof
@@ -29,6 +30,7 @@ __all__ = [
     "PlanGrid",
     "PlanMargins",
     "PlanRecord",
+    "PlanReserve",
     "Proof",
     "Reach",
     "Simulation",

@@ -10,11 +10,12 @@ from typing import Literal
 import numpy as np
 
 from pinograsp.errors import Status
-from pinograsp.plan.parts import PlanFriction, PlanMargins
+from pinograsp.plan.parts import PlanFriction, PlanMargins, PlanReserve
 from pinograsp.plan.record import PlanRecord
 from pinograsp.plan.simulation import Simulation
 from pinograsp.words import number, printable
 
+_GRAVITY = 9.80665  # [m/s^2]: one g
 _LOAD = "the contact forces hold the load"
 
 
@@ -123,6 +124,41 @@ def disturbance_held(margins: PlanMargins, safety: float) -> str:
     if not margins.force_closure:
         return f"{text} (no force closure: some direction is free, whatever the friction)"
     return text if safety > 1 else f"{text} (friction is at its limit: ask for a friction safety factor above 1)"
+
+
+def bears(plan: PlanRecord) -> str:
+    """What the squeeze as planned bears besides the load: a push, a shake, more mass; with all of the friction."""
+    margins = plan.require_margins()
+    text = f"a push of {number(margins.disturbance_force, 3)} N in any direction"
+    if plan.body_mass == 0:
+        return f"{text}; {load_factor(margins)}"
+    shake = margins.disturbance_force / plan.body_mass
+    held = margins.load_factor
+    mass = "any mass" if not np.isfinite(held) else f"{number(held, 3)} times its mass"
+    return f"{text}, or a shake of {number(shake, 3)} m/s2 ({number(shake / _GRAVITY, 2)} g), or {mass}"
+
+
+def planned_reserve(reserve: PlanReserve | None) -> str:
+    """What the forces were planned to bear besides the load."""
+    if reserve is None:
+        return "none: planned for the load alone"
+    parts = [
+        (reserve.disturbance, f"{_percent(reserve.disturbance)} of the weight in any direction ({_pushes(reserve)})"),
+        (reserve.mass, f"mass +-{_percent(reserve.mass)}"),
+        (reserve.friction, f"{_percent(reserve.friction)} of the friction"),
+        (reserve.normal_force, f"at least {number(reserve.normal_force, 3)} N at each contact"),
+        (reserve.torque, f"{_percent(reserve.torque)} of each torque limit"),
+    ]
+    return ", ".join(text for share, text in parts if share) or "none: planned for the weight alone"
+
+
+def _pushes(reserve: PlanReserve) -> str:
+    moment = f", or {number(reserve.moment, 3)} N m about any axis" if reserve.moment else ""
+    return f"{number(reserve.force, 3)} N{moment}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
 
 
 def load_factor(margins: PlanMargins) -> str:

@@ -105,6 +105,49 @@ class ContactLaw:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanReserve:
+    """What the squeeze bears besides the weight: it was planned for all of it at once.
+
+    Attributes:
+        disturbance: force in any direction, as share of the weight [-].
+        force: that force [N].
+        moment: or a moment about any axis [N m].
+        mass: the object may be lighter or heavier by this share [-].
+        friction: share of friction that is not relied on [-]; part of the friction's safety factor.
+        normal_force: least normal force of each contact [N].
+        torque: share of each torque limit that is kept free [-].
+        loads: number of loads that stand for all of these.
+        impact_times: that a search tried; the forces are the proven optimum at the one that it took.
+    """
+
+    disturbance: float
+    force: float
+    moment: float
+    mass: float
+    friction: float
+    normal_force: float
+    torque: float
+    loads: int
+    impact_times: int
+
+    __repr__ = brief()
+
+    def summary(self) -> Plain:
+        """As plain JSON values."""
+        return {
+            "disturbance": self.disturbance,
+            "force_N": self.force,
+            "moment_Nm": self.moment,
+            "mass": self.mass,
+            "friction": self.friction,
+            "normal_force_N": self.normal_force,
+            "torque": self.torque,
+            "loads": self.loads,
+            "impact_times": self.impact_times,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanCertificate:
     """Why the forces can be trusted, and how near to the best they are.
 

@@ -24,6 +24,7 @@ from pinograsp.plan.parts import (
     PlanForces,
     PlanFriction,
     PlanMargins,
+    PlanReserve,
     Reach,
 )
 from pinograsp.spatial import Array
@@ -48,6 +49,7 @@ class PlanRecord:
         torque_limit: largest |torque| (n,) [N m or N]; infinity: none.
         forces: contact forces at t_F, and how they build up.
         motion: trajectory and torques.
+        reserve: what the forces were planned to bear besides; None: the load alone.
         margins: what the grasp bears besides its load; None: not computed.
         reach: the same by direction; None: not computed.
         cautions: what the plan's promise does not cover, in words: look here before a simulation or a robot does.
@@ -73,6 +75,7 @@ class PlanRecord:
     torque_limit: Array
     forces: PlanForces
     motion: Motion
+    reserve: PlanReserve | None = None
     margins: PlanMargins | None = None
     reach: Reach | None = None
     cautions: tuple[str, ...] = ()
@@ -145,6 +148,7 @@ class PlanRecord:
             "balance": self.balance,
             "measure": self.measure,
             "friction": self.friction.summary(),
+            "reserve": None if self.reserve is None else self.reserve.summary(),
             "impact_time_s": forces.impact_time,
             "final_time_s": forces.final_time,
             "normal_forces_N": dict(zip(names, forces.normal_forces.tolist())),

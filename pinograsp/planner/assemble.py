@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import read_only
+from pinograsp.checks import instance_of, read_only
 from pinograsp.contacts import PALM, Closure
 from pinograsp.errors import InvalidInput, SearchFailed
-from pinograsp.forces import ForceProblem, ForceSolution
+from pinograsp.forces import ForceSolution, Reserve, RobustForces
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.plan import (
@@ -24,11 +24,13 @@ from pinograsp.plan import (
     PlanForces,
     PlanFriction,
     PlanGrid,
+    PlanReserve,
     Proof,
 )
 from pinograsp.planner.grasp_plan import GraspPlan
 
-_SLIDES = 1e-4  # [m] across the normal: worth a caution
+_SLIDES, _LABOURS = 1e-4, 0.9  # [m] across the normal, share of a torque limit: worth a caution
+_ROUNDING = 1e-3  # forces lie on their limits
 
 
 def assembled(
@@ -38,6 +40,7 @@ def assembled(
     *,
     elapsed: Mapping[str, float],
     closure: Closure | None = None,
+    reserve: PlanReserve | None = None,
     notes: tuple[str, ...] = (),
 ) -> GraspPlan:
     """The plan of a hand that is to bring these forces about by this motion."""
@@ -72,16 +75,35 @@ def assembled(
         body_mass=0.0 if problem.object is None else problem.object.mass,
         balance=problem.balance,
         measure=problem.measure,
+        reserve=reserve,
         torque_limit=read_only(hand.effort_or_infinity if problem.torques is None else problem.torques.limit),
         forces=_forces(solution, motion),
         motion=motion,
-        cautions=_cautions(problem, motion),
+        cautions=_cautions(hand, solution, motion),
         notes=(*motion.notes, *closed, *notes),
         closing=None if closure is None else closure.summary(),
         elapsed=elapsed,
         versions=_versions(solution.backend),
         solution=solution,
         closure=closure,
+    )
+
+
+def reserve_of(reserve: Reserve, squeeze: RobustForces, tried: int) -> PlanReserve:
+    """The record of the reserve that a squeeze bears; ``tried``: impact times in all rounds."""
+    problem = squeeze.problem
+    body = instance_of("object", problem.object, Body)
+    weight = body.mass * float(np.linalg.norm(problem.gravity_o))
+    return PlanReserve(
+        disturbance=reserve.disturbance,
+        force=reserve.disturbance * weight,
+        moment=reserve.disturbance * weight * reserve.arm(body),
+        mass=reserve.mass,
+        friction=reserve.friction,
+        normal_force=reserve.normal_force * weight,
+        torque=reserve.torque,
+        loads=len(squeeze.load_set.loads),
+        impact_times=tried,
     )
 
 
@@ -131,9 +153,9 @@ def _certificate(solution: ForceSolution) -> PlanCertificate | None:
     )
 
 
-def _cautions(problem: ForceProblem, motion: Motion) -> tuple[str, ...]:
+def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple[str, ...]:
     """What the plan's promise does not cover, in words."""
-    contacts, cautions = problem.contacts, []
+    problem, contacts, cautions = solution.problem, solution.problem.contacts, list[str]()
     if problem.balance == "force":
         cautions.append("forces are balanced, moments are not: a free object turns (balance='wrench')")
     if problem.friction.safety == 1.0:
@@ -162,7 +184,23 @@ def _cautions(problem: ForceProblem, motion: Motion) -> tuple[str, ...]:
             # The corners of a flat area may lie on an edge; a single point there has no normal of its own.
             if links.count(contact.link) == 1 and _on_edge(problem.object, contact.point_o)
         ]
-    return tuple(cautions)
+    return (*cautions, *_near_limits(hand, solution, motion))
+
+
+def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion) -> Iterator[str]:
+    """Joints near their torque limits, and contacts that hardly press."""
+    problem = solution.problem
+    limit = hand.effort_or_infinity if problem.torques is None else problem.torques.limit
+    for joint, share in zip(hand.joint_names, np.abs(motion.holding_torques) / limit):
+        if share > _LABOURS * (1 + _ROUNDING):
+            yield f"{joint} holds with {100 * share:.0f} % of its torque limit"
+    if problem.object is None:
+        return
+    share = Reserve().normal_force
+    least = share * problem.object.mass * float(np.linalg.norm(problem.gravity_o))
+    for name, force in zip(problem.contacts.names, solution.normal_forces):
+        if force < least * (1 - _ROUNDING):
+            yield f"{name} hardly presses, with {force:.2g} N: less than {100 * share:g} % of the weight"
 
 
 def _on_edge(body: Body, point_o: np.ndarray) -> bool:

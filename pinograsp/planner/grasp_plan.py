@@ -7,6 +7,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pinograsp.checks import instance_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
@@ -14,7 +16,7 @@ from pinograsp.forces import ForceProblem, ForceSolution
 from pinograsp.handover import JointTrajectory, Sampling, joint_trajectory
 from pinograsp.hands import HandModel
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
-from pinograsp.planner.margins import margins_of, reach_of
+from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
 from pinograsp.writing import NewFolder
@@ -56,8 +58,12 @@ class GraspPlan(PlanRecord):
         return self.solution
 
     def with_margins(self) -> GraspPlan:
-        """The same plan with what the grasp bears besides its load; a tenth of a second."""
-        return self if self.margins is not None else replace(self, margins=margins_of(self.searched()))
+        """The same plan with what the grasp bears besides its load, and cautions of that; a tenth of a second."""
+        if self.margins is not None:
+            return self
+        margins = margins_of(self.searched())
+        weight = self.body_mass * float(np.linalg.norm(self.gravity_o))
+        return replace(self, margins=margins, cautions=(*self.cautions, *margin_cautions(margins, weight)))
 
     def with_reach(self) -> GraspPlan:
         """The same plan with the forces that may come on top of the load, by direction; a second or two."""

@@ -17,16 +17,20 @@ from pinograsp.forces import (
     ForceSolution,
     GraspConditions,
     GridSpec,
+    Reserve,
+    RobustForces,
     TorqueLimit,
     diagnose,
     grid_search,
     optimize_grasp,
+    parts_in_the_way,
+    search_reserve,
 )
 from pinograsp.hands import HandModel
 from pinograsp.motion import MotionSpec, effort_of, plan_motion, torque_limits
 from pinograsp.objects.body import Body
-from pinograsp.plan import Motion
-from pinograsp.planner.assemble import assembled
+from pinograsp.plan import Motion, PlanReserve
+from pinograsp.planner.assemble import assembled, reserve_of
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.spatial import Array
 
@@ -102,7 +106,7 @@ def plan_grasp(
     instance_of("problem", problem, ForceProblem)
     choices = _Choices(search=search, grid=grid, solver=solver, objective=objective, motion=motion, progress=progress)
     limit = None if torque_limit is None else effort_of(hand, torque_limit)
-    return _planned(hand, problem, choices, limit, {}, None)
+    return _planned(hand, problem, choices, limit, None, {}, None)
 
 
 # As above; mu, friction and limits come with the conditions.
@@ -120,14 +124,18 @@ def plan_grasp_on(
 ) -> GraspPlan:
     """Plan a grasp on an object: close the hand on it, then :func:`plan_grasp` with the contacts found.
 
+    With a reserve (``conditions.reserve``) the forces are the squeeze that bears it, over the impact times
+    (:func:`~pinograsp.forces.search_reserve`), and ``plan.solution`` is its reaction to the weight alone.
+
     Args:
         hand: the hand, placed in the world.
         body: the object; or this hand closed on it already (:func:`~pinograsp.contacts.close_hand`).
         conditions: friction, limits and what is to be balanced.
-        search: as for :func:`plan_grasp`; the grids know no torque limits (``GraspConditions(torque_limit=None)``).
+        search: as for :func:`plan_grasp`; the grids know neither torque limits nor a reserve
+            (``GraspConditions(torque_limit=None, reserve=None)``).
         grid: as for :func:`plan_grasp`.
         solver: as for :func:`plan_grasp`.
-        objective: as for :func:`plan_grasp`.
+        objective: as for :func:`plan_grasp`; with a reserve ``"impulse"``, ``"work"``, ``"peak"`` or weights of these.
         motion: postures and sampling; None: from the open hand to the posture that touches.
         progress: as for :func:`plan_grasp`.
 
@@ -151,7 +159,7 @@ def plan_grasp_on(
     problem = conditions.problem(held, closure.contacts())
     limit = None if conditions.torque_limit is None else effort_of(hand, conditions.torque_limit)
     elapsed = {"closing": time.perf_counter() - started}
-    return _planned(closure.hand, problem, choices, limit, elapsed, closure)
+    return _planned(closure.hand, problem, choices, limit, conditions.reserve, elapsed, closure)
 
 
 def _same(one: HandModel, other: HandModel) -> bool:
@@ -166,11 +174,20 @@ def _planned(
     problem: ForceProblem,
     choices: _Choices,
     limit: Array | None,
+    reserve: Reserve | None,
     elapsed: dict[str, float],
     closure: Closure | None,
 ) -> GraspPlan:
     """Forces, then motion; ``limit``: of the holding torques (n,) [N m], infinity: none."""
-    if choices.search != "convex":
+    kept = None
+    if reserve is not None:
+        if choices.search != "convex" or choices.solver not in ("auto", "clarabel"):
+            raise InvalidInput(
+                f"reserve: expected none (GraspConditions(reserve=None)) with search='{choices.search}' and "
+                f"solver='{choices.solver}': a squeeze for several loads is convex, its solver is clarabel"
+            )
+        forces, motion, spent, kept = _by_reserve(hand, problem, choices, limit, reserve)
+    elif choices.search != "convex":
         if choices.objective is not None or limit is not None:
             raise InvalidInput(
                 f"objective, torque limit: expected none with search='{choices.search}', the grids know neither"
@@ -181,7 +198,7 @@ def _planned(
     notes: tuple[str, ...] = ()
     if limit is not None and not np.isfinite(limit).any():
         notes = (f"no joint of '{hand.name}' has an effort limit: torques are not limited",)
-    return assembled(hand, forces, motion, elapsed={**elapsed, **spent}, closure=closure, notes=notes)
+    return assembled(hand, forces, motion, elapsed={**elapsed, **spent}, closure=closure, reserve=kept, notes=notes)
 
 
 Stages = tuple[ForceSolution, Motion, dict[str, float]]
@@ -232,6 +249,70 @@ def _by_optimum(hand: HandModel, problem: ForceProblem, choices: _Choices, limit
             break
         searched, objective = replace(problem, torques=limits), choices.objective
     return forces, motion, spent
+
+
+def _by_reserve(
+    hand: HandModel, problem: ForceProblem, choices: _Choices, limit: Array | None, reserve: Reserve
+) -> tuple[ForceSolution, Motion, dict[str, float], PlanReserve]:
+    """One squeeze for all loads of the reserve; rounds for the torque limits as in :func:`_by_optimum`."""
+    if limit is not None and not np.isfinite(limit).any():
+        limit = None
+    spent = {"forces": 0.0, "motion": 0.0}
+    searched, start, tried = problem, None, 0
+    for _ in range(_TORQUE_ROUNDS):
+        started = time.perf_counter()
+        squeeze = search_reserve(searched, reserve, objective=choices.objective, start=start)
+        tried += squeeze.tried
+        _refuse_no_squeeze(squeeze, searched, reserve, choices.objective)
+        forces = squeeze.under(problem.load)
+        found = time.perf_counter()
+        motion = plan_motion(hand, forces, choices.motion)
+        spent["forces"] += found - started
+        spent["motion"] += time.perf_counter() - found
+        if limit is None:
+            break
+        limits = torque_limits(
+            hand,
+            problem.contacts,
+            motion.q[-1],
+            depth=forces.profile.final_depth,
+            limit=limit,
+            gravity_o=problem.gravity_o,
+        )
+        known = searched.torques
+        if known is not None and np.abs(limits.jacobian - known.jacobian).max() < _SETTLED:
+            break
+        searched, start = replace(problem, torques=limits), squeeze.impact_time
+    return forces, motion, spent, reserve_of(reserve, squeeze, tried)
+
+
+def _refuse_no_squeeze(squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, objective: Objective) -> None:
+    """Raise what came of a search without a squeeze, with the parts of the reserve that are in the way."""
+    if squeeze.status is Status.OK:
+        return
+    none = ForceSolution(
+        status=squeeze.status,
+        problem=squeeze.problem,
+        search="robust",
+        backend="clarabel",
+        impact_time=None,
+        forces_c=np.zeros((0, 3)),
+        elapsed=squeeze.elapsed,
+        weights=squeeze.weights,
+        infeasibility=squeeze.infeasibility,
+    )
+    if squeeze.status is not Status.INFEASIBLE:
+        raise GraspUndecided(f"no grasp found, though none is ruled out ({none.status}). {none.status.remedy}", none)
+    parts = parts_in_the_way(problem, reserve, objective=objective)
+    if parts:
+        options = " or ".join(f"Reserve({part}=0)" for part in parts)
+        why = f"in the way: {', '.join(parts)}; without one of these there is a grasp: {options}, or a smaller share"
+        raise GraspInfeasible(f"no grasp holds the object with its reserve (proven at every impact time)\n{why}", none)
+    bare = optimize_grasp(problem, objective=objective, progress=False)
+    if bare.found:
+        why = "the weight alone can be held, and no part of the reserve is in the way alone: ask for less of several"
+        raise GraspInfeasible(f"no grasp holds the object with its reserve (proven at every impact time)\n{why}", none)
+    _refuse_failure(bare, _diagnosis)
 
 
 def _refuse_failure(forces: ForceSolution, why: Callable[[ForceSolution], str]) -> None:

@@ -49,6 +49,20 @@ class FrictionPart(Part):
     torsion_m: NotNegative
 
 
+class ReservePart(Part):
+    """What the forces were planned to bear besides the load."""
+
+    disturbance: NotNegative
+    force_N: NotNegative
+    moment_Nm: NotNegative
+    mass: Annotated[float, Field(ge=0, lt=1)]
+    friction: Annotated[float, Field(ge=0, lt=1)]
+    normal_force_N: NotNegative
+    torque: Annotated[float, Field(ge=0, lt=1)]
+    loads: Annotated[StrictInt, Field(ge=1, le=10**6)]
+    impact_times: Annotated[StrictInt, Field(ge=1, le=10**6)]
+
+
 class CertificatePart(Part):
     """The proof of a convex search."""
 
@@ -159,6 +173,7 @@ class PlanDocument(Part):
     balance: Balance
     measure: Measure
     friction: FrictionPart
+    reserve: ReservePart | None
     impact_time_s: NotNegative
     final_time_s: NotNegative
     normal_forces_N: Numbers

@@ -25,12 +25,13 @@ from pinograsp.plan import (
     PlanGrid,
     PlanMargins,
     PlanRecord,
+    PlanReserve,
     Proof,
     Reach,
 )
 from pinograsp.spatial import Array
 from pinograsp.storage.arrays import Arrays, expect, sizes_of, texts_of
-from pinograsp.storage.documents import FailureDocument, MarginsPart, PlanDocument, checked
+from pinograsp.storage.documents import FailureDocument, MarginsPart, PlanDocument, ReservePart, checked
 
 _DOCUMENT, _ARRAYS = "plan.json", "plan.npz"
 # Shapes by what counts: m samples, n joints, k contacts, any number b, d.
@@ -143,6 +144,7 @@ def plan_of(document: dict[str, Any], arrays: Arrays, scene: dict[str, Any] | No
         measure=found.measure,
         torque_limit=arrays["torque_limit"],
         forces=_forces(found, arrays),
+        reserve=_reserve(found.reserve),
         motion=_motion(found, arrays),
         margins=_margins(found.margins),
         reach=Reach(directions=arrays["margin_directions"], forces=arrays["margin_forces"]),
@@ -302,6 +304,22 @@ def _motion(found: PlanDocument, arrays: Arrays) -> Motion:
         postures=found.postures_tried,
         peak_torque=found.peak_torque_Nm,
         remedy=found.motion.remedy,
+    )
+
+
+def _reserve(kept: ReservePart | None) -> PlanReserve | None:
+    if kept is None:
+        return None
+    return PlanReserve(
+        disturbance=kept.disturbance,
+        force=kept.force_N,
+        moment=kept.moment_Nm,
+        mass=kept.mass,
+        friction=kept.friction,
+        normal_force=kept.normal_force_N,
+        torque=kept.torque,
+        loads=kept.loads,
+        impact_times=kept.impact_times,
     )
 
 

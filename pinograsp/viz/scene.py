@@ -16,11 +16,13 @@ from pinograsp.objects.body import Body
 from pinograsp.plan import Motion, PlanRecord, Simulation
 from pinograsp.plan.answer import (
     Answer,
+    bears,
     disturbance_held,
     does_it_hold,
     friction_model,
     friction_used,
     load_factor,
+    planned_reserve,
     shares,
     work,
 )
@@ -425,6 +427,7 @@ def _facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
     forces, margins = plan.forces, plan.margins
     yield "balance", {"wrench": "forces and moments", "force": "forces only"}[plan.balance]
     yield "friction", friction_model(plan.friction)
+    yield "reserve planned", planned_reserve(plan.reserve)
     yield "grasp energy (work)", work(plan)
     if forces.certificate is not None:
         yield "proven optimal", f"gap {forces.certificate.relative_gap:.1e}"
@@ -434,6 +437,7 @@ def _facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
     if margins is not None:
         for what, values in friction_used(plan):
             yield what, shares(values)
+        yield "it bears", bears(plan)
         yield "load held by these forces", load_factor(margins)
         yield "disturbance held besides", disturbance_held(margins, plan.friction.safety)
         least = round(float(margins.slip_distance.min()), 6) + 0.0  # -0 becomes 0
