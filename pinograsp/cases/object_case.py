@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, weights_by_name
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
-from pinograsp.forces import ForceProblem, GraspConditions
+from pinograsp.forces import ForceProblem, GraspConditions, Reserve
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
@@ -25,6 +25,8 @@ from pinograsp.spatial import pose_of, rotation_rpy
 
 _TORSION = 5e-3  # [m] of soft fingers, as on the command line
 
+Share = Annotated[float, Field(ge=0, lt=1)]
+
 
 def _pose(at: tuple[float, ...]) -> tuple[float, ...]:
     if len(at) not in (3, 6):
@@ -32,13 +34,38 @@ def _pose(at: tuple[float, ...]) -> tuple[float, ...]:
     return at
 
 
+class ReserveSection(Section):
+    """What the plan is to bear besides the weight, see :class:`~pinograsp.forces.Reserve`."""
+
+    disturbance: NotNegative = Reserve().disturbance
+    moment_arm: NotNegative | None = None
+    mass: Share = Reserve().mass
+    friction: Share = Reserve().friction
+    normal_force: NotNegative = Reserve().normal_force
+    torque: Share = Reserve().torque
+
+
+def _reserve(given: object) -> object:
+    """The fields in a text: ``none``, ``default``, or some of them, as in ``disturbance=0.3,mass=0.1``."""
+    if not isinstance(given, str):
+        return given
+    if given.strip() in ("none", "default"):
+        return None if given.strip() == "none" else {}
+    parts = [part.partition("=") for part in given.split(",")]
+    names = [name.strip() for name, _, _ in parts]
+    if not all(sign for _, sign, _ in parts) or len(set(names)) < len(names):
+        known = ", ".join(ReserveSection.model_fields)
+        raise ValueError(f"expected none, default, or NAME=VALUE,... each once of {known}, got '{given:.60}'")
+    return {name.strip(): value.strip() for name, _, value in parts}
+
+
 class ObjectCase(Section):
     """The options of ``pinograsp plan``, by their names.
 
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
     ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the object's placement in the hand's frame: x, y, z [m] and
-    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` placements is used. Relative paths start at
-    ``folder``.
+    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` placements is used. ``reserve``: ``"none"``,
+    ``"default"``, its fields, or a text of them. Relative paths start at ``folder``.
     """
 
     hand: str
@@ -57,6 +84,7 @@ class ObjectCase(Section):
     measure: Measure = "impulse"
     objective: Objective | dict[Objective, NotNegative] | None = None
     solver: Solver = "auto"
+    reserve: Annotated[ReserveSection | None, BeforeValidator(_reserve)] = None
     folder: Path = Field(Path("."), exclude=True)
 
     @classmethod
@@ -137,6 +165,7 @@ class ObjectCase(Section):
             balance=self.balance,
             measure=self.measure,
             torque_limit="effort" if self.search == "convex" else None,
+            reserve=None if self.reserve is None else Reserve(**self.reserve.model_dump()),
         )
 
     def _friction(self) -> Friction:

@@ -307,11 +307,14 @@ class Base(Section):
         changes = {key: value for key, value in inputs.items() if key != IMPACT_TIME}
         kind = HeldCase if self.kind == "case" else ObjectCase
         try:
-            return kind.model_validate({**_changed(self.data, changes), "folder": self.folder})
+            case = kind.model_validate({**_changed(self.data, changes), "folder": self.folder})
         except CaseRejected as error:
             raise CaseRejected(str(error).removeprefix("--set ")) from None
         except ValidationError as error:
             raise CaseRejected("; ".join(_lines(error, []))) from None
+        if isinstance(case, ObjectCase) and case.reserve is not None and self.what == "forces":
+            raise CaseRejected("reserve: expected none with what: forces, got one: set it to none, or plan")
+        return case
 
     def look(self, inputs: dict[str, Any]) -> None:
         """Check a row without planning it; :class:`~pinograsp.errors.InvalidInput` where it cannot be used."""

@@ -70,6 +70,13 @@ def plan(
     ] = None,
     balance: Annotated[str | None, typer.Option(help="force (the paper) or wrench (forces and moments).")] = None,
     measure: Annotated[str | None, typer.Option(help="impulse \\[N s] or work \\[J].")] = None,
+    reserve: Annotated[
+        str,
+        typer.Option(
+            help="With --hand and --object, what to bear besides the weight: none, default, or some of disturbance, "
+            "moment_arm, mass, friction, normal_force, torque: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m])."
+        ),
+    ] = "none",
     solver: Annotated[str | None, typer.Option(help="auto, daqp, proxqp, osqp, quadprog, piqp or clarabel.")] = None,
     changes: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; repeatable.")
@@ -89,9 +96,13 @@ def plan(
       pinograsp plan paper --set object.mass=1.1 --set friction.mu=0.8 --json
 
       pinograsp plan --hand allegro_right --object cylinder:radius=0.02,height=0.12,mass=0.2
+
+      pinograsp plan --hand allegro_right --object sphere:radius=0.035,mass=0.1 --wrap --reserve default
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     if case is not None and hand is None and object is None:
+        if reserve != "none":
+            raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
         _plan(case, out, options, changes, force, as_json)
     elif case is None and hand is not None and object is not None:
         if changes:
@@ -106,6 +117,7 @@ def plan(
             "hulls": hulls,
         }
         chosen = {key: value for key, value in options.items() if value is not None}
+        chosen["reserve"] = reserve
         _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
     else:
         raise InvalidInput("expected either CASE, or --hand and --object")

@@ -74,6 +74,27 @@ def test_plan_from_hand_and_object(command, tmp_path):
     assert (tmp_path / "run" / "report.md").is_file() and (tmp_path / "run" / "plan.npz").is_file()
 
 
+def test_a_plan_with_a_reserve(command, tmp_path):
+    ball = ["--hand", "allegro_right", "--object", "sphere:radius=0.035,mass=0.1", "--at", "0.06,0,0.06", "--wrap"]
+    code, out, err = command("plan", *ball, "--reserve", "disturbance=0.3, mass=0", "--out", "run", "--json")
+    planned = json.loads(out)
+    assert code == 0 and planned["search"] == "robust", err
+    assert planned["reserve"]["force_N"] == pytest.approx(0.3 * 0.981) and planned["reserve"]["mass"] == 0
+    assert planned["reserve"]["friction"] == 0.2  # the others are the default's
+    report = (tmp_path / "run" / "report.md").read_text()
+    assert "What does it bear?" in report and "30 % of the weight" in report
+    for given, message in (
+        ("much", "reserve: expected none, default, or NAME=VALUE"),
+        ("mass=0.1,mass=0.2", "each once"),
+        ("friction=1", "reserve.friction"),
+        ("weight=1", "reserve.weight: unknown key"),
+    ):
+        code, _, err = command("plan", *ball, "--reserve", given)
+        assert code == 2 and message in err, given
+    code, _, err = command("plan", "paper", "--reserve", "default")
+    assert code == 2 and "--reserve" in err
+
+
 def test_meshes_are_objects_too_and_help_says_so(command, tmp_path):
     import trimesh
 

@@ -311,6 +311,22 @@ def test_placements_are_searched_for_a_hand_without_a_place(tmp_path):
     assert [row["status"] for row in rows] == ["not_found", "ok"] and "no placement of 1" in rows[0]["message"]
 
 
+def test_a_reserve_is_swept_and_kept_out_of_forces_alone(tmp_path):
+    spec = {
+        "hand": "allegro_right",
+        "object": "sphere:radius=0.035,mass=0.1",
+        "set": {"at": [0.06, 0, 0.06], "wrap": True},
+        "over": {"reserve": ["none", "disturbance=0.2", "default", "friction=1"]},
+    }
+    rows = sweep(spec, tmp_path / "plans", jobs=1, progress=False).table().to_pylist()
+    assert [row["status"] for row in rows] == ["ok", "ok", "ok", "invalid_input"]
+    assert rows[0]["impulse_Ns"] < rows[1]["impulse_Ns"] < rows[2]["impulse_Ns"]
+    alone = {**spec, "what": "forces", "set": {**spec["set"], "impact_time": 0.9}}
+    rows = sweep(alone, tmp_path / "forces", jobs=1, progress=False).table().to_pylist()
+    assert [row["status"] for row in rows] == ["ok", "invalid_input", "invalid_input", "invalid_input"]
+    assert "with what: forces" in rows[1]["message"]
+
+
 # --- kept whatever happens
 
 
