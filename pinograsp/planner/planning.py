@@ -301,18 +301,17 @@ def _refuse_no_squeeze(squeeze: RobustForces, problem: ForceProblem, reserve: Re
         weights=squeeze.weights,
         infeasibility=squeeze.infeasibility,
     )
-    if squeeze.status is not Status.INFEASIBLE:
-        raise GraspUndecided(f"no grasp found, though none is ruled out ({none.status}). {none.status.remedy}", none)
     parts = parts_in_the_way(problem, reserve, objective=objective)
-    if parts:
-        options = " or ".join(f"Reserve({part}=0)" for part in parts)
-        why = f"in the way: {', '.join(parts)}; without one of these there is a grasp: {options}, or a smaller share"
-        raise GraspInfeasible(f"no grasp holds the object with its reserve (proven at every impact time)\n{why}", none)
-    bare = optimize_grasp(problem, objective=objective, progress=False)
-    if bare.found:
+    options = " or ".join(f"Reserve({part}=0)" for part in parts)
+    why = f"in the way: {', '.join(parts)}; without one of these there is a grasp: {options}, or a smaller share"
+    if squeeze.status is not Status.INFEASIBLE:
+        text = f"no grasp found, though none is ruled out ({none.status}). {none.status.remedy}"
+        raise GraspUndecided(f"{text}\n{why}" if parts else text, none)
+    if not parts:
+        bare = optimize_grasp(problem, objective=objective, progress=False)
+        _refuse_failure(bare, _diagnosis)
         why = "the weight alone can be held, and no part of the reserve is in the way alone: ask for less of several"
-        raise GraspInfeasible(f"no grasp holds the object with its reserve (proven at every impact time)\n{why}", none)
-    _refuse_failure(bare, _diagnosis)
+    raise GraspInfeasible(f"no grasp holds the object with its reserve (proven at every impact time)\n{why}", none)
 
 
 def _refuse_failure(forces: ForceSolution, why: Callable[[ForceSolution], str]) -> None:
