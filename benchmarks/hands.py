@@ -27,7 +27,7 @@ import pinograsp as pg
 from pinograsp.contacts import fingertips, open_and_closed
 from pinograsp.errors import NoGrasp, PinograspError
 from pinograsp.hands.catalogue import CATALOGUE
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 
 HERE = Path(__file__).resolve().parent
 CONDITIONS = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="soft", torsion=5e-3))
@@ -66,8 +66,8 @@ def row(name: str, hand, w: float, shape: str, size: float, samples: int, jobs: 
         "mass_g": f"{1e3 * body.mass:.1f}",
     }
     try:
-        search = find_placements(hand, body, CONDITIONS, count=samples, seed=0, jobs=jobs, progress=False)
-        found |= {"tried": search.tried, "hold": len(search.placements)}
+        search = find_grasps(hand, body, CONDITIONS, count=samples, seed=0, jobs=jobs, progress=False)
+        found |= {"tried": search.tried, "hold": len(search.grasps)}
         best = search.best
         plan = pg.plan_grasp_on(best.closure.hand, best.closure, CONDITIONS)
     except (NoGrasp, PinograspError) as error:

@@ -43,7 +43,7 @@ from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import PinograspError, Status
 from pinograsp.forces import load_factor
 from pinograsp.hands.catalogue import CATALOGUE
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 from pinograsp.referee import Disturbance
 from pinograsp.spatial import rotation_rpy
 
@@ -122,10 +122,10 @@ def attempt(kind: str, name: str, rng) -> dict | None:
     body = objects(case["size"] * w)[case["object"]]
     body = replace(body, density=DENSITY, mass=None)
     asked = conditions(case, 1.0, limit)
-    search = find_placements(hand, body, asked, count=6, seed=case["seed"], jobs=1, progress=False)
-    if not search.placements:
+    search = find_grasps(hand, body, asked, count=6, seed=case["seed"], jobs=1, progress=False)
+    if not search.grasps:
         return None
-    for placement in search.placements[:PLACEMENTS]:
+    for placement in search.grasps[:PLACEMENTS]:
         found = attempt_at(case, kind, target, placement, body, limit)
         if found is not None:
             return found

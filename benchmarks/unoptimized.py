@@ -26,7 +26,7 @@ from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.errors import PinograspError
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 from pinograsp.referee.naive import naive_grasp
 from pinograsp.referee.task import Task
 
@@ -114,7 +114,7 @@ def catalogue(name: str, shape: str) -> dict:
     hand = pg.load_hand(name, hulls=True)
     body = replace(objects(0.9 * width(hand))[shape], density=DENSITY, mass=None)
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"))
-    best = find_placements(hand, body, conditions, count=16, seed=0, progress=False).best
+    best = find_grasps(hand, body, conditions, count=16, seed=0, progress=False).best
     body = replace(body, mass=LOADED * best.load_factor * body.mass, density=None)
     closure = replace(best.closure, object=body)
 

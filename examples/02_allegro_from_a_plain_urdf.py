@@ -2,16 +2,16 @@
 
 import pinograsp as pg
 from pinograsp.hands.catalogue import file_of
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 
 hand = pg.load_hand(file_of("allegro_right"))  # any path to a .urdf, .xacro or MJCF .xml
 print(hand.describe())
 
 ball = pg.Sphere(radius=0.03, mass=0.2)
 conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
-found = find_placements(hand, ball, conditions, count=12, seed=0)
+found = find_grasps(hand, ball, conditions, count=12, seed=0)
 best = found.best
-print(f"{len(found.placements)} of {found.tried} placements hold; the best {best.load_factor:.1f} times the load")
+print(f"{len(found.grasps)} of {found.tried} samples hold; the best {best.load_factor:.1f} times the load")
 
 plan = pg.plan_grasp_on(best.closure.hand, best.closure, conditions)
 print(plan.status, plan.contacts.names, plan.forces.normal_forces.round(3), "N")

@@ -1,12 +1,12 @@
 """A power grasp: the fingers wrap round a bottle, every phalanx and the palm may touch."""
 
 import pinograsp as pg
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 
 hand, bottle = pg.load_hand("humanoid"), pg.Cylinder(radius=0.025, height=0.2, mass=0.5)
 conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
-found = find_placements(hand, bottle, conditions, wrap=True, count=8, seed=0)
-closure = max((placement.closure for placement in found.placements), key=lambda one: len(one.touches))
+found = find_grasps(hand, bottle, conditions, wrap=True, count=8, seed=0)
+closure = max((grasp.closure for grasp in found.grasps), key=lambda one: len(one.touches))
 print(closure.describe())
 
 plan = pg.plan_grasp_on(closure.hand, closure, conditions)

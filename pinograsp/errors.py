@@ -107,8 +107,8 @@ class SearchInterrupted(SearchFailed):
     """A search was stopped before it found any forces."""
 
 
-class PlacementNotFound(NoGrasp):
-    """No sampled placement of the palm holds the object. Carries the ``search`` with the outcomes of its samples."""
+class GraspNotFound(NoGrasp):
+    """No grasp that was tried holds the object. Carries the ``search`` with the outcomes of its samples."""
 
     def __init__(self, message: str, search: Any):
         super().__init__(message)
@@ -175,7 +175,7 @@ _MEANINGS = {
         130, "The search was stopped: run it again to the end for the optimum.", (SearchInterrupted, KeyboardInterrupt)
     ),
     Status.NOT_FOUND: _Meaning(
-        3, "No placement holds the object: try more samples, raise mu or lighten it.", (PlacementNotFound,)
+        3, "No grasp holds the object: try more samples, raise mu or lighten it.", (GraspNotFound,)
     ),
     Status.NOT_REACHED: _Meaning(
         3, "A finger cannot reach its contact: move the contact or the hand, or widen joint limits.", (NoGrasp,)

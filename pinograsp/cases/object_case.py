@@ -19,9 +19,9 @@ from pinograsp.forces import ForceProblem, GraspConditions, Reserve
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
-from pinograsp.placement import PlacementSearch, find_placements
 from pinograsp.planner import GraspPlan, Search, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
+from pinograsp.synthesis import GraspSearch, find_grasps
 
 _TORSION = 5e-3  # [m] of soft fingers, as on the command line
 
@@ -64,7 +64,7 @@ class ObjectCase(Section):
 
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
     ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the object's placement in the hand's frame: x, y, z [m] and
-    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` placements is used. ``reserve``: ``"none"``,
+    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used. ``reserve``: ``"none"``,
     ``"default"``, its fields, or a text of them. Relative paths start at ``folder``.
     """
 
@@ -115,9 +115,9 @@ class ObjectCase(Section):
             f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items())
         )
 
-    def placements(self, *, jobs: int = -1, progress: bool | None = None) -> PlacementSearch:
-        """Placements of the object in the hand: see :func:`~pinograsp.placement.find_placements`."""
-        return find_placements(
+    def grasps(self, *, jobs: int = -1, progress: bool | None = None) -> GraspSearch:
+        """Grasps of the object: see :func:`~pinograsp.synthesis.find_grasps`."""
+        return find_grasps(
             self.load_hand(),
             self.make_object(),
             GraspConditions(mu=self.mu, friction=self._friction()),
@@ -129,9 +129,9 @@ class ObjectCase(Section):
         )
 
     def closure(self) -> Closure:
-        """The hand closed on the object, at ``at`` or at the best placement found (in this process)."""
+        """The hand closed on the object, at ``at`` or in the best grasp found (in this process)."""
         if self.at is None:
-            found = self.placements(jobs=1, progress=False)
+            found = self.grasps(jobs=1, progress=False)
             if found.interrupted:
                 raise KeyboardInterrupt
             return found.best.closure

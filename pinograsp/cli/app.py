@@ -32,8 +32,8 @@ Mu = Annotated[float, typer.Option(help="Friction coefficient of the search and 
 FrictionModel = Annotated[
     str, typer.Option(help="Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm).")
 ]
-Samples = Annotated[int, typer.Option(help="Without --at: placements to try.")]
-Seed = Annotated[int, typer.Option(help="Without --at: seed of the placements.")]
+Samples = Annotated[int, typer.Option(help="Without --at: grasps to try.")]
+Seed = Annotated[int, typer.Option(help="Without --at: seed of the search.")]
 Wrap = Annotated[bool, typer.Option("--wrap", help="Wrap the fingers round the object (power grasp).")]
 Safety = Annotated[float, typer.Option(help="Friction is used up to mu / safety.")]
 Hulls = Annotated[

@@ -164,14 +164,14 @@ def _object_case(hand: str, object: str, root: str | None, at: str | None, **opt
 
 
 def _closed(case: ObjectCase, as_json: bool) -> Closure:
-    """The hand closed on the object, at the given placement or at the best one found."""
+    """The hand closed on the object, where it is given or in the best grasp found."""
     if case.at is not None:
         return case.closure()
-    found = case.placements(progress=bar(as_json))
+    found = case.grasps(progress=bar(as_json))
     if found.interrupted:
-        held = len(found.placements)
+        held = len(found.grasps)
         typer.echo(
-            f"pinograsp: {found.tried} of {case.samples} placements tried, {held} hold the object; nothing written",
+            f"pinograsp: {found.tried} of {case.samples} samples tried, {held} grasps hold the object; nothing written",
             err=True,
         )
         raise KeyboardInterrupt

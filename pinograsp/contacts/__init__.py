@@ -1,6 +1,14 @@
 """Contacts: frames and grasp map, the compliant contact law and its energies."""
 
-from pinograsp.contacts.clearance import PALM, check_geometry, clearance, fingertips, link_centre
+from pinograsp.contacts.clearance import (
+    PALM,
+    NearPoint,
+    check_geometry,
+    clearance,
+    fingertips,
+    link_centre,
+    near_points,
+)
 from pinograsp.contacts.closing import close_hand
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.compliance import (
@@ -31,6 +39,7 @@ __all__ = [
     "Friction",
     "FrictionModel",
     "Measure",
+    "NearPoint",
     "PenetrationProfile",
     "Touch",
     "check_geometry",
@@ -41,6 +50,7 @@ __all__ = [
     "fingertips",
     "impulse_energy",
     "link_centre",
+    "near_points",
     "open_and_closed",
     "touching",
     "work_energy",

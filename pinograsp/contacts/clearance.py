@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -223,6 +225,37 @@ def clearance(hand: HandModel, body: Body, q: ArrayLike) -> float:
             break
         least = min(least, distances.of(parts[i])[0])
     return least
+
+
+class NearPoint(NamedTuple):
+    """The point of a finger that is nearest to an object.
+
+    Attributes:
+        gap: its signed distance [m].
+        point_o: in the world (3,) [m].
+        joint: Pinocchio's index of the joint that carries it.
+    """
+
+    gap: float
+    point_o: Array
+    joint: int
+
+
+def near_points(hand: HandModel, body: Body, q: ArrayLike) -> dict[str, NearPoint]:
+    """The point of each finger at q (n,) that is nearest to ``body``, and of the palm as ``"palm"``."""
+    check_geometry(hand)
+    distances = Distances(hand, instance_of("body", body, Body))
+    distances.put(array_of("q", q, (hand.n,)))
+    names = {
+        joint: (finger.name, link) for finger in hand.fingers for joint, link in zip(finger.joint_ids, finger.links)
+    }
+    near: dict[str, NearPoint] = {}
+    for part in (HandPart(hand, one, names) for one in hand.geometry.geometryObjects):
+        if part.finger not in near or distances.rough(part) < near[part.finger].gap:
+            gap, point = distances.of(part)
+            if part.finger not in near or gap < near[part.finger].gap:
+                near[part.finger] = NearPoint(gap, point, part.joint)
+    return near
 
 
 def _near(model: pin.Model, inner: int, outer: int) -> bool:

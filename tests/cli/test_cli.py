@@ -570,7 +570,7 @@ def test_a_search_that_finds_no_placement_is_no_grasp(command):
     code, out, err = command(
         "plan", "--hand", "panda", "--object", "sphere:radius=0.5,mass=1", "--samples", "1", "--json"
     )
-    assert code == 3 and json.loads(out)["status"] == "not_found" and "no placement of 1" in err
+    assert code == 3 and json.loads(out)["status"] == "not_found" and "no grasp of 1" in err
 
 
 def test_messages_do_not_steer_the_terminal(command):

@@ -69,7 +69,7 @@ def prepare() -> None:
 
 
 def _fill() -> None:
-    from pinograsp import contacts, forces, handover, placement, referee, report, storage
+    from pinograsp import contacts, forces, handover, referee, report, storage, synthesis
     from pinograsp.cases import builtin_cases
     from pinograsp.contacts import quality
     from pinograsp.hands import dh
@@ -427,7 +427,7 @@ def _fill() -> None:
     )
     call(w.conditions.problem, body=w.pen, contacts=w.contacts)
     call(
-        placement.find_placements,
+        placement.find_grasps,
         hand=w.hand,
         body=w.ball,
         conditions=w.conditions,
@@ -439,7 +439,7 @@ def _fill() -> None:
         jobs=1,
         progress=False,
     )
-    call(placement.hold, closure=w.closure, conditions=w.conditions, impact_time=0.9)
+    call(synthesis.hold, closure=w.closure, conditions=w.conditions, impact_time=0.9)
     hand = w.hand
     call(hand.configuration, angles=posture)
     call(hand.finger, name="thumb")
@@ -1124,7 +1124,7 @@ SLOW = {
     "slip_threshold",
     "load_threshold",
     "OnlineForces",
-    "find_placements",
+    "find_grasps",
 }
 
 

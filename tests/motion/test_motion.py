@@ -517,13 +517,13 @@ def test_remedies_name_the_cause(hand, make_problem, final_angles):
 
 def test_jaws_on_one_actuator_are_named():
     from pinograsp.objects import Box
-    from pinograsp.placement import find_placements
+    from pinograsp.synthesis import find_grasps
     from pinograsp.planner import plan_grasp_on
 
     friction = Friction(model="soft", torsion=0.005)
     box = Box(size=(0.03, 0.03, 0.08), mass=0.1)
     conditions = GraspConditions(mu=0.7, friction=friction)
-    best = find_placements(load_hand("panda"), box, conditions, count=6, jobs=1, progress=False).best
+    best = find_grasps(load_hand("panda"), box, conditions, count=6, jobs=1, progress=False).best
     plan = plan_grasp_on(best.closure.hand, best.closure, conditions)
     assert plan.status is Status.NOT_TRACKED and plan.remedy == plan.summary()["remedy"] == plan.motion.remedy
     assert (

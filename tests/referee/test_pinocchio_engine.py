@@ -17,7 +17,7 @@ from pinograsp.contacts.penetration import touching
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.objects import Box, Cylinder, Sphere
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 from pinograsp.referee.law import NO_TOUCHES, ContactLaw, Pressing
 from pinograsp.referee.mujoco_engine import MujocoEngine
 from pinograsp.referee.pinocchio_engine import PinocchioEngine
@@ -291,7 +291,7 @@ def case_study() -> Task:
 def catalogue(hand: str, thing: str) -> Task:
     made = pg.object_from(thing)
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1))
-    best = find_placements(pg.load_hand(hand, hulls=True), made, conditions, count=16).best.closure
+    best = find_grasps(pg.load_hand(hand, hulls=True), made, conditions, count=16).best.closure
     return Task.of(pg.plan_grasp_on(best.hand, best, conditions))
 
 

@@ -17,7 +17,7 @@ from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.contacts import clearance, touching
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import ContactNotReached, InvalidInput, SimulationDiverged
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 from pinograsp.referee import Disturbance, Push, Servo, simulate
 from pinograsp.referee.law import ContactLaw, Touches
 from pinograsp.referee.naive import naive_grasp, naive_task
@@ -122,7 +122,7 @@ def test_meshes_press_as_deep_as_planned():
     """Hulls of a real hand, by another collision library."""
     hand = pg.load_hand("hey5", hulls=True)
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
-    found = find_placements(hand, pg.Cylinder(radius=0.02, height=0.12, mass=0.2), conditions, count=8)
+    found = find_grasps(hand, pg.Cylinder(radius=0.02, height=0.12, mass=0.2), conditions, count=8)
     closure = found.best.closure
     plan = pg.plan_grasp_on(closure.hand, closure, conditions)
     simulation = simulate(plan, mode="prescribed", release=False, hold=0.0)
@@ -280,7 +280,7 @@ def test_mujoco_has_the_same_hand(name):
 def test_coupled_joints_stay_coupled_and_energy_is_kept():
     hand = pg.load_hand("psyonic_left", hulls=True)
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
-    found = find_placements(hand, pg.Sphere(radius=0.03, mass=0.2), conditions, count=16)
+    found = find_grasps(hand, pg.Sphere(radius=0.03, mass=0.2), conditions, count=16)
     closure = found.best.closure
     plan = pg.plan_grasp_on(closure.hand, closure, conditions)
     simulation = simulate(plan, hold=0.3)

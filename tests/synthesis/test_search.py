@@ -16,11 +16,11 @@ import own_hands
 import pytest
 
 from pinograsp.contacts import PALM, Friction, clearance
-from pinograsp.errors import InvalidInput, PinograspError, PlacementNotFound, Status
+from pinograsp.errors import InvalidInput, PinograspError, GraspNotFound, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box, Cylinder, Sphere
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 from pinograsp.planner import plan_grasp, plan_grasp_on
 
 CONDITIONS = GraspConditions(mu=0.7, friction=Friction(model="soft", torsion=0.005))
@@ -41,13 +41,13 @@ def ball():
 
 @pytest.fixture(scope="module")
 def found(allegro, ball):
-    return find_placements(allegro, ball, count=16, seed=3, jobs=1, **SETTINGS)
+    return find_grasps(allegro, ball, count=16, seed=3, jobs=1, **SETTINGS)
 
 
 def test_placements_hold_what_they_say(found, ball):
     assert found.tried == 16 == sum(found.outcomes.values()) and not found.interrupted
-    assert len(found.placements) == found.outcomes["holds"] >= 2
-    for placement in found.placements:
+    assert len(found.grasps) == found.outcomes["holds"] >= 2
+    for placement in found.grasps:
         closure, forces = placement.closure, placement.forces
         assert np.array_equal(closure.object.pose, ball.pose)  # the object stays, the hand is placed
         assert np.array_equal(closure.hand.pose, placement.pose)
@@ -60,17 +60,17 @@ def test_placements_hold_what_they_say(found, ball):
         )
         assert np.all(np.abs(torque) <= closure.hand.effort * (1 + 1e-6))
         assert placement.energy == forces.certificate.objective and placement.load_factor >= 1
-    enough = [p for p in found.placements if p.load_factor >= 1.2]
-    assert found.placements[: len(enough)] == tuple(enough)
+    enough = [p for p in found.grasps if p.load_factor >= 1.2]
+    assert found.grasps[: len(enough)] == tuple(enough)
     assert [p.energy for p in enough] == sorted(p.energy for p in enough)
 
 
 def test_the_result_depends_on_the_seed_alone(allegro, ball, found):
-    again = find_placements(allegro, ball, count=16, seed=3, jobs=2, **SETTINGS)
+    again = find_grasps(allegro, ball, count=16, seed=3, jobs=2, **SETTINGS)
     assert again.outcomes == found.outcomes
-    assert [p.energy for p in again.placements] == pytest.approx([p.energy for p in found.placements], rel=1e-6)
-    other = find_placements(allegro, ball, count=4, seed=4, jobs=1, **SETTINGS)
-    assert [p.energy for p in other.placements] != [p.energy for p in found.placements][: len(other.placements)]
+    assert [p.energy for p in again.grasps] == pytest.approx([p.energy for p in found.grasps], rel=1e-6)
+    other = find_grasps(allegro, ball, count=4, seed=4, jobs=1, **SETTINGS)
+    assert [p.energy for p in other.grasps] != [p.energy for p in found.grasps][: len(other.grasps)]
 
 
 def test_the_best_placement_can_be_planned(found):
@@ -81,7 +81,7 @@ def test_the_best_placement_can_be_planned(found):
 
 def test_hands_with_coupled_joints_are_placed():
     gripper = load_hand("panda")
-    search = find_placements(gripper, Sphere(radius=0.02, mass=0.1), count=6, jobs=2, **SETTINGS)
+    search = find_grasps(gripper, Sphere(radius=0.02, mass=0.1), count=6, jobs=2, **SETTINGS)
     assert search.tried == 6 and search.best.load_factor > 1
 
 
@@ -102,7 +102,7 @@ def test_hands_that_nobody_ships_hold_things(tmp_path, name, shape):
         "box": Box(size=(0.025, 0.03, 0.07), mass=0.1),
         "sphere": Sphere(radius=0.018, mass=0.05),
     }[shape]
-    best = find_placements(hand, thing, count=32, seed=1, **SETTINGS).best
+    best = find_grasps(hand, thing, count=32, seed=1, **SETTINGS).best
     plan = plan_grasp_on(best.closure.hand, best.closure, CONDITIONS)
     certificate = plan.forces.certificate
     assert plan.forces.status is Status.OK and plan.problem.balance == "wrench" and certificate.relative_gap <= 1e-6
@@ -113,16 +113,16 @@ def test_hands_that_nobody_ships_hold_things(tmp_path, name, shape):
 
 def test_wrapped_placements_rest_on_the_palm():
     hand, pen = load_hand("humanoid"), Cylinder(radius=0.022, height=0.14, mass=0.1)
-    wrapped, loose = (find_placements(hand, pen, count=8, seed=2, wrap=wrap, **SETTINGS) for wrap in (True, False))
+    wrapped, loose = (find_grasps(hand, pen, count=8, seed=2, wrap=wrap, **SETTINGS) for wrap in (True, False))
 
     def touches(search):
-        return [len(one.closure.touches) for one in search.placements]
+        return [len(one.closure.touches) for one in search.grasps]
 
-    assert len(wrapped.placements) > len(loose.placements) >= 1
+    assert len(wrapped.grasps) > len(loose.grasps) >= 1
     assert np.mean(touches(wrapped)) > np.mean(touches(loose)) + 1
-    at_start = [touch for one in wrapped.placements for touch in one.closure.touches if touch.at == 0]
+    at_start = [touch for one in wrapped.grasps for touch in one.closure.touches if touch.at == 0]
     assert any(touch.finger == PALM for touch in at_start)
-    for one in wrapped.placements:
+    for one in wrapped.grasps:
         assert clearance(one.closure.hand, pen, one.closure.q) > -1e-6
 
 
@@ -131,13 +131,13 @@ def test_objects_of_ones_own_class_are_placed(jobs):
     class Ball(Sphere):
         """No module knows it by name."""
 
-    search = find_placements(load_hand("humanoid"), Ball(radius=0.02, mass=0.05), count=4, jobs=jobs, **SETTINGS)
+    search = find_grasps(load_hand("humanoid"), Ball(radius=0.02, mass=0.05), count=4, jobs=jobs, **SETTINGS)
     assert search.tried == 4 and not search.interrupted
-    assert all(type(one.closure.object) is Ball for one in search.placements)
+    assert all(type(one.closure.object) is Ball for one in search.grasps)
 
 
 def test_what_passes_by_is_told_apart_from_what_overlaps():
-    search = find_placements(
+    search = find_grasps(
         load_hand("panda"), Sphere(radius=0.005, mass=0.01), count=24, wrap=True, jobs=1, **SETTINGS
     )
     assert search.outcomes.get("the hand passes the object by", 0) >= 1
@@ -145,12 +145,12 @@ def test_what_passes_by_is_told_apart_from_what_overlaps():
 
 def test_no_placement_says_why(allegro):
     heavy = Cylinder(radius=0.03, height=0.1, mass=500.0)
-    search = find_placements(allegro, heavy, count=3, jobs=1, **SETTINGS)
-    assert search.placements == ()
-    with pytest.raises(PlacementNotFound, match="no placement of 3 holds the object: .*"):
+    search = find_grasps(allegro, heavy, count=3, jobs=1, **SETTINGS)
+    assert search.grasps == ()
+    with pytest.raises(GraspNotFound, match="no grasp of 3 samples holds the object: .*"):
         _ = search.best
     with pytest.raises(InvalidInput, match="count"):
-        find_placements(allegro, heavy, count=0, **SETTINGS)
+        find_grasps(allegro, heavy, count=0, **SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -166,13 +166,13 @@ def test_no_placement_says_why(allegro):
 )
 def test_unusable_settings_are_told_before_anything_is_tried(allegro, ball, settings, message):
     with pytest.raises(InvalidInput, match=message) as told:
-        find_placements(allegro, ball, GraspConditions(**settings), count=10_000, progress=False)
+        find_grasps(allegro, ball, GraspConditions(**settings), count=10_000, progress=False)
     assert told.value.__cause__ is None
     with pytest.raises(InvalidInput, match="impact time"):
-        find_placements(allegro, ball, count=10_000, impact_time=2.0, **SETTINGS)
+        find_grasps(allegro, ball, count=10_000, impact_time=2.0, **SETTINGS)
     for other in (0.7, {"mu": 0.7}, None):
         with pytest.raises(InvalidInput, match="conditions: expected a GraspConditions"):
-            find_placements(allegro, ball, other)
+            find_grasps(allegro, ball, other)
 
 
 class Failing(Sphere):
@@ -195,19 +195,19 @@ cloudpickle.register_pickle_by_value(sys.modules[__name__])  # other processes n
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_errors_of_samples_are_one_message(jobs):
     with pytest.raises(PinograspError, match="ValueError: no radius today .in bounding_radius") as told:
-        find_placements(load_hand("panda"), Failing(radius=0.02, mass=0.1), count=4, jobs=jobs, **SETTINGS)
+        find_grasps(load_hand("panda"), Failing(radius=0.02, mass=0.1), count=4, jobs=jobs, **SETTINGS)
     assert told.value.__cause__ is None and "joblib" not in str(told.value)
 
 
 def test_lost_processes_are_one_message():
     with pytest.raises(PinograspError, match="process of the search was lost"):
-        find_placements(load_hand("panda"), Deadly(radius=0.02, mass=0.1), count=4, jobs=2, **SETTINGS)
+        find_grasps(load_hand("panda"), Deadly(radius=0.02, mass=0.1), count=4, jobs=2, **SETTINGS)
 
 
 def test_effort_limits_mean_the_same_everywhere():
     """Joints without one are not limited, and named."""
     ball, free = Sphere(radius=0.02, mass=0.05), load_hand("humanoid")
-    first = find_placements(free, ball, count=4, jobs=1, **SETTINGS).best.closure
+    first = find_grasps(free, ball, count=4, jobs=1, **SETTINGS).best.closure
     model = first.hand.model.copy()
     model.effortLimit[::2] = 0.0
     part = replace(first.hand, model=model)
@@ -218,11 +218,11 @@ def test_effort_limits_mean_the_same_everywhere():
     (caution,) = [text for text in plan.cautions if "no limit is known" in text]
     moving = np.abs(plan.problem.torques.jacobian).max(axis=(0, 1)) > 0
     assert [name in caution for name in np.array(part.joint_names)[::2][moving[::2]]] == [True] * moving[::2].sum()
-    assert find_placements(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
+    assert find_grasps(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
     model.effortLimit[:] = 0.0
     assert plan_grasp_on(part, closure, CONDITIONS).problem.torques is None
     assert plan_grasp(part, plan.problem, torque_limit="effort").problem.torques is None
-    assert find_placements(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
+    assert find_grasps(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
 
 
 class Interrupting(Sphere):
@@ -250,16 +250,16 @@ def test_what_was_found_until_ctrl_c_is_kept(lost, monkeypatch):
     monkeypatch.setattr(sys, "unraisablehook", lambda _: None)
     monkeypatch.setattr(Interrupting, "asked", 0)
     monkeypatch.setattr(Interrupting, "lost", lost)
-    search = find_placements(load_hand("panda"), Interrupting(radius=0.02, mass=0.1), count=200, jobs=1, **SETTINGS)
+    search = find_grasps(load_hand("panda"), Interrupting(radius=0.02, mass=0.1), count=200, jobs=1, **SETTINGS)
     assert search.interrupted and search.tried < 200 and sum(search.outcomes.values()) == search.tried
 
 
 STOPPED = """
 import pinograsp as pg
-from pinograsp.placement import find_placements
+from pinograsp.synthesis import find_grasps
 if __name__ == "__main__":
     print("started", flush=True)
-    search = find_placements(pg.load_hand("allegro_right"), pg.Sphere(radius=0.03, mass=0.15), count=100_000, conditions=pg.GraspConditions(mu=0.7), jobs=2, progress=False)
+    search = find_grasps(pg.load_hand("allegro_right"), pg.Sphere(radius=0.03, mass=0.15), count=100_000, conditions=pg.GraspConditions(mu=0.7), jobs=2, progress=False)
     print(search.interrupted, search.tried < 100_000, sum(search.outcomes.values()) == search.tried)
 """
 
@@ -311,5 +311,5 @@ def test_ctrl_c_writes_nothing_and_exits_with_130(tmp_path, everybody):
     time.sleep(12.0)
     (os.killpg if everybody else os.kill)(running.pid, signal.SIGINT)
     out, err = running.communicate(timeout=240)
-    assert running.returncode == 130 and "of 5000 placements tried" in err and "Traceback" not in err
+    assert running.returncode == 130 and "of 5000 samples tried" in err and "Traceback" not in err
     assert out == "" and list(tmp_path.iterdir()) == []

@@ -1,0 +1,263 @@
+"""How a hand can close on something between its fingers: open postures in which the fingertips oppose each other.
+
+Joints that flex a finger close it; the others (abduction, opposition) only turn it, so they are sampled over their
+range. A posture is good where the directions in which the fingertips close balance: forces along them, all pressing,
+add up to no force and no moment. Nothing but the tree and the collision geometry is used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import nnls
+
+from pinograsp.checks import brief
+from pinograsp.contacts import fingertips
+from pinograsp.hands import HandModel
+from pinograsp.hands.geometry import hull_of
+from pinograsp.objects.body import tangents
+from pinograsp.spatial import Array
+
+_ROOM = 0.08  # of its range that a turning joint keeps from its stop: approaches swing back a little before they close
+_SHARES = np.linspace(0.1, 1.0, 13)  # of the way from open to closed, at which fingertips are looked at
+_KEPT = 24  # preshapes for each share of the way
+_LEAN, _EDGES = np.radians(25.0), 6  # of the forces that fingertips are taken to make
+_RING = 12  # points round a circle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Preshape:
+    """A way to close, and where it leads: frames are the hand's root frame h.
+
+    Attributes:
+        opened: posture before closing (n,) [rad or m].
+        closed: posture that closing leads to (n,).
+        centre_h: where the fingertips press together (3,) [m].
+        axis_h: unit direction (3,) in which the leading finger presses; the others press against it.
+        out_h: unit direction (3,) from the palm to the centre, across ``axis_h``.
+        depth: distance of the centre from the fingers' bases along ``out_h`` [m].
+        width: of what would lie between the fingertips there [m].
+        imbalance: what is left of the fingers' unit forces [-]: 0 where they oppose each other exactly.
+    """
+
+    opened: Array
+    closed: Array
+    centre_h: Array
+    axis_h: Array
+    out_h: Array
+    depth: float
+    width: float
+    imbalance: float
+
+    __repr__ = brief()
+
+
+def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60) -> list[Preshape]:
+    """Preshapes of any width, the best opposed ones of each share of the way.
+
+    Args:
+        hand: the hand.
+        rng: for the joints that spread or oppose fingers.
+        samples: postures of these joints.
+    """
+    tips = _Tips(hand)
+    found: list[Preshape] = []
+    spreads = tips.spreads
+    for i in range(samples if len(spreads) else 1):
+        middle = tips.middle.copy()
+        if i:
+            middle[spreads] = rng.uniform(tips.low[spreads], tips.high[spreads])
+        opened, closed = tips.ends(middle)
+        for share in _SHARES:
+            one = tips.preshape(opened, closed, float(share))
+            if one is not None:
+                found.append(one)
+    found.sort(key=lambda one: one.imbalance)
+    return found
+
+
+class _Tips:
+    """Fingertips of a hand, in its root frame."""
+
+    def __init__(self, hand: HandModel):
+        self.hand, self.data = hand, hand.model.createData()
+        self.oMh = pin.SE3(np.array(hand.pose))
+        low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
+        room = np.array([0.0 if hand.is_prismatic(j) else _ROOM for j in _actuated(hand)]) * (high - low)
+        self.low, self.high = low + room, high - room
+        self.middle = np.clip(np.zeros(hand.n), self.low, self.high)
+        self.fingers = [(finger.joint_ids[-1], finger.dofs) for finger in hand.fingers]
+        self.points = {j: _distal(_points(hand, j)) for j, _ in self.fingers}
+        first = [finger.joint_ids[0] for finger in hand.fingers]
+        self._put(self.middle)
+        # Where the fingers' chains part, whatever arm or forearm the file has behind that.
+        self.base = np.mean([self.data.oMi[joint].translation for joint in first], axis=0)
+        self.flexion = self._flexion()
+        self.towards = self._towards()
+        self.spreads = np.flatnonzero(~self.flexion)
+
+    def _put(self, q: Array) -> None:
+        pin.computeJointJacobians(self.hand.model, self.data, q)
+
+    def _jacobian(self, joint: int, point: Array) -> Array:
+        """Of a point (3,) carried by a joint (3, n), world axes."""
+        J = pin.getJointJacobian(self.hand.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.hand.n)
+        moved: Array = J[:3] + np.cross(J[3:].T, point - self.data.oMi[joint].translation).T
+        return moved
+
+    def _flexion(self) -> np.ndarray:
+        """Which joints close a finger (n,): those that slide, and those parallel to a finger's last one."""
+        flexion = np.zeros(self.hand.n, dtype=bool)
+        self._put((self.low + self.high) / 2)
+        for joint, dofs in self.fingers:
+            J = pin.getJointJacobian(self.hand.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.hand.n)
+            last = J[3:, dofs[-1]]
+            for i in dofs.tolist():
+                turning = float(np.linalg.norm(J[3:, i]))
+                parallel = abs(J[3:, i] @ last) > 0.7 * turning * np.linalg.norm(last)
+                flexion[i] |= turning < 1e-9 or i == dofs[-1] or parallel
+        return flexion
+
+    def _towards(self) -> Array:
+        """Signs (n,) of the directions in which flexion joints bring the fingertips together."""
+        towards = np.zeros(self.hand.n)
+        for q in (self.middle, (self.low + self.high) / 2):
+            self._put(q)
+            at = np.array([self.data.oMi[joint].act(self.points[joint].mean(axis=0)) for joint, _ in self.fingers])
+            if len(at) == 1:
+                at = np.vstack([at, fingertips(self.hand, self.data)[1]])
+            centre = at.mean(axis=0)
+            for (joint, dofs), tip in zip(self.fingers, at):
+                towards[dofs] += (self._jacobian(joint, tip).T @ (centre - tip))[dofs]
+        return np.where(self.flexion, np.where(towards >= 0, 1.0, -1.0), 0.0)
+
+    def ends(self, middle: Array) -> tuple[Array, Array]:
+        """Open and closed posture (n,), (n,) with the other joints as in ``middle``."""
+        closing = self.towards > 0
+        opened = np.where(self.flexion, np.where(closing, self.low, self.high), middle)
+        closed = np.where(self.flexion, np.where(closing, self.hand.upper, self.hand.lower), middle)
+        return opened, closed
+
+    def preshape(self, opened: Array, closed: Array, share: float) -> Preshape | None:
+        """The preshape whose fingertips meet at a share of the way; None where none of them move."""
+        self._put(opened + share * (closed - opened))
+        points, closing = [], []
+        for joint, dofs in self.fingers:
+            pose, rate = self.data.oMi[joint], np.zeros(self.hand.n)
+            rate[dofs] = (closed - opened)[dofs]
+            centre = pose.act(self.points[joint].mean(axis=0))
+            speed = self._jacobian(joint, centre) @ rate
+            size = float(np.linalg.norm(speed))
+            if size < 1e-9:
+                continue
+            world = self.points[joint] @ pose.rotation.T + pose.translation
+            points.append(_ahead(world, speed / size))
+            closing.append(speed / size)
+        if not points:
+            return None
+        if len(points) == 1:  # the palm holds against a single finger
+            points.append(fingertips(self.hand, self.data)[1])
+            closing.append(-closing[0])
+        at, along = np.array(points), np.array(closing)
+        shares, imbalance = _balance(at, along)
+        lead = int(np.argmax(shares))
+        others = shares.copy()
+        others[lead] = 0.0
+        if others.sum() < 1e-6:
+            return None
+        other = others @ at / others.sum()
+        # Of jaws that close on arcs both lean the same way: what they press against each other counts.
+        axis = along[lead] - others @ along / others.sum()
+        axis /= max(float(np.linalg.norm(axis)), 1e-9)
+        width = float((other - at[lead]) @ axis)
+        centre = (at[lead] + other) / 2
+        out = centre - self.base
+        depth, out = float(np.linalg.norm(out)), out - axis * (axis @ out)
+        if np.linalg.norm(out) < 1e-6:
+            out = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        turn = self.oMh.rotation.T
+        return Preshape(
+            opened=opened,
+            closed=closed,
+            centre_h=np.array(self.oMh.actInv(centre)),
+            axis_h=turn @ axis,
+            out_h=turn @ (out / np.linalg.norm(out)),
+            depth=depth,
+            width=width,
+            imbalance=imbalance,
+        )
+
+
+def _balance(at: Array, along: Array) -> tuple[Array, float]:
+    """Shares (f,) of sum 1 in which forces about directions (f, 3) at points (f, 3) balance best, and what they leave.
+
+    The forces may lean by ``_LEAN``, as the object's surface and friction let them.
+    """
+    arms = at - at.mean(axis=0)
+    arm = max(float(np.linalg.norm(arms, axis=1).mean()), 1e-6)
+    across = tangents(along)
+    turn = np.arange(_EDGES) * 2 * np.pi / _EDGES
+    lean = across @ np.stack([np.cos(turn), np.sin(turn)]) * np.tan(_LEAN)  # (f, 3, edges)
+    forces = np.concatenate([along[:, None], along[:, None] + lean.transpose(0, 2, 1)], axis=1)
+    moments = np.cross(arms[:, None], forces) / arm
+    rows = np.concatenate([forces, moments], axis=2).reshape(-1, 6).T
+    weights, _ = nnls(np.vstack([rows, np.full(rows.shape[1], 1e2)]), np.append(np.zeros(6), 1e2))
+    shares = weights.reshape(len(at), -1).sum(axis=1)
+    return shares / shares.sum(), float(np.linalg.norm(rows @ weights))
+
+
+def _ahead(points: Array, direction: Array) -> Array:
+    """The mean (3,) of the points (p, 3) that lie farthest along a direction."""
+    along = points @ direction
+    ahead: Array = points[along >= along.max() - 1e-3].mean(axis=0)
+    return ahead
+
+
+def _actuated(hand: HandModel) -> list[int]:
+    """Pinocchio's indices of the actuated joints, in the order of q."""
+    model = hand.model
+    return [j for j in range(1, model.njoints) if model.joints[j].nv]
+
+
+def _distal(points: Array) -> Array:
+    """Those of a link's points (p, 3), in its joint's frame, that lie far from the joint: where a finger presses."""
+    far = np.linalg.norm(points, axis=1)
+    distal: Array = points[far >= 0.6 * far.max()]
+    return distal
+
+
+def _points(hand: HandModel, joint: int) -> Array:
+    """Points (p, 3) on the hull of what a joint carries, in its frame; its origin where it carries nothing."""
+    found = [
+        one.placement.act(point)
+        for one in hand.geometry.geometryObjects
+        if one.parentJoint == joint
+        for point in _hull_points(one.geometry)
+    ]
+    return np.array(found) if found else np.zeros((1 if joint else 0, 3))
+
+
+def _hull_points(geometry: coal.CollisionGeometry) -> Array:
+    hull = hull_of(geometry)
+    if hull is not None:
+        return np.array([hull.point(i) for i in range(hull.num_points)])
+    geometry.computeLocalAABB()
+    box = geometry.aabb_local
+    low, high = np.array(box.min_), np.array(box.max_)
+    middle, half = (low + high) / 2, (high - low) / 2
+    if isinstance(geometry, coal.Box):
+        corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        ends: Array = middle + corners * half
+        return ends
+    # Round shapes fill their box as an ellipsoid does, near enough to tell where a fingertip is.
+    turn = np.linspace(0, 2 * np.pi, _RING, endpoint=False)
+    height = np.linspace(-1, 1, 7)
+    ring = np.sqrt(1 - height**2)
+    sphere = np.stack(
+        [np.outer(ring, np.cos(turn)), np.outer(ring, np.sin(turn)), np.outer(height, np.ones(_RING))], axis=-1
+    )
+    around: Array = middle + sphere.reshape(-1, 3) * half
+    return around

@@ -1,0 +1,79 @@
+"""Where an object can be held between two surfaces that face each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.checks import brief
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array
+
+_STEPS = 40  # of a ray through the object
+_FACING = np.cos(np.radians(25.0))  # of the angle between the line through a pair and either normal
+_POINTS = 400  # surface points that are looked at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pairs:
+    """Pairs of surface points that face each other, in the world; those near the centre of mass first.
+
+    Attributes:
+        middles_o: between the two points (p, 3) [m].
+        axes_o: unit directions (p, 3) from the first point into the object, to the second.
+        widths: their distances (p,) [m].
+        aside: distances of the middles from the centre of mass (p,) [m].
+    """
+
+    middles_o: Array
+    axes_o: Array
+    widths: Array
+    aside: Array
+
+    __repr__ = brief()
+
+
+def pairs_of(body: Body, rng: np.random.Generator) -> Pairs:
+    """Pairs of an object: lines along the normals of random surface points, from there to the other side."""
+    radius = body.bounding_radius
+    directions = rng.normal(size=(_POINTS, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    # Half of the points from outside, half from within, where handles and other thin parts are met as often.
+    away = np.where(np.arange(_POINTS) % 2 == 0, 1.5, 0.9 * rng.uniform(0.1, 1.0, _POINTS))
+    first, axes, _ = body.project(body.com_o + radius * away[:, None] * directions)
+    keep = np.isfinite(axes).all(axis=1)
+    first, axes = first[keep], axes[keep]
+    second = _through(body, first, axes)
+    widths = np.linalg.norm(second - first, axis=1)
+    keep = widths > 1e-4
+    first, second, axes, widths = first[keep], second[keep], axes[keep], widths[keep]
+    _, other, _ = body.project(second)
+    keep = np.einsum("pi,pi->p", axes, -other) > _FACING
+    first, second, axes, widths = first[keep], second[keep], axes[keep], widths[keep]
+    middles = (first + second) / 2
+    aside = np.linalg.norm(middles - body.com_o, axis=1)
+    order = np.argsort(aside, kind="stable")
+    return Pairs(middles_o=middles[order], axes_o=axes[order], widths=widths[order], aside=aside[order])
+
+
+def _through(body: Body, points: Array, axes: Array) -> Array:
+    """Where rays (p, 3) from surface points (p, 3) into the object leave it: as far as the surface is, step by step.
+
+    Every second ray is followed from the far side instead: across a hollow the two are not the same.
+    """
+    radius = body.bounding_radius
+    back = np.arange(len(points)) % 4 < 2
+    along = np.where(back, 2.5 * radius, 1e-3 * radius)
+    sign = np.where(back, -1.0, 1.0)
+    moving = np.ones(len(points), dtype=bool)
+    for _ in range(_STEPS):
+        if not moving.any():
+            break
+        _, _, distance = body.project(points[moving] + along[moving, None] * axes[moving])
+        left = np.abs(distance)
+        along[moving] += sign[moving] * np.maximum(left, 1e-4 * radius)
+        ended = np.where(back[moving], distance < 1e-4 * radius, distance > -1e-4 * radius)
+        moving[moving] = ~ended
+    reached: Array = points + along[:, None] * axes
+    return reached
