@@ -43,9 +43,9 @@ from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import PinograspError, Status
 from pinograsp.forces import load_factor
 from pinograsp.hands.catalogue import CATALOGUE
-from pinograsp.synthesis import find_grasps
 from pinograsp.referee import Disturbance
 from pinograsp.spatial import rotation_rpy
+from pinograsp.synthesis import find_grasps
 
 HERE = Path(__file__).resolve().parent
 COLUMNS = (

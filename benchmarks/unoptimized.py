@@ -26,9 +26,9 @@ from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.errors import PinograspError
-from pinograsp.synthesis import find_grasps
 from pinograsp.referee.naive import naive_grasp
 from pinograsp.referee.task import Task
+from pinograsp.synthesis import find_grasps
 
 HERE = Path(__file__).resolve().parent
 WITHIN = 5e-4  # [m] of drift

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pinograsp as pg
 from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Link
-from pinograsp.synthesis import find_grasps
 from pinograsp.spatial import pose_of, rotation_rpy
+from pinograsp.synthesis import find_grasps
 
 
 def finger(name: str, at: list[float], yaw: float) -> FingerDescription:

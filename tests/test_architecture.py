@@ -31,7 +31,7 @@ ROOMS = [
     "contacts",
     "forces",
     "motion",
-    "placement",
+    "synthesis",
     "storage",
     "handover",
     "referee",
@@ -43,7 +43,7 @@ ROOMS = [
     "cli",
 ]
 OWNERS = {
-    "pinocchio": {"hands", "contacts", "motion", "placement", "referee"},
+    "pinocchio": {"hands", "contacts", "motion", "synthesis", "referee"},
     "coal": {"hands", "objects", "contacts", "referee"},
     "mujoco": {"referee"},
     "trimesh": {"hands", "objects"},
@@ -60,9 +60,9 @@ OWNERS = {
     "ruamel": {"cases", "handover"},
     "typer": {"cli"},
     "rich": {"cli"},
-    "tqdm": {"forces", "placement", "referee", "sweep"},
-    "joblib": {"interrupts", "placement", "referee", "sweep"},
-    "cloudpickle": {"placement", "referee"},
+    "tqdm": {"forces", "synthesis", "referee", "sweep"},
+    "joblib": {"interrupts", "synthesis", "referee", "sweep"},
+    "cloudpickle": {"synthesis", "referee"},
     "pyarrow": {"sweep"},
     "distributed": {"sweep"},
 }
@@ -189,11 +189,11 @@ def test_what_reads_plans_loads_nothing_that_made_them():
     script = f"import sys, {readers}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=True)
     rooms = {room_of(name) for name in done.stdout.split() if name.startswith("pinograsp.")}
-    assert {"plan", "storage"} <= rooms and not rooms & {"contacts", "forces", "motion", "placement", "planner"}
+    assert {"plan", "storage"} <= rooms and not rooms & {"contacts", "forces", "motion", "synthesis", "planner"}
 
 
 def test_the_referee_shares_nothing_with_what_it_judges():
-    judged = ("contacts", "forces", "motion", "placement", "planner")
+    judged = ("contacts", "forces", "motion", "synthesis", "planner")
     shared = [
         f"{module} imports {name}"
         for module, name in arrows()

@@ -14,10 +14,11 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from pinograsp.hands.mesh_file import collision_model, joined, read_triangles
-from pinograsp.spatial import FARTHEST
+from pinograsp.spatial import FARTHEST, Array
 
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
 _DENSITY = 1000.0
+_RING = 12  # points round a circle
 _FLAT = 1e-6  # volume over the longest extent's cube, of a mesh that is flat up to rounding
 
 Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
@@ -137,6 +138,30 @@ def hull_of(shape: coal.CollisionGeometry) -> coal.ConvexBase | None:
             return None
         shape.buildConvexHull(True, "Qt")
     return shape.convex
+
+
+def hull_points(geometry: coal.CollisionGeometry) -> Array:
+    """Points (p, 3) of a geometry's surface: the corners of a mesh's hull or of a box, others about as dense."""
+    hull = hull_of(geometry)
+    if hull is not None:
+        return np.array([hull.point(i) for i in range(hull.num_points)])
+    geometry.computeLocalAABB()
+    box = geometry.aabb_local
+    low, high = np.array(box.min_), np.array(box.max_)
+    middle, half = (low + high) / 2, (high - low) / 2
+    if isinstance(geometry, coal.Box):
+        corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        ends: Array = middle + corners * half
+        return ends
+    # Round shapes fill their box as an ellipsoid does, near enough to tell where a fingertip is.
+    turn = np.linspace(0, 2 * np.pi, _RING, endpoint=False)
+    height = np.linspace(-1, 1, 7)
+    ring = np.sqrt(1 - height**2)
+    sphere = np.stack(
+        [np.outer(ring, np.cos(turn)), np.outer(ring, np.sin(turn)), np.outer(height, np.ones(_RING))], axis=-1
+    )
+    around: Array = middle + sphere.reshape(-1, 3) * half
+    return around
 
 
 def hulls(geometry: pin.GeometryModel) -> pin.GeometryModel:

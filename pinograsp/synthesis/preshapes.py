@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 import pinocchio as pin
 from scipy.optimize import nnls
@@ -17,15 +16,14 @@ from scipy.optimize import nnls
 from pinograsp.checks import brief
 from pinograsp.contacts import fingertips
 from pinograsp.hands import HandModel
-from pinograsp.hands.geometry import hull_of
+from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import tangents
 from pinograsp.spatial import Array
 
 _ROOM = 0.08  # of its range that a turning joint keeps from its stop: approaches swing back a little before they close
 _SHARES = np.linspace(0.1, 1.0, 13)  # of the way from open to closed, at which fingertips are looked at
-_KEPT = 24  # preshapes for each share of the way
+_PASSED = 1e-3  # [m] by which fingertips may have passed each other
 _LEAN, _EDGES = np.radians(25.0), 6  # of the forces that fingertips are taken to make
-_RING = 12  # points round a circle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,8 +73,7 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60) -
             one = tips.preshape(opened, closed, float(share))
             if one is not None:
                 found.append(one)
-    found.sort(key=lambda one: one.imbalance)
-    return found
+    return sorted(found, key=lambda one: one.imbalance)
 
 
 class _Tips:
@@ -173,6 +170,8 @@ class _Tips:
         axis = along[lead] - others @ along / others.sum()
         axis /= max(float(np.linalg.norm(axis)), 1e-9)
         width = float((other - at[lead]) @ axis)
+        if width < -_PASSED:  # they would have to pass through each other
+            return None
         centre = (at[lead] + other) / 2
         out = centre - self.base
         depth, out = float(np.linalg.norm(out)), out - axis * (axis @ out)
@@ -186,7 +185,7 @@ class _Tips:
             axis_h=turn @ axis,
             out_h=turn @ (out / np.linalg.norm(out)),
             depth=depth,
-            width=width,
+            width=max(0.0, width),
             imbalance=imbalance,
         )
 
@@ -235,29 +234,6 @@ def _points(hand: HandModel, joint: int) -> Array:
         one.placement.act(point)
         for one in hand.geometry.geometryObjects
         if one.parentJoint == joint
-        for point in _hull_points(one.geometry)
+        for point in hull_points(one.geometry)
     ]
     return np.array(found) if found else np.zeros((1 if joint else 0, 3))
-
-
-def _hull_points(geometry: coal.CollisionGeometry) -> Array:
-    hull = hull_of(geometry)
-    if hull is not None:
-        return np.array([hull.point(i) for i in range(hull.num_points)])
-    geometry.computeLocalAABB()
-    box = geometry.aabb_local
-    low, high = np.array(box.min_), np.array(box.max_)
-    middle, half = (low + high) / 2, (high - low) / 2
-    if isinstance(geometry, coal.Box):
-        corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        ends: Array = middle + corners * half
-        return ends
-    # Round shapes fill their box as an ellipsoid does, near enough to tell where a fingertip is.
-    turn = np.linspace(0, 2 * np.pi, _RING, endpoint=False)
-    height = np.linspace(-1, 1, 7)
-    ring = np.sqrt(1 - height**2)
-    sphere = np.stack(
-        [np.outer(ring, np.cos(turn)), np.outer(ring, np.sin(turn)), np.outer(height, np.ones(_RING))], axis=-1
-    )
-    around: Array = middle + sphere.reshape(-1, 3) * half
-    return around

@@ -8,7 +8,7 @@ import numpy as np
 
 from pinograsp.checks import brief
 from pinograsp.objects.body import Body
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
 
 _STEPS = 40  # of a ray through the object
 _FACING = np.cos(np.radians(25.0))  # of the angle between the line through a pair and either normal
@@ -44,12 +44,15 @@ def pairs_of(body: Body, rng: np.random.Generator) -> Pairs:
     first, axes, _ = body.project(body.com_o + radius * away[:, None] * directions)
     keep = np.isfinite(axes).all(axis=1)
     first, axes = first[keep], axes[keep]
-    second = _through(body, first, axes)
-    widths = np.linalg.norm(second - first, axis=1)
-    keep = widths > 1e-4
+    second, left = _through(body, first, axes)
+    widths = np.einsum("pi,pi->p", second - first, axes)
+    keep = left & (widths > 1e-4)
     first, second, axes, widths = first[keep], second[keep], axes[keep], widths[keep]
-    _, other, _ = body.project(second)
-    keep = np.einsum("pi,pi->p", axes, -other) > _FACING
+    # Just inside: on an edge the faces' own normals count, not their mean.
+    inside = np.minimum(1e-3 * radius, 0.1 * widths)[:, None] * axes
+    _, one, _ = body.project(first + inside)
+    _, other, _ = body.project(second - inside)
+    keep = (np.einsum("pi,pi->p", axes, one) > _FACING) & (np.einsum("pi,pi->p", axes, -other) > _FACING)
     first, second, axes, widths = first[keep], second[keep], axes[keep], widths[keep]
     middles = (first + second) / 2
     aside = np.linalg.norm(middles - body.com_o, axis=1)
@@ -57,9 +60,10 @@ def pairs_of(body: Body, rng: np.random.Generator) -> Pairs:
     return Pairs(middles_o=middles[order], axes_o=axes[order], widths=widths[order], aside=aside[order])
 
 
-def _through(body: Body, points: Array, axes: Array) -> Array:
-    """Where rays (p, 3) from surface points (p, 3) into the object leave it: as far as the surface is, step by step.
+def _through(body: Body, points: Array, axes: Array) -> tuple[Array, BoolArray]:
+    """Where rays (p, 3) from surface points (p, 3) into the object leave it, and which of them were followed to there.
 
+    The steps are as long as the surface is far.
     Every second ray is followed from the far side instead: across a hollow the two are not the same.
     """
     radius = body.bounding_radius
@@ -75,5 +79,4 @@ def _through(body: Body, points: Array, axes: Array) -> Array:
         along[moving] += sign[moving] * np.maximum(left, 1e-4 * radius)
         ended = np.where(back[moving], distance < 1e-4 * radius, distance > -1e-4 * radius)
         moving[moving] = ~ended
-    reached: Array = points + along[:, None] * axes
-    return reached
+    return points + along[:, None] * axes, ~moving

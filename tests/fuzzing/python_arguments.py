@@ -427,13 +427,12 @@ def _fill() -> None:
     )
     call(w.conditions.problem, body=w.pen, contacts=w.contacts)
     call(
-        placement.find_grasps,
+        synthesis.find_grasps,
         hand=w.hand,
         body=w.ball,
         conditions=w.conditions,
         count=1,
         seed=0,
-        margin=1.2,
         impact_time=0.9,
         wrap=False,
         jobs=1,

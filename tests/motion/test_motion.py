@@ -517,8 +517,8 @@ def test_remedies_name_the_cause(hand, make_problem, final_angles):
 
 def test_jaws_on_one_actuator_are_named():
     from pinograsp.objects import Box
-    from pinograsp.synthesis import find_grasps
     from pinograsp.planner import plan_grasp_on
+    from pinograsp.synthesis import find_grasps
 
     friction = Friction(model="soft", torsion=0.005)
     box = Box(size=(0.03, 0.03, 0.08), mass=0.1)

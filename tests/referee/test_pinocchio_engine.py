@@ -17,12 +17,12 @@ from pinograsp.contacts.penetration import touching
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.objects import Box, Cylinder, Sphere
-from pinograsp.synthesis import find_grasps
 from pinograsp.referee.law import NO_TOUCHES, ContactLaw, Pressing
 from pinograsp.referee.mujoco_engine import MujocoEngine
 from pinograsp.referee.pinocchio_engine import PinocchioEngine
 from pinograsp.referee.settings import Disturbance, Servo
 from pinograsp.referee.task import Task
+from pinograsp.synthesis import find_grasps
 
 DT = 2.5e-4
 OBJECTS = {

@@ -17,12 +17,12 @@ from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.contacts import clearance, touching
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import ContactNotReached, InvalidInput, SimulationDiverged
-from pinograsp.synthesis import find_grasps
 from pinograsp.referee import Disturbance, Push, Servo, simulate
 from pinograsp.referee.law import ContactLaw, Touches
 from pinograsp.referee.naive import naive_grasp, naive_task
 from pinograsp.referee.task import Task
 from pinograsp.referee.trials import common_settings, run_trial
+from pinograsp.synthesis import find_grasps
 
 SURFACE = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1, "motion.touch": "surface"}
 

@@ -1,0 +1,116 @@
+"""Forces that hold what a hand has closed on: the judgement of a grasp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.checks import brief, instance_of
+from pinograsp.contacts import (
+    Closure,
+    ContactSet,
+)
+from pinograsp.contacts.quality import ferrari_canny
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions, Reserve, load_factor, optimize_forces
+from pinograsp.hands import HandModel
+from pinograsp.motion import effort_of, torque_limits
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array
+
+_SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoundGrasp:
+    """One grasp: the hand placed and closed so that it holds the object.
+
+    Attributes:
+        pose: oMh (4, 4), the hand's root frame in the world.
+        closure: the hand closed there.
+        forces: certified least-cost forces, at the impact time of the search.
+        quality: what the contacts withstand in their weakest direction per newton of squeeze [-], moments over the
+            reserve's arm, with the friction that the reserve relies on; 0 without force closure.
+        energy: objective of the forces.
+        load_factor: largest multiple of the load that can be held at that impact time.
+    """
+
+    pose: Array
+    closure: Closure
+    forces: ForceSolution
+    quality: float
+    energy: float
+    load_factor: float
+
+    __repr__ = brief()
+
+
+def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, FoundGrasp | None]:
+    """Forces that hold a closed hand's object, as a grasp; and the outcome in words."""
+    instance_of("closure", closure, Closure)
+    instance_of("conditions", conditions, GraspConditions)
+    touching = [touch for touch in closure.touches if touch.finger]
+    if len(touching) < 2:
+        return "fewer than two contacts", None
+    # Where the jaws have pushed the object, the hand goes instead: the object's place is given.
+    closure = _hand_moved(closure)
+    contacts = closure.contacts()
+    problem = problem_of(closure.hand, closure.object, contacts, conditions)
+    forces = optimize_forces(problem, impact_time)
+    if forces.status is not Status.OK or forces.certificate is None:
+        return f"forces {forces.status}", None
+    reserve = Reserve() if conditions.reserve is None else conditions.reserve
+    quality = ferrari_canny(
+        contacts,
+        problem.mu * (1.0 - reserve.friction),
+        friction=replace(problem.friction, torsion=problem.friction.torsion * (1.0 - reserve.friction)),
+        moment_length=reserve.arm(closure.object) or None,
+        balance=problem.balance,
+        tolerance=_SHARP,
+        limit=_POINTS,
+    )
+    return "holds", FoundGrasp(
+        pose=closure.hand.pose,
+        closure=closure,
+        forces=forces,
+        quality=float(quality.lower),
+        energy=forces.certificate.objective,
+        load_factor=load_factor(problem, impact_time=impact_time),
+    )
+
+
+def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: GraspConditions) -> ForceProblem:
+    """The problem of holding an object with a closed hand, torques limited at the posture of the contacts."""
+    problem = conditions.problem(body, contacts)
+    limit = effort_of(hand, conditions.torque_limit)
+    if not np.isfinite(limit).any():
+        return problem
+    if contacts.posture is None:
+        raise InvalidInput("torque limits: expected contacts with a posture, as a closed hand's have: close the hand")
+    torques = torque_limits(hand, contacts, contacts.posture, limit=limit, gravity_o=problem.gravity_o)
+    return replace(problem, torques=torques)
+
+
+def _hand_moved(closure: Closure) -> Closure:
+    """The same closure with the hand moved back instead of the object pushed."""
+    if np.array_equal(closure.pushed, np.eye(4)):
+        return closure
+    back = pin.SE3(np.array(closure.pushed)).inverse()
+    touches = tuple(
+        replace(
+            touch,
+            point_o=back.act(touch.point_o),
+            normal_o=back.rotation @ touch.normal_o,
+            patch_o=touch.patch_o @ back.rotation.T + back.translation,
+        )
+        for touch in closure.touches
+    )
+    return replace(
+        closure,
+        hand=closure.hand.placed((back * pin.SE3(np.array(closure.hand.pose))).homogeneous),
+        object=closure.object.placed((back * pin.SE3(np.array(closure.object.pose))).homogeneous),
+        touches=touches,
+        pushed=np.eye(4),
+    )

@@ -1,0 +1,79 @@
+"""Closing fingers that cannot stop one by one: the hand is moved so that they touch at the same time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.contacts import (
+    PALM,
+    Closure,
+    NearPoint,
+    close_hand,
+    near_points,
+)
+from pinograsp.errors import PinograspError
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array
+
+_CENTRINGS, _CHEAP, _RATHER = 8, 100.0, 3.0  # closings that centre jaws; they rather close on, or move, than turn
+
+
+def cannot_stop_alone(hand: HandModel) -> bool:
+    """Whether fingers share an actuator, or a single one presses against the palm: they cannot stop one by one."""
+    return len(hand.fingers) == 1 or len({i for one in hand.fingers for i in one.dofs.tolist()}) < sum(
+        one.n for one in hand.fingers
+    )
+
+
+def centred(hand: HandModel, body: Body, opened: Array, closed: Array) -> Closure | None:
+    """The closure of fingers that cannot stop one by one, with the hand moved so that they touch at the same time.
+
+    Pushing the object between them would take far longer. None where that does not come to two fingers that touch.
+    """
+    way = closed - opened
+    fingers = {one.name for one in hand.fingers} | ({PALM} if len(hand.fingers) == 1 else set())
+    closure = None
+    for _ in range(_CENTRINGS):
+        try:
+            closure = close_hand(hand, body, start=opened, target=closed, fixed=True)
+        except PinograspError:  # moved into the object
+            break
+        touching = {touch.finger for touch in closure.touches}
+        near = near_points(hand, body, closure.q)
+        # The others are too far away to take part.
+        pressing = [name for name, one in near.items() if name in fingers and one.gap < 2 * body.bounding_radius]
+        if len(pressing) < 2 or touching.issuperset(pressing):
+            break
+        hand = hand.placed(_evened(hand, body, closure.q, way, [near[name] for name in pressing]))
+    if closure is None or len({touch.finger for touch in closure.touches} & fingers) < 2:
+        return None
+    return closure
+
+
+def _evened(hand: HandModel, body: Body, q: Array, way: Array, pressing: list[NearPoint]) -> Array:
+    """The pose (4, 4) with the least motion of the hand after which closing on brings all points to the surface."""
+    data = hand.model.createData()
+    pin.computeJointJacobians(hand.model, data, q)
+    points = np.array([one.point_o for one in pressing])
+    _, normals, _ = body.project(points)
+    arm = body.bounding_radius
+    closing = []
+    for one, point, normal in zip(pressing, points, normals):
+        J = np.zeros((6, hand.n))
+        if one.joint:
+            J = pin.getJointJacobian(hand.model, data, one.joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, hand.n)
+        speed = J[:3] @ way + np.cross(J[3:] @ way, point - data.oMi[one.joint].translation)
+        closing.append(normal @ speed)
+    turning = np.cross(points - body.com_o, normals) / (_RATHER * arm)
+    rows = np.column_stack([normals, turning, _CHEAP * np.array(closing)])
+    motion = np.linalg.lstsq(rows, np.array([one.gap for one in pressing]), rcond=1e-9)[0]
+    size = float(np.linalg.norm(motion[:3]))
+    if size > arm:
+        motion *= arm / size
+    turn = pin.exp3(motion[3:6] / (_RATHER * arm))
+    pose = np.array(hand.pose)
+    pose[:3, 3] = body.com_o + turn @ (pose[:3, 3] - body.com_o) + motion[:3]
+    pose[:3, :3] = turn @ pose[:3, :3]
+    return pose

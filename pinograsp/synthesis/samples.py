@@ -1,0 +1,210 @@
+"""Samples of a search, in batches: the hand drawn beside the object, closed, the best of a batch refined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.contacts import (
+    clearance,
+    close_hand,
+)
+from pinograsp.errors import PinograspError
+from pinograsp.forces import GraspConditions
+from pinograsp.hands import HandModel
+from pinograsp.hands.geometry import hulls
+from pinograsp.objects.body import Body, tangents
+from pinograsp.spatial import Array
+from pinograsp.synthesis.found import FoundGrasp, hold
+from pinograsp.synthesis.jaws import cannot_stop_alone, centred
+from pinograsp.synthesis.preshapes import Preshape, preshapes
+from pinograsp.synthesis.seeds import Pairs, pairs_of
+
+_DRAWS = 12  # of pair, preshape and turn, until the open hand is clear of the object
+_BACKWARDS = 6  # steps that take an open hand back from an object that it overlaps
+_BALANCED = 0.15  # imbalance of preshapes that are used, where there are enough of them
+_NEAREST = 12  # preshapes nearest in width to a pair, of which one is taken
+_DEEP = 0.6  # of the samples lie deeper than between the fingertips
+_ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
+_TRIES = 8  # motions that are tried of the best of a batch
+_MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of the object's radius, of ranges; angle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SearchCase:
+    """What all samples of a search have in common."""
+
+    hand: HandModel
+    rough: HandModel
+    body: Body
+    conditions: GraspConditions
+    impact_time: float
+    wrap: bool
+    preshapes: tuple[Preshape, ...]
+    pairs: Pairs
+
+
+def case_of(
+    hand: HandModel,
+    body: Body,
+    conditions: GraspConditions,
+    impact_time: float,
+    wrap: bool,
+    rng: np.random.Generator,
+) -> SearchCase:
+    """Preshapes of the hand and pairs of the object, which all samples draw from."""
+    shapes = preshapes(hand, rng)
+    good = [one for one in shapes if one.imbalance < _BALANCED]
+    return SearchCase(
+        hand=hand,
+        rough=replace(hand, geometry=hulls(hand.geometry)),
+        body=body,
+        conditions=conditions,
+        impact_time=impact_time,
+        wrap=wrap,
+        preshapes=tuple(good if len(good) >= _NEAREST else shapes[: 4 * _NEAREST]),
+        pairs=pairs_of(body, rng),
+    )
+
+
+class Batch(NamedTuple):
+    """How the samples of a batch ended, and the best of them, refined; it comes without its hand and object."""
+
+    outcomes: list[str]
+    grasp: FoundGrasp | None
+
+
+class Posed(NamedTuple):
+    """A hand placed open beside the object, and the posture that it closes to."""
+
+    hand: HandModel
+    opened: Array
+    closed: Array
+
+
+def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
+    """Draw and close ``size`` samples, and refine the best."""
+    outcomes: list[str] = []
+    best: tuple[float, Posed, FoundGrasp] | None = None
+    for _ in range(size):
+        posed = _drawn(case, rng)
+        outcome, grasp = ("the open hand overlaps the object", None) if posed is None else _closed(case, posed)
+        outcomes.append(outcome)
+        if posed is not None and grasp is not None and (best is None or grasp.quality > best[0]):
+            best = (grasp.quality, posed, grasp)
+    if best is None:
+        return Batch(outcomes, None)
+    quality, posed, grasp = best
+    for attempt in range(_TRIES):
+        moved = _moved(case, posed, rng, 1.0 - attempt / _TRIES)
+        _, other = _closed(case, moved)
+        if other is not None and other.quality > quality:
+            quality, posed, grasp = other.quality, moved, other
+    _, exact = _closed(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed))
+    if exact is None:
+        return Batch(outcomes, None)
+    forces = replace(exact.forces, problem=replace(exact.forces.problem, object=None))
+    # Whoever asked for the samples has both, and puts them back.
+    closure = replace(exact.closure, hand=None, object=None)  # type: ignore[arg-type]  # meshes are heavy
+    return Batch(outcomes, replace(exact, closure=closure, forces=forces))
+
+
+def _closed(case: SearchCase, posed: Posed) -> tuple[str, FoundGrasp | None]:
+    """The outcome of closing a hand where it is."""
+    closure = None
+    try:
+        if cannot_stop_alone(posed.hand) and not case.wrap:
+            closure = centred(posed.hand, case.body, posed.opened, posed.closed)
+        if closure is None:
+            closure = close_hand(posed.hand, case.body, start=posed.opened, target=posed.closed, wrap=case.wrap)
+    except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
+        return "the hand could not be closed", None
+    if closure.self_collisions:
+        return "fingers collide with each other", None
+    return hold(closure, case.conditions, impact_time=case.impact_time)
+
+
+def _drawn(case: SearchCase, rng: np.random.Generator) -> Posed | None:
+    """A hand clear of the object, its fingertips about two surfaces that face each other; None: not found."""
+    pairs, body = case.pairs, case.body
+    widths = np.array([one.width for one in case.preshapes])
+    for _ in range(_DRAWS):
+        # Pairs near the centre of mass are drawn more often: there the weight turns nothing.
+        i = min(int(rng.exponential(len(pairs.widths) / 4)), len(pairs.widths) - 1)
+        nearest = np.argsort(np.abs(widths - pairs.widths[i]), kind="stable")[:_NEAREST]
+        shape = case.preshapes[int(rng.choice(nearest))]
+        axis = pairs.axes_o[i] if rng.random() < 0.5 else -pairs.axes_o[i]
+        frame = _across(axis, rng.uniform(0, 2 * np.pi))
+        deep = rng.uniform(0, 1) * shape.depth if rng.random() < _DEEP else 0.0
+        turn = frame @ _across_of(shape).T
+        # The hand's centre between its fingertips, moved towards the palm, goes to the middle of the pair.
+        at = pairs.middles_o[i] - turn @ (shape.centre_h - deep * shape.out_h)
+        out = turn @ shape.out_h
+        placed = _clear(case, _pose(turn, at), out, shape.opened)
+        if placed is not None and case.wrap:
+            placed = _pressed_on(placed, body, shape.opened, out)
+        if placed is not None:
+            return Posed(placed, shape.opened, shape.closed)
+    return None
+
+
+def _across(axis: Array, turn: float) -> Array:
+    """A frame (3, 3) whose first axis is the given one, turned about it [rad]."""
+    first = tangents(axis[None])[0, :, 0]
+    out = np.cos(turn) * first + np.sin(turn) * np.cross(axis, first)
+    return np.column_stack([axis, np.cross(out, axis), out])
+
+
+def _across_of(shape: Preshape) -> Array:
+    """The same frame of a preshape, in the hand: axis, across, out."""
+    return np.column_stack([shape.axis_h, np.cross(shape.out_h, shape.axis_h), shape.out_h])
+
+
+def _pose(rotation: Array, at: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, at
+    return pose
+
+
+def _clear(case: SearchCase, pose: Array, out: Array, opened: Array) -> HandModel | None:
+    """The hand taken back against ``out`` (3,) until it is clear of the object; None where it stays in its way."""
+    for _ in range(_BACKWARDS):
+        placed = case.rough.placed(pose)
+        gap = clearance(placed, case.body, opened)
+        if gap > _ON:
+            return placed
+        pose = pose.copy()
+        pose[:3, 3] -= (0.1 * case.body.bounding_radius - gap) * out
+    return None
+
+
+def _moved(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float) -> Posed:
+    """The hand moved and turned about the object a little, its fingers spread a little differently."""
+    pose, body = np.array(posed.hand.pose), case.body
+    turn = pin.exp3(size * _TURN * rng.normal(size=3))
+    pose[:3, :3] = turn @ pose[:3, :3]
+    pose[:3, 3] = body.com_o + turn @ (pose[:3, 3] - body.com_o)
+    pose[:3, 3] += size * _MOVE * body.bounding_radius * rng.normal(size=3)
+    hand = posed.hand
+    spread = posed.opened == posed.closed
+    by = np.where(spread, size * _SPREAD * rng.normal(size=hand.n) * (hand.upper - hand.lower), 0.0)
+    opened, closed = (np.clip(q + by, hand.lower, hand.upper) for q in (posed.opened, posed.closed))
+    return Posed(case.rough.placed(pose), opened, closed)
+
+
+def _pressed_on(hand: HandModel, body: Body, q: Array, direction: Array) -> HandModel | None:
+    """The hand moved along ``direction`` (3,) until it touches the object; None where it passes by."""
+    pose, moved = np.array(hand.pose), 0.0
+    for _ in range(_ADVANCES):
+        gap = clearance(hand, body, q)
+        if gap <= _ON:
+            return hand
+        moved += gap
+        if moved > 10 * body.bounding_radius:
+            return None
+        pose[:3, 3] += (gap - 0.2 * _ON) * direction
+        hand = hand.placed(pose)
+    return None
