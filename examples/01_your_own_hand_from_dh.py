@@ -7,7 +7,6 @@ from pathlib import Path
 import pinograsp as pg
 from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Link
 from pinograsp.spatial import pose_of, rotation_rpy
-from pinograsp.synthesis import find_grasps
 
 
 def finger(name: str, at: list[float], yaw: float) -> FingerDescription:
@@ -49,6 +48,6 @@ print(hand.describe())
 
 ball = pg.Sphere(radius=0.025, mass=0.1)
 conditions = pg.GraspConditions(mu=0.8, friction=pg.Friction(model="soft", torsion=5e-3))
-found = find_grasps(hand, ball, conditions, count=32, seed=1)
+found = pg.find_grasps(hand, ball, conditions, count=32, seed=1)
 plan = pg.plan_grasp_on(found.best.closure.hand, found.best.closure, conditions)
 print(plan.status, plan.forces.normal_forces, f"N, peak torque {plan.motion.peak_torque:.3f} N m")

@@ -2,14 +2,13 @@
 
 import pinograsp as pg
 from pinograsp.hands.catalogue import file_of
-from pinograsp.synthesis import find_grasps
 
 hand = pg.load_hand(file_of("allegro_right"))  # any path to a .urdf, .xacro or MJCF .xml
 print(hand.describe())
 
 ball = pg.Sphere(radius=0.03, mass=0.2)
 conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
-found = find_grasps(hand, ball, conditions, count=12, seed=0)
+found = pg.find_grasps(hand, ball, conditions, count=12, seed=0)
 best = found.best
 print(f"{len(found.grasps)} of {found.tried} samples hold; the best {best.load_factor:.1f} times the load")
 

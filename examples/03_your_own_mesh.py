@@ -6,7 +6,6 @@ from pathlib import Path
 import trimesh
 
 import pinograsp as pg
-from pinograsp.synthesis import find_grasps
 
 with tempfile.TemporaryDirectory() as folder:
     path = Path(folder) / "knob.stl"
@@ -16,7 +15,7 @@ with tempfile.TemporaryDirectory() as folder:
 print(f"{1e3 * knob.mass:.0f} g, largest radius {1e3 * knob.bounding_radius:.1f} mm")
 
 conditions = pg.GraspConditions(mu=0.8, friction=pg.Friction(model="cone", safety=1.1))
-found = find_grasps(pg.load_hand("g1_right"), knob, conditions, count=16, seed=0)
+found = pg.find_grasps(pg.load_hand("g1_right"), knob, conditions, count=16, seed=0)
 print(found.best.closure.describe())
 plan = pg.plan_grasp_on(found.best.closure.hand, found.best.closure, conditions)
 print(plan.status, plan.forces.normal_forces, f"{1e3 * plan.forces.work:.3f} mJ")

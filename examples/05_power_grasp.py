@@ -1,11 +1,10 @@
 """A power grasp: the fingers wrap round a bottle, every phalanx and the palm may touch."""
 
 import pinograsp as pg
-from pinograsp.synthesis import find_grasps
 
 hand, bottle = pg.load_hand("humanoid"), pg.Cylinder(radius=0.025, height=0.2, mass=0.5)
 conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.2))
-found = find_grasps(hand, bottle, conditions, wrap=True, count=8, seed=0)
+found = pg.find_grasps(hand, bottle, conditions, wrap=True, count=8, seed=0)
 closure = max((grasp.closure for grasp in found.grasps), key=lambda one: len(one.touches))
 print(closure.describe())
 

@@ -8,11 +8,10 @@ import numpy as np
 
 import pinograsp as pg
 from pinograsp.forces import TorqueLimits
-from pinograsp.synthesis import find_grasps
 
 hand, bottle = pg.load_hand("humanoid"), pg.Cylinder(radius=0.025, height=0.2, mass=0.8)
 conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"))
-closure = find_grasps(hand, bottle, conditions, wrap=True, count=4, seed=0).best.closure
+closure = pg.find_grasps(hand, bottle, conditions, wrap=True, count=4, seed=0).best.closure
 contacts, impact = closure.contacts(), 0.9
 problem = conditions.problem(bottle, contacts)
 

@@ -45,7 +45,6 @@ from .hands import (
 from .motion import (
     MotionSpec as MotionSpec,
     OnlineForces as OnlineForces,
-    contact_postures as contact_postures,
     plan_motion as plan_motion,
     torque_limits as torque_limits,
 )
@@ -67,4 +66,7 @@ from .planner import (
 )
 from .referee import (
     simulate as simulate,
+)
+from .synthesis import (
+    find_grasps as find_grasps,
 )

@@ -69,7 +69,7 @@ def prepare() -> None:
 
 
 def _fill() -> None:
-    from pinograsp import contacts, forces, handover, referee, report, storage, synthesis
+    from pinograsp import contacts, forces, handover, motion, referee, report, storage, synthesis
     from pinograsp.cases import builtin_cases
     from pinograsp.contacts import quality
     from pinograsp.hands import dh
@@ -351,7 +351,7 @@ def _fill() -> None:
         time_step=1e-3,
         acceleration_at_start="rest",
     )
-    call(pg.contact_postures, hand=w.hand, contacts=w.contacts, reference=posture, spread=0.05, samples=3)
+    call(motion.contact_postures, hand=w.hand, contacts=w.contacts, reference=posture, spread=0.05, samples=3)
     spec = pg.MotionSpec(samples=3, time_step=0.01)
     call(pg.plan_motion, hand=w.hand, solution=w.solution, spec=spec)
 
