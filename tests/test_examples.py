@@ -15,7 +15,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("[0-9][0-9]_*.py"))
 EXPECTED = {
     "00": ("ok t_I = 0.9167", "57.09 mJ", "peak torque"),
     "01": ("hand pincer: 4 joints, 2 fingers", "ok ["),
-    "02": ("grasps hold", "ok (", "peak torque"),
+    "02": ("samples hold", "ok (", "peak torque"),
     "03": ("closed:", "mJ"),
     "04": ("hybrid     56.163", "convex     55.777"),
     "05": ("contacts", "palm"),

@@ -19,7 +19,7 @@ from pinograsp.forces import ForceProblem, GraspConditions, Reserve
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
-from pinograsp.planner import GraspPlan, Search, plan_grasp_on
+from pinograsp.planner import GraspPlan, Search, plan_best, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
@@ -131,10 +131,7 @@ class ObjectCase(Section):
     def closure(self) -> Closure:
         """The hand closed on the object, at ``at`` or in the best grasp found (in this process)."""
         if self.at is None:
-            found = self.grasps(jobs=1, progress=False)
-            if found.interrupted:
-                raise KeyboardInterrupt
-            return found.best.closure
+            return self._found().best.closure
         turn = rotation_rpy(*np.radians(self.at[3:])) if len(self.at) == 6 else None
         return close_hand(self.load_hand(), self.make_object().placed(pose_of(self.at[:3], turn)), wrap=self.wrap)
 
@@ -143,20 +140,37 @@ class ObjectCase(Section):
         closure = self.closure()
         return self._conditions().problem(closure.object, closure.contacts())
 
-    def plan(self, closure: Closure | None = None, *, progress: bool | None = None) -> GraspPlan:
-        """Plan with the hand closed, as ``closure`` where given: see :func:`~pinograsp.planner.plan_grasp_on`."""
-        closure = self.closure() if closure is None else closure
-        plan = plan_grasp_on(
-            closure.hand,
-            closure,
-            self._conditions(),
-            search=self.search,
-            solver=self.solver,
-            objective=weights_by_name(self.objective),
-            progress=progress,
-        )
+    def plan(self, found: GraspSearch | None = None, *, progress: bool | None = None) -> GraspPlan:
+        """Plan the best grasp of ``found`` whose motion can be carried out: see :func:`~pinograsp.planner.plan_best`.
+
+        Without it: the hand closed ``at`` the given place (:func:`~pinograsp.planner.plan_grasp_on`), or a search in
+        this process.
+        """
+        objective, conditions = weights_by_name(self.objective), self._conditions()
+        if self.at is None:
+            found = self._found() if found is None else found
+            plan = plan_best(
+                found, conditions, search=self.search, solver=self.solver, objective=objective, progress=progress
+            )
+        else:
+            closure = self.closure()
+            plan = plan_grasp_on(
+                closure.hand,
+                closure,
+                conditions,
+                search=self.search,
+                solver=self.solver,
+                objective=objective,
+                progress=progress,
+            )
         name = self.object if isinstance(self.object, str) else str(self.object.get("shape", "object"))
         return replace(plan, settings={"name": f"{self.hand}, {name}", **self.settings()})
+
+    def _found(self) -> GraspSearch:
+        found = self.grasps(jobs=1, progress=False)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        return found
 
     def _conditions(self) -> GraspConditions:
         return GraspConditions(

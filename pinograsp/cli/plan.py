@@ -32,8 +32,8 @@ from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 if TYPE_CHECKING:
     from pinograsp.cases import Case
     from pinograsp.cases.object_case import ObjectCase
-    from pinograsp.contacts import Closure
     from pinograsp.planner import GraspPlan
+    from pinograsp.synthesis import GraspSearch
     from pinograsp.writing import NewFolder
 
 _SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 or mesh:path=mug.stl,scale=0.001,density=600 \\[m, kg]"
@@ -163,10 +163,10 @@ def _object_case(hand: str, object: str, root: str | None, at: str | None, **opt
     return ObjectCase.of(hand=hand, object=object, root=root, at=place, **options)
 
 
-def _closed(case: ObjectCase, as_json: bool) -> Closure:
-    """The hand closed on the object, where it is given or in the best grasp found."""
+def _found(case: ObjectCase, as_json: bool) -> GraspSearch | None:
+    """Grasps of the object, or None where its place in the hand is given."""
     if case.at is not None:
-        return case.closure()
+        return None
     found = case.grasps(progress=bar(as_json))
     if found.interrupted:
         held = len(found.grasps)
@@ -175,14 +175,14 @@ def _closed(case: ObjectCase, as_json: bool) -> Closure:
             err=True,
         )
         raise KeyboardInterrupt
-    return found.best.closure
+    return found
 
 
 def _plan_object(case: ObjectCase, out: Path | None, force: bool, as_json: bool) -> None:
-    """Place the hand, close it on the object, plan."""
+    """Search grasps, plan the best one that can be carried out."""
     kind = str(case.object).partition(":")[0]  # on the command line, the object is a text
     with new_folder(out, force, f"{Path(case.hand).stem}-{kind}") as folder:
-        _finish(case.plan(_closed(case, as_json), progress=bar(as_json)), folder, as_json)
+        _finish(case.plan(_found(case, as_json), progress=bar(as_json)), folder, as_json)
 
 
 @app.command()
@@ -218,7 +218,9 @@ def close(
         "wrap": wrap,
         "hulls": hulls,
     }
-    closure = _closed(_object_case(hand, object, root, at, **placing), as_json)
+    case = _object_case(hand, object, root, at, **placing)
+    found = _found(case, as_json)
+    closure = case.closure() if found is None else found.best.closure
     typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
     if not closure.touches:
         raise typer.Exit(3)

@@ -1,6 +1,7 @@
 """From a force problem, or a hand and an object, to a grasp plan; plans to files and back."""
 
 from pinograsp.planner.assemble import failure_of
+from pinograsp.planner.best import plan_best
 from pinograsp.planner.grasp_plan import GraspPlan, load_run, save_run
 from pinograsp.planner.planning import Objective, Search, plan_grasp, plan_grasp_on
 
@@ -10,6 +11,7 @@ __all__ = [
     "Search",
     "failure_of",
     "load_run",
+    "plan_best",
     "plan_grasp",
     "plan_grasp_on",
     "save_run",
