@@ -15,15 +15,16 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, weights_by_name
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
+from pinograsp.contacts.compliance import MEASURES
+from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, GraspConditions, Reserve
+from pinograsp.forces.conditions import SOFT
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
 from pinograsp.planner import GraspPlan, Search, plan_best, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
-
-_TORSION = 5e-3  # [m] of soft fingers, as on the command line
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 
@@ -64,8 +65,10 @@ class ObjectCase(Section):
 
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
     ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the object's placement in the hand's frame: x, y, z [m] and
-    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used. ``reserve``: ``"none"``,
-    ``"default"``, its fields, or a text of them. Relative paths start at ``folder``.
+    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used. ``friction``: None: as
+    :class:`~pinograsp.forces.GraspConditions` choose it. ``reserve``: ``"none"``, ``"default"``, its fields, or a text
+    of them; not given: the default one, and none where the search or the objective knows none. Relative paths start at
+    ``folder``.
     """
 
     hand: str
@@ -73,7 +76,7 @@ class ObjectCase(Section):
     root: str | None = None
     at: Annotated[tuple[Number, ...], AfterValidator(_pose)] | None = None
     mu: NotNegative = 0.7
-    friction: FrictionModel = "cone"
+    friction: FrictionModel | None = None
     safety: Annotated[float, Field(ge=1, le=1000)] = 1.0
     samples: Annotated[int, Field(ge=1, le=100_000)] = 48
     seed: Annotated[int, Field(ge=0)] = 0
@@ -84,7 +87,7 @@ class ObjectCase(Section):
     measure: Measure = "impulse"
     objective: Objective | dict[Objective, NotNegative] | None = None
     solver: Solver = "auto"
-    reserve: Annotated[ReserveSection | None, BeforeValidator(_reserve)] = None
+    reserve: Annotated[ReserveSection | None, BeforeValidator(_reserve)] = Field(default_factory=ReserveSection)
     folder: Path = Field(Path("."), exclude=True)
 
     @classmethod
@@ -179,12 +182,27 @@ class ObjectCase(Section):
             balance=self.balance,
             measure=self.measure,
             torque_limit="effort" if self.search == "convex" else None,
-            reserve=None if self.reserve is None else Reserve(**self.reserve.model_dump()),
+            reserve=self._kept_reserve(),
         )
 
-    def _friction(self) -> Friction:
-        torsion = _TORSION if self.friction == "soft" else 0.0
-        return Friction(model=self.friction, safety=self.safety, torsion=torsion)
+    def _friction(self) -> Friction | None:
+        if self.friction is None:
+            if self.safety != 1:
+                raise InvalidInput(
+                    f"safety: expected with a friction model (cone, pyramid or soft), got {self.safety:g} alone; the "
+                    "reserve has a share of friction, too"
+                )
+            return None
+        return replace(SOFT if self.friction == "soft" else Friction(model=self.friction), safety=self.safety)
+
+    def _kept_reserve(self) -> Reserve | None:
+        """The reserve; where none was asked for, only what the search, its solver and objective can plan for."""
+        objective = weights_by_name(self.objective)
+        names = {objective} if isinstance(objective, str) else set(objective or ())
+        knows = self.search == "convex" and self.solver in ("auto", "clarabel") and names <= {*MEASURES, "peak"}
+        if self.reserve is None or not (knows or "reserve" in self.model_fields_set):
+            return None
+        return Reserve(**self.reserve.model_dump())
 
 
 def object_fields(spec: str | dict[str, Any]) -> dict[str, Any]:

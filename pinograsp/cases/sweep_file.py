@@ -312,7 +312,8 @@ class Base(Section):
             raise CaseRejected(str(error).removeprefix("--set ")) from None
         except ValidationError as error:
             raise CaseRejected("; ".join(_lines(error, []))) from None
-        if isinstance(case, ObjectCase) and case.reserve is not None and self.what == "forces":
+        asked = isinstance(case, ObjectCase) and "reserve" in case.model_fields_set and case.reserve is not None
+        if asked and self.what == "forces":
             raise CaseRejected("reserve: expected none with what: forces, got one: set it to none, or plan")
         return case
 

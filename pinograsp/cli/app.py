@@ -30,7 +30,11 @@ At = Annotated[
 ]
 Mu = Annotated[float, typer.Option(help="Friction coefficient of the search and the plan.")]
 FrictionModel = Annotated[
-    str, typer.Option(help="Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm).")
+    str | None,
+    typer.Option(
+        help="Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm). Default: cone, and soft where "
+        "two fingers touch."
+    ),
 ]
 Samples = Annotated[int, typer.Option(help="Without --at: grasps to try.")]
 Seed = Annotated[int, typer.Option(help="Without --at: seed of the search.")]

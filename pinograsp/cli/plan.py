@@ -56,7 +56,7 @@ def plan(
     root: Root = None,
     at: At = None,
     mu: Mu = 0.7,
-    friction: FrictionModel = "cone",
+    friction: FrictionModel = None,
     safety: Safety = 1.0,
     samples: Samples = 48,
     seed: Seed = 0,
@@ -71,12 +71,12 @@ def plan(
     balance: Annotated[str | None, typer.Option(help="force (the paper) or wrench (forces and moments).")] = None,
     measure: Annotated[str | None, typer.Option(help="impulse \\[N s] or work \\[J].")] = None,
     reserve: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="With --hand and --object, what to bear besides the weight: none, default, or some of disturbance, "
             "moment_arm, mass, friction, normal_force, torque: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m])."
         ),
-    ] = "none",
+    ] = None,
     solver: Annotated[str | None, typer.Option(help="auto, daqp, proxqp, osqp, quadprog, piqp or clarabel.")] = None,
     changes: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; repeatable.")
@@ -97,11 +97,11 @@ def plan(
 
       pinograsp plan --hand allegro_right --object cylinder:radius=0.02,height=0.12,mass=0.2
 
-      pinograsp plan --hand allegro_right --object sphere:radius=0.035,mass=0.1 --wrap --reserve default
+      pinograsp plan --hand allegro_right --object sphere:radius=0.035,mass=0.1 --wrap --reserve mass=0.5
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     if case is not None and hand is None and object is None:
-        if reserve != "none":
+        if reserve not in (None, "none"):
             raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
         _plan(case, out, options, changes, force, as_json)
     elif case is None and hand is not None and object is not None:
@@ -116,8 +116,7 @@ def plan(
             "wrap": wrap,
             "hulls": hulls,
         }
-        chosen = {key: value for key, value in options.items() if value is not None}
-        chosen["reserve"] = reserve
+        chosen = {key: value for key, value in {**options, "reserve": reserve}.items() if value is not None}
         _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
     else:
         raise InvalidInput("expected either CASE, or --hand and --object")
@@ -192,7 +191,7 @@ def close(
     root: Root = None,
     at: At = None,
     mu: Mu = 0.7,
-    friction: FrictionModel = "cone",
+    friction: FrictionModel = None,
     safety: Safety = 1.0,
     samples: Samples = 48,
     seed: Seed = 0,

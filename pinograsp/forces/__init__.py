@@ -23,7 +23,8 @@ from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
 from pinograsp.forces.reserve import Reserve, optimize_reserve, parts_in_the_way, search_reserve
-from pinograsp.forces.robust import RobustForces, optimize_robust
+from pinograsp.forces.robust import optimize_robust
+from pinograsp.forces.robust_forces import Reaction, RobustForces
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
 from pinograsp.forces.solution import Branch, ForceSolution, GridLog
@@ -56,6 +57,7 @@ __all__ = [
     "MultiplierQP",
     "MultiplierSolution",
     "ObjectiveName",
+    "Reaction",
     "Reliability",
     "Reserve",
     "RobustForces",

@@ -16,6 +16,8 @@ from pinograsp.forces.reserve import Reserve
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
+CONE = Friction(model="cone")
+SOFT = Friction(model="soft", torsion=5e-3)  # as of a rubber pad of 1 cm
 _LATER = ("torque_limit", "reserve")  # what a problem gets at the posture of its contacts, and when it is solved
 
 TorqueLimit = Literal["effort"] | float | Array | None
@@ -27,7 +29,8 @@ class GraspConditions:
 
     Attributes:
         mu: friction coefficient of all contacts [-].
-        friction: the friction model with its safety factor.
+        friction: the friction model with its safety factor; None: :data:`CONE`, and :data:`SOFT` where no more than two
+            fingers touch, which would hold nothing against turning about their line otherwise.
         compliance: the contact law.
         balance: ``"wrench"`` (forces and moments) or ``"force"`` (forces only).
         measure: grasp energy that is minimised, ``"impulse"`` [N s] or ``"work"`` [J].
@@ -43,11 +46,11 @@ class GraspConditions:
         shape: of the deceleration over the grasp phase.
         torque_limit: largest |torque| while the hand holds: ``"effort"`` (its own limits; joints without one are not
             limited), one number or (n,) [N m]; None: not limited.
-        reserve: what the forces are to bear besides the weight; None: nothing.
+        reserve: what the forces of a plan are to bear besides the weight; None: nothing.
     """
 
     mu: float
-    friction: Friction = field(default_factory=Friction)
+    friction: Friction | None = None
     compliance: Compliance = field(default_factory=Compliance)
     balance: Balance = "wrench"
     measure: Measure = "impulse"
@@ -61,14 +64,15 @@ class GraspConditions:
     moment_length: float | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
     torque_limit: TorqueLimit = "effort"
-    reserve: Reserve | None = None
+    reserve: Reserve | None = field(default_factory=Reserve)
 
     __repr__ = brief("mu", "friction", "balance", "measure", "torque_limit")
 
     def __post_init__(self) -> None:
         number("mu", self.mu, at_least=0)
-        for name, kind in (("friction", Friction), ("compliance", Compliance), ("shape", DecelerationShape)):
+        for name, kind in (("compliance", Compliance), ("shape", DecelerationShape)):
             instance_of(name, getattr(self, name), kind)
+        instance_of("friction", self.friction, Friction, type(None))
         instance_of("reserve", self.reserve, Reserve, type(None))
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
@@ -81,4 +85,6 @@ class GraspConditions:
             InvalidInput: times, ranges or limits that cannot be used.
         """
         own: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in _LATER}
+        if self.friction is None:
+            own["friction"] = SOFT if len({one.finger for one in contacts}) <= 2 else CONE
         return ForceProblem.holding(body, contacts, **own)

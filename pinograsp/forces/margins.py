@@ -1,18 +1,20 @@
 """Margins of a given grasp: how much more load it holds, how near its contacts are to slipping, force closure.
 
-With the normal forces fixed (as commanded to the hand) only friction reacts to a change of the load.
+With the normal forces fixed (as commanded to the hand) only friction reacts to a change of the load; or the contacts
+give way as equal springs, too: see :mod:`pinograsp.forces.robust`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import clarabel
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, instance_of, number, read_only, shown
+from pinograsp.checks import array_of, brief, instance_of, number, one_of, read_only, shown
 from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.contacts.quality import Balance
@@ -20,16 +22,19 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import TOLERANCE
 from pinograsp.forces.conic import solve, solve_linear, sparse
 from pinograsp.forces.infeasibility import extreme_multiple, holds, missed
-from pinograsp.forces.matrices import balance_columns
+from pinograsp.forces.matrices import balance_columns, elastic_reaction
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, feasibility
+from pinograsp.forces.robust_forces import Reaction
 from pinograsp.forces.solution import ForceSolution
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 
 # Relative to the load: optimal forces keep friction limits to a tenth of it, and the balance to a hundredth.
 _HELD = 10 * TOLERANCE.violation
 # Relative to the load: optimal forces lie *on* their friction limits, so margins near zero are common.
 _NEGLIGIBLE = 1e-5
+_ANY = 1e4  # times the load: more than any grasp bears, where it bears anything
+_ROUGH = 2e-2  # accuracy of a ball of wrenches whose support points are programs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,8 +49,8 @@ class GraspMargins:
         load_factor: largest multiple of the load held with these normal forces, friction reacting within the torque
             limits [-]; infinite without load; 0 where even the load itself is not held.
         disturbance: largest wrench in *any* direction that may be added to the load, friction reacting [N, moments
-            over the moment length], bounded from both sides, with the weakest direction. Torque limits are not part of
-            this and of the next two values.
+            over the moment length], bounded from both sides, with the weakest direction (as springs: from below, and
+            by the interior-point method's word). Torque limits are not part of this and of the next two values.
         disturbance_force: the same for pure forces through the centre of mass [N].
         disturbance_moment: the same for pure moments [N m]; None in force balance.
     """
@@ -61,19 +66,22 @@ class GraspMargins:
     __repr__ = brief()
 
 
-def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspMargins:
+def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction: Reaction = "friction") -> GraspMargins:
     """Margins of the forces of a solution, within its problem's friction model at full mu (safety factor 1) and full
     torque limits.
 
     Args:
         solution: forces that hold the load.
         tolerance: relative accuracy of ``disturbance`` [-].
+        reaction: to what is added to the load: ``"friction"`` alone, or ``"elastic"``, as for
+            :func:`~pinograsp.forces.optimize_robust`.
 
     Raises:
-        InvalidInput: a solution without forces.
+        InvalidInput: a solution without forces, or another reaction.
     """
     instance_of("solution", solution, ForceSolution)
     tolerance = number("tolerance", tolerance, above=0)
+    one_of("reaction", reaction, get_args(Reaction))
     if not solution.found:
         raise InvalidInput(f"margins: expected a solution with forces, got status '{solution.status}'")
     problem = _unsafed(solution.problem)
@@ -88,10 +96,18 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6) -> GraspM
     # Distance to the exact cone's surface: |f_t| = mu F_n is a plane in the (|f_t|, F_n) half-plane.
     slip = (problem.mu * F - tangential) / np.hypot(1.0, problem.mu)
     program = _at(problem, F)
-    factor = 1.0 + _reached(program, program.b) if np.any(program.b) else np.inf if holds(program, _HELD) else 0.0
-    ball = _disturbances(program, tolerance)
-    force = _section(program, (0, 1, 2)) if problem.rows == 6 else ball.lower
-    moment = _section(program, (3, 4, 5)) if problem.rows == 6 else None
+    springs = elastic_reaction(problem) if reaction == "elastic" else np.zeros((problem.k, problem.rows))
+    factor = np.inf if holds(program, _HELD) else 0.0
+    if np.any(program.b):
+        factor = 1.0 + _reached(program, program.b, springs)
+    program = _at(replace(problem, torques=None), F)
+    ball = (
+        _disturbances(program, tolerance)
+        if reaction == "friction"
+        else _section(program, np.arange(problem.rows), springs)
+    )
+    force = _section(program, np.arange(3), springs).lower if problem.rows == 6 else ball.lower
+    moment = _section(program, np.arange(3, 6), springs).lower if problem.rows == 6 else None
     unit = program.force_scale
     return GraspMargins(
         friction_used=read_only(used),
@@ -132,14 +148,17 @@ def disturbance_margin(
     *,
     normal_forces: ArrayLike | None = None,
     impact_time: float | None = None,
+    reaction: Reaction = "friction",
 ) -> float:
     """Largest s [-] for which the load plus s times ``direction`` can be held; -1 where even the load cannot.
 
     Args:
         problem: contacts, load, friction, limits.
         direction: of the disturbance (6,) [N, N m].
-        normal_forces: F_n (k,) [N], fixed: friction alone reacts.
+        normal_forces: F_n (k,) [N] under the load; the contacts react to what is added.
         impact_time: t_I [s]; the forces are free within their limits there. Either this or ``normal_forces``.
+        reaction: with ``normal_forces``: ``"friction"`` alone, or ``"elastic"``, as for
+            :func:`~pinograsp.forces.optimize_robust`.
 
     Raises:
         InvalidInput: a direction that is zero; both or neither of ``normal_forces`` and ``impact_time``.
@@ -155,19 +174,62 @@ def disturbance_margin(
         normal = array_of("normal forces", normal_forces, (problem.k,))
         if np.any(normal < 0):
             raise InvalidInput(f"normal forces: expected values >= 0 [N], got {shown(normal.tolist())}")
+        springs = np.zeros((problem.k, problem.rows))
+        if one_of("reaction", reaction, get_args(Reaction)) == "elastic":
+            springs = elastic_reaction(problem)
         program = _at(problem, normal)
+        return _reached(program, -scaled / program.force_scale, springs)
     else:
         program = feasibility(problem, *problem.normal_force_range(problem.checked_impact_time(impact_time)))
         if np.any(program.lo > program.hi):
             return -1.0
-    return _reached(program, -scaled / program.force_scale)
-
-
-def _reached(program: Program, column: Array) -> float:
-    """Largest s >= 0 with forces that balance b + s column, or -1 where there are none at s = 0."""
     if not holds(program, _HELD):
         return -1.0
-    return extreme_multiple(program, column, -1) or 0.0
+    return extreme_multiple(program, -scaled / program.force_scale, -1) or 0.0
+
+
+def _reached(program: Program, column: Array, springs: Array) -> float:
+    """Largest s >= 0 with forces that balance b + s column at the program's F_n, or -1 where there are none at s = 0.
+
+    ``springs`` (k, rows): change of F_n per unit of a wrench that is added to the load.
+    """
+    if not holds(program, _HELD):
+        return -1.0
+    if not np.any(springs):
+        return extreme_multiple(program, column, -1) or 0.0
+    n, size = program.k * program.d, float(np.linalg.norm(column))
+    column = column / size
+    free, added, changes = _sprung(program, -column[:, None], springs)
+    # Columns: x, s and what it lacks to more than any margin that matters.
+    total = np.zeros((1, n + 2))
+    total[0, n:] = 1.0
+    equal = np.vstack([np.hstack([added, np.zeros((len(added), 1))]), total])
+    q = np.zeros(n + 2)
+    q[n] = -1.0
+    found = solve_linear(
+        free, equal, np.concatenate([program.b, program.lo, [_ANY]]), q, least=np.eye(2, n + 2, n), torques=True
+    )
+    if found is None:
+        return 0.0
+    x, s = found[0][:n], float(found[0][n])
+    x[program.d - 1 :: program.d] = program.lo + s * changes[:, 0]
+    here = replace(free, b=program.b + s * column)
+    if not s > 0 or missed(here, here.settled(x, here.A @ x - here.b)) > _HELD:
+        return 0.0
+    return np.inf if s > _ANY * (1 - 1e-3) else s / size
+
+
+def _sprung(program: Program, pick: Array, springs: Array) -> tuple[Program, Array, Array]:
+    """The program with F_n as on springs under wrenches ``pick`` (rows, m) w that are added to the load.
+
+    Returns the program with F_n free, the rows (rows + k, k d + m) on (x, w) that are (b, F_n as it was), and the
+    changes of F_n per w (k, m).
+    """
+    changes = springs @ pick
+    select = np.zeros((program.k, program.k * program.d))
+    select[np.arange(program.k), np.arange(program.d - 1, program.k * program.d, program.d)] = 1.0
+    free = replace(program, lo=np.zeros(program.k), hi=np.full(program.k, _ANY))
+    return free, np.block([[program.A, pick], [select, -changes]]), changes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -281,27 +343,32 @@ def _disturbances(program: Program, tolerance: float) -> InscribedBall:
     return inscribed_ball(support_point, len(program.b), tolerance=tolerance, floor=_NEGLIGIBLE)
 
 
-def _section(program: Program, rows: tuple[int, ...]) -> float:
-    """Radius of the largest ball of disturbances in some rows, the others being zero: lower bound within 1e-3."""
+def _section(program: Program, rows: IntArray, springs: Array) -> InscribedBall:
+    """Largest ball of disturbances in some rows, the others being zero: lower bound within 1e-3; 0 where not held."""
     n, count = program.k * program.d, len(program.b)
     pick = np.zeros((count, len(rows)))
-    pick[list(rows), range(len(rows))] = 1.0
-    equal = np.hstack([program.A, pick])
+    pick[rows, range(len(rows))] = 1.0
+    free, equal, changes = program, np.hstack([program.A, pick]), np.zeros((program.k, len(rows)))
+    right = program.b
+    if np.any(springs):
+        free, equal, changes = _sprung(program, pick, springs)
+        right = np.concatenate([program.b, program.lo])
     held = True
 
     def support_point(y: Array) -> Array:
         nonlocal held
-        found = solve_linear(program, equal, program.b, np.concatenate([np.zeros(n), -y]))
+        found = solve_linear(free, equal, right, np.concatenate([np.zeros(n), -y]))
         if found is not None:
             x, wrench = found[0][:n], found[0][n:]
-            here = replace(program, b=program.b - pick @ wrench)
-            if missed(here, x) <= _HELD:
+            x[program.d - 1 :: program.d] = program.lo + changes @ wrench
+            here = replace(free, b=program.b - pick @ wrench)
+            if missed(here, here.settled(x, here.A @ x - here.b)) <= _HELD:
                 return wrench
         held = False
         return np.zeros(len(rows))
 
-    ball = inscribed_ball(support_point, len(rows), tolerance=1e-3, floor=_NEGLIGIBLE)
-    return ball.lower if held else 0.0
+    ball = inscribed_ball(support_point, len(rows), tolerance=1e-3 if len(rows) < 6 else _ROUGH, floor=_NEGLIGIBLE)
+    return ball if held else replace(ball, lower=0.0, upper=0.0, converged=False)
 
 
 def _interior(problem: ForceProblem) -> tuple[float, Array]:

@@ -17,6 +17,7 @@ from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.spatial import Array
 
 _SAME = 1e-12  # relative difference of weights that count as equal
+_RANK = 1e-9  # singular values of the grasp map below this share of the largest count as zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -135,6 +136,20 @@ def balance_columns(problem: ForceProblem, widths: Array) -> Array:
         normals = problem.contacts.rotations_oc[:, :, 2]
         columns[3:, :, 2] = (normals * widths[:, 2:3]).T / problem.moment_length
     return columns.reshape(problem.rows, -1)
+
+
+def elastic_reaction(problem: ForceProblem) -> Array:
+    """Change of the normal forces (k, rows) [-] per unit of a scaled wrench that is added to the load.
+
+    The object rests on equally stiff springs, along the normals and along the surfaces, and gives way to the wrench:
+    these are the normal parts of the contact forces of least squared size that balance it (Salisbury and Roth, 1983).
+    With torsional friction a contact also resists turning about its normal, at an arm of its torsion [m].
+    """
+    friction, widths = problem.friction, np.ones((problem.k, problem.friction.d - 1))
+    widths[:, 2:] = friction.torsion
+    columns = balance_columns(problem, widths)
+    inverse = np.asarray(np.linalg.pinv(columns, rcond=_RANK), dtype=float)
+    return -inverse[friction.d - 1 :: friction.d]
 
 
 def torque_columns(problem: ForceProblem, torques: TorqueLimits, widths: Array) -> Array:

@@ -13,7 +13,8 @@ from pinograsp.checks import array_of, instance_of, number, share_of
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.robust import RobustForces, optimize_robust, robust_at, robust_weights
+from pinograsp.forces.robust import optimize_robust, robust_at, robust_weights
+from pinograsp.forces.robust_forces import RobustForces
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
@@ -141,7 +142,8 @@ def optimize_reserve(
 ) -> RobustForces:
     """The least-cost normal forces that hold a problem's object with a reserve, for an impact at one t_I.
 
-    The loads are those of the object's weight, :meth:`Reserve.load_set`; the problem's own load is not used.
+    The loads are those of the weight, :meth:`Reserve.load_set`. The normal forces are those under the problem's
+    own load, the weight; they change with a load as contacts on equal springs would.
 
     Args:
         problem: of holding an object (``ForceProblem.holding``), without the reserve.
@@ -155,7 +157,7 @@ def optimize_reserve(
     instance_of("problem", problem, ForceProblem)
     instance_of("reserve", reserve, Reserve)
     loads = reserve.load_set(_held(problem), problem.gravity_o)
-    return optimize_robust(reserve.problem(problem), loads, impact_time, objective=objective)
+    return optimize_robust(reserve.problem(problem), loads, impact_time, objective=objective, reaction="elastic")
 
 
 def search_reserve(
@@ -192,7 +194,7 @@ def search_reserve(
 
     def cost(t: float) -> float:
         if t not in tried:
-            tried[t] = robust_at(kept, loads, t, weights, proven=False)
+            tried[t] = robust_at(kept, loads, t, weights, reaction="elastic", proven=False)
         certificate = tried[t].certificate
         return np.inf if tried[t].status is not Status.OK or certificate is None else certificate.objective
 
@@ -204,7 +206,7 @@ def search_reserve(
     if min([cost(t) for t in first]) == np.inf:
         # All that any impact time allows: the least lower bound, of the latest one, to the largest upper bound.
         bounds = kept.normal_force_range(late)[0], kept.normal_force_range(early)[1]
-        none = robust_at(kept, loads, early, weights, bounds=bounds)
+        none = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds)
         if none.status is Status.OK:
             none = replace(tried[early], status=Status.INACCURATE)
         return replace(none, tried=len(tried), elapsed=time.perf_counter() - started)
@@ -239,7 +241,7 @@ def _holds(problem: ForceProblem, reserve: Reserve, objective: str | Mapping[str
     loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
     early, late = problem.impact_time_range
     times = (early, (early + late) / 2, late)
-    return any(robust_at(kept, loads, t, weights, proven=False).status is Status.OK for t in times)
+    return any(robust_at(kept, loads, t, weights, reaction="elastic", proven=False).status is Status.OK for t in times)
 
 
 def _held(problem: ForceProblem) -> Body:

@@ -274,6 +274,8 @@ class PlanForces:
 class PlanMargins:
     """What the grasp bears beyond its load with these normal forces, and its quality.
 
+    Friction alone reacts; in a plan with a reserve the contacts give way as equal springs, too.
+
     Attributes:
         friction_used: share of the friction model's limit (k,) [-]; infinite: it slips.
         least_mu: friction coefficient with which the contact just holds (k,) [-].

@@ -12,7 +12,7 @@ import numpy as np
 from pinograsp.checks import instance_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceProblem, ForceSolution
+from pinograsp.forces import ForceProblem, ForceSolution, Reaction
 from pinograsp.handover import JointTrajectory, Sampling, joint_trajectory
 from pinograsp.hands import HandModel
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
@@ -57,17 +57,21 @@ class GraspPlan(PlanRecord):
             raise InvalidInput("expected a plan that was just made, got one that was read back: plan it again")
         return self.solution
 
+    def _reaction(self) -> Reaction:
+        """To what is added to the load: as the squeeze was planned."""
+        return "friction" if self.reserve is None else "elastic"
+
     def with_margins(self) -> GraspPlan:
         """The same plan with what the grasp bears besides its load, and cautions of that; a tenth of a second."""
         if self.margins is not None:
             return self
-        margins = margins_of(self.searched())
+        margins = margins_of(self.searched(), self._reaction())
         weight = self.body_mass * float(np.linalg.norm(self.gravity_o))
         return replace(self, margins=margins, cautions=(*self.cautions, *margin_cautions(margins, weight)))
 
     def with_reach(self) -> GraspPlan:
         """The same plan with the forces that may come on top of the load, by direction; a second or two."""
-        return self if self.reach is not None else replace(self, reach=reach_of(self.searched()))
+        return self if self.reach is not None else replace(self, reach=reach_of(self.searched(), self._reaction()))
 
     def summary(self) -> dict[str, Any]:
         """The plan's figures as plain JSON values, units in the names, margins included."""

@@ -8,17 +8,17 @@ import numpy as np
 
 from pinograsp.checks import read_only
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
-from pinograsp.forces import ForceSolution, disturbance_margin, force_closure, grasp_margins
+from pinograsp.forces import ForceSolution, Reaction, disturbance_margin, force_closure, grasp_margins
 from pinograsp.plan import PlanMargins, Reach
 
 _WEAK = 0.02  # share of the weight in the weakest direction: worth a caution
 _DIRECTIONS = 48  # around a plane, in which forces are looked for
 
 
-def margins_of(solution: ForceSolution) -> PlanMargins:
+def margins_of(solution: ForceSolution, reaction: Reaction) -> PlanMargins:
     """Margins of the forces and quality of the grasp."""
     problem = solution.problem
-    margins = grasp_margins(solution, tolerance=1e-3)
+    margins = grasp_margins(solution, tolerance=1e-3, reaction=reaction)
     closure = force_closure(problem.contacts, problem.mu, balance=problem.balance)
     epsilon = ferrari_canny(
         problem.contacts,
@@ -56,12 +56,14 @@ def margin_cautions(margins: PlanMargins, weight: float) -> tuple[str, ...]:
     return ()
 
 
-def reach_of(solution: ForceSolution) -> Reach:
+def reach_of(solution: ForceSolution, reaction: Reaction) -> Reach:
     """Forces that may come on top of the load while the squeeze stays, around the planes xy, xz, yz."""
     problem = replace(solution.problem, friction=replace(solution.problem.friction, safety=1.0))
 
     def margin(direction: np.ndarray) -> float:
-        held = disturbance_margin(problem, np.append(direction, np.zeros(3)), normal_forces=solution.normal_forces)
+        held = disturbance_margin(
+            problem, np.append(direction, np.zeros(3)), normal_forces=solution.normal_forces, reaction=reaction
+        )
         return max(0.0, held)  # forces on their limits leave nothing, and rounding of that may be less than nothing
 
     reach = {(axis, sign): margin(sign * np.eye(3)[axis]) for axis in range(3) for sign in (1.0, -1.0)}

@@ -69,7 +69,7 @@ def test_plan_from_hand_and_object(command, tmp_path):
     )
     planned = json.loads(out)
     assert code in (0, 3), err
-    assert planned["search"] == "convex" and planned["certificate"]["relative_gap"] <= 1e-6
+    assert planned["search"] == "robust" and planned["certificate"]["relative_gap"] <= 1e-6
     assert planned["closing"]["touches"] and planned["status"] in ("ok", "joint_limit", "not_tracked")
     assert (tmp_path / "run" / "report.md").is_file() and (tmp_path / "run" / "plan.npz").is_file()
 

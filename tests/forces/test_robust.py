@@ -8,6 +8,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+import pinograsp as pg
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
@@ -16,7 +17,7 @@ from pinograsp.forces import (
     disturbance_margin,
     optimize_forces,
     optimize_robust,
-    robust as robust_room,
+    robust_program as robust_room,
 )
 from pinograsp.motion import MotionSpec, plan_motion
 
@@ -251,3 +252,91 @@ def test_a_robust_squeeze_is_carried_out(hand, make_problem):
         plan_motion(hand, nothing.under())
     with pytest.raises(InvalidInput, match="solution"):
         plan_motion(hand, problem)
+
+
+def two_jaws(contact_set, mass=0.2):
+    body = pg.Box(size=(0.04, 0.04, 0.06), mass=mass)
+    rows = [("left", "", (0.02, 0, 0), (-1, 0, 0), None), ("right", "", (-0.02, 0, 0), (1, 0, 0), None)]
+    friction = Friction(model="soft", torsion=0.005)
+    limits = {"acceleration_range": (1e-6, 50.0), "max_depth": 5e-2}
+    return pg.ForceProblem.holding(body, contact_set(rows), mu=0.6, friction=friction, **limits)
+
+
+def test_two_jaws_bear_a_push_along_their_line_as_springs_alone(contact_set):
+    problem = two_jaws(contact_set)
+    push = np.array([1.2, 0, 0, 0, 0, 0])
+    loads = LoadSet(loads=[problem.load, problem.load + push, problem.load - push])
+    stiff = optimize_robust(problem, loads, 0.85, objective="peak")
+    assert stiff.status is Status.INFEASIBLE  # F_n that does not change cannot balance it
+    found = optimize_robust(problem, loads, 0.85, objective="peak", reaction="elastic")
+    # Half of the push goes to either side, and the lighter pressed one still has to carry its half of the weight.
+    weight = 0.2 * 9.81
+    assert found.status is Status.OK
+    assert found.normal_forces == pytest.approx([weight / 2 / 0.6 + 0.6] * 2, rel=1e-6)
+    assert found.under(problem.load + push).normal_forces - found.normal_forces == pytest.approx([0.6, -0.6], abs=1e-6)
+    assert found.under().normal_forces == pytest.approx(found.normal_forces, rel=1e-9)
+
+
+def test_springs_of_every_contact_give_way_alike(contact_set):
+    """The reaction against the equilibrium of springs, solved for the displacement and the turn of the object."""
+    body = pg.Sphere(radius=0.03, mass=0.3)
+    directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
+    problem = pg.ForceProblem.holding(body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0))
+    push = np.array([0.3, -0.2, 0.4, 0.002, 0.001, -0.003])
+    found = optimize_robust(problem, LoadSet(loads=[problem.load, problem.load + push]), 0.85, reaction="elastic")
+    stiffness = np.zeros((6, 6))
+    arms = contacts.points_o - body.pose[:3, 3]
+    for arm in arms:
+        cross = np.array([[0, -arm[2], arm[1]], [arm[2], 0, -arm[0]], [-arm[1], arm[0], 0]])
+        moved = np.hstack([np.eye(3), -cross])  # velocity of the point per twist of the object
+        stiffness += moved.T @ moved
+    twist = np.linalg.solve(stiffness, push)
+    pressed = [-(twist[:3] + np.cross(twist[3:], arm)) @ -d for arm, d in zip(arms, directions)]
+    assert found.under(problem.load + push).normal_forces - found.normal_forces == pytest.approx(pressed, abs=1e-6)
+
+
+def test_an_elastic_squeeze_is_optimal_for_another_solver(contact_set, make_problem):
+    problem = make_problem(balance="wrench", friction=CONE, measure="work")
+    rng = np.random.default_rng(1)
+    pushes = problem.load + 0.1 * rng.normal(size=(6, 6)) * [1, 1, 1, 0.01, 0.01, 0.01]
+    found = optimize_robust(problem, LoadSet(loads=pushes), 0.82, objective="work", reaction="elastic")
+    G = np.array(problem.contacts.G)
+    G[3:] /= problem.moment_length
+    scaled = (pushes - problem.load) / np.repeat([1.0, problem.moment_length], 3)
+    changes = -(np.linalg.pinv(G) @ scaled.T).T[:, 2::3]
+    low, high = problem.normal_force_range(0.82)
+    F, rows = cp.Variable(problem.k), []
+    rows += [low <= F, high >= F]
+    for wrench, change in zip(pushes, changes):
+        u = cp.Variable((problem.k, 2))
+        load = np.append(wrench[:3], wrench[3:] / problem.moment_length)
+        columns = G.reshape(6, problem.k, 3)
+        net = sum(columns[:, i, :2] @ u[i] + columns[:, i, 2] * (F[i] + change[i]) for i in range(problem.k))
+        rows += [net + load == 0, cp.norm(u, axis=1) <= cp.multiply(problem.mu, F + change)]
+    terms = problem.energy_terms(0.82, "work")
+    cost = sum(c / terms[0][0] * cp.sum(cp.power(F, e)) for c, e in terms)
+    expected = cp.Problem(cp.Minimize(cost), rows)
+    expected.solve(solver="CLARABEL")
+    assert found.status is Status.OK and found.certificate.is_optimal()
+    assert found.certificate.objective == pytest.approx(expected.value * terms[0][0], rel=1e-6)
+
+
+def test_elastic_loads_that_cannot_be_held_are_proven(contact_set):
+    problem = two_jaws(contact_set)
+    twist = np.array([0, 0, 0, 0, 0.5, 0])  # about a line across the jaws: neither friction nor springs
+    low = replace(problem, max_normal_force=np.full(2, 3.0))
+    for each, push in ((low, np.array([8.0, 0, 0, 0, 0, 0])), (problem, np.array([0, 0, -1e3, 0, 0, 0])), (low, twist)):
+        loads = LoadSet(loads=[each.load, each.load + push])
+        found = optimize_robust(each, loads, 0.85, reaction="elastic")
+        assert found.status is Status.INFEASIBLE, push
+
+
+def test_caps_count_for_the_reaction_too(contact_set):
+    problem = two_jaws(contact_set)
+    loads = LoadSet(loads=[problem.load + [s, 0, 0, 0, 0, 0] for s in (-1.2, 0, 1.2)])
+    needed = 0.2 * 9.81 / 2 / 0.6 + 2 * 0.6
+    for cap, status in ((1.001 * needed, Status.OK), (0.999 * needed, Status.INFEASIBLE)):
+        capped = replace(problem, max_normal_force=np.full(2, cap))
+        assert optimize_robust(capped, loads, 0.85, reaction="elastic").status is status

@@ -28,7 +28,7 @@ def test_table_iv_alone_is_planned_to_the_end():
     hand = case.load_hand()
     target = {finger: np.radians(FINAL_ANGLES_DEG[finger]) for finger in ("thumb", "index", "middle")}
     closure = close_hand(hand, case.make_object(), start=np.zeros(hand.n), target=target)
-    plan = plan_grasp_on(hand, closure, GraspConditions(mu=0.7, measure="work"))
+    plan = plan_grasp_on(hand, closure, GraspConditions(mu=0.7, friction=Friction(), measure="work", reserve=None))
     assert plan.forces.status is Status.OK and plan.forces.certificate.relative_gap <= 1e-6
     assert plan.motion.status in (Status.OK, Status.JOINT_LIMIT)
     assert plan.motion.tracking_error.max() < 1e-6 and plan.closure is closure
@@ -38,7 +38,7 @@ def test_plans_on_closed_grippers(tmp_path):
     """From hand and object alone to a certified, torque-limited plan; what one actuator cannot do is said."""
     hand = load_hand(own_hands.write(tmp_path, "parallel_gripper"))
     box = Box(size=(0.03, 0.03, 0.05), mass=0.1, pose=above_the_palm(0.03))
-    plan = plan_grasp_on(hand, box, GraspConditions(mu=0.6, friction=Friction(safety=1.1)))
+    plan = plan_grasp_on(hand, box, GraspConditions(mu=0.6, friction=Friction(safety=1.1), reserve=None))
     assert plan.forces.status is Status.OK and plan.problem.balance == "wrench"
     certificate = plan.forces.certificate
     assert certificate.relative_gap <= 1e-6 and plan.forces.residual_force < 1e-8 and plan.forces.residual_moment < 1e-8

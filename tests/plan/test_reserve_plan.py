@@ -96,12 +96,15 @@ def test_robust_forces_are_carried_out(closure, plan):
 
 
 def test_what_is_in_the_way_is_named(closure):
-    """Two jaws press along one line: no friction bears a push along it, while their forces stay."""
-    jaws = closed("panda", "box:size=0.03x0.03x0.08,mass=0.1", at=(0.0, 0.0, 0.11), wrap=False)
+    """Two hard jaws on a ball bear no moment about their line; soft ones do, and a push along it, too."""
+    jaws = closed("panda", "sphere:radius=0.02,mass=0.1", at=(0.0, 0.0, 0.11), wrap=False)
     with pytest.raises(GraspInfeasible, match=r"with its reserve.*\n.*disturbance.*Reserve\(disturbance=0\)") as caught:
         planned(jaws, Reserve())
     assert caught.value.solution.status is Status.INFEASIBLE and caught.value.solution.search == "robust"
-    assert planned(jaws, Reserve(disturbance=0.0)).reserve.force == 0
+    assert "Reserve(moment_arm=0)" in str(caught.value)
+    assert planned(jaws, Reserve(moment_arm=0.0)).with_margins().margins.disturbance_force >= 0.5 * WEIGHT
+    soft = planned(jaws, Reserve(), friction=None)
+    assert soft.friction.model == "soft" and soft.with_margins().margins.disturbance_moment >= soft.reserve.moment > 0
     with pytest.raises(GraspInfeasible, match=r"least normal force|every impact time"):
         planned(closure, Reserve(normal_force=1e3))
     with pytest.raises(GraspInfeasible, match="every impact time is proven infeasible"):

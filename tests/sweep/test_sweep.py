@@ -282,14 +282,14 @@ def test_a_hand_and_an_object(tmp_path):
     spec = {
         "hand": "allegro_right",
         "object": "cylinder:radius=0.02,height=0.12,mass=0.2",
-        "set": {"at": [0.08, 0, 0.07], "safety": 1.1},
+        "set": {"at": [0.08, 0, 0.07], "friction": "cone", "safety": 1.1, "reserve": "none"},
         "over": {"object.mass": [0.1, 0.2, -1], "mu": [0.7]},
     }
     rows = sweep(spec, tmp_path / "out", jobs=1, progress=False).table().to_pylist()
     assert [row["status"] for row in rows] == ["ok", "ok", "invalid_input"]
     thing = pg.Cylinder(radius=0.02, height=0.12, mass=0.2).placed(pg.spatial.pose_of([0.08, 0, 0.07]))
     closure = pg.close_hand(pg.load_hand("allegro_right"), thing)
-    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1))
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1), reserve=None)
     told = pg.plan_grasp_on(closure.hand, closure, conditions).summary()
     for name in ("work_J", "peak_torque_Nm", "impact_time_s"):
         assert rows[1][name] == pytest.approx(told[name], rel=1e-5)

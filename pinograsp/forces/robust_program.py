@@ -1,0 +1,318 @@
+"""The convex program of :mod:`pinograsp.forces.robust`, its dual bound, proofs and certificate."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import clarabel
+import numpy as np
+import scipy.sparse as sp
+
+from pinograsp.checks import frozen, read_only
+from pinograsp.errors import Status
+from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, objective_size_of
+from pinograsp.forces.conic import Cone, Triplets, cone_rows, solve, sparse
+from pinograsp.forces.infeasibility import prove
+from pinograsp.forces.load_set import LoadSet
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import Program, feasibility
+from pinograsp.forces.robust_forces import Reaction, RobustForces
+from pinograsp.forces.solvers import compiled_installed
+from pinograsp.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReactedLoads:
+    """Loads as scaled wrenches (s, rows) [N], and what each changes of the normal forces (s, k) [N]."""
+
+    reaction: Reaction
+    loads: Array
+    changes: Array
+
+
+class RobustProgram:
+    """Columns: F (k), u per load (s, k, d - 1), L (k, d - 1, rows) with a ball, one t per power and contact, peak."""
+
+    def __init__(
+        self, problem: ForceProblem, program: Program, reacted: ReactedLoads, load_set: LoadSet, impact_time: float
+    ):
+        self.problem, self.program, self.t = problem, program, impact_time
+        self.load_set, self.reacted = load_set, reacted
+        self.targets, self.changes = -reacted.loads / program.force_scale, reacted.changes / program.force_scale
+        self.k, self.e, self.s = program.k, program.d - 1, len(reacted.loads)
+        self.rows = len(program.b)
+        self.radius = load_set.ball / program.force_scale
+        self.per_load = self.k * self.e
+        self.L = self.k + self.s * self.per_load
+        self.curved = [(c, p) for c, p in program.powers if p != 1]
+        self.extra = self.L + (self.per_load * self.rows if self.radius else 0)
+        self.peak = self.extra + self.k * len(self.curved)
+        self.size = self.peak + (program.peak > 0)
+
+    def solved(self, prove_it: bool) -> RobustForces:
+        """The record of the forces, or of the proof that there are none, which is looked for where asked."""
+        started = time.perf_counter()
+        if np.any(self.program.lo > self.program.hi):
+            return self.record(Status.INFEASIBLE, None, -np.inf, started)
+        A, b, cones = self.constraints()
+        q = np.zeros(self.size)
+        for c, p in self.program.powers:
+            if p == 1:
+                q[: self.k] += c
+        for j, (c, _) in enumerate(self.curved):
+            q[self.extra + j * self.k : self.extra + (j + 1) * self.k] = c
+        q[self.peak :] = self.program.peak
+        found = solve(sp.csc_matrix((self.size, self.size)), q, A, b, cones)
+        z = np.array(found.x)
+        if np.isfinite(z).all() and "Infeasible" not in str(found.status):
+            bound = float(found.obj_val_dual) if self.radius else self.lower_bound(z, np.array(found.z))
+            tried = self.record(Status.OK, z, bound, started)
+            if tried.status is Status.OK:
+                return tried
+        if not prove_it:
+            return self.record(Status.INACCURATE, None, -np.inf, started)
+        if self.radius:
+            # The solver's ray, checked: where A' ray = 0 > b . ray no x has A x + s = b with s in the cones.
+            ray = np.array(found.z)
+            along = float(b @ ray)
+            proven = (
+                str(found.status) == "PrimalInfeasible" and along < 0 and bool(np.abs(A.T @ ray).max() <= -1e-7 * along)
+            )
+        else:
+            proven = self.proven_infeasible(A, b, cones)
+        return self.record(Status.INFEASIBLE if proven else Status.INACCURATE, None, -np.inf, started)
+
+    def proven_infeasible(self, A: sp.csc_matrix, b: Array, cones: Sequence[Cone]) -> bool:
+        """Phase one over all loads: the least residuals and torque excesses give a certificate, which is checked in
+        closed form.
+        """
+        m, per_load = len(self.program.R), self.facets + 2 * len(self.program.R)
+        slack = np.zeros((A.shape[0], self.equalities + self.s * m))
+        slack[np.arange(self.equalities), np.arange(self.equalities)] = -1.0
+        for s in range(self.s):
+            rows = self.torque_at + s * per_load + self.facets + np.arange(m)
+            columns = self.equalities + s * m + np.arange(m)
+            slack[rows, columns] = -1.0
+            slack[rows + m, columns] = 1.0
+        P = sp.diags(np.concatenate([np.zeros(self.size), np.ones(slack.shape[1])]), format="csc")
+        found = solve(P, np.zeros(P.shape[0]), sp.hstack([A, sparse(slack)], format="csc"), b, cones)
+        z = np.array(found.x)[self.size :]
+        size = float(np.abs(z).max())
+        if not np.isfinite(size) or size <= 1e-9:
+            return False
+        y = z[: self.equalities].reshape(self.s, self.rows) / size
+        w = z[self.equalities :].reshape(self.s, m) / size
+        slopes, total = self.shared(y, w)
+        return total + self.program.least(slopes) > TOLERANCE.proof
+
+    def constraints(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
+        """Rows A, right-hand side b and cones of A x + s = b."""
+        p, k, s = self.program, self.k, self.s
+        _, facets, second, sizes = cone_rows(p.matrices)
+        rows = Triplets(self.k, self.per_load)
+        rows.of_every_load(p.A, s)
+        b = [(self.targets - self.reacting(p.A)).ravel()]
+        if self.radius:
+            tangential = p.A.reshape(self.rows, k, p.d)[:, :, :-1].reshape(self.rows, -1)
+            # A_t L = -1. Column order of L: (contact, component, row), so this is a Kronecker product.
+            response = np.asarray(np.kron(tangential, np.eye(self.rows)), dtype=float)
+            rows.add((response, self.L))
+            b.append(-np.eye(self.rows).ravel())
+        self.equalities = rows.height
+        rows.add((np.concatenate([-np.eye(k), np.eye(k)]), 0))
+        b += [-p.lo, p.hi]
+        self.torque_at, self.facets = rows.height, len(facets)
+        linear, limits = np.concatenate([facets, p.R, -p.R]), np.concatenate([np.zeros(len(facets)), p.R_hi, -p.R_lo])
+        if not self.radius:
+            rows.of_every_load(linear, s)
+            b.append((limits - self.reacting(linear)).ravel())
+        if p.peak > 0:
+            rows.add((np.eye(k), 0), (-np.ones((k, 1)), self.peak))
+            b.append(np.zeros(k))
+        inequalities = rows.height - self.equalities
+        rows.of_every_load(second, s)
+        b.append(-self.reacting(second).ravel())
+        sizes = sizes * s
+        if self.radius:
+            sizes = sizes + self.ball_rows(rows, b, linear, limits)
+        for j in range(len(self.curved)):
+            power, force = np.zeros((3 * k, k)), np.zeros((3 * k, k))
+            power[::3] = force[2::3] = -np.eye(k)
+            rows.add((force, 0), (power, self.extra + j * k))
+            b.append(np.tile([0.0, 1.0, 0.0], k))
+        cones: list[Cone] = [clarabel.ZeroConeT(self.equalities), clarabel.NonnegativeConeT(inequalities)]
+        cones += [clarabel.SecondOrderConeT(size) for size in sizes]
+        cones += [clarabel.PowerConeT(1 / power) for _, power in self.curved for _ in range(k)]
+        return rows.matrix(self.size), np.concatenate(b), cones
+
+    def reacting(self, rows: Array) -> Array:
+        """What the changes of the normal forces add to rows on x, for every load (s, rows)."""
+        found: Array = self.changes @ rows.reshape(len(rows), self.k, self.program.d)[:, :, -1].T
+        return found
+
+    def ball_rows(self, rows: Triplets, b: list[Array], linear: Array, limits: Array) -> list[int]:
+        """Append every facet and torque row of every load with its response to the ball as a second-order cone; the
+        cones' sizes.
+        """
+        p = self.program
+        across = linear.reshape(len(linear), self.k, p.d)[:, :, :-1].reshape(len(linear), self.per_load)
+        along = linear.reshape(len(linear), self.k, p.d)[:, :, -1]
+        reacting = self.reacting(linear)
+        for s in range(self.s):
+            for own, reach, limit in zip(along, across, limits - reacting[s]):
+                # limit - row . x >= radius |L' row|
+                first = np.zeros((self.rows + 1, self.k + self.per_load))
+                first[0] = np.concatenate([own, reach])
+                swing = np.zeros((self.rows + 1, self.extra - self.L))
+                swing[1:] = -self.radius * np.kron(reach[None], np.eye(self.rows))
+                rows.add((first[:, : self.k], 0), (first[:, self.k :], self.k + s * self.per_load), (swing, self.L))
+                b.append(np.concatenate([[limit], np.zeros(self.rows)]))
+        return [self.rows + 1] * (self.s * len(linear))
+
+    def multipliers(self, dual: Array) -> tuple[Array, Array]:
+        """Balance (s, rows) and torque (s, m) multipliers of a solution without a ball."""
+        m = len(self.program.R)
+        y = dual[: self.s * self.rows].reshape(self.s, self.rows)
+        per_load = dual[self.torque_at : self.torque_at + self.s * (self.facets + 2 * m)].reshape(
+            self.s, self.facets + 2 * m
+        )
+        torque = per_load[:, self.facets :]
+        return y, torque[:, :m] - torque[:, m:]
+
+    def shared(self, y: Array, w: Array) -> tuple[Array, float]:
+        """The sum over all loads of their duals' slopes in F_n (k,), which is common to them, and of the constants."""
+        p = self.program
+        c = (y @ p.A + w @ p.R).reshape(self.s, self.k, p.d)
+        slopes: Array = c[:, :, -1] - p.friction.support(c[:, :, :-1])
+        at_limits = float(np.maximum(w * p.R_hi, w * p.R_lo).sum())
+        reacting = float(np.vdot(slopes, self.changes))
+        return slopes.sum(axis=0), reacting - float(np.vdot(y, self.targets)) - at_limits
+
+    def lower_bound(self, z: Array, dual: Array) -> float:
+        """Proven bound of the objective: as in :mod:`pinograsp.forces.program`, with F_n shared by all loads."""
+        p = self.program
+        s, total = self.shared(*self.multipliers(dual))
+        return total + p.separable(s, np.clip(z[: self.k], p.lo, p.hi))
+
+    def record(self, status: Status, z: Array | None, bound: float, started: float) -> RobustForces:
+        """What came of it: of forces z, certified; without them, perhaps the proof of one load."""
+        p, problem = self.program, self.problem
+        forces, torsion, normal = np.zeros((0, self.k, 3)), np.zeros((0, self.k)), np.zeros(0)
+        response: Array | None = None
+        proof: Infeasibility | None = None
+        certificate: Certificate | None = None
+        if z is not None:
+            F = z[: self.k]
+            u = self.settled(z[self.k : self.L].reshape(self.s, self.k, self.e), F)
+            x = np.concatenate([u, (F + self.changes)[:, :, None]], axis=2)
+            if self.radius:
+                response = z[self.L : self.extra].reshape(self.k, self.e, self.rows)
+            certificate = self.certificate(F, x.reshape(self.s, -1), bound, response)
+            if not certificate.is_optimal():
+                status = Status.INACCURATE
+            scale = problem.friction.scale(problem.mu) * p.force_scale
+            forces = np.concatenate([u[:, :, :2] * scale[:, :2], x[:, :, -1:] * p.force_scale], axis=2)
+            torsion = u[:, :, 2] * scale[:, 2] if self.e == 3 else np.zeros((self.s, self.k))
+            normal = F * p.force_scale
+        elif status is Status.INFEASIBLE:
+            low, high = p.lo + self.changes.min(axis=0), p.hi + self.changes.max(axis=0)
+            for single in self.suspects():
+                proof = prove(single, feasibility(single, np.maximum(low, 0.0) * p.force_scale, high * p.force_scale))
+                if proof is not None:
+                    break
+        return RobustForces(
+            status=status,
+            problem=problem,
+            load_set=self.load_set,
+            impact_time=self.t,
+            reaction=self.reacted.reaction,
+            normal_forces=read_only(normal),
+            balanced=read_only(-self.targets * p.force_scale),
+            forces_c=read_only(forces),
+            torsion=read_only(torsion),
+            response=None if response is None else read_only(response),
+            certificate=certificate,
+            infeasibility=proof,
+            weights=p.matrices.weights,
+            elapsed=time.perf_counter() - started,
+        )
+
+    def settled(self, u: Array, F: Array) -> Array:
+        """u (s, k, d - 1) with the balance residuals removed by the least changes of the tangential forces."""
+        columns = self.program.A.reshape(self.rows, self.k, -1)
+        tangential = columns[:, :, :-1].reshape(self.rows, -1)
+        residual = u.reshape(self.s, -1) @ tangential.T + (F + self.changes) @ columns[:, :, -1].T - self.targets
+        settled: Array = u - (residual @ np.linalg.pinv(tangential, rcond=1e-10).T).reshape(u.shape)
+        return settled
+
+    def certificate(self, F: Array, x: Array, bound: float, response: Array | None) -> Certificate:
+        """The certificate for all loads, F (k,) and x (s, k d); ``response`` to the ball where there is one."""
+        p, unit, force = self.program, self.program.objective_scale, self.program.force_scale
+        common = x[0].copy()
+        common[p.d - 1 :: p.d] = F
+        objective = p.value(common)
+        residuals = x @ p.A.T - self.targets
+        norms = np.linalg.norm(residuals, axis=1)
+        worst, residual = int(np.argmax(norms)), np.zeros(6)
+        residual[: self.rows] = residuals[worst] * force
+        residual[3:] *= self.problem.moment_length
+        u = x.reshape(self.s, self.k, p.d)[:, :, :-1]
+        slack = (F + self.changes - p.friction.gauge(u)).min(axis=0)
+        torque = x @ p.R.T
+        violation = max(0.0, float(np.maximum(np.maximum(-slack, p.lo - F), F - p.hi).max()))
+        if len(p.R):
+            violation = max(violation, float(np.maximum(torque - p.R_hi, p.R_lo - torque).max()))
+        if response is not None:
+            violation = max(violation, self.ball_violation(u, F, response))
+        meets = np.zeros(0, dtype=bool)
+        joints: tuple[str, ...] = ()
+        if self.problem.torques is not None:
+            joints = self.problem.torques.limited_joints
+            meets = np.any((torque >= p.R_hi - TOLERANCE.active) | (torque <= p.R_lo + TOLERANCE.active), axis=0)
+        return Certificate(
+            objective=objective * unit,
+            lower_bound=min(bound, objective) * unit,
+            residual=frozen(residual),
+            residual_norm=float(norms[worst]) * force,
+            violation=violation * force,
+            load_size=force,
+            force_size=max(1.0, float(F.max())) * force,
+            objective_size=objective_size_of(objective, 0.0) * unit,
+            at_friction=frozen(slack <= F * TOLERANCE.active),
+            at_least=frozen(p.lo * (1 + TOLERANCE.active) >= F),
+            at_most=frozen(p.hi * (1 - TOLERANCE.active) <= F),
+            at_torque=tuple(joint for joint, meet in zip(joints, meets) if meet),
+        )
+
+    def suspects(self) -> list[ForceProblem]:
+        """The loads one by one; where numba is installed only those that cannot be held alone, if it finds any."""
+        singles = [replace(self.problem, load=wrench) for wrench in self.load_set.loads]
+        low, high = self.problem.normal_force_range(self.t)
+        if not compiled_installed() or np.any(low > high):
+            return singles
+        from pinograsp.forces.batch import ForceBatch, solve_batch
+
+        free = [replace(single, torques=None) for single in singles]
+        held = solve_batch(ForceBatch.of(free, self.t), objective="work").ok
+        scale = self.program.force_scale
+        same = np.allclose(low, scale * self.program.lo) and np.allclose(high, scale * self.program.hi)
+        if held.all() and (self.problem.torques is not None or not same):
+            return singles  # torque limits, or bounds of other impact times, may exclude them
+        return [single for single, ok in zip(singles, held) if not ok]
+
+    def ball_violation(self, u: Array, F: Array, response: Array) -> float:
+        """Largest excess over friction and torque limits under the worst disturbance, and the error of A_t L = -1."""
+        p = self.program
+        D = p.friction.facets
+        reach = self.radius * np.linalg.norm(np.einsum("fe,ker->kfr", D, response), axis=2)
+        worst = float((np.einsum("ske,fe->skf", u, D) + reach - (F + self.changes)[:, :, None]).max())
+        tangential = p.A.reshape(self.rows, self.k, p.d)[:, :, :-1]
+        left = np.abs(np.einsum("ake,ker->ar", tangential, response) + np.eye(self.rows)).max() * self.radius
+        if len(p.R):
+            across = p.R.reshape(len(p.R), self.k, p.d)
+            swing = self.radius * np.linalg.norm(np.einsum("mke,ker->mr", across[:, :, :-1], response), axis=1)
+            torque = np.einsum("ske,mke->sm", u, across[:, :, :-1]) + (F + self.changes) @ across[:, :, -1].T
+            worst = max(worst, float((torque + swing - p.R_hi).max()), float((p.R_lo - torque + swing).max()))
+        return max(worst, float(left), 0.0)
