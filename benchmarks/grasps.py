@@ -8,8 +8,8 @@ hand is open; the cylinder has radius 0.18 w and height 0.9 w, the sphere radius
 all else as the package chooses it. Hands are names of the catalogue or files (with ``--root`` for one of these).
 
 A pair counts where the plan is ok, its contacts have force closure, and a free simulation holds the object as planned,
-shaken with 3 m/s^2 at 2 Hz along x, y and z, with 1.2 times the mass, and with 0.8 times the friction. Writes grasps.csv
-beside this file, and prints a table by hand and the reasons of what failed.
+shaken with 3 m/s^2 at 2 Hz along x, y and z, with 1.2 times the mass, and with 0.8 times the friction. Writes
+grasps.csv beside this file, and prints a table by hand and the reasons of what failed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,19 @@ TRIALS = {
     "mass": Disturbance(mass_factor=1.2),
     "mu": Disturbance(mu=0.8 * MU),
 }
-COLUMNS = ("hand", "object", "width_mm", "mass_g", "tried", "found", "status", "closure", "quality", "contacts", "force_N")
+COLUMNS = (
+    "hand",
+    "object",
+    "width_mm",
+    "mass_g",
+    "tried",
+    "found",
+    "status",
+    "closure",
+    "quality",
+    "contacts",
+    "force_N",
+)
 COLUMNS = (*COLUMNS, "push_N", "hit_N", "error", *TRIALS, "search_s", "plan_s", "good", "why")
 
 
@@ -157,7 +169,9 @@ def main() -> None:
     print(table(rows))
     seconds = [float(one["search_s"]) + float(one["plan_s"]) for one in rows if one["plan_s"]]
     good = sum(one["good"] for one in rows)
-    print(f"\n{good} of {len(rows)} pairs ({100 * good / len(rows):.1f} %); median {np.median(seconds):.1f} s to a plan")
+    print(
+        f"\n{good} of {len(rows)} pairs ({100 * good / len(rows):.1f} %); median {np.median(seconds):.1f} s to a plan"
+    )
 
 
 def table(rows: list[dict]) -> str:

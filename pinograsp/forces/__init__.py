@@ -22,7 +22,13 @@ from pinograsp.forces.optimize import optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.forces.program import OBJECTIVES, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
-from pinograsp.forces.reserve import Reserve, optimize_reserve, parts_in_the_way, search_reserve
+from pinograsp.forces.reserve import (
+    Reserve,
+    optimize_reserve,
+    parts_in_the_way,
+    producible_reserve,
+    search_reserve,
+)
 from pinograsp.forces.robust import optimize_robust
 from pinograsp.forces.robust_forces import Reaction, RobustForces
 from pinograsp.forces.search import SEARCHES, grid_search
@@ -81,6 +87,7 @@ __all__ = [
     "optimize_reserve",
     "optimize_robust",
     "parts_in_the_way",
+    "producible_reserve",
     "refine_multipliers",
     "search_reserve",
     "solve_batch",

@@ -23,6 +23,8 @@ from pinograsp.spatial import Array
 CIRCUMSCRIBED = float(np.sqrt(15 - 6 * np.sqrt(5)))
 # A search over t_I ends at that share of the range, or after so many programs of some 10 ms each.
 _NARROW, _MOST_TRIED = 5e-3, 16
+# Rounds of linearised depths, the share of the largest force at which they are linearised at least, and what is left.
+_MADE_ROUNDS, _LITTLE, _MADE, _OTHER_TIMES = 12, 1e-3, 1e-7, 4
 _GOLDEN = (3 - np.sqrt(5)) / 2
 
 
@@ -221,6 +223,64 @@ def search_reserve(
         cost(at + _GOLDEN * (after - at) if after - at > at - before else at - _GOLDEN * (at - before))
     best_time = min(tried, key=cost)
     return replace(tried[best_time], tried=len(tried), elapsed=time.perf_counter() - started)
+
+
+def producible_reserve(
+    problem: ForceProblem,
+    reserve: Reserve,
+    squeeze: RobustForces,
+    rows: ArrayLike,
+    *,
+    objective: str | Mapping[str, float] | None = None,
+) -> RobustForces:
+    """The least-cost squeeze with depths that the hand can press to, at or near the impact time of ``squeeze``.
+
+    ``rows`` times the depths are zero. As F_n = K delta^rho is not linear, these equations are linearised, at even
+    forces first and then at the forces found, until these keep to them.
+
+    Args:
+        problem: of holding an object, without the reserve.
+        reserve: what to bear besides the weight.
+        squeeze: :func:`search_reserve`'s, with any depths.
+        rows: combinations (p, k) of the depths that the hand cannot change [-].
+        objective: as for :func:`~pinograsp.forces.optimize_robust`.
+
+    Returns:
+        The squeeze; ``INACCURATE``: none was found.
+
+    Raises:
+        InvalidInput: a problem without an object, a squeeze without forces, or another objective.
+    """
+    instance_of("problem", problem, ForceProblem)
+    instance_of("reserve", reserve, Reserve)
+    rows = array_of("rows", rows, (None, problem.k))
+    if not len(squeeze.normal_forces):
+        raise InvalidInput(f"squeeze: expected one with forces, got status '{squeeze.status}'")
+    if not len(rows):
+        return squeeze
+    started, weights = time.perf_counter(), robust_weights(objective, problem)
+    loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+    law, tried = problem.compliance, 0
+    times = [squeeze.impact_time, *np.linspace(*problem.impact_time_range, _OTHER_TIMES)[::-1].tolist()]
+    found = replace(squeeze, status=Status.INACCURATE)
+    for t in times:
+        F = np.full(problem.k, squeeze.normal_forces.mean())
+        for _ in range(_MADE_ROUNDS):
+            depths = law.depth(np.maximum(F, _LITTLE * F.max()))
+            slopes = depths / (law.exponent * np.maximum(F, _LITTLE * F.max()))
+            size = float(slopes.max())
+            equations = rows * slopes / size, rows @ (slopes * F - depths) / size
+            found, tried = (
+                robust_at(kept, loads, t, weights, reaction="elastic", fixed=equations, proven=False),
+                tried + 1,
+            )
+            if found.status is not Status.OK:
+                break
+            F = found.normal_forces
+            depths = law.depth(F)
+            if np.abs(rows @ depths).max() <= _MADE * depths.max():
+                return replace(found, tried=tried, elapsed=time.perf_counter() - started)
+    return replace(found, status=Status.INACCURATE, tried=tried, elapsed=time.perf_counter() - started)
 
 
 def parts_in_the_way(

@@ -103,6 +103,7 @@ def robust_at(
     *,
     reaction: Reaction = "friction",
     bounds: tuple[Array, Array] | None = None,
+    fixed: tuple[Array, Array] | None = None,
     proven: bool = True,
 ) -> RobustForces:
     """:func:`optimize_robust` without its checks of the arguments.
@@ -114,6 +115,7 @@ def robust_at(
         weights: :func:`robust_weights`.
         reaction: as for :func:`optimize_robust`.
         bounds: least and largest F_n (k,), (k,) [N]; None: the problem's at t_I.
+        fixed: rows (p, k) and values (p,) [N] of equations on F_n, at the problem's load; None: none.
         proven: whether to look for a proof where there are no forces; without one they are ``INACCURATE``.
     """
     terms = energy_terms_at(problem, weights, impact_time)
@@ -127,5 +129,7 @@ def robust_at(
             hi = np.minimum(hi, problem.max_normal_force - np.maximum(changes.max(axis=0), 0.0))
     largest = scaled[np.argmax(np.linalg.norm(scaled, axis=1))]
     program = assemble(matrices_of(problem, weights), largest, terms, lo, hi)
-    reacted = ReactedLoads(reaction=reaction, loads=scaled, changes=changes)
+    reacted = ReactedLoads(
+        reaction=reaction, loads=scaled, changes=changes, fixed=fixed or (np.zeros((0, problem.k)), np.zeros(0))
+    )
     return RobustProgram(problem, program, reacted, load_set, impact_time).solved(proven)

@@ -25,11 +25,19 @@ from pinograsp.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReactedLoads:
-    """Loads as scaled wrenches (s, rows) [N], and what each changes of the normal forces (s, k) [N]."""
+    """Loads, how the contacts react to them, and what else the normal forces have to keep to.
+
+    Attributes:
+        reaction: of the contacts.
+        loads: as scaled wrenches (s, rows) [N].
+        changes: of the normal forces by each load (s, k) [N].
+        fixed: rows (p, k) and values (p,) [N] of equations on the normal forces.
+    """
 
     reaction: Reaction
     loads: Array
     changes: Array
+    fixed: tuple[Array, Array]
 
 
 class RobustProgram:
@@ -41,6 +49,7 @@ class RobustProgram:
         self.problem, self.program, self.t = problem, program, impact_time
         self.load_set, self.reacted = load_set, reacted
         self.targets, self.changes = -reacted.loads / program.force_scale, reacted.changes / program.force_scale
+        self.fixed, self.values = reacted.fixed[0], reacted.fixed[1] / program.force_scale
         self.k, self.e, self.s = program.k, program.d - 1, len(reacted.loads)
         self.rows = len(program.b)
         self.radius = load_set.ball / program.force_scale
@@ -102,9 +111,9 @@ class RobustProgram:
         size = float(np.abs(z).max())
         if not np.isfinite(size) or size <= 1e-9:
             return False
-        y = z[: self.equalities].reshape(self.s, self.rows) / size
+        y = z[: self.s * self.rows].reshape(self.s, self.rows) / size
         w = z[self.equalities :].reshape(self.s, m) / size
-        slopes, total = self.shared(y, w)
+        slopes, total = self.shared(y, w, z[self.fixed_at : self.equalities] / size)
         return total + self.program.least(slopes) > TOLERANCE.proof
 
     def constraints(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
@@ -120,6 +129,10 @@ class RobustProgram:
             response = np.asarray(np.kron(tangential, np.eye(self.rows)), dtype=float)
             rows.add((response, self.L))
             b.append(-np.eye(self.rows).ravel())
+        self.fixed_at = rows.height
+        if len(self.fixed):
+            rows.add((self.fixed, 0))
+            b.append(self.values)
         self.equalities = rows.height
         rows.add((np.concatenate([-np.eye(k), np.eye(k)]), 0))
         b += [-p.lo, p.hi]
@@ -171,24 +184,25 @@ class RobustProgram:
                 b.append(np.concatenate([[limit], np.zeros(self.rows)]))
         return [self.rows + 1] * (self.s * len(linear))
 
-    def multipliers(self, dual: Array) -> tuple[Array, Array]:
-        """Balance (s, rows) and torque (s, m) multipliers of a solution without a ball."""
+    def multipliers(self, dual: Array) -> tuple[Array, Array, Array]:
+        """Multipliers of balance (s, rows), torque (s, m) and equations (p,) of a solution without a ball."""
         m = len(self.program.R)
         y = dual[: self.s * self.rows].reshape(self.s, self.rows)
         per_load = dual[self.torque_at : self.torque_at + self.s * (self.facets + 2 * m)].reshape(
             self.s, self.facets + 2 * m
         )
         torque = per_load[:, self.facets :]
-        return y, torque[:, :m] - torque[:, m:]
+        return y, torque[:, :m] - torque[:, m:], dual[self.fixed_at : self.equalities]
 
-    def shared(self, y: Array, w: Array) -> tuple[Array, float]:
+    def shared(self, y: Array, w: Array, v: Array) -> tuple[Array, float]:
         """The sum over all loads of their duals' slopes in F_n (k,), which is common to them, and of the constants."""
         p = self.program
         c = (y @ p.A + w @ p.R).reshape(self.s, self.k, p.d)
         slopes: Array = c[:, :, -1] - p.friction.support(c[:, :, :-1])
         at_limits = float(np.maximum(w * p.R_hi, w * p.R_lo).sum())
         reacting = float(np.vdot(slopes, self.changes))
-        return slopes.sum(axis=0), reacting - float(np.vdot(y, self.targets)) - at_limits
+        constant = reacting - float(np.vdot(y, self.targets)) - float(v @ self.values) - at_limits
+        return slopes.sum(axis=0) + v @ self.fixed, constant
 
     def lower_bound(self, z: Array, dual: Array) -> float:
         """Proven bound of the objective: as in :mod:`pinograsp.forces.program`, with F_n shared by all loads."""
@@ -264,6 +278,8 @@ class RobustProgram:
         violation = max(0.0, float(np.maximum(np.maximum(-slack, p.lo - F), F - p.hi).max()))
         if len(p.R):
             violation = max(violation, float(np.maximum(torque - p.R_hi, p.R_lo - torque).max()))
+        if len(self.fixed):
+            violation = max(violation, float(np.abs(self.fixed @ F - self.values).max()))
         if response is not None:
             violation = max(violation, self.ball_violation(u, F, response))
         meets = np.zeros(0, dtype=bool)

@@ -2,6 +2,7 @@
 
 from pinograsp.motion.contact_ik import ContactPostures, contact_postures
 from pinograsp.motion.online import OnlineForces
+from pinograsp.motion.producible import PressingTogether, pressing_together
 from pinograsp.motion.torques import effort_of, torque_limits
 from pinograsp.motion.trajectory import MotionSpec, plan_motion
 
@@ -9,8 +10,10 @@ __all__ = [
     "ContactPostures",
     "MotionSpec",
     "OnlineForces",
+    "PressingTogether",
     "contact_postures",
     "effort_of",
     "plan_motion",
+    "pressing_together",
     "torque_limits",
 ]

@@ -34,6 +34,7 @@ def press_surfaces(
     body: Body | None,
     profile: PenetrationProfile,
     times: Array,
+    deeper: Array,
 ) -> FingerMotion:
     """The grasp phase of a closed finger whose links' surfaces go in by ``profile``.
 
@@ -46,14 +47,17 @@ def press_surfaces(
         body: what is held; None: not known, so that the points that touched first go in by ``profile``.
         profile: penetration of all contacts.
         times: samples (m,) [s] from t_I to t_F.
+        deeper: how much deeper than ``profile`` all contacts go in the end (k,) [m].
     """
     own = [contacts[i] for i in which]
+    first = int(np.argmax(profile.final_depth))  # all contacts take the same course
+    more = np.outer(profile.depth(times)[:, first] / profile.final_depth[first], deeper[list(which)])
     knots = np.unique(np.linspace(0, times.size - 1, _KNOTS).astype(int))
 
     def pressed(deeper: Array) -> FingerMotion:
         spline: Array = CubicSpline(times[knots], deeper)(times)
         start, points = found.angles[0], found.points_l[0]
-        return press(hand, finger, own, start, points, profile, which, times, normals_first=True, deeper=spline)
+        return press(hand, finger, own, start, points, profile, which, times, normals_first=True, deeper=spline + more)
 
     asked = np.zeros((knots.size, len(own)))
     best = pressed(asked)
@@ -71,7 +75,7 @@ def press_surfaces(
         for row, knot in enumerate(knots):
             q[finger.dofs] = motion.q[knot]
             depths[row] = surfaces.at(q, which)[0]
-        missing = profile.depth(times[knots])[:, list(which)] - depths
+        missing = (profile.depth(times)[:, list(which)] + more)[knots] - depths
         if np.abs(missing).max() < least:
             best, least, off = motion, float(np.abs(missing).max()), np.abs(missing).max(axis=0)
         if least < TRACKED:

@@ -17,6 +17,7 @@ from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
+from pinograsp.motion.producible import pressing_together
 from pinograsp.motion.surfaces import TRACKED, press_surfaces
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 from pinograsp.plan import Motion
@@ -25,6 +26,7 @@ from pinograsp.spatial import Array
 _HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do not move them
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
+_SHIFTED = 1e-4  # [m] of the object as it is let go: worth a note
 _MOST_TIMES = 200_000  # steps of a motion
 
 
@@ -109,12 +111,29 @@ class _Planning:
         self.tracking, self.slip = np.zeros(k), np.zeros(k)
         self.notes, self.remedies = list(hand.notes), list[str]()
         self.within_limits = self.on_path = True
+        self.deeper = np.zeros(k)
+        if self.problem.contacts.posture is not None:
+            self.deeper = self.pressed_for_the_shift(self.problem.contacts.posture)
+
+    def pressed_for_the_shift(self, q: Array) -> Array:
+        """How much deeper the joints press (k,) [m], as the object gives way when it is let go; ``q`` (n,): closed."""
+        together = pressing_together(self.hand, self.problem.contacts, q)
+        shift = together.shift(self.profile.final_depth)
+        size = float(np.linalg.norm(shift[:3]))
+        if size > _SHIFTED:
+            self.notes.append(
+                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the forces come as planned"
+            )
+        deeper: Array = together.shifts @ shift
+        return deeper
 
     def move(self, finger: Finger, which: Sequence[int], found: ContactPostures) -> None:
         """Move a finger, from its best posture ``found``, as its contacts ``which`` ask for."""
         hand, contacts, start = self.hand, self.problem.contacts, self.start[finger.dofs]
         if found.method == "closing":
-            motion = press_surfaces(hand, finger, contacts, which, found, self.problem.object, self.profile, self.after)
+            motion = press_surfaces(
+                hand, finger, contacts, which, found, self.problem.object, self.profile, self.after, self.deeper
+            )
             candidates, paths = [motion], [self.gentle_path(finger, motion, start)]
         else:
             own = [contacts[i] for i in which]

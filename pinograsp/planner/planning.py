@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from pinograsp.checks import instance_of, one_of
-from pinograsp.contacts import Closure, close_hand
+from pinograsp.contacts import Closure, ContactSet, close_hand
 from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchInterrupted, Status
 from pinograsp.forces import (
     ForceProblem,
@@ -24,10 +24,18 @@ from pinograsp.forces import (
     grid_search,
     optimize_grasp,
     parts_in_the_way,
+    producible_reserve,
     search_reserve,
 )
 from pinograsp.hands import HandModel
-from pinograsp.motion import MotionSpec, effort_of, plan_motion, torque_limits
+from pinograsp.motion import (
+    MotionSpec,
+    PressingTogether,
+    effort_of,
+    plan_motion,
+    pressing_together,
+    torque_limits,
+)
 from pinograsp.objects.body import Body
 from pinograsp.plan import Motion, PlanReserve
 from pinograsp.planner.assemble import assembled, reserve_of
@@ -259,11 +267,19 @@ def _by_reserve(
         limit = None
     spent = {"forces": 0.0, "motion": 0.0}
     searched, start, tried = problem, None, 0
+    together = None
+    if problem.contacts.posture is not None:
+        together = pressing_together(hand, problem.contacts, problem.contacts.posture)
     for _ in range(_TORQUE_ROUNDS):
         started = time.perf_counter()
         squeeze = search_reserve(searched, reserve, objective=choices.objective, start=start)
         tried += squeeze.tried
         _refuse_no_squeeze(squeeze, searched, reserve, choices.objective)
+        if together is not None and len(together.rows):
+            squeeze = producible_reserve(searched, reserve, squeeze, together.rows, objective=choices.objective)
+            tried += squeeze.tried
+            if squeeze.status is not Status.OK:
+                raise GraspUndecided(_not_made(hand, searched.contacts, together), _no_forces(squeeze))
         forces = squeeze.under(problem.load)
         found = time.perf_counter()
         motion = plan_motion(hand, forces, choices.motion)
@@ -290,17 +306,7 @@ def _refuse_no_squeeze(squeeze: RobustForces, problem: ForceProblem, reserve: Re
     """Raise what came of a search without a squeeze, with the parts of the reserve that are in the way."""
     if squeeze.status is Status.OK:
         return
-    none = ForceSolution(
-        status=squeeze.status,
-        problem=squeeze.problem,
-        search="robust",
-        backend="clarabel",
-        impact_time=None,
-        forces_c=np.zeros((0, 3)),
-        elapsed=squeeze.elapsed,
-        weights=squeeze.weights,
-        infeasibility=squeeze.infeasibility,
-    )
+    none = _no_forces(squeeze)
     parts = parts_in_the_way(problem, reserve, objective=objective)
     options = " or ".join(f"Reserve({part}=0)" for part in parts)
     why = f"in the way: {', '.join(parts)}; without one of these there is a grasp: {options}, or a smaller share"
@@ -312,6 +318,31 @@ def _refuse_no_squeeze(squeeze: RobustForces, problem: ForceProblem, reserve: Re
         _refuse_failure(bare, _diagnosis)
         why = "the weight alone can be held, and no part of the reserve is in the way alone: ask for less of several"
     raise GraspInfeasible(f"no grasp holds the object with its reserve (proven at every impact time)\n{why}", none)
+
+
+def _no_forces(squeeze: RobustForces) -> ForceSolution:
+    """The record of a squeeze that was not found."""
+    return ForceSolution(
+        status=squeeze.status,
+        problem=squeeze.problem,
+        search="robust",
+        backend="clarabel",
+        impact_time=None,
+        forces_c=np.zeros((0, 3)),
+        elapsed=squeeze.elapsed,
+        weights=squeeze.weights,
+        infeasibility=squeeze.infeasibility,
+    )
+
+
+def _not_made(hand: HandModel, contacts: ContactSet, together: PressingTogether) -> str:
+    """Why the hand cannot make the forces that would hold the object."""
+    driving = [name for name, column in zip(hand.joint_names, together.moves.T) if np.any(column)]
+    return (
+        "no grasp found that this hand can make: forces hold the object with its reserve, but "
+        f"{', '.join(driving)} press {len(contacts)} contacts together, and none of the depths that they can give do; "
+        "take another grasp, or ask for less reserve"
+    )
 
 
 def _refuse_failure(forces: ForceSolution, why: Callable[[ForceSolution], str]) -> None:

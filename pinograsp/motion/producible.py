@@ -1,0 +1,95 @@
+"""Depths that a closed hand can press all its contacts to: its joints move them together, and the object may shift.
+
+To first order contact i goes in by the motion of its joints less that of the object, delta = M dq - N x with the rows
+n_i' J_i of M and the normal parts of the grasp map in N (Bicchi, IEEE Transactions on Robotics and Automation 10(6),
+1994; Prattichizzo, Malvezzi and Bicchi, RSS 2010). The object is held until t_F, so it shifts where it is let go.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from pinograsp.checks import array_of, brief, instance_of
+from pinograsp.contacts import PALM, ContactSet
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
+from pinograsp.motion.jacobian import contact_jacobian
+from pinograsp.spatial import Array
+
+_HARDLY = 1e-4  # [m] per radian: what moves contacts less than this does not move them
+_RANK = 1e-3  # singular values below this share of the largest count as zero
+_NO_SHIFT = 1e-9  # [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressingTogether:
+    """How a hand's k contacts go in together.
+
+    Attributes:
+        moves: depth by joint motion (k, n) [m per rad or m].
+        shifts: depth that is lost as the object moves (k, 6): twists about its centre of mass, linear first [m/m,
+            m/rad].
+        rows: combinations of the depths (p, k) [-] that neither joints nor the object's shift can change: zero.
+    """
+
+    moves: Array
+    shifts: Array
+    rows: Array
+
+    __repr__ = brief()
+
+    def shift(self, depths: ArrayLike) -> Array:
+        """The least motion of the object (6,) [m, rad] with which the joints can press to ``depths`` (k,) [m].
+
+        Least in its displacements of the contacts. Where no motion does, the one that leaves the least errors.
+        """
+        depths = array_of("depths", depths, (len(self.moves),))
+        fixed = _left_null(self.moves)
+        if not len(fixed) or np.abs(fixed @ depths).max() < _NO_SHIFT:
+            return np.zeros(6)
+        scale = _lengths(self.shifts)
+        U, sigma, Vt = np.linalg.svd(fixed @ (self.shifts * scale), full_matrices=False)
+        moved = sigma > _RANK  # of 1: both have unit columns
+        return np.asarray(-scale * (Vt[moved].T @ ((U[:, moved].T @ (fixed @ depths)) / sigma[moved])), dtype=float)
+
+
+def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> PressingTogether:
+    """How the contacts of a hand that is closed at the posture ``q`` (n,) [rad or m] go in together.
+
+    Raises:
+        InvalidInput: contacts that were made without a hand.
+    """
+    model, data = instance_of("hand", hand, HandModel).model, hand.model.createData()
+    instance_of("contacts", contacts, ContactSet)
+    pin.computeJointJacobians(model, data, array_of("q", q, (hand.n,)))
+    moves = np.zeros((len(contacts), hand.n))
+    for i, contact in enumerate(contacts):
+        if not contact.link:
+            raise InvalidInput("pressing together: expected contacts of a hand; these were made without one")
+        if contact.finger == PALM:
+            continue
+        joint = hand.finger(contact.finger).joint_of(contact.link)
+        point = data.oMi[joint].actInv(contact.point_o)
+        moves[i] = contact.normal_o @ contact_jacobian(model, data, joint, point)[:3]
+    moves[:, np.abs(moves).max(axis=0) < _HARDLY] = 0.0
+    normals = np.array([contact.normal_o for contact in contacts])
+    arms = np.array([contact.point_o for contact in contacts]) - contacts.com_o
+    shifts = np.column_stack([normals, np.cross(arms, normals)])
+    return PressingTogether(moves=moves, shifts=shifts, rows=_left_null(np.column_stack([moves, shifts])))
+
+
+def _left_null(columns: Array) -> Array:
+    """An orthonormal basis (p, k) of the rows that all columns (k, m) are zero along; their units do not matter."""
+    U, sigma, _ = np.linalg.svd(columns * _lengths(columns), full_matrices=True)
+    rank = int(np.sum(sigma > _RANK))
+    return np.asarray(U[:, rank:].T, dtype=float)
+
+
+def _lengths(columns: Array) -> Array:
+    """Factors that make columns unit vectors; 0 for those that hardly move a contact."""
+    sizes = np.linalg.norm(columns, axis=0)
+    return np.where(sizes > _HARDLY, 1.0 / np.maximum(sizes, _HARDLY), 0.0)
