@@ -96,7 +96,7 @@ class TorqueLimits:
 
     @property
     def usable(self) -> Array:
-        """Largest |torque| that forces may use (n,) [N m]: the limits without their reserve."""
+        """Largest |torque| that forces may use (n,) [N m], which leaves the reserve of the limits free."""
         usable: Array = (1.0 - self.reserve) * self.limit
         return usable
 
