@@ -19,6 +19,7 @@ class Status(str, Enum):
     UNBALANCED = "unbalanced"
     NOT_TRACKED = "not_tracked"
     JOINT_LIMIT = "joint_limit"
+    EARLY_CONTACT = "early_contact"
     INFEASIBLE = "infeasible"
     INACCURATE = "inaccurate"
     NOT_REACHED = "not_reached"
@@ -160,6 +161,10 @@ _MEANINGS = {
     Status.JOINT_LIMIT: _Meaning(
         3,
         "A joint meets its limit: the motion's remedy names it. Widen it, or choose another contact posture or start.",
+    ),
+    Status.EARLY_CONTACT: _Meaning(
+        0,
+        "A link hits the object, or another link, before it is grasped: the motion's remedy names it. Start elsewhere.",
     ),
     Status.INFEASIBLE: _Meaning(
         3,

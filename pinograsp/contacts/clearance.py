@@ -227,6 +227,38 @@ def clearance(hand: HandModel, body: Body, q: ArrayLike) -> float:
     return least
 
 
+class Hit(NamedTuple):
+    """Where a hand on its way is deepest in an object.
+
+    Attributes:
+        sample: of the way.
+        link: of the hand.
+        depth: [m].
+    """
+
+    sample: int
+    link: str
+    depth: float
+
+
+def deepest_hit(hand: HandModel, body: Body, postures: ArrayLike, *, allowed: float = 0.0) -> Hit | None:
+    """Where the hand is deepest in ``body`` on its way (m, n); None: nowhere deeper than ``allowed`` [m]."""
+    check_geometry(hand)
+    distances = Distances(hand, instance_of("body", body, Body))
+    names = {finger.joint_of(link): (finger.name, link) for finger in hand.fingers for link in finger.links}
+    parts = [HandPart(hand, one, names) for one in hand.geometry.geometryObjects]
+    worst: Hit | None = None
+    for sample, q in enumerate(array_of("postures", postures, (None, hand.n))):
+        distances.put(q)
+        for part in parts:
+            if distances.rough(part) >= -allowed:
+                continue
+            depth = -distances.of(part)[0]
+            if depth > max(allowed, 0.0 if worst is None else worst.depth):
+                worst = Hit(sample=sample, link=part.link, depth=depth)
+    return worst
+
+
 class NearPoint(NamedTuple):
     """The point of a finger that is nearest to an object.
 

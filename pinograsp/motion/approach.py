@@ -1,4 +1,4 @@
-"""Approach phase: a fifth-order polynomial from rest to the state at impact (Eq. 19)."""
+"""Approach phase: a fifth-order polynomial from rest to the state at impact (Eq. 19), or a gentle closing."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import array_of, brief, number, one_of
 from pinograsp.spatial import Array
 
 StartAcceleration = Literal["rest", "paper"]
+LAST = 0.1  # share of the time before impact in which joints come up to their rates there
+_HALVINGS = 0.5 ** np.arange(7)
+_STILL = 1e-9  # [rad/s or m/s]
+
 STARTS: tuple[StartAcceleration, ...] = get_args(StartAcceleration)
 
 
@@ -63,3 +67,56 @@ def approach(
     velocity = a1 + t * (2 * a2 + t * (3 * a3 + t * (4 * a4 + t * 5 * a5)))
     acceleration = 2 * a2 + t * (6 * a3 + t * (12 * a4 + t * 20 * a5))
     return JointPath(q=position, dq=velocity, ddq=acceleration)
+
+
+def gentle_approach(
+    times: ArrayLike,
+    impact_time: float,
+    start: ArrayLike,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    *,
+    limits: tuple[ArrayLike, ArrayLike],
+    windows: ArrayLike,
+) -> tuple[JointPath, NDArray[np.bool_]]:
+    """As :func:`approach`, within the joints' limits all the way: near to the contact at rest, then on to it.
+
+    Every joint goes from ``start`` to a place just short of ``q`` and rests there; its last :data:`LAST` of the time,
+    or less where a limit leaves less room, takes it to ``q``, ``dq``, ``ddq``. The rate is then a polynomial of third
+    order that has the sign of ``dq`` throughout, so that it does not swing back.
+
+    Args:
+        times: samples (m,) [s] in [0, t_I].
+        impact_time: t_I [s].
+        start: joint positions (n,) [rad or m].
+        q: at impact (n,).
+        dq: rates at impact (n,).
+        ddq: accelerations at impact (n,).
+        limits: least and largest positions (n,), (n,).
+        windows: begin and end of each joint's first motion (n, 2), as shares of the time before its last part [-].
+
+    Returns:
+        The path, and which joints (n,) have no room at all to come up to their rates: these jump at impact.
+    """
+    number("impact time", impact_time, above=0, unit="s")
+    a, q_T, dq_T, ddq_T, low, high = (array_of("approach state", v, (None,)) for v in (start, q, dq, ddq, *limits))
+    ends = array_of("windows", windows, (a.size, 2))
+    t = array_of("times", times, (None,))[:, None]
+    last = LAST * impact_time * _HALVINGS
+    back = dq_T * last[:, None] / 2 - ddq_T * last[:, None] ** 2 / 12  # (halvings, n)
+    fits = (q_T - back >= low) & (q_T - back <= high) & (back * dq_T >= 0)
+    jumps = ~fits.any(axis=0) & (np.abs(dq_T) > _STILL)
+    duration = last[np.argmax(fits, axis=0)]
+    at = q_T - np.where(fits.any(axis=0), back[np.argmax(fits, axis=0), np.arange(a.size)], 0.0)
+    begin, end = (impact_time - duration) * ends[:, 0], (impact_time - duration) * ends[:, 1]
+    u = np.clip((t - begin) / (end - begin), 0.0, 1.0)
+    gap, span = at - a, end - begin
+    position = a + gap * u**3 * (10 - 15 * u + 6 * u**2)
+    rate = gap / span * 30 * u**2 * (1 - u) ** 2
+    curvature = gap / span**2 * 60 * u * (1 - u) * (1 - 2 * u)
+    w = np.where(jumps, 0.0, np.clip((t - (impact_time - duration)) / duration, 0.0, 1.0))
+    position += duration * (dq_T * (w**3 - w**4 / 2) + duration * ddq_T * (w**4 / 4 - w**3 / 3))
+    rate += dq_T * (3 * w**2 - 2 * w**3) + duration * ddq_T * (w**3 - w**2)
+    curvature += dq_T / duration * 6 * w * (1 - w) + ddq_T * (3 * w**2 - 2 * w)
+    return JointPath(q=position, dq=rate, ddq=curvature), jumps

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
 from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
+from pinograsp.contacts.clearance import deepest_hit, self_collisions
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import Finger, HandModel
-from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach
+from pinograsp.motion.approach import LAST, STARTS, JointPath, StartAcceleration, approach, gentle_approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
 from pinograsp.motion.producible import pressing_together
@@ -27,6 +29,11 @@ _HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do no
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
 _SHIFTED = 1e-4  # [m] of the object as it is let go: worth a note
+Order = Literal["together", "base first", "tip first"]
+_ORDERS: tuple[Order, ...] = get_args(Order)
+_TURNS = 0.6  # share of the way after which the last joint starts, where they take turns
+_HIT = 1e-4  # [m] that links may go into the object on the way: 0.05 N on contacts of the default stiffness
+_LOOKS, _EVERY = 28, 4  # samples of the way that are looked at for hits, and every which for links hitting each other
 _MOST_TIMES = 200_000  # steps of a motion
 
 
@@ -88,6 +95,7 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
     for finger, which in groups:
         planning.move(finger, which, postures[finger.name])
     planning.move_idle({int(i) for finger, _ in groups for i in finger.dofs})
+    planning.keep_clear()
     return planning.result({name: len(found.angles) for name, found in postures.items()})
 
 
@@ -110,7 +118,8 @@ class _Planning:
         self.contact_torques, self.velocities = np.zeros((m, n)), np.zeros((m, k, 3))
         self.tracking, self.slip = np.zeros(k), np.zeros(k)
         self.notes, self.remedies = list(hand.notes), list[str]()
-        self.within_limits = self.on_path = True
+        self.within_limits = self.on_path = self.clear = True
+        self.closing: list[tuple[Finger, FingerMotion]] = []
         self.deeper = np.zeros(k)
         if self.problem.contacts.posture is not None:
             self.deeper = self.pressed_for_the_shift(self.problem.contacts.posture)
@@ -134,7 +143,8 @@ class _Planning:
             motion = press_surfaces(
                 hand, finger, contacts, which, found, self.problem.object, self.profile, self.after, self.deeper
             )
-            candidates, paths = [motion], [self.gentle_path(finger, motion, start)]
+            candidates, paths = [motion], [self.gentle_path(finger, motion)]
+            self.closing.append((finger, motion))
         else:
             own = [contacts[i] for i in which]
             candidates = [
@@ -150,6 +160,36 @@ class _Planning:
         self.velocities[self.impact :, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
         self.tracking[which], self.slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
         self.judge(finger, which, motion, path, found.method == "closing")
+
+    def keep_clear(self) -> None:
+        """Let the joints of closing fingers take turns where links hit the object, or each other, on the way."""
+        body = self.problem.object
+        if not self.closing or body is None:
+            return
+        # Some samples are enough: the way is smooth, and ends where the last part begins.
+        looked_at = np.unique(np.linspace(0, (1 - LAST) * self.impact, _LOOKS).astype(int))
+        tried: list[tuple[float, str, list[JointPath]]] = []
+        for order in _ORDERS:
+            paths = [self.gentle_path(finger, motion, order) for finger, motion in self.closing]
+            for (finger, _), path in zip(self.closing, paths):
+                self.follow(finger, path)
+            way = self.path.q[looked_at]
+            hit = deepest_hit(self.hand, body, way, allowed=_HIT)
+            if hit is None:
+                crossing = [pair for q in way[1::_EVERY] for pair in self_collisions(self.hand, way[0], q)]
+                if not crossing:
+                    return
+                tried.append((0.0, f"{' and '.join(crossing[0])} hit each other on the way", paths))
+            else:
+                time = self.times[looked_at[hit.sample]]
+                where = f"{hit.link} hits the object on the way, at {time:.2g} s, {1e3 * hit.depth:.2g} mm deep"
+                tried.append((hit.depth, where, paths))
+        _, why, paths = min(tried, key=lambda one: one[0])
+        for (finger, _), path in zip(self.closing, paths):
+            self.follow(finger, path)
+        self.clear = False
+        self.notes.append(why)
+        self.remedies.append(f"{why}: start elsewhere, or take another grasp")
 
     def follow(self, finger: Finger, path: JointPath) -> None:
         """Take a finger's path into the hand's."""
@@ -168,18 +208,15 @@ class _Planning:
                 finger, approach(self.times, self.profile.final_time, self.start[finger.dofs], goal, zero, zero)
             )
 
-    def with_approach(self, motion: FingerMotion, start: Array, share: ArrayLike = 1.0) -> JointPath:
-        """The path of one finger over both phases; the sample at t_I is the grasp phase's.
-
-        ``share`` of the grasp phase's acceleration, by joint, is there at the end of the approach.
-        """
+    def with_approach(self, motion: FingerMotion, start: Array) -> JointPath:
+        """The path of one finger over both phases; the sample at t_I is the grasp phase's."""
         rise = approach(
             self.before,
             self.before[-1],
             start,
             motion.q[0],
             motion.dq[0],
-            np.asarray(share) * motion.ddq[0],
+            motion.ddq[0],
             acceleration_at_start=self.spec.acceleration_at_start,
         )
         return JointPath(
@@ -188,24 +225,29 @@ class _Planning:
             ddq=np.concatenate([rise.ddq[:-1], motion.ddq]),
         )
 
-    def gentle_path(self, finger: Finger, motion: FingerMotion, start: Array) -> JointPath:
-        """The path with joints that leave their limits on the way arriving without the grasp phase's acceleration.
-
-        Joints that start and end near a limit have no room to swing back for it. The jump of the acceleration is noted.
-        """
-        path = self.with_approach(motion, start)
-        beyond = dict(_outside_limits(self.hand, finger, path.q))
-        if not beyond:
-            return path
-        share = [0.0 if joint in beyond else 1.0 for joint in finger.actuated]
-        left = dict(_outside_limits(self.hand, finger, self.with_approach(motion, start, share).q))
-        mended = [joint for joint, by in beyond.items() if left.get(joint, 0.0) < by]
-        if not mended:
-            return path
-        self.notes.append(
-            f"the acceleration of {', '.join(mended)} jumps at impact: no room within the limits to build it up"
+    def gentle_path(self, finger: Finger, motion: FingerMotion, order: Order = "together") -> JointPath:
+        """The path of a closing finger over both phases, its joints moving together or in turn."""
+        n, dofs = finger.n, finger.dofs
+        begin = np.zeros(n) if order == "together" else np.linspace(0, _TURNS, n)[:: 1 if order == "base first" else -1]
+        rise, jumps = gentle_approach(
+            self.before,
+            self.before[-1],
+            self.start[dofs],
+            motion.q[0],
+            motion.dq[0],
+            motion.ddq[0],
+            limits=(self.hand.lower[dofs], self.hand.upper[dofs]),
+            windows=np.column_stack([begin, begin + (1.0 if order == "together" else 1 - _TURNS)]),
         )
-        return self.with_approach(motion, start, [0.0 if joint in mended else 1.0 for joint in finger.actuated])
+        jumping = ", ".join(name for name, jump in zip(finger.actuated, jumps) if jump)
+        note = f"{jumping} jumps into its motion at impact: a limit leaves no room to come up to speed"
+        if jumping and note not in self.notes:
+            self.notes.append(note)
+        return JointPath(
+            q=np.concatenate([rise.q[:-1], motion.q]),
+            dq=np.concatenate([rise.dq[:-1], motion.dq]),
+            ddq=np.concatenate([rise.ddq[:-1], motion.ddq]),
+        )
 
     def choose(
         self,
@@ -249,7 +291,7 @@ class _Planning:
 
             step = float(self.after[1] - self.after[0])
             self.remedies.append(_why_off_path(finger, own, motion, stopped, closed, step))
-        elif stopped:
+        elif stopped and not closed:
             self.within_limits = False
             self.remedies.append(f"{'; '.join(stopped)}: widen the limit, or take another contact posture")
         if outside:
@@ -271,7 +313,8 @@ class _Planning:
             for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
             if 0 < limit < peak
         ]
-        status = Status.OK if self.within_limits else Status.JOINT_LIMIT
+        status = Status.OK if self.clear else Status.EARLY_CONTACT
+        status = status if self.within_limits else Status.JOINT_LIMIT
         return Motion(
             status=status if self.on_path else Status.NOT_TRACKED,
             notes=tuple(self.notes),
