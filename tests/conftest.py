@@ -12,6 +12,8 @@ import sys
 import numpy as np
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
+from PIL import Image
 from test_architecture import ROOMS, TESTS
 
 from pinograsp.cases import load_case
@@ -183,6 +185,12 @@ def command(tmp_path, monkeypatch, capsys):
         return code, shown.out, shown.err
 
     return run
+
+
+@pytest.fixture
+def no_rendering(monkeypatch):
+    """Figures are put together, and saved as one dot: for commands of which only the answer is looked at."""
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: Image.new("1", (1, 1)).save(path))
 
 
 @pytest.fixture

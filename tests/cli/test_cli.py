@@ -82,6 +82,7 @@ def test_plan_paper_as_a_newcomer_types_it(tmp_path):
     assert {"plan.json", "plan.npz", "scene.json", "report.md", "joint_angles.png", "contact_forces.png"} <= names
 
 
+@pytest.mark.usefixtures("no_rendering")
 def test_json_is_one_object_and_nothing_else(command, tmp_path):
     code, out, err = command(
         "plan", "paper", "--json", "--out", "a", "--set", "object.mass=0.9", "--measure", "work", *LIGHT
@@ -99,6 +100,7 @@ def test_json_is_one_object_and_nothing_else(command, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_rendering")
 def test_folders_never_collide_and_replacing_one_needs_force(command, tmp_path):
     taken, run = tmp_path / "runs" / "paper", tmp_path / "runs" / "paper-2"
     taken.mkdir(parents=True)
@@ -114,6 +116,7 @@ def test_folders_never_collide_and_replacing_one_needs_force(command, tmp_path):
     assert (run / "plan.json").read_bytes() != before
 
 
+@pytest.mark.usefixtures("no_rendering")
 @pytest.mark.parametrize(
     ("search", "solver"),
     [

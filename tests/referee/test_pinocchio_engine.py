@@ -290,7 +290,7 @@ def case_study() -> Task:
 
 def catalogue(hand: str, thing: str) -> Task:
     made = pg.object_from(thing)
-    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1))
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1), reserve=None)
     best = find_grasps(pg.load_hand(hand, hulls=True), made, conditions, count=16).best.closure
     return Task.of(pg.plan_grasp_on(best.hand, best, conditions))
 

@@ -69,7 +69,8 @@ def planned(tmp_path_factory):
         path.write_text(chuck(k), encoding="utf-8")
         hand = pg.load_hand(path)
         closure = pg.close_hand(hand, thing, start=np.zeros(k), target=np.full(k, 0.05))
-        conditions = pg.GraspConditions(mu=MU, friction=pg.Friction(model="cone", safety=SAFETY))
+        # The closed forms are of a plan that bears the weight and nothing besides.
+        conditions = pg.GraspConditions(mu=MU, friction=pg.Friction(model="cone", safety=SAFETY), reserve=None)
         return pg.plan_grasp_on(hand, closure, conditions)
 
     return make
