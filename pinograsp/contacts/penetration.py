@@ -24,7 +24,7 @@ from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, IntArray
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
-_ALIKE = 1e-7  # [rad] normals this close are the same
+_ALIKE = 1e-5  # [rad] normals this close are the same: the depth changes by the square of it
 _ROUNDS = 20
 _REACHED = 1e-9  # [m]
 _STEPS, _PROBE, _LARGEST = 60, 1e-6, 0.3  # Newton steps; finite difference and largest step [rad or m]
@@ -65,8 +65,10 @@ class Penetration:
     def _one(self, i: int) -> tuple[float, Array, Array]:
         if self.corner[i]:
             point = self.distances.data.oMi[self.joints[i]].act(np.array(self.contacts[i].point_l))
-            surface, normal, distance = self.body.project(point[None])
-            return -float(distance[0]), normal[0], surface[0]
+            # Of the plane they touched, not of the nearest surface: at an edge of the object that may be another face.
+            normal = self.normals[i]
+            depth = float((point - self.contacts[i].point_o) @ normal)
+            return depth, normal, point - depth * normal
         return max((self._deepest(part, self.normals[i]) for part in self.parts[i]), key=lambda one: one[0])
 
     def _deepest(self, part: HandPart, normal: Array) -> tuple[float, Array, Array]:

@@ -24,6 +24,7 @@ from pinograsp.forces.program import OBJECTIVES, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
 from pinograsp.forces.reserve import (
     Reserve,
+    can_bear,
     optimize_reserve,
     parts_in_the_way,
     producible_reserve,
@@ -71,6 +72,7 @@ __all__ = [
     "Tolerance",
     "TorqueLimit",
     "TorqueLimits",
+    "can_bear",
     "diagnose",
     "disturbance_margin",
     "force_closure",

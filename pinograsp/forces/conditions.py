@@ -59,7 +59,7 @@ class GraspConditions:
     impact_time_range: tuple[float, float] = (0.80, 0.95)
     acceleration_range: tuple[float, float] = (0.01, 1.0)
     max_speed: float = 2.0
-    max_depth: float = 5e-3
+    max_depth: float = 10e-3
     max_normal_force: float | None = None
     moment_length: float | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)

@@ -225,6 +225,29 @@ def search_reserve(
     return replace(tried[best_time], tried=len(tried), elapsed=time.perf_counter() - started)
 
 
+def can_bear(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None = None) -> bool:
+    """Whether a squeeze within all that any impact time allows bears the reserve: one program, for searches.
+
+    Args:
+        problem: of holding an object, without the reserve.
+        reserve: what to bear besides the weight.
+        rows: combinations (p, k) of the depths that the hand cannot change [-], as for :func:`producible_reserve`, here
+            linearised at even forces alone.
+    """
+    instance_of("problem", problem, ForceProblem)
+    instance_of("reserve", reserve, Reserve)
+    early, late = problem.impact_time_range
+    loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+    bounds = kept.normal_force_range(late)[0], kept.normal_force_range(early)[1]
+    made = np.zeros((0, problem.k)) if rows is None else array_of("rows", rows, (None, problem.k))
+    # About even forces F the depths are (1 + (f / F - 1) / rho) times the same: only the ratios of the forces count.
+    share = 1.0 / problem.compliance.exponent
+    fixed = np.asarray(made @ (share * np.eye(problem.k) + (1.0 - share) / problem.k)), np.zeros(len(made))
+    weights = robust_weights("peak", problem)
+    found = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds, fixed=fixed, proven=False)
+    return found.status is Status.OK
+
+
 def producible_reserve(
     problem: ForceProblem,
     reserve: Reserve,

@@ -21,7 +21,7 @@ from pinograsp.motion.jacobian import contact_jacobian
 from pinograsp.spatial import Array
 
 _HARDLY = 1e-4  # [m] per radian: what moves contacts less than this does not move them
-_RANK = 1e-3  # singular values below this share of the largest count as zero
+_RANK = 0.05  # singular values of unit columns below this count as zero: such depths would take too large motions
 _NO_SHIFT = 1e-9  # [m]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pinograsp.checks import frozen
@@ -19,8 +20,11 @@ from pinograsp.spatial import Array
 
 # Contact points must follow their path to this [m]; a thousandth of a typical penetration.
 TRACKED = 1e-6
+# Those of closed fingers to this share of their depth: joints that press several can give it to first order only.
+_SHARE = 0.01
 # Rounds that make up for links that turn as they press, and times at which they are looked at: the turn is smooth.
 _ROUNDS, _KNOTS = 8, 5
+_WELL = 2e-3  # share of their depth to which surfaces are brought
 # Surfaces may miss their depth by this between those times [m]: half a per cent of a force of 5 N.
 _SURFACE = 1e-5
 
@@ -69,7 +73,7 @@ def press_surfaces(
     slope = np.ones_like(asked)  # by secants: what rolls to another place of its link moves faster or slower there
     for i in range(_ROUNDS):
         motion = pressed(asked) if i else best
-        if motion.errors.max() > TRACKED:
+        if off_path(motion, profile, which).any():
             break  # a path that cannot be followed is not mended by asking for more
         q, depths = np.array(contacts.posture), np.empty_like(asked)
         for row, knot in enumerate(knots):
@@ -78,8 +82,8 @@ def press_surfaces(
         missing = (profile.depth(times)[:, list(which)] + more)[knots] - depths
         if np.abs(missing).max() < least:
             best, least, off = motion, float(np.abs(missing).max()), np.abs(missing).max(axis=0)
-        if least < TRACKED:
-            return best
+        if np.all(np.abs(missing).max(axis=0) < np.maximum(TRACKED, _WELL * profile.final_depth[list(which)])):
+            return motion
         if last is not None:
             change, reached = last
             moved = np.abs(change) > TRACKED
@@ -87,5 +91,12 @@ def press_surfaces(
         last = missing / slope, depths
         asked = asked + last[0]
     # A surface that has other places in the way (links with edges) is off by what is left.
-    errors = np.maximum(best.errors, np.where(off > _SURFACE, off, 0.0))
-    return replace(best, errors=frozen(errors), surfaces=bool(best.errors.max() <= TRACKED < errors.max()))
+    kept = not off_path(best, profile, which).any()
+    seen = replace(best, errors=frozen(np.maximum(best.errors, np.where(off > _SURFACE, off, 0.0))))
+    return replace(seen, surfaces=bool(kept and off_path(seen, profile, which).any()))
+
+
+def off_path(motion: FingerMotion, profile: PenetrationProfile, which: Sequence[int]) -> NDArray[np.bool_]:
+    """Which contacts (c,) of a closed finger miss their depths by more than is negligible."""
+    allowed = np.maximum(TRACKED, _SHARE * profile.final_depth[list(which)])
+    return np.asarray(motion.errors.max(axis=0) > allowed)

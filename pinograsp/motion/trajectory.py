@@ -20,7 +20,7 @@ from pinograsp.motion.approach import LAST, STARTS, JointPath, StartAcceleration
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
 from pinograsp.motion.producible import pressing_together
-from pinograsp.motion.surfaces import TRACKED, press_surfaces
+from pinograsp.motion.surfaces import TRACKED, off_path, press_surfaces
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array
@@ -285,7 +285,7 @@ class _Planning:
         ]
         self.notes += stopped
         self.notes += [f"{joint} leaves its limits by {by} in the approach" for joint, by in outside]
-        if motion.errors.max() > TRACKED:
+        if off_path(motion, self.profile, which).any() if closed else motion.errors.max() > TRACKED:
             self.on_path = False
             own = [self.problem.contacts[i] for i in which]
 

@@ -14,9 +14,17 @@ from pinograsp.contacts import (
 )
 from pinograsp.contacts.quality import ferrari_canny
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions, Reserve, load_factor, optimize_forces
+from pinograsp.forces import (
+    ForceProblem,
+    ForceSolution,
+    GraspConditions,
+    Reserve,
+    can_bear,
+    load_factor,
+    optimize_forces,
+)
 from pinograsp.hands import HandModel
-from pinograsp.motion import effort_of, torque_limits
+from pinograsp.motion import effort_of, pressing_together, torque_limits
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
@@ -33,6 +41,7 @@ class FoundGrasp:
         forces: certified least-cost forces, at the impact time of the search.
         quality: what the contacts withstand in their weakest direction per newton of squeeze [-], moments over the
             reserve's arm, with the friction that the reserve relies on; 0 without force closure.
+        bears: whether a squeeze that the hand can make bears the reserve within the torque limits.
         energy: objective of the forces.
         load_factor: largest multiple of the load that can be held at that impact time.
     """
@@ -41,6 +50,7 @@ class FoundGrasp:
     closure: Closure
     forces: ForceSolution
     quality: float
+    bears: bool
     energy: float
     load_factor: float
 
@@ -76,9 +86,17 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
         closure=closure,
         forces=forces,
         quality=float(quality.lower),
+        bears=conditions.reserve is None or _bears(closure, problem, conditions.reserve),
         energy=forces.certificate.objective,
         load_factor=load_factor(problem, impact_time=impact_time),
     )
+
+
+def _bears(closure: Closure, problem: ForceProblem, reserve: Reserve) -> bool:
+    contacts = problem.contacts
+    if contacts.posture is None:
+        return can_bear(problem, reserve)
+    return can_bear(problem, reserve, rows=pressing_together(closure.hand, contacts, contacts.posture).rows)
 
 
 def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: GraspConditions) -> ForceProblem:

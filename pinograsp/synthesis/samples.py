@@ -29,7 +29,7 @@ _BALANCED = 0.15  # imbalance of preshapes that are used, where there are enough
 _NEAREST = 12  # preshapes nearest in width to a pair, of which one is taken
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
-_TRIES = 8  # motions that are tried of the best of a batch
+_TRIES = 5  # motions that are tried of the best of a batch
 _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of the object's radius, of ranges; angle
 
 
@@ -88,21 +88,21 @@ class Posed(NamedTuple):
 def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     """Draw and close ``size`` samples, and refine the best."""
     outcomes: list[str] = []
-    best: tuple[float, Posed, FoundGrasp] | None = None
+    best: tuple[tuple[bool, float], Posed, FoundGrasp] | None = None
     for _ in range(size):
         posed = _drawn(case, rng)
         outcome, grasp = ("the open hand overlaps the object", None) if posed is None else _closed(case, posed)
         outcomes.append(outcome)
-        if posed is not None and grasp is not None and (best is None or grasp.quality > best[0]):
-            best = (grasp.quality, posed, grasp)
+        if posed is not None and grasp is not None and (best is None or _worth(grasp) > best[0]):
+            best = (_worth(grasp), posed, grasp)
     if best is None:
         return Batch(outcomes, None)
-    quality, posed, grasp = best
+    worth, posed, grasp = best
     for attempt in range(_TRIES):
         moved = _moved(case, posed, rng, 1.0 - attempt / _TRIES)
         _, other = _closed(case, moved)
-        if other is not None and other.quality > quality:
-            quality, posed, grasp = other.quality, moved, other
+        if other is not None and _worth(other) > worth:
+            worth, posed, grasp = _worth(other), moved, other
     _, exact = _closed(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed))
     if exact is None:
         return Batch(outcomes, None)
@@ -110,6 +110,10 @@ def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     # Whoever asked for the samples has both, and puts them back.
     closure = replace(exact.closure, hand=None, object=None)  # type: ignore[arg-type]  # meshes are heavy
     return Batch(outcomes, replace(exact, closure=closure, forces=forces))
+
+
+def _worth(grasp: FoundGrasp) -> tuple[bool, float]:
+    return grasp.bears, grasp.quality
 
 
 def _closed(case: SearchCase, posed: Posed) -> tuple[str, FoundGrasp | None]:

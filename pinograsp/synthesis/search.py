@@ -39,7 +39,7 @@ from pinograsp.synthesis.samples import Batch, SearchCase, batch_of, case_of
 from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
-_BATCH = 8  # samples, of which the best is refined
+_BATCH = 4  # samples, of which the best is refined
 _MILLIMETRES = 100.0  # an object that many times too large or too small was drawn in other units
 
 
@@ -115,8 +115,9 @@ def find_grasps(
         progress: bar on stderr: None (on a terminal), True or False.
 
     Returns:
-        Grasps by what they withstand in the weakest direction per newton of squeeze; those without force closure come
-        last, by the multiple of the load that they hold. Stopped by Ctrl-C: those found until then.
+        Grasps by what they withstand in the weakest direction per newton of squeeze: first those that bear the reserve
+        within the torque limits, last those without force closure, by the multiple of the load that they hold. Stopped
+        by Ctrl-C: those found until then.
 
     Raises:
         InvalidInput: conditions or options that cannot be used.
@@ -175,8 +176,8 @@ def find_grasps(
     )
 
 
-def _rank(grasp: FoundGrasp) -> tuple[float, float]:
-    return -grasp.quality, -grasp.load_factor
+def _rank(grasp: FoundGrasp) -> tuple[bool, float, float]:
+    return not grasp.bears, -grasp.quality, -grasp.load_factor
 
 
 def _with_bodies(hand: HandModel, body: Body, grasp: FoundGrasp) -> FoundGrasp:
