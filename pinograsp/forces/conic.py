@@ -28,6 +28,7 @@ _SETTINGS = {
     "verbose": False,
     "max_threads": 1,
 }
+_CAREFUL = 0.9  # of the way to the boundary; Clarabel's own 0.99 gets stuck now and then
 HUGE = 1e100  # squares of larger numbers are not finite
 
 Cone: TypeAlias = "clarabel.ZeroConeT | clarabel.NonnegativeConeT | clarabel.SecondOrderConeT | clarabel.PowerConeT"
@@ -41,9 +42,14 @@ def settings() -> clarabel.DefaultSettings:
     return explicit
 
 
-def solve(P: sp.spmatrix, q: Array, A: sp.spmatrix, b: Array, cones: Sequence[Cone]) -> clarabel.DefaultSolution:
-    """Clarabel's solution, whatever its status: callers certify x and z themselves."""
-    return clarabel.DefaultSolver(P, q, A, b, cones, settings()).solve()
+def solve(
+    P: sp.spmatrix, q: Array, A: sp.spmatrix, b: Array, cones: Sequence[Cone], *, careful: bool = False
+) -> clarabel.DefaultSolution:
+    """Clarabel's solution, whatever its status: callers certify x and z themselves; ``careful``: with shorter steps."""
+    explicit = settings()
+    if careful:
+        explicit.max_step_fraction = _CAREFUL
+    return clarabel.DefaultSolver(P, q, A, b, cones, explicit).solve()
 
 
 def sparse(rows: Array) -> sp.csc_matrix:

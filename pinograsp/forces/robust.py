@@ -125,6 +125,8 @@ def robust_at(
     changes = np.zeros((len(scaled), problem.k))
     if reaction == "elastic":
         changes = (scaled - scaled_wrenches(problem, problem.load)) @ elastic_reaction(problem).T
+        # No contact pulls: said here as well as by friction, the proven bound is sharp.
+        lo = np.maximum(lo, -changes.min(axis=0))
         if problem.max_normal_force is not None:
             hi = np.minimum(hi, problem.max_normal_force - np.maximum(changes.max(axis=0), 0.0))
     largest = scaled[np.argmax(np.linalg.norm(scaled, axis=1))]

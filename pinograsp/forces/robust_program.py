@@ -73,7 +73,10 @@ class RobustProgram:
         for j, (c, _) in enumerate(self.curved):
             q[self.extra + j * self.k : self.extra + (j + 1) * self.k] = c
         q[self.peak :] = self.program.peak
-        found = solve(sp.csc_matrix((self.size, self.size)), q, A, b, cones)
+        P = sp.csc_matrix((self.size, self.size))
+        found = solve(P, q, A, b, cones)
+        if str(found.status) == "InsufficientProgress":
+            found = solve(P, q, A, b, cones, careful=True)
         z = np.array(found.x)
         if np.isfinite(z).all() and "Infeasible" not in str(found.status):
             bound = float(found.obj_val_dual) if self.radius else self.lower_bound(z, np.array(found.z))

@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 
 from pinograsp.checks import brief
 from pinograsp.contacts import fingertips
+from pinograsp.contacts.clearance import self_collisions
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import tangents
@@ -22,6 +23,7 @@ from pinograsp.spatial import Array
 
 _ROOM = 0.08  # of its range that a turning joint keeps from its stop: approaches swing back a little before they close
 _SHARES = np.linspace(0.1, 1.0, 13)  # of the way from open to closed, at which fingertips are looked at
+_DRAWS = 6  # of the joints that spread fingers
 _PASSED = 1e-3  # [m] by which fingertips may have passed each other
 _LEAN, _EDGES = np.radians(25.0), 6  # of the forces that fingertips are taken to make
 
@@ -33,6 +35,7 @@ class Preshape:
     Attributes:
         opened: posture before closing (n,) [rad or m].
         closed: posture that closing leads to (n,).
+        met: posture on the way at which the fingertips are ``width`` apart (n,).
         centre_h: where the fingertips press together (3,) [m].
         axis_h: unit direction (3,) in which the leading finger presses; the others press against it.
         out_h: unit direction (3,) from the palm to the centre, across ``axis_h``.
@@ -43,6 +46,7 @@ class Preshape:
 
     opened: Array
     closed: Array
+    met: Array
     centre_h: Array
     axis_h: Array
     out_h: Array
@@ -57,7 +61,7 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60) -
     """Preshapes of any width, the best opposed ones of each share of the way.
 
     Args:
-        hand: the hand.
+        hand: the hand; with convex hulls as its geometry this takes a second, else several.
         rng: for the joints that spread or oppose fingers.
         samples: postures of these joints.
     """
@@ -66,14 +70,23 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60) -
     spreads = tips.spreads
     for i in range(samples if len(spreads) else 1):
         middle = tips.middle.copy()
-        if i:
-            middle[spreads] = rng.uniform(tips.low[spreads], tips.high[spreads])
         opened, closed = tips.ends(middle)
+        for _ in range(_DRAWS if i else 0):  # until the open fingers do not hit each other
+            middle[spreads] = rng.uniform(tips.low[spreads], tips.high[spreads])
+            opened, closed = tips.ends(middle)
+            if not self_collisions(hand, tips.middle, opened):
+                break
         for share in _SHARES:
             one = tips.preshape(opened, closed, float(share))
             if one is not None:
                 found.append(one)
     return sorted(found, key=lambda one: one.imbalance)
+
+
+def free_of_themselves(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
+    """The preshapes whose links do not hit each other where the fingertips meet; some overlap by design, anywhere."""
+    middle = np.clip(np.zeros(hand.n), hand.lower, hand.upper)
+    return [one for one in shapes if not self_collisions(hand, middle, one.met)]
 
 
 class _Tips:
@@ -140,7 +153,8 @@ class _Tips:
 
     def preshape(self, opened: Array, closed: Array, share: float) -> Preshape | None:
         """The preshape whose fingertips meet at a share of the way; None where none of them move."""
-        self._put(opened + share * (closed - opened))
+        met = opened + share * (closed - opened)
+        self._put(met)
         points, closing = [], []
         for joint, dofs in self.fingers:
             pose, rate = self.data.oMi[joint], np.zeros(self.hand.n)
@@ -181,6 +195,7 @@ class _Tips:
         return Preshape(
             opened=opened,
             closed=closed,
+            met=met,
             centre_h=np.array(self.oMh.actInv(centre)),
             axis_h=turn @ axis,
             out_h=turn @ (out / np.linalg.norm(out)),

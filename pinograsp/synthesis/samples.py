@@ -20,7 +20,7 @@ from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import Array
 from pinograsp.synthesis.found import FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centred
-from pinograsp.synthesis.preshapes import Preshape, preshapes
+from pinograsp.synthesis.preshapes import Preshape, free_of_themselves, preshapes
 from pinograsp.synthesis.seeds import Pairs, pairs_of
 
 _DRAWS = 12  # of pair, preshape and turn, until the open hand is clear of the object
@@ -56,16 +56,22 @@ def case_of(
     rng: np.random.Generator,
 ) -> SearchCase:
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
-    shapes = preshapes(hand, rng)
+    rough = replace(hand, geometry=hulls(hand.geometry))
+    shapes = preshapes(rough, rng)
     good = [one for one in shapes if one.imbalance < _BALANCED]
+    free = free_of_themselves(rough, good)
+    if len(free) >= _NEAREST // 2:
+        good = free
+    elif len(good) < _NEAREST:
+        good = shapes[: 4 * _NEAREST]
     return SearchCase(
         hand=hand,
-        rough=replace(hand, geometry=hulls(hand.geometry)),
+        rough=rough,
         body=body,
         conditions=conditions,
         impact_time=impact_time,
         wrap=wrap,
-        preshapes=tuple(good if len(good) >= _NEAREST else shapes[: 4 * _NEAREST]),
+        preshapes=tuple(good),
         pairs=pairs_of(body, rng),
     )
 
