@@ -21,6 +21,7 @@ from pinograsp.spatial import Array
 # An icosahedron contains the ball that touches its faces; its vertices are that much further out than the ball's
 # radius: sqrt(15 - 6 sqrt(5)) = 1.2584. An octahedron would go 1.73 times as far, a cube too.
 CIRCUMSCRIBED = float(np.sqrt(15 - 6 * np.sqrt(5)))
+LEAST_FORCE = 0.05  # [N] below, the friction of drives and joints decides, not the plan
 # A search over t_I ends at that share of the range, or after so many programs of some 10 ms each.
 _NARROW, _MOST_TRIED = 5e-3, 16
 # Rounds of linearised depths, the share of the largest force at which they are linearised at least, and what is left.
@@ -39,7 +40,8 @@ class Reserve:
             arm at which its mass resists turning. 0: forces alone.
         mass: the object may be lighter or heavier by this share [-].
         friction: share of every friction coefficient (and of torsion) that is not relied on [-].
-        normal_force: least normal force of each contact, as share of the weight [-].
+        normal_force: least normal force of each contact, as share of the weight [-]; where it is not 0, at least
+            :data:`LEAST_FORCE`.
         torque: share of each torque limit that is kept free [-].
     """
 
@@ -119,7 +121,7 @@ class Reserve:
         if self.torque and torques is not None:
             torques = replace(torques, reserve=1.0 - (1.0 - torques.reserve) * (1.0 - self.torque))
         if self.normal_force:
-            least = self.normal_force * body.mass * float(np.linalg.norm(problem.gravity_o))
+            least = max(LEAST_FORCE, self.normal_force * body.mass * float(np.linalg.norm(problem.gravity_o)))
             floor = np.maximum(least, np.zeros(problem.k) if floor is None else floor)
         return replace(problem, friction=friction, torques=torques, min_normal_force=floor)
 

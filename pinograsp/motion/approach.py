@@ -12,7 +12,6 @@ from pinograsp.checks import array_of, brief, number, one_of
 from pinograsp.spatial import Array
 
 StartAcceleration = Literal["rest", "paper"]
-LAST = 0.1  # share of the time before impact in which joints come up to their rates there
 _HALVINGS = 0.5 ** np.arange(7)
 _STILL = 1e-9  # [rad/s or m/s]
 
@@ -79,11 +78,12 @@ def gentle_approach(
     *,
     limits: tuple[ArrayLike, ArrayLike],
     windows: ArrayLike,
+    last_part: float,
 ) -> tuple[JointPath, NDArray[np.bool_]]:
     """As :func:`approach`, within the joints' limits all the way: near to the contact at rest, then on to it.
 
-    Every joint goes from ``start`` to a place just short of ``q`` and rests there; its last :data:`LAST` of the time,
-    or less where a limit leaves less room, takes it to ``q``, ``dq``, ``ddq``. The rate is then a polynomial of third
+    Every joint goes from ``start`` to a place just short of ``q`` and rests there; the last part of the time, or
+    less where a limit leaves less room, takes it to ``q``, ``dq``, ``ddq``. The rate is then a polynomial of third
     order that has the sign of ``dq`` throughout, so that it does not swing back.
 
     Args:
@@ -95,6 +95,7 @@ def gentle_approach(
         ddq: accelerations at impact (n,).
         limits: least and largest positions (n,), (n,).
         windows: begin and end of each joint's first motion (n, 2), as shares of the time before its last part [-].
+        last_part: share of the time before impact in which joints come up to their rates there [-].
 
     Returns:
         The path, and which joints (n,) have no room at all to come up to their rates: these jump at impact.
@@ -103,7 +104,7 @@ def gentle_approach(
     a, q_T, dq_T, ddq_T, low, high = (array_of("approach state", v, (None,)) for v in (start, q, dq, ddq, *limits))
     ends = array_of("windows", windows, (a.size, 2))
     t = array_of("times", times, (None,))[:, None]
-    last = LAST * impact_time * _HALVINGS
+    last = number("last part", last_part, above=0) * impact_time * _HALVINGS
     back = dq_T * last[:, None] / 2 - ddq_T * last[:, None] ** 2 / 12  # (halvings, n)
     fits = (q_T - back >= low) & (q_T - back <= high) & (back * dq_T >= 0)
     jumps = ~fits.any(axis=0) & (np.abs(dq_T) > _STILL)

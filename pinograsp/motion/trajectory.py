@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from pinograsp.contacts.clearance import deepest_hit, self_collisions
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import Finger, HandModel
-from pinograsp.motion.approach import LAST, STARTS, JointPath, StartAcceleration, approach, gentle_approach
+from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach, gentle_approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
 from pinograsp.motion.producible import pressing_together
@@ -32,6 +33,8 @@ _SHIFTED = 1e-4  # [m] of the object as it is let go: worth a note
 Order = Literal["together", "base first", "tip first"]
 _ORDERS: tuple[Order, ...] = get_args(Order)
 _TURNS = 0.6  # share of the way after which the last joint starts, where they take turns
+# Shares of the approach in which joints come up to speed; the shorter, the nearer to the contact they start to.
+_LAST_PARTS = (0.1, 0.03, 0.01)
 _HIT = 1e-4  # [m] that links may go into the object on the way: 0.05 N on contacts of the default stiffness
 _LOOKS, _EVERY = 28, 4  # samples of the way that are looked at for hits, and every which for links hitting each other
 _MOST_TIMES = 200_000  # steps of a motion
@@ -166,11 +169,11 @@ class _Planning:
         body = self.problem.object
         if not self.closing or body is None:
             return
-        # Some samples are enough: the way is smooth, and ends where the last part begins.
-        looked_at = np.unique(np.linspace(0, (1 - LAST) * self.impact, _LOOKS).astype(int))
         tried: list[tuple[float, str, list[JointPath]]] = []
-        for order in _ORDERS:
-            paths = [self.gentle_path(finger, motion, order) for finger, motion in self.closing]
+        for last_part, order in itertools.product(_LAST_PARTS, _ORDERS):
+            # Some samples are enough: the way is smooth, and ends where the last part begins.
+            looked_at = np.unique(np.linspace(0, (1 - last_part) * self.impact, _LOOKS).astype(int))
+            paths = [self.gentle_path(finger, motion, order, last_part) for finger, motion in self.closing]
             for (finger, _), path in zip(self.closing, paths):
                 self.follow(finger, path)
             way = self.path.q[looked_at]
@@ -225,7 +228,9 @@ class _Planning:
             ddq=np.concatenate([rise.ddq[:-1], motion.ddq]),
         )
 
-    def gentle_path(self, finger: Finger, motion: FingerMotion, order: Order = "together") -> JointPath:
+    def gentle_path(
+        self, finger: Finger, motion: FingerMotion, order: Order = "together", last_part: float = _LAST_PARTS[0]
+    ) -> JointPath:
         """The path of a closing finger over both phases, its joints moving together or in turn."""
         n, dofs = finger.n, finger.dofs
         begin = np.zeros(n) if order == "together" else np.linspace(0, _TURNS, n)[:: 1 if order == "base first" else -1]
@@ -238,6 +243,7 @@ class _Planning:
             motion.ddq[0],
             limits=(self.hand.lower[dofs], self.hand.upper[dofs]),
             windows=np.column_stack([begin, begin + (1.0 if order == "together" else 1 - _TURNS)]),
+            last_part=last_part,
         )
         jumping = ", ".join(name for name, jump in zip(finger.actuated, jumps) if jump)
         note = f"{jumping} jumps into its motion at impact: a limit leaves no room to come up to speed"

@@ -83,13 +83,13 @@ def inside_blends(trajectory, times):
 # -- smoothness --------------------------------------------------------------------------------------------------------
 
 
-def test_plans_jump_where_there_is_no_room(psyonic, allegro, paper):
-    """What blending is for: the jump of the plan's own acceleration at t_I, beside its steps elsewhere in the approach."""
-    for plan, jumps in ((psyonic, True), (allegro, True), (paper, False)):
+def test_plans_come_up_to_the_acceleration_at_impact(psyonic, allegro, paper):
+    """The last step of the approach's acceleration is no larger than its steps before."""
+    for plan in (psyonic, allegro, paper):
         motion = plan.motion
         steps = np.abs(np.diff(motion.ddq[: motion.impact + 1], axis=0)).max(axis=1)
-        assert (steps[-1] > 20 * steps[:-1].max()) == jumps
-        assert (len(joint_trajectory(plan).blends) > 1) == jumps  # there is always one at t_F
+        assert steps[-1] < 2 * steps[:-1].max()
+        assert len(joint_trajectory(plan).blends) >= 1  # there is always one at t_F
 
 
 @pytest.mark.parametrize("start", [False, True])

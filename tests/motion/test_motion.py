@@ -522,7 +522,7 @@ def test_jaws_on_one_actuator_are_named():
 
     friction = Friction(model="soft", torsion=0.005)
     box = Box(size=(0.03, 0.03, 0.08), mass=0.1)
-    conditions = GraspConditions(mu=0.7, friction=friction)
+    conditions = GraspConditions(mu=0.7, friction=friction, reserve=None)
     best = find_grasps(load_hand("panda"), box, conditions, count=6, jobs=1, progress=False).best
     plan = plan_grasp_on(best.closure.hand, best.closure, conditions)
     assert plan.status is Status.NOT_TRACKED and plan.remedy == plan.summary()["remedy"] == plan.motion.remedy

@@ -50,7 +50,7 @@ def found(allegro, ball):
 
 def test_grasps_hold_what_they_say(found, ball):
     assert found.tried == 16 == sum(found.outcomes.values()) and not found.interrupted
-    assert 2 == len(found.grasps) <= found.outcomes["holds"]  # the best of every eight
+    assert 1 <= len(found.grasps) <= min(4, found.outcomes["holds"])  # the best of every four
     for grasp in found.grasps:
         closure, forces = grasp.closure, grasp.forces
         assert np.array_equal(closure.object.pose, ball.pose)  # the object stays, the hand is placed
@@ -64,8 +64,8 @@ def test_grasps_hold_what_they_say(found, ball):
         )
         assert np.all(np.abs(torque) <= closure.hand.effort * (1 + 1e-6))
         assert grasp.energy == forces.certificate.objective and grasp.load_factor >= 1
-    qualities = [one.quality for one in found.grasps]
-    assert qualities == sorted(qualities, reverse=True)
+    ranks = [(one.bears, one.quality) for one in found.grasps]
+    assert ranks == sorted(ranks, reverse=True) and found.best.bears
 
 
 def test_quality_is_what_the_weakest_direction_withstands(found):
