@@ -93,14 +93,19 @@ def bottle(w: float) -> trimesh.Trimesh:
     return trimesh.creation.revolve(profile, sections=48)
 
 
+def objects(w: float) -> dict:
+    """The simple ones for a hand of width w [m]."""
+    return {
+        "cylinder": pg.Cylinder(radius=0.18 * w, height=0.9 * w, density=DENSITY),
+        "sphere": pg.Sphere(radius=0.2 * w, density=DENSITY),
+        "box": pg.Box(size=(0.3 * w, 0.3 * w, 0.8 * w), density=DENSITY),
+    }
+
+
 def thing(shape: str, w: float) -> pg.objects.body.Body:
     """An object of that shape for a hand of width w [m]."""
-    if shape == "cylinder":
-        return pg.Cylinder(radius=0.18 * w, height=0.9 * w, density=DENSITY)
-    if shape == "sphere":
-        return pg.Sphere(radius=0.2 * w, density=DENSITY)
-    if shape == "box":
-        return pg.Box(size=(0.3 * w, 0.3 * w, 0.8 * w), density=DENSITY)
+    if shape in (simple := objects(w)):
+        return simple[shape]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{shape}.stl"
         (mug if shape == "mug" else bottle)(w).export(path)

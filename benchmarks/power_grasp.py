@@ -26,7 +26,7 @@ from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Li
 
 HERE = Path(__file__).resolve().parent
 RADIUS, PHALANX, THICKNESS, PALM = 0.03, 0.04, 0.008, 0.006  # object, length, half thickness, half thickness [m]
-CONDITIONS = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1))
+CONDITIONS = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1), reserve=None)
 
 
 def five_fingers() -> HandDescription:

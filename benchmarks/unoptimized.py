@@ -7,7 +7,7 @@ The un-optimised grasp closes all joints straight on, in the same share of their
 joints moved as commanded (the paper's MSC.Adams set-up). Its energy is that of the least overclosing with which the
 simulated object stays within 0.5 mm after it was let go; where none does, within 5 mm. The optimised one is the
 cheapest of the plans with friction safety 1.05, 1.1, 1.2, 1.3, 1.5 and 2 (exact cones, least work, wrench balance) that
-does the same, played by servos. Grasp energies by Eq. (9), as simulated, in mJ. Objects and placements: as hands.py
+does the same, played by servos. Grasp energies by Eq. (9), as simulated, in mJ. Objects and placements: as grasps.py
 (seeded), hulls of meshes; the object weighs an eighth of what could be held there. Hands that close with one actuator
 have nothing to optimise and are left out. For the paper's hand the ratio is taken for several drift limits and friction
 models, since it depends on both. Writes unoptimized_paper.csv and unoptimized.csv and prints the tables of the README.
@@ -20,7 +20,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from hands import DENSITY, objects, width
+from grasps import DENSITY, objects, width
 from results import header, write_rows
 from tqdm import tqdm
 
@@ -113,7 +113,7 @@ def paper() -> list[dict]:
 def catalogue(name: str, shape: str) -> dict:
     hand = pg.load_hand(name, hulls=True)
     body = replace(objects(0.9 * width(hand))[shape], density=DENSITY, mass=None)
-    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"))
+    conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"), reserve=None)
     best = find_grasps(hand, body, conditions, count=16, seed=0, progress=False).best
     body = replace(body, mass=LOADED * best.load_factor * body.mass, density=None)
     closure = replace(best.closure, object=body)
