@@ -4,7 +4,7 @@ simulation?
     python benchmarks/random_cases.py [--count 100] [--seed 0] [--hands NAME ...]
 
 The hands take turns (convex hulls of their meshes, as the engine takes them). Drawn are a cylinder, a box or a sphere
-of the hand's size (see grasps.py; 0.6 to 1.1 of it), friction from 0.4 to 0.9, and the direction of gravity; motors bear
+of its size (see grasps.py; 0.6 to 1.1 of it), friction from 0.4 to 0.9, and the direction of gravity; motors bear
 at most 0.2 N m or 8 N. The hand is placed and closed; exact friction cones with torsional friction of 5 mm. Then the
 object's mass is drawn so that the planner's own largest load stands in a random ratio to its weight:
 
