@@ -24,7 +24,7 @@ from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, IntArray
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
-_ALIKE = 1e-5  # [rad] normals this close are the same: the depth changes by the square of it
+_ALIKE = 1e-7  # [rad] normals this close are the same
 _ROUNDS = 20
 _REACHED = 1e-9  # [m]
 _STEPS, _PROBE, _LARGEST = 60, 1e-6, 0.3  # Newton steps; finite difference and largest step [rad or m]

@@ -58,7 +58,7 @@ class FingerMotion:
     __repr__ = brief()
 
 
-# Beside what moves where and when, four options, for the paper's own scheme and for closed grasps.
+# Beside what moves where and when, five options, for the paper's own scheme and for closed grasps.
 def press(
     hand: HandModel,
     finger: Finger,
@@ -73,6 +73,7 @@ def press(
     euler: bool = False,
     normals_first: bool = False,
     deeper: Array | None = None,
+    posture: Array | None = None,
 ) -> FingerMotion:
     """Move a finger's contact points along their inward normals by ``profile``.
 
@@ -90,6 +91,7 @@ def press(
         normals_first: all contacts at once, their motion along the normals before the one across: for fingers that have
             fewer joints than their contacts ask for, or whose joints move together.
         deeper: how much deeper than ``profile`` the points go (m, c) [m], to make up for links that turn as they press.
+        posture: of the whole hand (n,), where joints before the palm, of a wrist, are not at 0.
     """
     t = array_of("times", times, (None,))
     if t.size < 3:
@@ -98,6 +100,8 @@ def press(
     normals = np.array([contact.normal_o for contact in contacts])
     origins = np.array([contact.point_o for contact in contacts])
     chain = _Chain(hand, finger, contacts, points_l, normals if normals_first else None)
+    if posture is not None:
+        chain.q[:] = posture
     q = np.array(array_of("start", start, (finger.n,)))
     m, c, n = t.size, len(contacts), finger.n
     descent = _descent(profile, which, t, deeper)

@@ -72,9 +72,11 @@ def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> Pr
             raise InvalidInput("pressing together: expected contacts of a hand; these were made without one")
         if contact.finger == PALM:
             continue
-        joint = hand.finger(contact.finger).joint_of(contact.link)
+        finger = hand.finger(contact.finger)
+        joint = finger.joint_of(contact.link)
         point = data.oMi[joint].actInv(contact.point_o)
-        moves[i] = contact.normal_o @ contact_jacobian(model, data, joint, point)[:3]
+        # Joints before the palm, of a wrist, do not press.
+        moves[i, finger.dofs] = contact.normal_o @ contact_jacobian(model, data, joint, point)[:3, finger.dofs]
     moves[:, np.abs(moves).max(axis=0) < _HARDLY] = 0.0
     normals = np.array([contact.normal_o for contact in contacts])
     arms = np.array([contact.point_o for contact in contacts]) - contacts.com_o

@@ -24,7 +24,7 @@ TRACKED = 1e-6
 _SHARE = 0.01
 # Rounds that make up for links that turn as they press, and times at which they are looked at: the turn is smooth.
 _ROUNDS, _KNOTS = 8, 5
-_WELL = 2e-3  # share of their depth to which surfaces are brought
+_WELL = 2e-4  # share of their depth to which surfaces are brought
 # Surfaces may miss their depth by this between those times [m]: half a per cent of a force of 5 N.
 _SURFACE = 1e-5
 
@@ -61,7 +61,19 @@ def press_surfaces(
     def pressed(deeper: Array) -> FingerMotion:
         spline: Array = CubicSpline(times[knots], deeper)(times)
         start, points = found.angles[0], found.points_l[0]
-        return press(hand, finger, own, start, points, profile, which, times, normals_first=True, deeper=spline + more)
+        return press(
+            hand,
+            finger,
+            own,
+            start,
+            points,
+            profile,
+            which,
+            times,
+            normals_first=True,
+            deeper=spline + more,
+            posture=contacts.posture,
+        )
 
     asked = np.zeros((knots.size, len(own)))
     best = pressed(asked)

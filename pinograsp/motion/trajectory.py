@@ -115,6 +115,10 @@ class _Planning:
         self.before, self.after = _sample_times(solution.profile, spec.time_step)
         self.times, self.impact = np.concatenate([self.before[:-1], self.after]), self.before.size - 1
         self.start = hand.configuration(spec.start or {})
+        if self.problem.contacts.posture is not None:
+            # Joints of no finger, of a wrist, stay as they were when the hand closed.
+            others = np.setdiff1d(np.arange(hand.n), np.concatenate([finger.dofs for finger in hand.fingers]))
+            self.start[others] = self.problem.contacts.posture[others]
         self.forces_o, self.wrenches_o = _contact_wrenches(solution, self.after)
         m, n, k = self.times.size, hand.n, self.problem.k
         self.path = JointPath(q=np.tile(self.start, (m, 1)), dq=np.zeros((m, n)), ddq=np.zeros((m, n)))

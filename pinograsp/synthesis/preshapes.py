@@ -107,7 +107,8 @@ class _Tips:
         self.base = np.mean([self.data.oMi[joint].translation for joint in first], axis=0)
         self.flexion = self._flexion()
         self.towards = self._towards()
-        self.spreads = np.flatnonzero(~self.flexion)
+        fingers = np.unique(np.concatenate([dofs for _, dofs in self.fingers]))
+        self.spreads = fingers[~self.flexion[fingers]]  # joints of a wrist stay
 
     def _put(self, q: Array) -> None:
         pin.computeJointJacobians(self.hand.model, self.data, q)

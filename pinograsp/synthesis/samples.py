@@ -199,7 +199,8 @@ def _moved(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float
     pose[:3, 3] = body.com_o + turn @ (pose[:3, 3] - body.com_o)
     pose[:3, 3] += size * _MOVE * body.bounding_radius * rng.normal(size=3)
     hand = posed.hand
-    spread = posed.opened == posed.closed
+    spread = np.isin(np.arange(hand.n), np.concatenate([finger.dofs for finger in hand.fingers]))
+    spread &= posed.opened == posed.closed
     by = np.where(spread, size * _SPREAD * rng.normal(size=hand.n) * (hand.upper - hand.lower), 0.0)
     opened, closed = (np.clip(q + by, hand.lower, hand.upper) for q in (posed.opened, posed.closed))
     return Posed(case.rough.placed(pose), opened, closed)

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
@@ -279,14 +280,19 @@ def test_errors_reach_machines_too(command):
     assert code == 2 and json.loads(out)["status"] == "invalid_input"
 
 
-def test_a_motion_at_its_limit_is_written_and_said(command, tmp_path):
-    """The plan is kept for a look; the exit code says that it cannot be carried out."""
+def test_a_motion_at_its_limit_stays_within_it(command, tmp_path):
+    """A joint that is almost at its limit where the finger touches neither swings beyond it nor presses beyond it."""
     limits = "hand.limits_deg={thumb_abduction: [-15, 130], index_dip: [0, 30.5]}"
     code, out, _ = command(
         "plan", "paper", "--set", limits, "--set", "motion.spread_deg=0", "--set", "motion.samples=1"
     )
-    assert code == 3 and "joint_limit" in out and "index_dip" in out
-    assert (tmp_path / "runs" / "paper" / "plan.json").is_file()
+    assert code == 0, out
+    from pinograsp.planner import load_run
+
+    plan = load_run(tmp_path / "runs" / "paper")
+    dip = plan.hand.joint_names.index("index_dip")
+    assert plan.motion.q[:, dip].max() <= np.radians(30.5) + 1e-9
+    assert plan.motion.q[-1, dip] > np.radians(30.0)
 
 
 @pytest.mark.parametrize(

@@ -60,5 +60,4 @@ def test_planned_to_the_end(plan):
     assert plan.forces.residual_force < 1e-9 and plan.forces.residual_moment < 1e-9
     assert np.all(np.abs(motion.torques[-1]) <= plan.hand.effort)
     # Three joints move three points of a finger along their normals exactly; across them they slip, which is told.
-    assert np.all(motion.tracking_error <= 3e-3 * plan.searched().profile.final_depth)
-    assert 1e-4 < motion.slip.max() < 5e-3
+    assert motion.tracking_error.max() < 1e-6 and 1e-4 < motion.slip.max() < 5e-3
