@@ -281,7 +281,7 @@ def test_errors_reach_machines_too(command):
 
 
 def test_a_motion_at_its_limit_stays_within_it(command, tmp_path):
-    """A joint that is almost at its limit where the finger touches neither swings beyond it nor presses beyond it."""
+    """A joint that would swing beyond its limit on its way, or press beyond it, does not."""
     limits = "hand.limits_deg={thumb_abduction: [-15, 130], index_dip: [0, 30.5]}"
     code, out, _ = command(
         "plan", "paper", "--set", limits, "--set", "motion.spread_deg=0", "--set", "motion.samples=1"
@@ -292,7 +292,6 @@ def test_a_motion_at_its_limit_stays_within_it(command, tmp_path):
     plan = load_run(tmp_path / "runs" / "paper")
     dip = plan.hand.joint_names.index("index_dip")
     assert plan.motion.q[:, dip].max() <= np.radians(30.5) + 1e-9
-    assert plan.motion.q[-1, dip] > np.radians(30.0)
 
 
 @pytest.mark.parametrize(
