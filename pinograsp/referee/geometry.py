@@ -1,4 +1,4 @@
-"""The geometry that the engines simulate: primitives as they are, meshes as their convex hulls."""
+"""The geometry that the engines simulate: primitives and objects as they are, the hand's meshes as convex hulls."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands.geometry import hull_of
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from pinograsp.objects.body import Body
+from pinograsp.referee.surface import Surface
 
 _HOLLOW = 1e-3  # share by which the convex hull's volume exceeds that of a mesh that is not convex
 
@@ -19,13 +20,17 @@ def convex(shape: coal.CollisionGeometry, name: str, notes: list[str]) -> coal.S
     hull = hull_of(shape)
     if hull is None:
         notes.append(f"'{name}' is flat: it is left out")
-    elif abs(shape.computeVolume()) < (1 - _HOLLOW) * abs(hull.computeVolume()):
+    elif _is_hollow(shape, hull):
         notes.append(f"'{name}' is not convex: its convex hull is used")
     return hull
 
 
-def convex_object(body: Body, notes: list[str]) -> coal.ShapeBase:
-    """The object's shape in its own frame, convex.
+def _is_hollow(mesh: coal.BVHModelBase, hull: coal.ConvexBase) -> bool:
+    return bool(abs(mesh.computeVolume()) < (1 - _HOLLOW) * abs(hull.computeVolume()))
+
+
+def object_shape(body: Body, notes: list[str]) -> coal.ShapeBase | Surface:
+    """The object's shape in its own frame: convex, or the triangles of a mesh that is not.
 
     Raises:
         InvalidInput: not a shape of :mod:`pinograsp.objects`, or flat.
@@ -35,7 +40,13 @@ def convex_object(body: Body, notes: list[str]) -> coal.ShapeBase:
             f"simulate: expected a shape of pinograsp.objects, got {type(body).__name__}: give its mesh "
             "(pinograsp.Mesh) as object=..."
         )
-    shape = convex(body.collision_geometry, "object", notes)
-    if shape is None:
+    shape = body.collision_geometry
+    if not isinstance(body, Mesh) or not isinstance(shape, coal.BVHModelBase):
+        return shape
+    hull = hull_of(shape)
+    if hull is None:
         raise InvalidInput("simulate: the object's mesh is flat: expected one with volume")
-    return shape
+    if not _is_hollow(shape, hull):
+        return hull
+    notes.append("'object' is not convex: its own triangles are used, by coal's distances")
+    return Surface(body)

@@ -9,10 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.referee.law import NO_TOUCHES, Pressing, Touches, cross
+from pinograsp.referee.overlaps import Collider
 from pinograsp.referee.scene import build
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.task import Task
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 
 # MuJoCo would print that a state is unstable and write MUJOCO_LOG.TXT into the working folder; the simulation reports
 # divergence itself.
@@ -71,6 +72,8 @@ class MujocoEngine:
             for name, c in hand.couplings.items()
         ]
         self.object = model.body("object").id
+        # MuJoCo's geometry is convex: overlaps with an object that is not come from coal, as in the other engine.
+        self.collider = None if model.body_geomnum[self.object] else Collider(hand, task.body)
         self.object_q, self.object_v = model.jnt_qposadr[model.body_jntadr[self.object]], model.body_dofadr[self.object]
         # Pinocchio's joint of each of MuJoCo's bodies; -1: the object.
         self.part_of_body = np.array(
@@ -103,6 +106,8 @@ class MujocoEngine:
         """Detect collisions at the present state: the points at which the hand overlaps the object."""
         model, data = self.model, self.data
         mujoco.mj_step1(model, data)
+        if self.collider is not None:
+            return self._touches_of_surface(self.collider)
         contact = data.contact
         if not data.ncon:
             return NO_TOUCHES
@@ -118,11 +123,27 @@ class MujocoEngine:
         depth = -contact.dist[overlapping]
         # MuJoCo's point lies half-way between the surfaces.
         point = contact.pos[overlapping] - 0.5 * depth[:, None] * normal
+        geometry = np.where(swapped, geoms[:, 1], geoms[:, 0])
+        return self._moving(body, geometry, point, normal, depth)
+
+    def _touches_of_surface(self, collider: Collider) -> Touches:
+        """The points at which the hand overlaps an object that is not convex."""
+        data = self.data
+        placements = [pin.SE3(data.xmat[body].reshape(3, 3), data.xpos[body]) for body in self.body_of_part]
+        pose = self.object_pose
+        overlaps = collider.collide(placements, self.q, pose[:3, :3], pose[:3, 3])
+        if not overlaps:
+            return NO_TOUCHES
+        joints, geometry, points, normals, depths = (np.array(one) for one in zip(*overlaps))
+        return self._moving(self.body_of_part[joints], geometry, points, normals, depths)
+
+    def _moving(self, body: IntArray, geometry: IntArray, point: Array, normal: Array, depth: Array) -> Touches:
+        """Touches of MuJoCo's bodies, with their velocities relative to the object."""
+        model, data = self.model, self.data
         mine, other = data.cvel[body], np.tile(data.cvel[self.object], (len(body), 1))
         velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
         velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
         spin = ((mine[:, :3] - other[:, :3]) * normal).sum(axis=1)
-        geometry = np.where(swapped, geoms[:, 1], geoms[:, 0])
         return Touches(self.part_of_body[body], geometry, point, normal, depth, velocity, spin)
 
     def step(

@@ -1,7 +1,8 @@
-"""Overlaps of hand and object: depths and normals of convex geometry, from coal's distances."""
+"""Overlaps of hand and object: depths and normals of the hand's convex geometry, from coal's distances."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 import coal
@@ -11,7 +12,8 @@ from scipy.spatial import ConvexHull
 
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.referee.geometry import convex, convex_object
+from pinograsp.referee.geometry import convex, object_shape
+from pinograsp.referee.surface import Deepest, Surface
 from pinograsp.spatial import Array
 
 _CLEAR = 1e-3  # [m] clearance to which the object is moved: the direction between nearest points is accurate there
@@ -38,6 +40,7 @@ class _Part:
         self.footprint = _Footprint(shape)
         self.normal: Array | None = None
         self.shift = 2 * _CLEAR
+        self.away: Array | None = None  # where the object is not convex, instead of the shift along the normal
 
     def forget(self) -> None:
         """Start the next search anew."""
@@ -102,25 +105,22 @@ class _Footprint:
 
 
 def _common_area(
-    own: _Face | _Edge, other: _Face | _Edge, point: Array, normal: Array, depth: float
+    own: _Face | _Edge, others: Sequence[_Face | _Edge], point: Array, normal: Array, depth: float
 ) -> list[tuple[Array, float]]:
     """Points (3,) of the object where faces or edges of hand and object lie on each other, with depths.
 
-    ``point`` is the deepest; it is added where the others are not as deep.
+    ``others`` are the object's edge, or its face in convex pieces. ``point`` is the deepest; it is added where the
+    others are not as deep.
     """
     x, y = _across(normal)
     axes = np.column_stack([x, y, normal])
-    mine, theirs = _Heights(own, point, axes), _Heights(other, point, axes)
-    if mine.is_edge and theirs.is_edge:
-        outline = _abreast(mine.corners, theirs.corners)
-    elif theirs.is_edge:
-        outline = _clip(theirs.corners, mine.corners)
-    else:
-        outline = _clip(mine.corners, theirs.corners)
+    mine, pieces = _Heights(own, point, axes), [_Heights(other, point, axes) for other in others]
+    theirs = pieces[0]
+    outline = [corner for piece in pieces for corner in _common_outline(mine, piece)]
     found: list[tuple[Array, float]] = []
     if outline:
         area = np.array(outline)
-        if len(area) > _CORNERS:  # those farthest out
+        if len(area) > _CORNERS or len(pieces) > 1:  # those farthest out
             turn = (np.arange(_CORNERS) + 0.5) * 2 * np.pi / _CORNERS
             area = area[np.unique((area @ np.array([np.cos(turn), np.sin(turn)])).argmax(axis=0))]
         surface = theirs.over(area, beside=mine.is_edge)
@@ -129,6 +129,14 @@ def _common_area(
     if max((deep for _, deep in found), default=0.0) < _MOST * depth:
         found.append((point, depth))
     return found
+
+
+def _common_outline(mine: _Heights, theirs: _Heights) -> list[_Point2]:
+    if mine.is_edge and theirs.is_edge:
+        return _abreast(mine.corners, theirs.corners)
+    if theirs.is_edge:
+        return _clip(theirs.corners, mine.corners)
+    return _clip(mine.corners, theirs.corners)
 
 
 class _Heights:
@@ -236,7 +244,8 @@ class Collider:
     """Overlaps of the hand's geometry with the object: depths along the common normal of the surfaces.
 
     Coal's depth of an overlap is not exact. The object is therefore moved along the last estimate of the normal until
-    it is clear by a millimetre. There coal's nearest points are exact; their direction is the next estimate.
+    it is clear by a millimetre. There coal's nearest points are exact; their direction is the next estimate. Of an
+    object that is not convex, see :mod:`pinograsp.referee.surface`.
     """
 
     def __init__(self, hand: HandModel, body: Body):
@@ -247,11 +256,13 @@ class Collider:
             if (shape := convex(one.geometry, one.name, self.notes)) is not None
         ]
         self.geometry, self.hand = parts, hand
-        self.object = convex_object(body, self.notes)
+        shape = object_shape(body, self.notes)
+        self.surface = shape if isinstance(shape, Surface) else None
+        self.object = shape.model if isinstance(shape, Surface) else shape
         self.object.computeLocalAABB()
         self.centre, self.radius = np.array(self.object.aabb_center), float(self.object.aabb_radius)
         self.extent = float(np.linalg.norm(self.centre)) + self.radius
-        self.footprint = _Footprint(self.object)
+        self.footprint = None if isinstance(shape, Surface) else _Footprint(shape)
         self.reach = np.array([self._reach(part) for part in parts]).reshape(len(parts), hand.n)
         # Lower bounds of the distances: the last known ones, less the largest motion since.
         self.slack = np.zeros(len(parts))
@@ -273,8 +284,8 @@ class Collider:
             j = model.parents[j]
         return bound
 
-    def collide(self, data: pin.Data, q: Array, rotation: Array, position: Array) -> list[Overlap]:
-        """All overlaps, with the joints' placements in ``data`` (at q) and the object at a rotation and position."""
+    def collide(self, placements: Sequence[pin.SE3], q: Array, rotation: Array, position: Array) -> list[Overlap]:
+        """All overlaps, with the joints at ``placements`` (at q) and the object at a rotation and position."""
         if self.last is not None:
             turned = rotation - self.last.rotation
             shift = np.linalg.norm(position - self.last.position)
@@ -286,7 +297,7 @@ class Collider:
         centre = position + rotation @ self.centre
         for i in np.flatnonzero(self.slack <= 0):
             part = self.geometry[i]
-            placed = data.oMi[part.joint] * part.placement
+            placed = placements[part.joint] * part.placement
             if self.slack[i] < -_JUMP:
                 part.forget()
             apart = float(np.linalg.norm(placed.act(part.centre) - centre)) - part.radius - self.radius
@@ -294,16 +305,54 @@ class Collider:
                 self.slack[i], part.normal = apart - 0.5 * _NEAR, None
                 continue
             mine = coal.Transform3s(placed.rotation, placed.translation)
-            depth, normal, point = self._deepest(part, mine, pose)
+            touched = self._overlap(part, mine, pose)
+            depth, normal, point, _ = touched
             self.slack[i] = max(-depth - 0.5 * _NEAR, 0.0) if depth < -_NEAR else 0.0
             if depth > 0:
                 own = part.footprint.towards(normal, placed.rotation, placed.translation)
-                other = None if own is None else self.footprint.towards(-normal, rotation, position)
+                others = [] if own is None else self._faces(own, touched, rotation, position)
                 points = [(point, depth)]
-                if own is not None and other is not None:
-                    points = _common_area(own, other, point, normal, depth)
+                if own is not None and others:
+                    points = _common_area(own, others, point, normal, depth)
                 found += [Overlap(part.joint, int(i), at, normal, deep) for at, deep in points]
         return found
+
+    def _faces(self, own: _Face | _Edge, touched: Deepest, rotation: Array, position: Array) -> Sequence[_Face | _Edge]:
+        """The object's face, in convex pieces, or edge against the hand's; none where it is round."""
+        if self.footprint is not None:
+            other = self.footprint.towards(-touched.normal, rotation, position)
+            return [] if other is None else [other]
+        if self.surface is None or touched.triangle is None:
+            return []
+        point, normal = (touched.point - position) @ rotation, touched.normal @ rotation
+        face = self.surface.face(self.surface.face_towards(touched.triangle, point, normal))
+        middle = own.corners.mean(axis=0)
+        away = own.corners - middle
+        pieces = face.within((middle - position) @ rotation, float(np.sqrt((away * away).sum(axis=1).max())))
+        return [_Face(corners @ rotation.T + position, rotation @ face.normal) for corners in pieces]
+
+    def _overlap(self, part: _Part, mine: coal.Transform3s, pose: coal.Transform3s) -> Deepest:
+        if self.surface is None:
+            return Deepest(*self._deepest(part, mine, pose), None)
+        return self._deepest_of_surface(self.surface, part, mine, pose)
+
+    def _deepest_of_surface(
+        self, surface: Surface, part: _Part, mine: coal.Transform3s, pose: coal.Transform3s
+    ) -> Deepest:
+        if part.normal is not None and part.away is not None:
+            found = surface.deepest(part.shape, mine, pose, part.normal, part.away)
+        else:
+            side = surface.near(part.shape, mine, pose)
+            if side.depth < -_NEAR:
+                return Deepest(side.depth, side.normal, side.point, side.triangle)
+            found = surface.deepest_anew(part.shape, mine, pose, side)
+        part.forget()
+        if found is None:  # never clear: as if it were far inside
+            return self._deepest_of_surface(surface, part, mine, pose)
+        best, away = found
+        if best.depth > -_NEAR:
+            part.normal, part.away = best.normal, away
+        return best
 
     def _deepest(self, part: _Part, mine: coal.Transform3s, pose: coal.Transform3s) -> tuple[float, Array, Array]:
         """Depth [m], negative where clear, inward normal (3,), and the point on the object's surface (3,)."""

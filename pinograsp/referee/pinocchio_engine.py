@@ -72,7 +72,7 @@ class PinocchioEngine:
         """Detect collisions at the present state: the points at which the hand overlaps the object."""
         data, w = self.data, self.turning
         self._update_energies()
-        overlaps = self.collider.collide(data, self.q, self.rotation, self.position)
+        overlaps = self.collider.collide(data.oMi, self.q, self.rotation, self.position)
         if not overlaps:
             return NO_TOUCHES
         part = np.array([one.joint for one in overlaps])

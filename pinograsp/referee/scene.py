@@ -10,8 +10,9 @@ import pinocchio as pin
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.referee.geometry import convex, convex_object
+from pinograsp.referee.geometry import convex, object_shape
 from pinograsp.referee.settings import Servo
+from pinograsp.referee.surface import Surface
 from pinograsp.spatial import Array
 
 _HAND, _OBJECT = {"contype": 1, "conaffinity": 2}, {"contype": 2, "conaffinity": 1}  # the hand does not touch itself
@@ -67,7 +68,9 @@ def build(
     free = spec.worldbody.add_body(name="object", pos=body.pose[:3, 3], quat=_quaternion(body.pose[:3, :3]))
     free.add_freejoint()
     _set_inertia(free, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
-    _add_geom(spec, free, convex_object(body, notes), pin.SE3.Identity(), "object", _OBJECT)
+    shape = object_shape(body, notes)
+    if not isinstance(shape, Surface):  # MuJoCo would take its convex hull
+        _add_geom(spec, free, shape, pin.SE3.Identity(), "object", _OBJECT)
     try:
         return spec.compile(), notes
     except ValueError as error:

@@ -62,9 +62,10 @@ def simulate(
     """Simulate a plan with a free object, and judge whether the grasp holds.
 
     The object is fixed until the grasp is complete (t_F, as in the paper), then let go. The hand has the plan's
-    geometry (exact primitives and ellipsoids, convex hulls of meshes), masses and torque limits. A position servo at
-    every joint follows the plan's trajectory, with the plan's torques as feed-forward. The contact forces follow the
-    plan's law (Eq. 4), implemented again in :mod:`pinograsp.referee.law`.
+    geometry (exact primitives and ellipsoids, convex hulls of meshes), masses and torque limits; the object has its own
+    shape, of a mesh that is not convex its triangles. A position servo at every joint follows the plan's trajectory,
+    with the plan's torques as feed-forward. The contact forces follow the plan's law (Eq. 4), implemented again in
+    :mod:`pinograsp.referee.law`.
 
     Args:
         plan: a plan, the folder of a run, or a task.

@@ -10,12 +10,11 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.spatial import ConvexHull
+from swinging_shape import CENTRE, SHAPES, engine, one_joint, pose, width
 
 import pinograsp as pg
 from pinograsp.contacts.penetration import touching
 from pinograsp.errors import InvalidInput
-from pinograsp.hands.model import HandModel
 from pinograsp.objects import Box, Cylinder, Sphere
 from pinograsp.referee.law import NO_TOUCHES, ContactLaw, Pressing
 from pinograsp.referee.mujoco_engine import MujocoEngine
@@ -24,62 +23,12 @@ from pinograsp.referee.settings import Disturbance, Servo
 from pinograsp.referee.task import Task
 from pinograsp.synthesis import find_grasps
 
-DT = 2.5e-4
 OBJECTS = {
     "cylinder": Cylinder(radius=0.02, height=0.1, mass=0.1),
     "box": Box(size=(0.03, 0.03, 0.06), mass=0.1),
     "sphere": Sphere(radius=0.03, mass=0.1),
 }
 NOTHING = Pressing(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-
-
-def hull(corners) -> coal.ConvexBase:
-    made, shell = coal.BVHModelOBBRSS(), ConvexHull(corners)
-    made.beginModel(len(shell.simplices), 3 * len(shell.simplices))
-    for triangle in shell.simplices:
-        made.addTriangle(*corners[triangle])
-    made.endModel()
-    made.buildConvexHull(True, "Qt")
-    return made.convex
-
-
-def pebble() -> np.ndarray:
-    v = np.random.default_rng(0).normal(size=(40, 3))
-    return v / np.linalg.norm(v, axis=1)[:, None] * [0.01, 0.012, 0.02]
-
-
-SHAPES = {
-    "ellipsoid": coal.Ellipsoid(0.01, 0.012, 0.02),
-    "sphere": coal.Sphere(0.01),
-    "capsule": coal.Capsule(0.01, 0.03),
-    "hull": hull(pebble()),
-    "box": coal.Box(0.02, 0.02, 0.03),
-    "cylinder": coal.Cylinder(0.01, 0.03),
-}
-CENTRE = np.array([0.05, 0.0, 0.0])
-
-
-def one_joint(shape) -> HandModel:
-    """A shape 50 mm from the joint that swings it about the world's z axis."""
-    model, geometry = pin.Model(), pin.GeometryModel()
-    j = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "turn")
-    model.appendBodyToJoint(j, pin.Inertia.FromSphere(0.1, 0.02), pin.SE3.Identity())
-    frame = model.addBodyFrame("tip", j, pin.SE3.Identity(), 0)
-    model.lowerPositionLimit, model.upperPositionLimit = np.full(1, -3.0), np.full(1, 3.0)
-    geometry.addGeometryObject(pin.GeometryObject("tip_0", j, frame, pin.SE3(np.eye(3), CENTRE), shape))
-    return HandModel(name="one", source="", model=model, geometry=geometry, palm="universe", fingers=(), pose=np.eye(4))
-
-
-def engine(kind, shape, body, *, dt: float = DT, gravity=(0.0, 0.0, -9.81)):
-    hand = one_joint(shape)
-    task = SimpleNamespace(links=(), hand=hand, body=body, gravity_o=np.array(gravity), torque_limit=np.full(1, np.inf))
-    return kind(task, time_step=dt, servo=Servo.of(hand), mass_factor=1.0)
-
-
-def pose(rotation, position) -> np.ndarray:
-    made = np.eye(4)
-    made[:3, :3], made[:3, 3] = rotation, position
-    return made
 
 
 def overlapping(made: PinocchioEngine, shape, rng) -> tuple[np.ndarray, np.ndarray]:
@@ -140,16 +89,6 @@ def test_overlaps_are_those_that_mujoco_finds(shape, body):
             np.testing.assert_allclose(mine.point_o[i], other.point_o[k], atol=5e-6)
             np.testing.assert_allclose(mine.velocity_o[i], other.velocity_o[k], atol=5e-6)
             np.testing.assert_allclose(mine.spin[i], other.spin[k], atol=5e-4)
-
-
-def width(shape, normal) -> float:
-    """Support of a shape about its centre in a direction (3,) of its own axes: closed form."""
-    if isinstance(shape, coal.Box):
-        return float(np.abs(normal) @ np.array(shape.halfSide).ravel())
-    if isinstance(shape, coal.ConvexBase):
-        return float((np.array(shape.points()) @ normal).max())
-    along = abs(normal[2]) * shape.halfLength
-    return along + shape.radius * (1.0 if isinstance(shape, coal.Capsule) else float(np.hypot(normal[0], normal[1])))
 
 
 @pytest.mark.parametrize(
