@@ -132,14 +132,19 @@ def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(shape):
                 continue
             compared += 1
             i, k = mine.depth.argmax(), other.depth.argmax()
-            n = mine.normal_o[i]
-            if mine.part.size == 1 and shape in ("box", "capsule", "cylinder", "hull"):  # the width is a closed form
-                reach = n @ CENTRE + width(SHAPES[shape], n) - n @ other_at
-                assert mine.depth[0] == pytest.approx(reach + np.abs(R.T @ n) @ [0.1, 0.02, 0.03], abs=1e-7)
             # Of convex objects coal's depths are within 1 um, areas within half a percent of the depth.
             within = 1e-6 + 5e-3 * other.depth.max() * (mine.part.size > 1 or other.part.size > 1)
-            assert mine.depth.max() == pytest.approx(other.depth.max(), abs=within)
-            np.testing.assert_allclose(n, other.normal_o[k], atol=1e-3)
+            assert mine.depth.max() < other.depth.max() + within
+            if shape in ("ellipsoid", "sphere"):
+                assert mine.depth.max() == pytest.approx(other.depth.max(), abs=within)
+                np.testing.assert_allclose(mine.normal_o[i], other.normal_o[k], atol=1e-3)
+            elif mine.part.size == 1:  # the overlap's width along a normal is a closed form, and the least counts
+                widths = [
+                    n @ CENTRE + width(SHAPES[shape], n) - n @ other_at + np.abs(R.T @ n) @ [0.1, 0.02, 0.03]
+                    for n in (mine.normal_o[i], other.normal_o[k])
+                ]
+                assert mine.depth[0] == pytest.approx(widths[0], abs=1e-6 if shape == "cylinder" else 1e-7)
+                assert mine.depth[0] < widths[1] + within
             # On a face, not an edge. Which corners of a round face stand for it hangs on rounding.
             if shape != "cylinder" and np.abs(R.T @ other.normal_o[k]).max() > 0.9999:
                 assert mine.part.size == other.part.size
