@@ -47,19 +47,9 @@ TRIALS = {
     "mu": Disturbance(mu=0.8 * MU),
 }
 COLUMNS = (
-    "hand",
-    "object",
-    "width_mm",
-    "mass_g",
-    "tried",
-    "found",
-    "status",
-    "closure",
-    "quality",
-    "contacts",
-    "force_N",
+    *("hand", "object", "width_mm", "mass_g", "tried", "found", "status", "closure", "quality", "contacts", "force_N"),
+    *("push_N", "hit_N", "error", *TRIALS, "search_s", "plan_s", "good", "why"),
 )
-COLUMNS = (*COLUMNS, "push_N", "hit_N", "error", *TRIALS, "search_s", "plan_s", "good", "why")
 
 
 def width(hand: pg.HandModel) -> float:

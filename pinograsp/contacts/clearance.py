@@ -53,6 +53,16 @@ class HandPart:
         self.hull = hull_of(one.geometry) or one.geometry
 
 
+def parts_of(hand: HandModel) -> list[HandPart]:
+    """All parts of a hand, by finger and link; what several fingers share belongs to the first."""
+    names = {
+        joint: (finger.name, link)
+        for finger in reversed(hand.fingers)
+        for joint, link in zip(finger.joint_ids, finger.links)
+    }
+    return [HandPart(hand, one, names) for one in hand.geometry.geometryObjects]
+
+
 class Distances:
     """Signed distances of the hand's geometry to an object at a posture."""
 
@@ -245,8 +255,7 @@ def deepest_hit(hand: HandModel, body: Body, postures: ArrayLike, *, allowed: fl
     """Where the hand is deepest in ``body`` on its way (m, n); None: nowhere deeper than ``allowed`` [m]."""
     check_geometry(hand)
     distances = Distances(hand, instance_of("body", body, Body))
-    names = {finger.joint_of(link): (finger.name, link) for finger in hand.fingers for link in finger.links}
-    parts = [HandPart(hand, one, names) for one in hand.geometry.geometryObjects]
+    parts = parts_of(hand)
     worst: Hit | None = None
     for sample, q in enumerate(array_of("postures", postures, (None, hand.n))):
         distances.put(q)

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapping_of, number, read_only
-from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, self_collisions
+from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of, self_collisions
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
@@ -122,13 +122,7 @@ class _Closing:
 
     def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, palm: bool, wrap: bool):
         self.hand, self.body, self.start, self.target = hand, body, start, target
-        names = {
-            j: (finger.name, link)
-            for finger in reversed(hand.fingers)
-            for j, link in zip(finger.joint_ids, finger.links)
-        }
-        parts = [HandPart(hand, one, names) for one in hand.geometry.geometryObjects]
-        self.parts = [part for part in parts if palm or part.finger != PALM]
+        self.parts = [part for part in parts_of(hand) if palm or part.finger != PALM]
         self.distances = Distances(hand, body)
         self.q, self.at = start.copy(), 0.0
         way = target - start

@@ -20,7 +20,7 @@ from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.contacts.quality import Balance
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import TOLERANCE
-from pinograsp.forces.conic import solve, solve_linear, sparse
+from pinograsp.forces.conic import cone_rows, solve, solve_linear, sparse
 from pinograsp.forces.infeasibility import extreme_multiple, holds, missed
 from pinograsp.forces.matrices import balance_columns, elastic_reaction
 from pinograsp.forces.problem import ForceProblem
@@ -226,8 +226,7 @@ def _sprung(program: Program, pick: Array, springs: Array) -> tuple[Program, Arr
     changes of F_n per w (k, m).
     """
     changes = springs @ pick
-    select = np.zeros((program.k, program.k * program.d))
-    select[np.arange(program.k), np.arange(program.d - 1, program.k * program.d, program.d)] = 1.0
+    select = cone_rows(program.matrices).select
     free = replace(program, lo=np.zeros(program.k), hi=np.full(program.k, _ANY))
     return free, np.block([[program.A, pick], [select, -changes]]), changes
 

@@ -160,8 +160,8 @@ def optimize_reserve(
     """
     instance_of("problem", problem, ForceProblem)
     instance_of("reserve", reserve, Reserve)
-    loads = reserve.load_set(_held(problem), problem.gravity_o)
-    return optimize_robust(reserve.problem(problem), loads, impact_time, objective=objective, reaction="elastic")
+    loads, kept = _kept_back(problem, reserve)
+    return optimize_robust(kept, loads, impact_time, objective=objective, reaction="elastic")
 
 
 def search_reserve(
@@ -192,7 +192,7 @@ def search_reserve(
     instance_of("problem", problem, ForceProblem)
     instance_of("reserve", reserve, Reserve)
     started, weights = time.perf_counter(), robust_weights(objective, problem)
-    loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+    loads, kept = _kept_back(problem, reserve)
     early, late = problem.impact_time_range
     tried: dict[float, RobustForces] = {}
 
@@ -208,8 +208,7 @@ def search_reserve(
             return found
     first = np.linspace(early, late, 4).tolist() if late > early else [early]
     if min([cost(t) for t in first]) == np.inf:
-        # All that any impact time allows: the least lower bound, of the latest one, to the largest upper bound.
-        bounds = kept.normal_force_range(late)[0], kept.normal_force_range(early)[1]
+        bounds = _widest(kept)
         none = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds)
         if none.status is Status.OK:
             none = replace(tried[early], status=Status.INACCURATE)
@@ -238,14 +237,13 @@ def can_bear(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None 
     """
     instance_of("problem", problem, ForceProblem)
     instance_of("reserve", reserve, Reserve)
-    early, late = problem.impact_time_range
-    loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
-    bounds = kept.normal_force_range(late)[0], kept.normal_force_range(early)[1]
+    loads, kept = _kept_back(problem, reserve)
     made = np.zeros((0, problem.k)) if rows is None else array_of("rows", rows, (None, problem.k))
     # About even forces F the depths are (1 + (f / F - 1) / rho) times the same: only the ratios of the forces count.
     share = 1.0 / problem.compliance.exponent
     fixed = np.asarray(made @ (share * np.eye(problem.k) + (1.0 - share) / problem.k)), np.zeros(len(made))
     weights = robust_weights("peak", problem)
+    early, bounds = problem.impact_time_range[0], _widest(kept)
     found = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds, fixed=fixed, proven=False)
     return found.status is Status.OK
 
@@ -284,21 +282,20 @@ def producible_reserve(
     if not len(rows):
         return squeeze
     started, weights = time.perf_counter(), robust_weights(objective, problem)
-    loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+    loads, kept = _kept_back(problem, reserve)
     law, tried = problem.compliance, 0
     times = [squeeze.impact_time, *np.linspace(*problem.impact_time_range, _OTHER_TIMES)[::-1].tolist()]
     found = replace(squeeze, status=Status.INACCURATE)
     for t in times:
         F = np.full(problem.k, squeeze.normal_forces.mean())
         for _ in range(_MADE_ROUNDS):
-            depths = law.depth(np.maximum(F, _LITTLE * F.max()))
-            slopes = depths / (law.exponent * np.maximum(F, _LITTLE * F.max()))
+            least = np.maximum(F, _LITTLE * F.max())
+            depths = law.depth(least)
+            slopes = depths / (law.exponent * least)
             size = float(slopes.max())
             equations = rows * slopes / size, rows @ (slopes * F - depths) / size
-            found, tried = (
-                robust_at(kept, loads, t, weights, reaction="elastic", fixed=equations, proven=False),
-                tried + 1,
-            )
+            found = robust_at(kept, loads, t, weights, reaction="elastic", fixed=equations, proven=False)
+            tried += 1
             if found.status is not Status.OK:
                 break
             F = found.normal_forces
@@ -323,10 +320,21 @@ def parts_in_the_way(
 def _holds(problem: ForceProblem, reserve: Reserve, objective: str | Mapping[str, float] | None) -> bool:
     """Whether a squeeze is found at the earliest, the latest or an impact time between."""
     weights = robust_weights(objective, problem)
-    loads, kept = reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+    loads, kept = _kept_back(problem, reserve)
     early, late = problem.impact_time_range
     times = (early, (early + late) / 2, late)
     return any(robust_at(kept, loads, t, weights, reaction="elastic", proven=False).status is Status.OK for t in times)
+
+
+def _kept_back(problem: ForceProblem, reserve: Reserve) -> tuple[LoadSet, ForceProblem]:
+    """The loads of a reserve, and the problem with what it keeps back."""
+    return reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+
+
+def _widest(kept: ForceProblem) -> tuple[Array, Array]:
+    """All that any impact time allows of F_n: the least lower bound, of the latest one, to the largest upper bound."""
+    early, late = kept.impact_time_range
+    return kept.normal_force_range(late)[0], kept.normal_force_range(early)[1]
 
 
 def _held(problem: ForceProblem) -> Body:

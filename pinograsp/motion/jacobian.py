@@ -1,9 +1,14 @@
-"""Jacobian of a contact point that is fixed in a link."""
+"""Jacobians of contact points that are fixed in links."""
 
 from __future__ import annotations
 
+import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from pinograsp.contacts import PALM, ContactSet
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
 from pinograsp.spatial import Array, skew
 
 
@@ -23,3 +28,23 @@ def contact_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: Arra
     arm = data.oMi[joint].rotation @ point_l
     J[:3] -= skew(arm) @ J[3:]
     return J
+
+
+def contact_jacobians(hand: HandModel, contacts: ContactSet, data: pin.Data, depth: ArrayLike = 0.0) -> Array:
+    """Jacobians (k, 6, n), world axes, of all contact points, each as a point of its link; the palm's are zero.
+
+    Needs ``pin.computeJointJacobians`` at the current q. The points are pressed in by ``depth`` (k,) [m] there.
+
+    Raises:
+        InvalidInput: contacts that were made without a hand.
+    """
+    found = np.zeros((len(contacts), 6, hand.n))
+    for i, (contact, pressed) in enumerate(zip(contacts, np.broadcast_to(depth, len(contacts)))):
+        if not contact.link:
+            raise InvalidInput("contacts: expected those of a hand; these were made without one (hand=None)")
+        if contact.finger == PALM:
+            continue  # it does not move
+        joint = hand.finger(contact.finger).joint_of(contact.link)
+        point = data.oMi[joint].actInv(contact.point_o + pressed * contact.normal_o)
+        found[i] = contact_jacobian(hand.model, data, joint, point)
+    return found

@@ -14,10 +14,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, instance_of
-from pinograsp.contacts import PALM, ContactSet
-from pinograsp.errors import InvalidInput
+from pinograsp.contacts import ContactSet
 from pinograsp.hands import HandModel
-from pinograsp.motion.jacobian import contact_jacobian
+from pinograsp.motion.jacobian import contact_jacobians
 from pinograsp.spatial import Array
 
 _HARDLY = 1e-4  # [m] per radian: what moves contacts less than this does not move them
@@ -66,19 +65,11 @@ def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> Pr
     model, data = instance_of("hand", hand, HandModel).model, hand.model.createData()
     instance_of("contacts", contacts, ContactSet)
     pin.computeJointJacobians(model, data, array_of("q", q, (hand.n,)))
-    moves = np.zeros((len(contacts), hand.n))
-    for i, contact in enumerate(contacts):
-        if not contact.link:
-            raise InvalidInput("pressing together: expected contacts of a hand; these were made without one")
-        if contact.finger == PALM:
-            continue
-        finger = hand.finger(contact.finger)
-        joint = finger.joint_of(contact.link)
-        point = data.oMi[joint].actInv(contact.point_o)
-        # Joints before the palm, of a wrist, do not press.
-        moves[i, finger.dofs] = contact.normal_o @ contact_jacobian(model, data, joint, point)[:3, finger.dofs]
-    moves[:, np.abs(moves).max(axis=0) < _HARDLY] = 0.0
     normals = np.array([contact.normal_o for contact in contacts])
+    moves = np.einsum("kx,kxn->kn", normals, contact_jacobians(hand, contacts, data)[:, :3])
+    pressing = np.concatenate([finger.dofs for finger in hand.fingers])  # not joints before the palm, of a wrist
+    moves[:, np.setdiff1d(np.arange(hand.n), pressing)] = 0.0
+    moves[:, np.abs(moves).max(axis=0) < _HARDLY] = 0.0
     arms = np.array([contact.point_o for contact in contacts]) - contacts.com_o
     shifts = np.column_stack([normals, np.cross(arms, normals)])
     return PressingTogether(moves=moves, shifts=shifts, rows=_left_null(np.column_stack([moves, shifts])))

@@ -7,11 +7,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, each_of, floats_of, instance_of, one_of, shown
-from pinograsp.contacts import PALM, ContactSet
+from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits
 from pinograsp.hands import HandModel
-from pinograsp.motion.jacobian import contact_jacobian
+from pinograsp.motion.jacobian import contact_jacobians
 from pinograsp.spatial import Array
 
 
@@ -103,14 +103,5 @@ def torque_limits(
     data = model.createData()
     bias = pin.computeGeneralizedGravity(model, data, q)
     pin.computeJointJacobians(model, data, q)
-    jacobian = np.zeros((len(contacts), 6, hand.n))
-    for i, contact in enumerate(contacts):
-        if not contact.link:
-            raise InvalidInput("torque limits: expected contacts of a hand; these were made without one (hand=None)")
-        if contact.finger == PALM:
-            continue  # it does not move
-        finger = hand.finger(contact.finger)
-        joint = finger.joint_of(contact.link)
-        point = data.oMi[joint].actInv(contact.point_o + depth[i] * contact.normal_o)
-        jacobian[i] = contact_jacobian(model, data, joint, point)
+    jacobian = contact_jacobians(hand, contacts, data, depth)
     return TorqueLimits(jacobian=jacobian, bias=bias, limit=limit, joints=hand.joint_names)

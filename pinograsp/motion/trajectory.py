@@ -216,7 +216,7 @@ class _Planning:
             )
 
     def with_approach(self, motion: FingerMotion, start: Array) -> JointPath:
-        """The path of one finger over both phases; the sample at t_I is the grasp phase's."""
+        """The path of one finger over both phases."""
         rise = approach(
             self.before,
             self.before[-1],
@@ -226,11 +226,7 @@ class _Planning:
             motion.ddq[0],
             acceleration_at_start=self.spec.acceleration_at_start,
         )
-        return JointPath(
-            q=np.concatenate([rise.q[:-1], motion.q]),
-            dq=np.concatenate([rise.dq[:-1], motion.dq]),
-            ddq=np.concatenate([rise.ddq[:-1], motion.ddq]),
-        )
+        return _joined(rise, motion)
 
     def gentle_path(
         self, finger: Finger, motion: FingerMotion, order: Order = "together", last_part: float = _LAST_PARTS[0]
@@ -253,11 +249,7 @@ class _Planning:
         note = f"{jumping} jumps into its motion at impact: a limit leaves no room to come up to speed"
         if jumping and note not in self.notes:
             self.notes.append(note)
-        return JointPath(
-            q=np.concatenate([rise.q[:-1], motion.q]),
-            dq=np.concatenate([rise.dq[:-1], motion.dq]),
-            ddq=np.concatenate([rise.ddq[:-1], motion.ddq]),
-        )
+        return _joined(rise, motion)
 
     def choose(
         self,
@@ -343,6 +335,15 @@ class _Planning:
             peak_torque=float(np.abs(total).max()),
             remedy=". ".join(self.remedies),
         )
+
+
+def _joined(rise: JointPath, motion: FingerMotion) -> JointPath:
+    """Approach and grasp phase; the sample at t_I is the grasp phase's."""
+    return JointPath(
+        q=np.concatenate([rise.q[:-1], motion.q]),
+        dq=np.concatenate([rise.dq[:-1], motion.dq]),
+        ddq=np.concatenate([rise.ddq[:-1], motion.ddq]),
+    )
 
 
 def _sample_times(profile: PenetrationProfile, time_step: float) -> tuple[Array, Array]:
