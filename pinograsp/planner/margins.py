@@ -19,13 +19,14 @@ def margins_of(solution: ForceSolution, reaction: Reaction) -> PlanMargins:
     """Margins of the forces and quality of the grasp."""
     problem = solution.problem
     margins = grasp_margins(solution, tolerance=1e-3, reaction=reaction)
-    closure = force_closure(problem.contacts, problem.mu, balance=problem.balance)
+    friction = replace(problem.friction, safety=1.0)
+    closure = force_closure(problem.contacts, problem.mu, friction=friction, balance=problem.balance)
     epsilon = ferrari_canny(
         problem.contacts,
         problem.mu,
         balance=problem.balance,
         tolerance=1e-2,
-        friction=replace(problem.friction, safety=1.0),
+        friction=friction,
         moment_length=problem.moment_length,
     )
     stiffness = grasp_stiffness(problem.contacts, problem.compliance, solution.normal_forces)
