@@ -1,4 +1,4 @@
-"""A hundred plans over friction and mass on all cores, then on a Dask cluster; both can be stopped and go on."""
+"""Thirty-six plans over friction and mass on all cores, then on a Dask cluster; both can be stopped and go on."""
 
 import sys
 
@@ -9,8 +9,8 @@ SWEEP = {
     "case": "paper",
     "set": {"forces.search": "convex", "forces.balance": "wrench", "friction.model": "cone"},
     "over": {
-        "friction.mu": {"from": 0.4, "to": 1.0, "steps": 10},
-        "object.mass": {"from": 0.6, "to": 1.2, "steps": 10},
+        "friction.mu": {"from": 0.4, "to": 1.0, "steps": 6},
+        "object.mass": {"from": 0.6, "to": 1.2, "steps": 6},
     },
 }
 

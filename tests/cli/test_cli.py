@@ -46,6 +46,8 @@ REQUIRED = {
 
 # A plan with few samples and long steps: for what does not depend on them.
 LIGHT = ("--set", "motion.samples=1", "--set", "motion.time_step=0.01")
+NOT_DRAWN = "from matplotlib.figure import Figure; Figure.savefig = lambda figure, path, **_: open(path, 'w').close(); "
+pytestmark = pytest.mark.usefixtures("no_rendering")
 
 
 def write_case(path, **changes):
@@ -83,7 +85,6 @@ def test_plan_paper_as_a_newcomer_types_it(tmp_path):
     assert {"plan.json", "plan.npz", "scene.json", "report.md", "joint_angles.png", "contact_forces.png"} <= names
 
 
-@pytest.mark.usefixtures("no_rendering")
 def test_json_is_one_object_and_nothing_else(command, tmp_path):
     code, out, err = command(
         "plan", "paper", "--json", "--out", "a", "--set", "object.mass=0.9", "--measure", "work", *LIGHT
@@ -101,7 +102,6 @@ def test_json_is_one_object_and_nothing_else(command, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("no_rendering")
 def test_folders_never_collide_and_replacing_one_needs_force(command, tmp_path):
     taken, run = tmp_path / "runs" / "paper", tmp_path / "runs" / "paper-2"
     taken.mkdir(parents=True)
@@ -117,7 +117,6 @@ def test_folders_never_collide_and_replacing_one_needs_force(command, tmp_path):
     assert (run / "plan.json").read_bytes() != before
 
 
-@pytest.mark.usefixtures("no_rendering")
 @pytest.mark.parametrize(
     ("search", "solver"),
     [
@@ -645,9 +644,9 @@ def test_shells_can_complete(command):
 
 
 def start(folder, *args, largest: int | None = None) -> subprocess.Popen:
-    """The command in a process of its own; ``largest``: no file may grow beyond this size [bytes]."""
+    """The command in a process of its own; ``largest``: no file may grow beyond this size [bytes], else none is drawn."""
     limit = (
-        ""
+        NOT_DRAWN
         if largest is None
         else f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({largest}, {largest})); "
     )

@@ -9,6 +9,8 @@ import pytest
 
 BALL = "sphere:radius=0.03,mass=0.2"
 
+pytestmark = pytest.mark.usefixtures("no_rendering")
+
 
 def test_close_says_what_touches_where(command):
     code, out, _ = command("close", "--hand", "allegro_right", "--object", BALL, "--at", "0.08,0,0.07")

@@ -110,6 +110,7 @@ def checked(batch: pg.ForceBatch, objective: str, sample) -> dict:
 
 
 @pytest.mark.parametrize("model", MODELS)
+@pytest.mark.no_cover
 def test_random_problems(model):
     report = checked(random_batch(3000, 1, model), OBJECTIVES[model], range(0, 3000, 30))
     assert report["refused"] == 0 and report["worst"] <= 1e-8, report

@@ -76,6 +76,7 @@ def test_torque_limits_of_a_plan_hold_at_the_end():
     assert effort.forces.work == pytest.approx(free.forces.work, rel=1e-6)  # 2 N m do not bind
 
 
+@pytest.mark.no_cover
 def test_motor_heat_is_least_for_its_own_objective():
     settings = {**CONVEX, "friction.model": "cone"}
     cool = load_case("paper", {**settings, "forces.objective": "motor_heat"}).plan()
@@ -113,6 +114,7 @@ def test_infeasible_plan_says_why(hand, make_problem):
     assert caught.value.solution.infeasibility.margin > 0
 
 
+@pytest.mark.usefixtures("no_rendering")
 def test_command_finds_the_certified_optimum(command, tmp_path):
     code, out, err = command(
         "plan", "paper", "--search", "convex", "--set", "friction.safety=1", "--measure", "work", "--json"
@@ -126,6 +128,7 @@ def test_command_finds_the_certified_optimum(command, tmp_path):
     assert "certified optimum, wrench balance: impulse" in (folder / "report.md").read_text()
 
 
+@pytest.mark.usefixtures("no_rendering")
 def test_command_keeps_the_proof(command, tmp_path):
     changes = ("--set", "friction.mu=0.2", "--set", "friction.safety=1")
     code, out, err = command("plan", "paper", "--search", "convex", *changes, "--out", "why")
@@ -172,6 +175,7 @@ def test_decelerations_and_caps_of_a_case():
         load_case("paper", {"limits.deceleration": {"sampled": [1, -1]}}).make_problem(load_case("paper").load_hand())
 
 
+@pytest.mark.no_cover
 def test_readme_python_runs(tmp_path, monkeypatch, capsys):
     text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)

@@ -285,6 +285,7 @@ def test_motors_at_their_limits_and_a_heavier_object_go_alike(case_study):
         ("panda", "box:size=0.03x0.03x0.08,mass=0.1", 0.01),  # coupled jaws, flat on flat
     ],
 )
+@pytest.mark.no_cover
 def test_catalogue_hands_hold_as_in_mujoco(hand, thing, force):
     agree(catalogue(hand, thing), force, 3e-5, hold=0.3, time_step=5e-4)
 

@@ -90,6 +90,7 @@ def test_dropped_at_once_it_still_holds(plan):
     assert simulate(plan, letting_go=0.0).verdict.held
 
 
+@pytest.mark.no_cover
 def test_forces_alone_in_balance_let_the_object_turn(case, held):
     forces_only = pg.load_case("paper", SURFACE | {"forces.balance": "force"}).plan()
     verdict = simulate(forces_only).verdict
@@ -119,6 +120,7 @@ def test_prescribed_joints_press_with_the_planned_forces(plan):
     assert np.abs(simulation.torques[early] - wanted)[5:].max() < 2e-4
 
 
+@pytest.mark.no_cover
 def test_meshes_press_as_deep_as_planned():
     """Hulls of a real hand, by another collision library."""
     hand = pg.load_hand("hey5", hulls=True)
@@ -167,6 +169,7 @@ def test_what_is_little_is_borne(plan, wrong):
     assert simulate(plan, disturbance=wrong, hold=0.5, time_step=5e-4).verdict.held
 
 
+@pytest.mark.no_cover
 def test_a_heavier_object_sinks_further(plan, held):
     heavier = simulate(plan, disturbance=Disturbance(mass_factor=1.05))
     assert heavier.verdict.drift > held.verdict.drift
@@ -194,6 +197,7 @@ def test_normal_force_is_equation_4():
     assert law.press(one_touch(2e-3, [0.0, 0, -1e4]), 1e-4).normal[0] == 0.0  # it does not pull
 
 
+@pytest.mark.no_cover
 def test_friction_sticks_then_slips_and_says_where_the_energy_goes():
     law, dt = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [1]), 1e-5
     normal, forces = 5e4 * 2e-3**1.5, []
@@ -278,6 +282,7 @@ def test_mujoco_has_the_same_hand(name):
     assert data.ncon == 0 or not data.efc_force.any()
 
 
+@pytest.mark.no_cover
 def test_coupled_joints_stay_coupled_and_energy_is_kept():
     hand = pg.load_hand("psyonic_left", hulls=True)
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.3))

@@ -17,6 +17,8 @@ from pinograsp.referee.pinocchio_engine import PinocchioEngine
 
 ENGINES = pytest.mark.parametrize("kind", [MujocoEngine, PinocchioEngine])
 RADIUS = 0.01
+# Of coal's depths [m]: of convex pairs too they come to within about the tolerance of its iteration, 1 um, of the width.
+ACCURACY = {"box": 1e-9, "hull": 1e-9, "cylinder": 5e-6}
 # Outlines, counter-clockwise, and their triangles: a channel 24 mm wide and 36 mm deep with walls of 8 mm, and a
 # corner of two walls as thick.
 CHANNEL = 1e-3 * np.array([[0, 0], [40, 0], [40, 44], [32, 44], [32, 8], [8, 8], [8, 44], [0, 44]])
@@ -99,6 +101,7 @@ def test_depths_do_not_jump_where_a_ball_rolls_along_the_facets_of_a_hollow():
 
 
 @pytest.mark.parametrize("shape", sorted(SHAPES))
+@pytest.mark.no_cover
 def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(shape):
     """A bar with a short arm at its far end, against the box that the bar is: flat areas, edges and corners."""
     arm = 1e-3 * np.array([[0, 0], [200, 0], [200, 60], [190, 60], [190, 40], [0, 40]])
@@ -117,9 +120,10 @@ def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(shape):
         q, way = np.zeros(1), R @ np.array([1.0, -0.5, -0.5])
         for _ in range(400):  # until clear, then back in
             theirs.place(q, q, pose(R, at))
-            if not theirs.touches().part.size:
+            inside = theirs.touches().depth
+            if not inside.size:
                 break
-            at = at + 2e-4 * way
+            at = at + max(2e-4, 0.5 * inside.max()) * way
         else:
             continue
         for back in (1e-4, 2e-4, 3e-4):
@@ -132,8 +136,8 @@ def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(shape):
                 continue
             compared += 1
             i, k = mine.depth.argmax(), other.depth.argmax()
-            # Of convex objects coal's depths are within 1 um, areas within half a percent of the depth.
-            within = 1e-6 + 5e-3 * other.depth.max() * (mine.part.size > 1 or other.part.size > 1)
+            # Areas are within half a percent of the depth.
+            within = ACCURACY.get(shape, 1e-6) + 5e-3 * other.depth.max() * (mine.part.size > 1 or other.part.size > 1)
             assert mine.depth.max() < other.depth.max() + within
             if shape in ("ellipsoid", "sphere"):
                 assert mine.depth.max() == pytest.approx(other.depth.max(), abs=within)
@@ -143,7 +147,7 @@ def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(shape):
                     n @ CENTRE + width(SHAPES[shape], n) - n @ other_at + np.abs(R.T @ n) @ [0.1, 0.02, 0.03]
                     for n in (mine.normal_o[i], other.normal_o[k])
                 ]
-                assert mine.depth[0] == pytest.approx(widths[0], abs=1e-6 if shape == "cylinder" else 1e-7)
+                assert mine.depth[0] == pytest.approx(widths[0], abs=ACCURACY.get(shape, 1e-6))
                 assert mine.depth[0] < widths[1] + within
             # On a face, not an edge. Which corners of a round face stand for it hangs on rounding.
             if shape != "cylinder" and np.abs(R.T @ other.normal_o[k]).max() > 0.9999:
@@ -153,6 +157,7 @@ def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(shape):
 
 
 @ENGINES
+@pytest.mark.no_cover
 def test_a_beaker_too_wide_for_the_jaws_is_held_by_its_wall(kind):
     """One jaw inside, one outside; in the hull there is no inside."""
     beaker = trimesh.creation.annulus(r_min=0.052, r_max=0.06, height=0.06, sections=48)
