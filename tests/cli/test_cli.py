@@ -667,26 +667,32 @@ def test_folders_that_cannot_be_used_are_told_before_the_work(command, tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.fixture
+def light(tmp_path_factory):
+    """A case that is soon planned."""
+    return str(write_case(tmp_path_factory.mktemp("light") / "case.yaml", motion__samples=1, motion__time_step=0.01))
+
+
 @pytest.mark.slow
-def test_two_plans_at_once_keep_both_answers_or_one_is_refused(tmp_path):
-    same = [start(tmp_path, "plan", "paper", *LIGHT, "--out", "x", "--json") for _ in range(2)]
+def test_two_plans_at_once_keep_both_answers_or_one_is_refused(tmp_path, light):
+    same = [start(tmp_path, "plan", light, "--out", "x", "--json") for _ in range(2)]
     codes = [(one.communicate()[1], one.returncode)[1] for one in same]
     assert sorted(codes) == [0, 2] and os.listdir(tmp_path) == ["x"]
-    named = [start(tmp_path, "plan", "paper", *LIGHT, "--json") for _ in range(2)]
+    named = [start(tmp_path, "plan", light, "--json") for _ in range(2)]
     told = {json.loads(one.communicate()[0])["folder"] for one in named}
     assert told == {os.path.join("runs", "paper"), os.path.join("runs", "paper-2")}
 
 
 @pytest.mark.slow
-def test_on_a_full_disk_every_command_tells_it_and_leaves_nothing_half_written(tmp_path):
-    assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "x").wait() == 0
+def test_on_a_full_disk_every_command_tells_it_and_leaves_nothing_half_written(tmp_path, light):
+    assert start(tmp_path, "plan", light, "--out", "x").wait() == 0
     before = sorted((path.relative_to(tmp_path), path.stat().st_mtime_ns) for path in (tmp_path / "x").rglob("*"))
     (tmp_path / "s.yaml").write_text(
         "case: paper\nset: {motion.samples: 1, motion.time_step: 0.01}\nover: {object.mass: [0.5, 1.0]}\n"
     )
     for args, largest in (
-        (("plan", "paper", *LIGHT, "--out", "x", "--force"), 10_000),
-        (("plan", "paper", *LIGHT, "--out", "y"), 10_000),
+        (("plan", light, "--out", "x", "--force"), 10_000),
+        (("plan", light, "--out", "y"), 10_000),
         (("report", "x"), 10_000),
         (("view", "x", "--html", "page.html"), 10_000),
         (("sweep", "s.yaml", "--out", "z", "--jobs", "1"), 2_000),
@@ -705,20 +711,20 @@ def test_on_a_full_disk_every_command_tells_it_and_leaves_nothing_half_written(t
         and not (tmp_path / "x" / "check").exists()
         and not (tmp_path / "page.html").exists()
     )
-    assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "x", "--force").wait() == 0
+    assert start(tmp_path, "plan", light, "--out", "x", "--force").wait() == 0
     assert start(tmp_path, "sweep", "s.yaml", "--out", "z", "--jobs", "1").wait() == 0
 
 
 @pytest.mark.slow
-def test_killed_a_hundred_times_an_old_or_a_new_run_is_there(tmp_path, often):
+def test_killed_a_hundred_times_an_old_or_a_new_run_is_there(tmp_path, light, often):
     """Half of the kills fall anywhere, half from the moment on when the first files are written."""
     rng = random.Random(1)
     began = time.monotonic()
-    assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "run", "--set", "object.mass=0.5").wait() == 0
+    assert start(tmp_path, "plan", light, "--out", "run", "--set", "object.mass=0.5").wait() == 0
     whole, current = time.monotonic() - began, 0.5
     for kill in range(often(100)):
         mass = round(0.3 + 0.004 * kill, 4)
-        process = start(tmp_path, "plan", "paper", *LIGHT, "--out", "run", "--force", "--set", f"object.mass={mass}")
+        process = start(tmp_path, "plan", light, "--out", "run", "--force", "--set", f"object.mass={mass}")
         if rng.random() < 0.5:
             time.sleep(rng.uniform(0, whole))
         else:
@@ -732,5 +738,5 @@ def test_killed_a_hundred_times_an_old_or_a_new_run_is_there(tmp_path, often):
         listed = (tmp_path / "run" / "files.txt").read_text().splitlines()[1:]
         assert sorted([*listed, "files.txt"]) == sorted(os.listdir(tmp_path / "run"))
         current = found
-    assert start(tmp_path, "plan", "paper", *LIGHT, "--out", "run", "--force").wait() == 0
+    assert start(tmp_path, "plan", light, "--out", "run", "--force").wait() == 0
     assert os.listdir(tmp_path) == ["run"]
