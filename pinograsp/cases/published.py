@@ -175,7 +175,7 @@ def _optima(problem: ForceProblem, grid: GridSpec, solver: str) -> list[Comparis
                 ),
             ]
     paper = grid_search(replace(problem, balance="force"), grid, search="paper", solver=solver, progress=False)
-    if paper.found and paper.grid is not None:
+    if paper.found:
         rows.append(
             ComparisonRow(
                 quantity="the paper's grid search: net force",

@@ -34,7 +34,14 @@ from pinograsp.forces.robust import optimize_robust
 from pinograsp.forces.robust_forces import Reaction, RobustForces
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
-from pinograsp.forces.solution import Branch, ForceSolution, GridLog
+from pinograsp.forces.solution import (
+    Branch,
+    ConvexSolution,
+    ForceSolution,
+    GlobalSolution,
+    GridLog,
+    GridSolution,
+)
 from pinograsp.forces.solver import ForceSolver
 from pinograsp.forces.solvers import SOLVERS
 
@@ -49,15 +56,18 @@ __all__ = [
     "BetterContacts",
     "Branch",
     "Certificate",
+    "ConvexSolution",
     "Diagnosis",
     "ForceBatch",
     "ForceClosure",
     "ForceProblem",
     "ForceSolution",
     "ForceSolver",
+    "GlobalSolution",
     "GraspConditions",
     "GraspMargins",
     "GridLog",
+    "GridSolution",
     "GridSpec",
     "Infeasibility",
     "LoadSet",

@@ -24,7 +24,7 @@ from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, energy_terms_at, weights_of
-from pinograsp.forces.solution import Branch, ForceSolution, solution_of
+from pinograsp.forces.solution import Branch, GlobalSolution, solution_of
 
 _NARROWEST = 1e-10  # [s]: on narrower intervals of t_I the bounds differ by less than the certificates' accuracy
 # Largest number of intervals that are split, and of relaxations that no solver decides: at the limit of feasibility
@@ -39,7 +39,7 @@ def optimize_grasp(
     backend: str = "auto",
     gap: float = 1e-6,
     progress: bool | None = None,
-) -> ForceSolution:
+) -> GlobalSolution:
     """The globally least-cost forces over all impact times of ``problem.impact_time_range`` and all decelerations.
 
     Args:
@@ -173,7 +173,7 @@ class _Search:
         else:
             heapq.heappush(self.open, (bound, len(self.log), a, b))
 
-    def solution(self, gap: float, interrupted: bool, started: float) -> ForceSolution:
+    def solution(self, gap: float, interrupted: bool, started: float) -> GlobalSolution:
         if self.best is None:
             undecided = Status.INACCURATE if self.unresolved or self.open else Status.INFEASIBLE
             outcome = Outcome(
@@ -186,11 +186,5 @@ class _Search:
             status = Status.INTERRUPTED if interrupted else Status.OK if closed else Status.INACCURATE
             forces = replace(self.best, certificate=certificate)
             outcome = Outcome(status=status, backend=self.best_backend, forces=forces)
-        return solution_of(
-            self.problem,
-            outcome,
-            impact_time=self.best_time,
-            weights=self.weights,
-            started=started,
-            branches=tuple(self.log),
-        )
+        found = solution_of(self.problem, outcome, impact_time=self.best_time, weights=self.weights, started=started)
+        return GlobalSolution(**vars(found), branches=tuple(self.log))

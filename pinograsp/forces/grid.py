@@ -16,7 +16,7 @@ from tqdm import tqdm
 from pinograsp.checks import array_of, brief, frozen, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import BY_ACCELERATION, BY_DEPTH, BY_SPEED, ForceProblem
-from pinograsp.forces.solution import ForceSolution, GridLog
+from pinograsp.forces.solution import GridLog, GridSolution
 from pinograsp.spatial import Array, IntArray
 
 BY_TIME = "impact time range (Eq. 14)"
@@ -163,7 +163,7 @@ def bar(total: int, what: str, progress: bool | None) -> tqdm:
     )
 
 
-def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None = None) -> ForceSolution:
+def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None = None) -> GridSolution:
     """Every point of the grid, one after the other: the oracle of the pruned search and the benchmark's baseline.
 
     Vectorised over blocks, so memory stays bounded; time grows with ``grid.points``. Ctrl-C returns the best so far.
@@ -272,14 +272,14 @@ def grid_solution(
     log: GridLog,
     started: float,
     backend: str = "",
-) -> ForceSolution:
+) -> GridSolution:
     """The record of a finished search."""
     if cell is None:
         impact_time, forces = None, np.zeros((0, 3))
     else:
         impact_time = cell.table.impact_time
         forces = problem.forces(cell.table.normal_force[cell.indices], cell.multipliers)
-    return ForceSolution(
+    return GridSolution(
         status=status,
         problem=problem,
         search=search,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from time import perf_counter
 
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solution import ConvexSolution
 from pinograsp.forces.solver import ForceSolver
 from pinograsp.forces.solvers import compiled_solvers
 
@@ -18,7 +18,7 @@ def optimize_forces(
     *,
     objective: str | Mapping[str, float] | None = None,
     backend: str = "auto",
-) -> ForceSolution:
+) -> ConvexSolution:
     """The contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
 
     For several loads use :class:`~pinograsp.forces.ForceSolver`, which prepares once. Balance, friction model and

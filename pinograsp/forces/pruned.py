@@ -27,7 +27,7 @@ from pinograsp.forces.grid import Cell, GridSpec, TimeTable, grid_solution, opti
 from pinograsp.forces.lattice import first_on_lattice
 from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solution import GridSolution
 from pinograsp.forces.solvers import SOLVERS
 from pinograsp.spatial import Array, IntArray
 
@@ -39,7 +39,7 @@ _NEVER = np.iinfo(np.int64).max
 
 def pruned_search(
     problem: ForceProblem, grid: GridSpec, *, solver: str = "daqp", progress: bool | None = None
-) -> ForceSolution:
+) -> GridSolution:
     """The paper's grid search with the same optimum as :func:`~pinograsp.forces.grid.brute_force`, ties included.
 
     A cell that no continuous multipliers balance within ``grid.residual_limit`` is rejected; in the others the
@@ -61,7 +61,7 @@ def pruned_search(
 
 def hybrid_search(
     problem: ForceProblem, grid: GridSpec, *, solver: str = "daqp", progress: bool | None = None
-) -> ForceSolution:
+) -> GridSolution:
     """Grid over (t_I, A) only, the QP over the multipliers deciding each cell: the first balanced cell is optimal."""
 
     def accept(table: TimeTable, cell: IntArray, refined: MultiplierSolution) -> Array | None:
@@ -215,7 +215,7 @@ def _search(
     name: str,
     solver: str,
     progress: bool | None,
-) -> ForceSolution:
+) -> GridSolution:
     """``limit``: largest norm of the residual that counts as balance [N]; None: the certificates' tolerance."""
     started = time.perf_counter()
     one_of("solver", solver, SOLVERS)

@@ -18,7 +18,7 @@ from pinograsp.forces.certificate import Certificate, Infeasibility
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import feasibility
-from pinograsp.forces.solution import ForceSolution, solution_of
+from pinograsp.forces.solution import ConvexSolution, solution_of
 from pinograsp.spatial import Array
 
 Reaction = Literal["friction", "elastic"]
@@ -67,7 +67,7 @@ class RobustForces:
 
     __repr__ = brief()
 
-    def under(self, load: ArrayLike | None = None) -> ForceSolution:
+    def under(self, load: ArrayLike | None = None) -> ConvexSolution:
         """The forces under one load of the set (6,) [N, N m]: the contacts' reaction to it with the common squeeze.
 
         The reaction is a weighted mean of the reactions to the set's loads, plus the response to the rest. Default: the

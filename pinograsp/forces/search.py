@@ -11,7 +11,7 @@ from pinograsp.forces.grid import GridSpec, brute_force
 from pinograsp.forces.multipliers import refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.pruned import hybrid_search, pruned_search
-from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solution import GridSolution
 from pinograsp.forces.solvers import SOLVERS
 
 SEARCHES = ("hybrid", "paper", "paper+qp")
@@ -26,7 +26,7 @@ def grid_search(
     method: str = "pruned",
     solver: str = "daqp",
     progress: bool | None = None,
-) -> ForceSolution:
+) -> GridSolution:
     """Least-energy contact forces on a grid.
 
     Args:
@@ -69,19 +69,17 @@ def grid_search(
     return refined(found, solver) if search == "paper+qp" and found.found else found
 
 
-def refined(solution: ForceSolution, solver: str = "daqp") -> ForceSolution:
+def refined(solution: GridSolution, solver: str = "daqp") -> GridSolution:
     """``solution`` with its multipliers replaced by the QP's; status ``UNBALANCED`` where its F_n admit no balance."""
     started = time.perf_counter()
     refinement = refine_multipliers(solution.problem, solution.normal_forces, solver=solver)
-    log = solution.grid
-    if log is not None:
-        log = replace(log, residual_bound=refinement.certificate.lower_bound, qp_solves=log.qp_solves + 1)
+    bound, solves = refinement.certificate.lower_bound, solution.grid.qp_solves + 1
     return replace(
         solution,
         status=refinement.status if solution.status is Status.OK else solution.status,
         search="paper+qp",
         backend=solver,
         forces_c=refinement.forces_c,
-        grid=log,
+        grid=replace(solution.grid, residual_bound=bound, qp_solves=solves),
         elapsed=solution.elapsed + time.perf_counter() - started,
     )

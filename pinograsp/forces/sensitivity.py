@@ -28,7 +28,7 @@ from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import assemble, energy_terms_at
-from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solution import ConvexSolution
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, skew, tangent_frame
 
@@ -81,13 +81,13 @@ class Sensitivity:
     __repr__ = brief()
 
 
-def force_sensitivity(solution: ForceSolution) -> Sensitivity:
+def force_sensitivity(solution: ConvexSolution) -> Sensitivity:
     """Derivatives of an answer of :func:`optimize_forces`, at constant moment length.
 
     Raises:
         InvalidInput: no certified optimum; torque limits, pyramids of more than 4 edges, or the objective ``peak``.
     """
-    instance_of("solution", solution, ForceSolution)
+    instance_of("solution", solution, ConvexSolution)
     problem, friction = solution.problem, solution.problem.friction
     if solution.status is not Status.OK or not solution.weights or solution.impact_time is None:
         raise InvalidInput(
@@ -189,7 +189,7 @@ class _Optimum:
         unique: whether the system is regular and the active limits are certain.
     """
 
-    def __init__(self, solution: ForceSolution, impact_time: float):
+    def __init__(self, solution: ConvexSolution, impact_time: float):
         problem = solution.problem
         self.friction, k, d = problem.friction, problem.k, problem.friction.d
         terms = energy_terms_at(problem, solution.weights, impact_time)
@@ -333,7 +333,7 @@ class BetterContacts:
 
     contacts: ContactSet
     problem: ForceProblem
-    solution: ForceSolution
+    solution: ConvexSolution
     costs: tuple[float, ...]
 
     __repr__ = brief()
@@ -401,7 +401,7 @@ def optimize_contacts(
     return BetterContacts(contacts=known.contacts, problem=known, solution=solution, costs=tuple(costs))
 
 
-def _cost(solution: ForceSolution) -> float:
+def _cost(solution: ConvexSolution) -> float:
     """The certified cost; infinite where there is none."""
     certificate = solution.certificate
     return float("inf") if certificate is None or solution.status is not Status.OK else certificate.objective

@@ -1,4 +1,4 @@
-"""The record that every force search returns."""
+"""The records that force searches return: forces, and what the search knows of them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class GridLog:
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
 class ForceSolution:
-    """Optimal contact forces, or why there are none.
+    """Contact forces that a search found, or none.
 
     Attributes:
         status: ``OK``, ``INFEASIBLE`` (no admissible forces, or no point of the grid), ``INACCURATE`` or
@@ -74,11 +74,6 @@ class ForceSolution:
         forces_c: contact forces (k, 3) [N], empty without a solution.
         elapsed: computing time [s].
         torsion: moments about the contact normals (k,) [N m] (soft fingers), zeros otherwise.
-        weights: objective of a convex search, ``{name: weight}``.
-        certificate: proof of optimality of a convex search.
-        infeasibility: proof of a convex search that there are no forces.
-        grid: log of a grid search, None for a convex one.
-        branches: log of a global search over t_I: one row per interval.
     """
 
     status: Status
@@ -89,11 +84,6 @@ class ForceSolution:
     forces_c: Array
     elapsed: float
     torsion: Array = field(default_factory=lambda: read_only(np.zeros(0)))
-    weights: dict[str, float] = field(default_factory=dict)
-    certificate: Certificate | None = None
-    infeasibility: Infeasibility | None = None
-    grid: GridLog | None = None
-    branches: tuple[Branch, ...] = ()
 
     __repr__ = brief("status", "search", "backend", "impact_time", "normal_forces", "residual", "elapsed")
 
@@ -125,11 +115,7 @@ class ForceSolution:
     @property
     def residual(self) -> Array:
         """Net wrench of forces and load (6,) [N, N m]; without forces the least that was seen."""
-        if self.found:
-            return frozen(self.problem.residual(self.forces_c, self.torsion))
-        if self.infeasibility is not None:
-            return self.infeasibility.residual
-        return self.problem.load if self.grid is None else self.grid.closest
+        return frozen(self.problem.residual(self.forces_c, self.torsion)) if self.found else self._closest_residual()
 
     @property
     def duration(self) -> float:
@@ -159,10 +145,14 @@ class ForceSolution:
     def _found_time(self) -> float:
         if self.impact_time is None:
             raise InvalidInput(
-                "this search found no forces, so there is neither an impact time nor a grasp phase; see explain() or "
-                "infeasibility"
+                "this search found no forces, so there is neither an impact time nor a grasp phase; see explain() of a "
+                "grid search, infeasibility of a convex one"
             )
         return self.impact_time
+
+    def _closest_residual(self) -> Array:
+        """The least residual that was seen without forces (6,) [N, N m]."""
+        return self.problem.load
 
     @property
     def residual_force(self) -> float:
@@ -179,10 +169,54 @@ class ForceSolution:
         """Norm of the residual in the balance rows, moments over the moment length [N]."""
         return self.problem.scaled_norm(self.residual)
 
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConvexSolution(ForceSolution):
+    """Optimal contact forces with their certificate, or a proof that there are none.
+
+    Attributes:
+        weights: the objective, ``{name: weight}``.
+        certificate: proof of optimality, None without forces.
+        infeasibility: proof that there are no forces, None with them and where none was found.
+    """
+
+    weights: dict[str, float] = field(default_factory=dict)
+    certificate: Certificate | None = None
+    infeasibility: Infeasibility | None = None
+
+    __repr__ = ForceSolution.__repr__
+
+    def _closest_residual(self) -> Array:
+        return self.problem.load if self.infeasibility is None else self.infeasibility.residual
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GlobalSolution(ConvexSolution):
+    """Optimal contact forces over all impact times.
+
+    Attributes:
+        branches: log of the search over t_I: one row per interval.
+    """
+
+    branches: tuple[Branch, ...] = ()
+
+    __repr__ = ForceSolution.__repr__
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GridSolution(ForceSolution):
+    """The best contact forces of a grid.
+
+    Attributes:
+        grid: counts and bounds of the search.
+    """
+
+    grid: GridLog
+
+    __repr__ = ForceSolution.__repr__
+
     def explain(self) -> str:
-        """How many cells of the grid each constraint rejected, in words; empty without a grid."""
-        if self.grid is None:
-            return ""
+        """How many cells of the grid each constraint rejected, in words."""
         lines = [f"{self.grid.points:.3g} grid points, {self.grid.cells} cells in (t_I, A)"]
         lines += [f"  {count} rejected by {reason}" for reason, count in self.grid.rejections.items() if count]
         if not self.found and self.grid.qp_solves:
@@ -200,6 +234,9 @@ class ForceSolution:
             text += f", and {np.linalg.norm(moment):.3g} N m, along {np.round(moment, 5).tolist()} N m"
         return text
 
+    def _closest_residual(self) -> Array:
+        return self.grid.closest
+
 
 def solution_of(
     problem: ForceProblem,
@@ -209,11 +246,10 @@ def solution_of(
     weights: dict[str, float],
     started: float,
     status: Status | None = None,
-    branches: tuple[Branch, ...] = (),
-) -> ForceSolution:
+) -> ConvexSolution:
     """The record of a convex outcome; ``status``: where it differs from the outcome's; ``started``: perf_counter()."""
     found = outcome.forces
-    return ForceSolution(
+    return ConvexSolution(
         status=outcome.status if status is None else status,
         problem=problem,
         search="convex",
@@ -224,6 +260,5 @@ def solution_of(
         torsion=frozen(np.zeros(0)) if found is None else found.torsion,
         certificate=None if found is None else found.certificate,
         infeasibility=outcome.infeasibility,
-        branches=branches,
         elapsed=time.perf_counter() - started,
     )

@@ -13,7 +13,7 @@ from pinograsp.forces.backends import BACKENDS, COMPILED, Backends
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import assemble, energy_terms_at, weights_of
-from pinograsp.forces.solution import ForceSolution, solution_of
+from pinograsp.forces.solution import ConvexSolution, solution_of
 from pinograsp.forces.solvers import compiled_solvers
 
 
@@ -67,7 +67,7 @@ class ForceSolver:
 
             self._compiled = Prepared(problem, self._backends.template, method, self.impact_time, self._terms)
 
-    def solve(self, load: ArrayLike | None = None) -> ForceSolution:
+    def solve(self, load: ArrayLike | None = None) -> ConvexSolution:
         """The forces for a load (6,), linear first, about the centre of mass, world axes [N, N m].
 
         Args:
@@ -86,7 +86,7 @@ class ForceSolver:
             found = self._compiled.forces(problem.load)
             if found is not None:
                 return record_of(
-                    ForceSolution,
+                    ConvexSolution,
                     {
                         "status": Status.OK,
                         "problem": problem,

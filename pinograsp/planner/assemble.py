@@ -11,7 +11,7 @@ import numpy as np
 from pinograsp.checks import instance_of, read_only
 from pinograsp.contacts import PALM, Closure
 from pinograsp.errors import InvalidInput, SearchFailed
-from pinograsp.forces import ForceSolution, Reserve, RobustForces
+from pinograsp.forces import ConvexSolution, ForceSolution, GlobalSolution, GridSolution, Reserve, RobustForces
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.plan import (
@@ -108,10 +108,11 @@ def reserve_of(reserve: Reserve, squeeze: RobustForces, tried: int) -> PlanReser
 
 
 def _forces(solution: ForceSolution, motion: Motion) -> PlanForces:
-    problem, profile, grid = solution.problem, solution.profile, solution.grid
+    problem, profile = solution.problem, solution.profile
     depths, rates = profile.depth(motion.times), profile.rate(motion.times)
     kept = None
-    if grid is not None:
+    if isinstance(solution, GridSolution):
+        grid = solution.grid
         kept = PlanGrid(
             points=grid.points, cells=grid.cells, rejections=dict(grid.rejections), qp_solves=grid.qp_solves
         )
@@ -138,10 +139,11 @@ def _forces(solution: ForceSolution, motion: Motion) -> PlanForces:
 
 
 def _certificate(solution: ForceSolution) -> PlanCertificate | None:
-    certificate = solution.certificate
-    if certificate is None:
+    if not isinstance(solution, ConvexSolution) or solution.certificate is None:
         return None
-    rows = [(one.start, one.end, one.lower_bound, one.best) for one in solution.branches]
+    certificate = solution.certificate
+    branches = solution.branches if isinstance(solution, GlobalSolution) else ()
+    rows = [(one.start, one.end, one.lower_bound, one.best) for one in branches]
     return PlanCertificate(
         weights=dict(solution.weights),
         objective=certificate.objective,
@@ -214,7 +216,7 @@ def _on_edge(body: Body, point_o: np.ndarray) -> bool:
 def failure_of(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> PlanFailure:
     """The record of a search that found no forces, for a hand of that name."""
     solution, proof = error.solution, None
-    if solution.infeasibility is not None:
+    if isinstance(solution, ConvexSolution) and solution.infeasibility is not None:
         found = solution.infeasibility
         proof = Proof(
             margin=found.margin,

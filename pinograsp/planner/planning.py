@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -13,9 +13,11 @@ from pinograsp.checks import instance_of, one_of
 from pinograsp.contacts import Closure, ContactSet, close_hand
 from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchInterrupted, Status
 from pinograsp.forces import (
+    ConvexSolution,
     ForceProblem,
     ForceSolution,
     GraspConditions,
+    GridSolution,
     GridSpec,
     Reserve,
     RobustForces,
@@ -209,6 +211,7 @@ def _planned(
     return assembled(hand, forces, motion, elapsed={**elapsed, **spent}, closure=closure, reserve=kept, notes=notes)
 
 
+_Solution = TypeVar("_Solution", bound=ForceSolution)
 Stages = tuple[ForceSolution, Motion, dict[str, float]]
 
 
@@ -320,9 +323,9 @@ def _refuse_no_squeeze(squeeze: RobustForces, problem: ForceProblem, reserve: Re
     raise GraspInfeasible(f"no grasp holds the object with its reserve (proven at every impact time)\n{why}", none)
 
 
-def _no_forces(squeeze: RobustForces) -> ForceSolution:
+def _no_forces(squeeze: RobustForces) -> ConvexSolution:
     """The record of a squeeze that was not found."""
-    return ForceSolution(
+    return ConvexSolution(
         status=squeeze.status,
         problem=squeeze.problem,
         search="robust",
@@ -345,7 +348,7 @@ def _not_made(hand: HandModel, contacts: ContactSet, together: PressingTogether)
     )
 
 
-def _refuse_failure(forces: ForceSolution, why: Callable[[ForceSolution], str]) -> None:
+def _refuse_failure(forces: _Solution, why: Callable[[_Solution], str]) -> None:
     """Raise what came of a search without forces; ``why``: what it has to say for itself."""
     if forces.found and forces.status is not Status.INACCURATE:
         return
@@ -355,7 +358,7 @@ def _refuse_failure(forces: ForceSolution, why: Callable[[ForceSolution], str]) 
     raise kind(f"no grasp found, though none is ruled out ({forces.status}). {forces.status.remedy}", forces)
 
 
-def _rejections(forces: ForceSolution) -> str:
+def _rejections(forces: GridSolution) -> str:
     return f"no grasp found ({forces.status}). {forces.status.remedy}\n{forces.explain()}"
 
 

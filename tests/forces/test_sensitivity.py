@@ -173,7 +173,7 @@ def test_what_has_no_derivative_is_refused():
                 pg.GridSpec(accelerations=[0.1, 0.5]),
                 progress=False,
             ),
-            "certified",
+            "expected a ConvexSolution, got GridSolution",
         ),
     ):
         with pytest.raises(InvalidInput, match=message):
