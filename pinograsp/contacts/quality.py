@@ -21,13 +21,16 @@ from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.contacts.friction import LARGEST_MU, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
-from pinograsp.spatial import Array
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array, BoolArray
 
 Norm = Literal["L1", "Linf"]
 NORMS: tuple[Norm, ...] = get_args(Norm)
 Balance = Literal["wrench", "force"]
 BALANCES: tuple[Balance, ...] = get_args(Balance)
 _SupportPoint: TypeAlias = Callable[[Array], Array]
+# Edges: points so near [m], so many of them, and the turns of normals [rad] that count as an edge and as the same.
+_NEARBY, _AROUND, _TURNED, _SAME = 1e-3, 12, np.radians(25.0), np.radians(10.0)
 # Singular values below this share of the largest count as zero.
 _FLAT = 1e-12
 _STIFF = 1e50  # [N/m]: products of larger numbers may overflow
@@ -280,6 +283,24 @@ def manipulability(jacobians: ArrayLike) -> Manipulability:
 
 
 # -- the contacts' cones ------------------------------------------------------------------------------------------
+
+
+def on_edges(body: Body, contacts: ContactSet) -> BoolArray:
+    """Which contacts (k,) lie on an edge, a rim or a corner of the object: a small error turns their normals.
+
+    Where the surface turns by more than 25 deg within 1 mm of the point. Points of a link that faces the object flat,
+    with another point of the same normal, are not: its area decides, not its corners.
+    """
+    instance_of("body", body, Body)
+    points, normals = np.array([contact.point_o for contact in contacts]), contacts.rotations_oc[:, :, 2]
+    turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
+    circle = _NEARBY * np.column_stack([np.cos(turn), np.sin(turn)])
+    around = points[:, None] + np.einsum("kij,aj->kai", contacts.rotations_oc[:, :, :2], circle)
+    seen = body.project(around.reshape(-1, 3))[1].reshape(len(points), _AROUND, 3)
+    turned = np.einsum("kai,ki->ka", seen, normals).min(axis=1) < np.cos(_TURNED)
+    links = np.array([contact.link for contact in contacts])
+    flat = (links[:, None] == links) & (normals @ normals.T > np.cos(_SAME))
+    return np.asarray(turned & (flat.sum(axis=1) == 1))
 
 
 def _rows(balance: Balance) -> int:

@@ -10,7 +10,8 @@ import numpy as np
 
 from pinograsp.checks import instance_of, read_only
 from pinograsp.contacts import PALM, Closure
-from pinograsp.errors import InvalidInput, SearchFailed
+from pinograsp.contacts.quality import on_edges
+from pinograsp.errors import SearchFailed
 from pinograsp.forces import ConvexSolution, ForceSolution, GlobalSolution, GridSolution, Reserve, RobustForces
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -179,12 +180,10 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple
         if slip > _SLIDES
     ]
     if problem.object is not None:
-        links = [contact.link for contact in contacts]
         cautions += [
             f"{name} touches an edge of the object, where the normal is not defined: a small error turns it"
-            for name, contact in zip(contacts.names, contacts)
-            # The corners of a flat area may lie on an edge; a single point there has no normal of its own.
-            if links.count(contact.link) == 1 and _on_edge(problem.object, contact.point_o)
+            for name, on_edge in zip(contacts.names, on_edges(problem.object, contacts))
+            if on_edge
         ]
     return (*cautions, *_near_limits(hand, solution, motion))
 
@@ -203,14 +202,6 @@ def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion) -> It
     for name, force in zip(problem.contacts.names, solution.normal_forces):
         if force < least * (1 - _ROUNDING):
             yield f"{name} hardly presses, with {force:.2g} N: less than {100 * share:g} % of the weight"
-
-
-def _on_edge(body: Body, point_o: np.ndarray) -> bool:
-    try:
-        body.curvature(point_o[None])
-    except InvalidInput:
-        return True
-    return False
 
 
 def failure_of(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> PlanFailure:

@@ -12,7 +12,7 @@ from pinograsp.contacts import (
     Closure,
     ContactSet,
 )
-from pinograsp.contacts.quality import ferrari_canny
+from pinograsp.contacts.quality import ferrari_canny, on_edges
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     ForceProblem,
@@ -29,6 +29,7 @@ from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
+_ON_EDGES = 0.05  # share of the normal forces on edges that a grasp of the first rank may have
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,6 +43,7 @@ class FoundGrasp:
         quality: what the contacts withstand in their weakest direction per newton of squeeze [-], moments over the
             reserve's arm, with the friction that the reserve relies on; 0 without force closure.
         bears: whether a squeeze that the hand can make bears the reserve within the torque limits.
+        on_edges: share of the normal forces that act on edges of the object [-], where a small error turns them.
         energy: objective of the forces.
         load_factor: largest multiple of the load that can be held at that impact time.
     """
@@ -51,10 +53,16 @@ class FoundGrasp:
     forces: ForceSolution
     quality: float
     bears: bool
+    on_edges: float
     energy: float
     load_factor: float
 
     __repr__ = brief()
+
+    @property
+    def sound(self) -> int:
+        """2: bears the reserve, off the object's edges; 1: bears it, but on them; 0: does not bear it."""
+        return int(self.bears) * (2 if self.on_edges <= _ON_EDGES else 1)
 
 
 def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, FoundGrasp | None]:
@@ -87,6 +95,7 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
         forces=forces,
         quality=float(quality.lower),
         bears=conditions.reserve is None or _bears(closure, problem, conditions.reserve),
+        on_edges=float(forces.normal_forces[on_edges(closure.object, contacts)].sum() / forces.normal_forces.sum()),
         energy=forces.certificate.objective,
         load_factor=load_factor(problem, impact_time=impact_time),
     )

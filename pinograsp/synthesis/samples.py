@@ -94,7 +94,7 @@ class Posed(NamedTuple):
 def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     """Draw and close ``size`` samples, and refine the best."""
     outcomes: list[str] = []
-    best: tuple[tuple[bool, float], Posed, FoundGrasp] | None = None
+    best: tuple[tuple[int, float], Posed, FoundGrasp] | None = None
     for _ in range(size):
         posed = _drawn(case, rng)
         outcome, grasp = ("the open hand overlaps the object", None) if posed is None else _closed(case, posed)
@@ -118,8 +118,8 @@ def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     return Batch(outcomes, replace(exact, closure=closure, forces=forces))
 
 
-def _worth(grasp: FoundGrasp) -> tuple[bool, float]:
-    return grasp.bears, grasp.quality
+def _worth(grasp: FoundGrasp) -> tuple[int, float]:
+    return grasp.sound, grasp.quality
 
 
 def _closed(case: SearchCase, posed: Posed) -> tuple[str, FoundGrasp | None]:

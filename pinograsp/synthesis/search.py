@@ -116,8 +116,8 @@ def find_grasps(
 
     Returns:
         Grasps by what they withstand in the weakest direction per newton of squeeze: first those that bear the reserve
-        within the torque limits, last those without force closure, by the multiple of the load that they hold. Stopped
-        by Ctrl-C: those found until then.
+        within the torque limits, those on edges of the object after the others, last those without force closure, by
+        the multiple of the load that they hold. Stopped by Ctrl-C: those found until then.
 
     Raises:
         InvalidInput: conditions or options that cannot be used.
@@ -176,8 +176,8 @@ def find_grasps(
     )
 
 
-def _rank(grasp: FoundGrasp) -> tuple[bool, float, float]:
-    return not grasp.bears, -grasp.quality, -grasp.load_factor
+def _rank(grasp: FoundGrasp) -> tuple[int, float, float]:
+    return -grasp.sound, -grasp.quality, -grasp.load_factor
 
 
 def _with_bodies(hand: HandModel, body: Body, grasp: FoundGrasp) -> FoundGrasp:

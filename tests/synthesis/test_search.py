@@ -64,7 +64,7 @@ def test_grasps_hold_what_they_say(found, ball):
         )
         assert np.all(np.abs(torque) <= closure.hand.effort * (1 + 1e-6))
         assert grasp.energy == forces.certificate.objective and grasp.load_factor >= 1
-    ranks = [(one.bears, one.quality) for one in found.grasps]
+    ranks = [(one.sound, one.quality) for one in found.grasps]
     assert ranks == sorted(ranks, reverse=True) and found.best.bears
 
 
