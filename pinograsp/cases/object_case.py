@@ -81,7 +81,7 @@ class ObjectCase(Section):
     samples: Annotated[int, Field(ge=1, le=100_000)] = 48
     seed: Annotated[int, Field(ge=0)] = 0
     wrap: bool = False
-    hulls: bool = False
+    hulls: bool = True
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Measure = "impulse"

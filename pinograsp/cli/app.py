@@ -42,9 +42,7 @@ Wrap = Annotated[bool, typer.Option("--wrap", help="Wrap the fingers round the o
 Safety = Annotated[float, typer.Option(help="Friction is used up to mu / safety.")]
 Hulls = Annotated[
     bool,
-    typer.Option(
-        "--hulls", help="Use convex hulls of the hand's meshes, as physics engines do: for plans to be checked."
-    ),
+    typer.Option("--hulls/--no-hulls", help="Take the convex hulls of the hand's meshes, as physics engines do."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 

@@ -61,7 +61,7 @@ def plan(
     samples: Samples = 48,
     seed: Seed = 0,
     wrap: Wrap = False,
-    hulls: Hulls = False,
+    hulls: Hulls = True,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
@@ -196,7 +196,7 @@ def close(
     samples: Samples = 48,
     seed: Seed = 0,
     wrap: Wrap = False,
-    hulls: Hulls = False,
+    hulls: Hulls = True,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

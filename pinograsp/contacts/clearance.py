@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, instance_of
+from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_of
@@ -23,6 +24,8 @@ _OFF = 1e-4  # [m] largest error of coal's depth of an overlap
 _CLEAR = 1e-4  # [m] where the hull is farther off than this, the part's own distance is not needed
 _TILT = 1e-3  # [rad] tilt that separates the corners of a flat contact
 _MOST_SHAPES = 500
+HOLLOW = 1e-3  # [m] between a link and its convex hull: worth a caution
+_POINT = coal.Sphere(1e-7)
 _PATCH = 1e-3  # [m] corners nearer to each other are one: curved bodies of up to a metre's radius touch at a point
 
 
@@ -235,6 +238,27 @@ def clearance(hand: HandModel, body: Body, q: ArrayLike) -> float:
             break
         least = min(least, distances.of(parts[i])[0])
     return least
+
+
+def behind_hulls(hand: HandModel, contacts: ContactSet) -> Array:
+    """How far the links themselves are from the contact points that their convex hulls have (k,) [m]; zeros without."""
+    gaps = np.zeros(len(contacts))
+    if not hand.own_shapes or contacts.posture is None:
+        return gaps
+    data = hand.model.createData()
+    pin.forwardKinematics(hand.model, data, contacts.posture)
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    for i, contact in enumerate(contacts):
+        joint = 0 if contact.finger == PALM else hand.finger(contact.finger).joint_of(contact.link)
+        point = coal.Transform3s(np.eye(3), contact.point_o)
+        distances = []
+        for one, own in zip(hand.geometry.geometryObjects, hand.own_shapes):
+            if one.parentJoint == joint:
+                result.clear()
+                pose = _pose(data, joint, one.placement)
+                distances.append(coal.distance(own, pose, _POINT, point, request, result))
+        gaps[i] = max(0.0, min(distances, default=0.0))
+    return gaps
 
 
 class Hit(NamedTuple):

@@ -37,7 +37,7 @@ def load_hand(
     palm: str | None = None,
     fingers: dict[str, str] | None = None,
     limits: dict[str, tuple[float, float]] | None = None,
-    hulls: bool = False,
+    hulls: bool = True,
     trusted: bool = False,
     **xacro_args: object,
 ) -> HandModel:
@@ -57,7 +57,8 @@ def load_hand(
             beyond the last joint; by default every chain from the palm to a leaf that has geometry, named after what
             its links have in common.
         limits: position limits that replace the file's, ``{joint: (lower, upper)}`` [rad or m]; noted on the model.
-        hulls: take the convex hulls of the links' meshes, as physics engines do, for plans that are to be simulated.
+        hulls: take the convex hulls of the links' meshes, as physics engines do; contacts where a link is hollow are
+            told by the plan. False: the meshes as they are, for which plans are slower, and simulations differ.
         trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_guard`), and an MJCF file
             include files from outside its own folder.
         **xacro_args: values of the xacro file's arguments.
@@ -98,7 +99,8 @@ def load_hand(
     if limits is not None:
         hand = hand.with_limits(limits)
     if hulls:
-        hand = replace(hand, geometry=geometry.hulls(hand.geometry))
+        shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
+        hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
     return hand if pose is None else hand.placed(pose)
 
 

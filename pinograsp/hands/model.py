@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -70,6 +71,7 @@ class HandModel:
         pose: oMh (4, 4), the hand's root frame in the world.
         notes: what the caller should know (widened limits, coupled joints, missing meshes...).
         description: the URDF text that the model was built from.
+        own_shapes: the links' shapes as in the file, in the order of ``geometry``, where that has their convex hulls.
     """
 
     name: str
@@ -81,6 +83,7 @@ class HandModel:
     pose: Array
     notes: tuple[str, ...] = ()
     description: str = ""
+    own_shapes: tuple[coal.CollisionGeometry, ...] = ()
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
 

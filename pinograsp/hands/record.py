@@ -7,7 +7,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import coal
 import numpy as np
@@ -94,16 +94,18 @@ def _hand(record: dict[str, Any]) -> HandModel:
     model = _model(record, description)
     links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
     fingers = tuple(_finger(model, links, i, one) for i, one in enumerate(_field(record, "fingers", list)))
+    shapes = _geometry(record["source"], model, _field(record, "geometry", list))
     return HandModel(
         name=_field(record, "name", str),
         source=record["source"],
         model=model,
-        geometry=_geometry(record["source"], model, _field(record, "geometry", list)),
+        geometry=shapes.geometry,
         palm=one_of("hand record: palm", _field(record, "palm", str), links),
         fingers=fingers,
         pose=placement_of("hand record: pose", _field(record, "pose", list)),
         notes=tuple(_texts(record, "notes")),
         description=description,
+        own_shapes=shapes.own if shapes.hulls else (),
     )
 
 
@@ -269,8 +271,16 @@ def _shape(one: pin.GeometryObject) -> dict[str, Any] | None:
     }
 
 
-def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> pin.GeometryModel:
-    geometry = pin.GeometryModel()
+class _Shapes(NamedTuple):
+    """Collision geometry of a hand, its links' own shapes, and whether any of them is replaced by its hull."""
+
+    geometry: pin.GeometryModel
+    own: tuple[coal.CollisionGeometry, ...]
+    hulls: bool
+
+
+def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> _Shapes:
+    geometry, own, hulls = pin.GeometryModel(), list[coal.CollisionGeometry](), False
     problems: list[str] = []
     for i, one in enumerate(shapes):
         where = f"geometry[{i}]: "
@@ -292,6 +302,8 @@ def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> pin.GeometryM
         placement = _placement(one, where)
         form = _mesh(_field(one, "path", str, where), size, problems) if from_file else PRIMITIVES[kind](*size)
         if form is not None:
+            own.append(form)
+            hulls |= kind == "hull"
             form = hull_of(form) or form if kind == "hull" else form
             added = pin.GeometryObject(name, joint, frame, placement, form)
             if from_file:
@@ -299,7 +311,7 @@ def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> pin.GeometryM
             geometry.addGeometryObject(added)
     if problems:
         raise HandNotLoaded(source, list(dict.fromkeys(problems)))
-    return geometry
+    return _Shapes(geometry, tuple(own), hulls)
 
 
 def _mesh(path: str, scale: list[float], problems: list[str]) -> coal.BVHModelOBBRSS | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from pinograsp.checks import instance_of, read_only
 from pinograsp.contacts import PALM, Closure
+from pinograsp.contacts.clearance import HOLLOW, behind_hulls
 from pinograsp.contacts.quality import on_edges
 from pinograsp.errors import SearchFailed
 from pinograsp.forces import ConvexSolution, ForceSolution, GlobalSolution, GridSolution, Reserve, RobustForces
@@ -185,6 +186,11 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple
             for name, on_edge in zip(contacts.names, on_edges(problem.object, contacts))
             if on_edge
         ]
+    cautions += [
+        f"{name} touches where its link is hollow: the link itself is {1e3 * gap:.2g} mm behind its convex hull"
+        for name, gap in zip(contacts.names, behind_hulls(hand, contacts))
+        if gap > HOLLOW
+    ]
     return (*cautions, *_near_limits(hand, solution, motion))
 
 

@@ -12,6 +12,7 @@ from pinograsp.contacts import (
     Closure,
     ContactSet,
 )
+from pinograsp.contacts.clearance import HOLLOW, behind_hulls
 from pinograsp.contacts.quality import ferrari_canny, on_edges
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
@@ -29,7 +30,7 @@ from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
-_ON_EDGES = 0.05  # share of the normal forces on edges that a grasp of the first rank may have
+_DOUBTFUL = 0.05  # share of the normal forces that a grasp of the first rank may have there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +44,8 @@ class FoundGrasp:
         quality: what the contacts withstand in their weakest direction per newton of squeeze [-], moments over the
             reserve's arm, with the friction that the reserve relies on; 0 without force closure.
         bears: whether a squeeze that the hand can make bears the reserve within the torque limits.
-        on_edges: share of the normal forces that act on edges of the object [-], where a small error turns them.
+        doubtful: share of the normal forces [-] that act on edges of the object, where a small error turns them, or
+            where a link is hollow behind its convex hull.
         energy: objective of the forces.
         load_factor: largest multiple of the load that can be held at that impact time.
     """
@@ -53,7 +55,7 @@ class FoundGrasp:
     forces: ForceSolution
     quality: float
     bears: bool
-    on_edges: float
+    doubtful: float
     energy: float
     load_factor: float
 
@@ -61,8 +63,8 @@ class FoundGrasp:
 
     @property
     def sound(self) -> int:
-        """2: bears the reserve, off the object's edges; 1: bears it, but on them; 0: does not bear it."""
-        return int(self.bears) * (2 if self.on_edges <= _ON_EDGES else 1)
+        """2: bears the reserve; 1: bears it with doubtful contacts; 0: does not bear it."""
+        return int(self.bears) * (2 if self.doubtful <= _DOUBTFUL else 1)
 
 
 def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, FoundGrasp | None]:
@@ -89,13 +91,14 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
         tolerance=_SHARP,
         limit=_POINTS,
     )
+    doubtful = on_edges(closure.object, contacts) | (behind_hulls(closure.hand, contacts) > HOLLOW)
     return "holds", FoundGrasp(
         pose=closure.hand.pose,
         closure=closure,
         forces=forces,
         quality=float(quality.lower),
         bears=conditions.reserve is None or _bears(closure, problem, conditions.reserve),
-        on_edges=float(forces.normal_forces[on_edges(closure.object, contacts)].sum() / forces.normal_forces.sum()),
+        doubtful=float(forces.normal_forces[doubtful].sum() / forces.normal_forces.sum()),
         energy=forces.certificate.objective,
         load_factor=load_factor(problem, impact_time=impact_time),
     )

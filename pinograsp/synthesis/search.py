@@ -116,7 +116,7 @@ def find_grasps(
 
     Returns:
         Grasps by what they withstand in the weakest direction per newton of squeeze: first those that bear the reserve
-        within the torque limits, those on edges of the object after the others, last those without force closure, by
+        within the torque limits, those with doubtful contacts after the others, last those without force closure, by
         the multiple of the load that they hold. Stopped by Ctrl-C: those found until then.
 
     Raises:

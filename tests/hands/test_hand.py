@@ -789,7 +789,7 @@ def test_meshes_are_found(tmp_path, monkeypatch, name):
     folder = tmp_path / "my_hand" / "urdf"
     folder.mkdir(parents=True, exist_ok=True)
     mesh = f'<mesh filename="{name.format(folder=tmp_path)}" scale="1 2 1"/>'
-    hand = load_hand(write(folder, shaped(mesh)))
+    hand = load_hand(write(folder, shaped(mesh)), hulls=False)
     (one,) = hand.geometry.geometryObjects
     assert Path(one.meshPath) == tmp_path / FOUND[name] and one.meshScale.tolist() == [1, 2, 1]
     assert np.abs(np.ptp(one.geometry.vertices(), axis=0) - [0.02, 0.06, 0.05]).max() < 1e-7
@@ -831,10 +831,14 @@ def test_broken_meshes_are_left_out_and_noted(tmp_path, name):
 def test_a_changed_mesh_is_read_again(tmp_path):
     meshes(tmp_path, "a.stl")
     path = write(tmp_path, shaped('<mesh filename="a.stl"/>'))
-    assert np.ptp(load_hand(path).geometry.geometryObjects[0].geometry.vertices()[:, 2]) == pytest.approx(0.05)
+    assert np.ptp(load_hand(path, hulls=False).geometry.geometryObjects[0].geometry.vertices()[:, 2]) == pytest.approx(
+        0.05
+    )
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "a.stl")
     os.utime(tmp_path / "a.stl", ns=(1, 1))
-    assert np.ptp(load_hand(path).geometry.geometryObjects[0].geometry.vertices()[:, 2]) == pytest.approx(1.0)
+    assert np.ptp(load_hand(path, hulls=False).geometry.geometryObjects[0].geometry.vertices()[:, 2]) == pytest.approx(
+        1.0
+    )
 
 
 def test_ellipsoids_are_exact_only_where_the_mesh_is_the_unit_sphere(tmp_path):
@@ -843,7 +847,7 @@ def test_ellipsoids_are_exact_only_where_the_mesh_is_the_unit_sphere(tmp_path):
         if radius:
             trimesh.creation.icosphere(radius=radius).export(tmp_path / "unit_sphere.stl")
             os.utime(tmp_path / "unit_sphere.stl", ns=(int(1e9 * radius),) * 2)
-        (one,) = load_hand(write(tmp_path, shaped(mesh))).geometry.geometryObjects
+        (one,) = load_hand(write(tmp_path, shaped(mesh)), hulls=False).geometry.geometryObjects
         assert isinstance(one.geometry, kind)
         if kind is coal.Ellipsoid:
             assert one.geometry.radii.ravel().tolist() == [0.1, 0.2, 0.3] and one.meshPath == ""

@@ -311,7 +311,7 @@ def test_meshes_are_found_placed_and_weighed(tmp_path, scale, reference):
     theirs = model.mesh_vert[: model.mesh_vertnum[0]] @ state.geom_xmat[g].reshape(3, 3).T + state.geom_xpos[g]
     at = hand.geometry.createData()
     pin.updateGeometryPlacements(hand.model, hand.model.createData(), hand.geometry, at, np.array([0.4]))
-    vertices = hand.geometry.geometryObjects[1].geometry.vertices()
+    vertices = hand.own_shapes[1].vertices()
     ours = vertices @ at.oMg[1].rotation.T + at.oMg[1].translation
     distance = np.linalg.norm(ours[:, None] - theirs[None], axis=2)
     assert distance.min(axis=1).max() < 1e-7 and distance.min(axis=0).max() < 1e-7  # files hold single precision

@@ -13,11 +13,13 @@ from dataclasses import replace
 import cloudpickle
 import numpy as np
 import own_hands
+import pinocchio as pin
 import pytest
 import trimesh
 from scipy.optimize import linprog
 
 from pinograsp.contacts import PALM, Friction, clearance
+from pinograsp.contacts.clearance import behind_hulls
 from pinograsp.errors import GraspNotFound, InvalidInput, PinograspError, Status
 from pinograsp.forces import GraspConditions, Reserve, force_closure
 from pinograsp.hands import load_hand
@@ -411,3 +413,34 @@ def test_ctrl_c_writes_nothing_and_exits_with_130(tmp_path, everybody):
     out, err = running.communicate(timeout=240)
     assert running.returncode == 130 and "of 5000 samples tried" in err and "Traceback" not in err
     assert out == "" and list(tmp_path.iterdir()) == []
+
+
+def test_contacts_where_links_are_hollow_come_last_and_are_told():
+    """Against trimesh: how far the links' own meshes are from contact points on their hulls."""
+    body = Cylinder(radius=0.03, height=0.12, mass=0.2)
+    search = find_grasps(load_hand("talos_left"), body, count=8, seed=3, jobs=1, **SETTINGS)
+    seen = []
+    for grasp in search.grasps:
+        hand, contacts = grasp.closure.hand, grasp.closure.contacts()
+        data = hand.model.createData()
+        pin.forwardKinematics(hand.model, data, contacts.posture)
+        gaps = behind_hulls(hand, contacts)
+        for contact, gap in zip(contacts, gaps):
+            joint = 0 if contact.finger == PALM else hand.finger(contact.finger).joint_of(contact.link)
+            near = [
+                trimesh.proximity.closest_point(
+                    trimesh.Trimesh(
+                        own.vertices(), [[own.tri_indices(i)[c] for c in range(3)] for i in range(own.num_tris)]
+                    ),
+                    [(data.oMi[joint] * one.placement).actInv(contact.point_o)],
+                )[1][0]
+                for one, own in zip(hand.geometry.geometryObjects, hand.own_shapes)
+                if one.parentJoint == joint
+            ]
+            assert gap == pytest.approx(min(near), abs=1e-5)
+            seen.append(gap > 1e-3)
+        plan = plan_grasp_on(hand, grasp.closure, CONDITIONS)
+        assert any("hollow" in caution for caution in plan.cautions) == bool((gaps > 1e-3).any())
+    assert any(seen) and not all(seen)  # both kinds were looked at
+    ranks = [grasp.sound for grasp in search.grasps]
+    assert ranks == sorted(ranks, reverse=True)
