@@ -78,8 +78,9 @@ def sevens(poses: Array) -> Array:
 def solids_of(hand: HandModel, body: Body | None, links: Links, touching: dict[str, str]) -> tuple[Solid, ...]:
     """Triangles and colours of the hand's links and of the object; ``touching``: colours of contacts by link."""
     solids: list[Solid] = []
-    for one in hand.geometry.geometryObjects:
-        vertices, faces = triangles_of(one.geometry)
+    objects = list(hand.geometry.geometryObjects)
+    for one, shape in zip(objects, hand.own_shapes or [one.geometry for one in objects]):
+        vertices, faces = triangles_of(shape)
         frame = hand.model.frames[one.parentFrame]
         colour = LINK if one.parentJoint else PALM
         colour = _mixed(colour, touching[frame.name]) if frame.name in touching else colour

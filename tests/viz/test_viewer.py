@@ -235,8 +235,11 @@ def test_every_hand_of_the_catalogue_can_be_drawn(name):
     assert np.isfinite(scene.extent).all() and scene.extent.min() > 0
 
 
-def test_hulls_are_drawn():
-    hand = load_hand("psyonic_right", hulls=True)
+def test_links_are_drawn_as_they_are_hulls_where_nothing_else_is_known():
+    hand = load_hand("psyonic_right")
+    for solid, own in zip(scene_of(run_with(hand)).solids, hand.own_shapes):
+        assert volume(solid.vertices, solid.faces) == pytest.approx(own.computeVolume(), rel=1e-6)
+    hand = replace(hand, own_shapes=())
     for solid, one in zip(scene_of(run_with(hand)).solids, hand.geometry.geometryObjects):
         assert volume(solid.vertices, solid.faces) == pytest.approx(one.geometry.computeVolume(), rel=1e-6)
 
