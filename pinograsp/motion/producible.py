@@ -20,7 +20,9 @@ from pinograsp.motion.jacobian import contact_jacobians
 from pinograsp.spatial import Array
 
 _HARDLY = 1e-4  # [m] per radian: what moves contacts less than this does not move them
-_RANK = 0.05  # singular values of unit columns below this count as zero: such depths would take too large motions
+# Singular values below these count as zero, of unit columns for the joints, and for the object of its motion in metres
+# at the contacts: depths that would take larger motions than these allow cannot be had.
+_JOINTS, _SHIFTS = 0.05, 0.2
 _NO_SHIFT = 1e-9  # [m]
 
 
@@ -32,11 +34,13 @@ class PressingTogether:
         moves: depth by joint motion (k, n) [m per rad or m].
         shifts: depth that is lost as the object moves (k, 6): twists about its centre of mass, linear first [m/m,
             m/rad].
+        arm: root mean square distance of the contacts from the centre of mass [m].
         rows: combinations of the depths (p, k) [-] that neither joints nor the object's shift can change: zero.
     """
 
     moves: Array
     shifts: Array
+    arm: float
     rows: Array
 
     __repr__ = brief()
@@ -47,12 +51,12 @@ class PressingTogether:
         Least in its displacements of the contacts. Where no motion does, the one that leaves the least errors.
         """
         depths = array_of("depths", depths, (len(self.moves),))
-        fixed = _left_null(self.moves)
+        fixed = _left_null(_scaled(self.moves))
         if not len(fixed) or np.abs(fixed @ depths).max() < _NO_SHIFT:
             return np.zeros(6)
-        scale = _lengths(self.shifts)
+        scale = np.repeat([1.0, 1.0 / self.arm], 3)
         U, sigma, Vt = np.linalg.svd(fixed @ (self.shifts * scale), full_matrices=False)
-        moved = sigma > _RANK  # of 1: both have unit columns
+        moved = sigma > _SHIFTS
         return np.asarray(-scale * (Vt[moved].T @ ((U[:, moved].T @ (fixed @ depths)) / sigma[moved])), dtype=float)
 
 
@@ -72,14 +76,23 @@ def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> Pr
     moves[:, np.abs(moves).max(axis=0) < _HARDLY] = 0.0
     arms = np.array([contact.point_o for contact in contacts]) - contacts.com_o
     shifts = np.column_stack([normals, np.cross(arms, normals)])
-    return PressingTogether(moves=moves, shifts=shifts, rows=_left_null(np.column_stack([moves, shifts])))
+    arm = max(_HARDLY, float(np.sqrt((arms**2).sum(axis=1).mean())))
+    turned = shifts / (_SHIFTS * np.repeat([1.0, arm], 3))
+    return PressingTogether(
+        moves=moves, shifts=shifts, arm=arm, rows=_left_null(np.column_stack([_scaled(moves), turned]))
+    )
 
 
 def _left_null(columns: Array) -> Array:
-    """An orthonormal basis (p, k) of the rows that all columns (k, m) are zero along; their units do not matter."""
-    U, sigma, _ = np.linalg.svd(columns * _lengths(columns), full_matrices=True)
-    rank = int(np.sum(sigma > _RANK))
+    """An orthonormal basis (p, k) of the rows along which columns (k, m) have no singular value above 1."""
+    U, sigma, _ = np.linalg.svd(columns, full_matrices=True)
+    rank = int(np.sum(sigma > 1.0))
     return np.asarray(U[:, rank:].T, dtype=float)
+
+
+def _scaled(moves: Array) -> Array:
+    """The joints' columns (k, n), so that their singular values count from 1 on; their units do not matter."""
+    return moves * _lengths(moves) / _JOINTS
 
 
 def _lengths(columns: Array) -> Array:
