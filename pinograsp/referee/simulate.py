@@ -228,8 +228,9 @@ def _record(trial: Trial, engine: str, mode: str, elapsed: float) -> Simulation:
     )
     depths = [max((d for d, joint in zip(task.depths, joints) if joint == part), default=0.0) for part in shown]
     released = task.final_time if schedule.release else None
+    period = 1.0 / schedule.disturbance.shake_frequency if trial.shaken else None
     return Simulation(
-        verdict=verdict_of(task, history, np.array(depths), released, gone=trial.gone, audited=not trial.shaken),
+        verdict=verdict_of(task, history, np.array(depths), released, gone=trial.gone, shaken=period),
         engine=engine,
         mode=mode,
         time_step=schedule.time_step,

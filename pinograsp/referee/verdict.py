@@ -11,7 +11,7 @@ from pinograsp.spatial import Array, BoolArray
 
 # The object counts as held if it has moved less than this since the release and has come to rest.
 MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
-RESTING = 5e-4  # [m] of motion in the last fifth of the hold
+RESTING = 5e-4  # [m] of motion in the last fifth of the hold, of shaken hands whole periods apart
 GONE = 0.05  # [m] an object that has moved this far is lost
 _SLIPPED = 1e-4  # [m]
 _BEYOND = 1e-3  # [rad or m] past a joint's limit
@@ -19,7 +19,13 @@ _AT_LIMIT = 1e-6  # relative distance to a torque limit
 
 
 def verdict_of(
-    task: Task, history: History, depths: Array, release: float | None, *, gone: bool, audited: bool
+    task: Task,
+    history: History,
+    depths: Array,
+    release: float | None,
+    *,
+    gone: bool,
+    shaken: float | None,
 ) -> Verdict:
     """The verdict on a task.
 
@@ -29,7 +35,7 @@ def verdict_of(
         depths: planned penetration of the history's parts (p,) [m].
         release: when the object was let go [s]; None: never.
         gone: whether the object was so far away that the simulation ended early.
-        audited: whether the energy balance can be checked.
+        shaken: period of the hand's shaking [s]; None: not shaken, and the energy balance can be checked.
     """
     times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
     normal, planned = history.normal_forces, history.planned_forces
@@ -40,7 +46,7 @@ def verdict_of(
     gravity = np.linalg.norm(task.gravity_o)
     up = -task.gravity_o / gravity if gravity > 0 else np.array([0.0, 0.0, 1.0])
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
-    held, reason = _held(times, poses, normal, drift, turn, release, gone)
+    held, reason = _held(times, poses, normal, drift, turn, release, gone, shaken)
 
     # Averages over the last tenth of the hold remove small oscillations.
     last = slice(min(times.size - 1, times.size - max(1, (times.size - complete) // 10)), None)
@@ -70,7 +76,7 @@ def verdict_of(
         unplanned=tuple(name for name, wanted, found in zip(parts, should, touched) if found and not wanted),
         limit_hits=tuple(name for name, yes in zip(hand.joint_names, beyond) if yes),
         saturated=tuple(name for name, yes in zip(hand.joint_names, at_limit) if yes),
-        energy_error=_energy_error(history.energies) if audited else None,
+        energy_error=_energy_error(history.energies) if shaken is None else None,
     )
 
 
@@ -82,6 +88,7 @@ def _held(
     turn: float,
     release: float | None,
     gone: bool,
+    shaken: float | None,
 ) -> tuple[bool, str]:
     if release is None:
         return True, "the object was never let go"
@@ -90,10 +97,15 @@ def _held(
         return False, f"the object was {1e3 * drift:.0f} mm away {since:.2f} s after it was let go"
     if not (drift <= MOVED and turn <= TURNED):
         return False, f"the object moved {1e3 * drift:.2f} mm and turned {turn:.1f} deg within {since:.2f} s"
-    resting = poses[times >= times[-1] - 0.2 * max(since, 0.0)]
+    # A compliant grasp sways with a shaken hand: it creeps where it is elsewhere whole periods later.
+    last = 0.2 * max(since, 0.0)
+    if in_phase := shaken is not None and shaken <= since:
+        last = shaken * min(np.ceil(last / shaken), since // shaken)
+    resting = poses[times >= times[-1] - last - 1e-9]
+    resting = resting[[0, -1]] if in_phase else resting
     still = float(np.linalg.norm(resting[:, :3, 3] - resting[-1, :3, 3], axis=1).max())
     if not still <= RESTING:
-        return False, f"the object still creeps: {1e3 * still:.2f} mm in the last {0.2 * since:.2f} s"
+        return False, f"the object still creeps: {1e3 * still:.2f} mm in the last {last:.2f} s"
     if not normal[-1].any():
         return False, f"nothing touched the object {since:.2f} s after it was let go"
     return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s"

@@ -1,0 +1,54 @@
+"""The verdict of the referee on motions of the object that are written down here."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import pinograsp as pg
+from pinograsp.referee import simulate
+from pinograsp.referee.sample import History
+from pinograsp.referee.task import Task
+from pinograsp.referee.verdict import verdict_of
+
+SURFACE = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1, "motion.touch": "surface"}
+
+
+@pytest.fixture(scope="module")
+def judged():
+    """The verdict on a held object that moves as told after its release: x [m] of the time since then [s]."""
+    plan = pg.load_case("paper", SURFACE).plan()
+    task, seen = Task.of(plan), simulate(plan, hold=1.0)
+    history = History(**{one.name: getattr(seen, one.name) for one in fields(History)})
+    depths = np.zeros(len(seen.parts))
+
+    def verdict(course, shaken):
+        poses = np.array(seen.object_poses)
+        since = np.maximum(seen.times - plan.forces.final_time, 0.0)
+        poses[:] = poses[seen.complete]
+        poses[:, 0, 3] += course(since)
+        moved = replace(history, object_poses=poses)
+        return verdict_of(task, moved, depths, plan.forces.final_time, gone=False, shaken=shaken)
+
+    return verdict
+
+
+@pytest.mark.parametrize("frequency", [2.0, 7.0, 30.0])
+def test_swaying_with_the_hand_is_no_creep(judged, frequency):
+    def sway(t):
+        return 2e-3 * np.sin(2 * np.pi * frequency * t)
+
+    assert judged(sway, 1 / frequency).held
+    still = judged(sway, None)
+    assert not still.held and "creeps" in still.reason
+    for shaken in (None, 1 / frequency):
+        crept = judged(lambda t: sway(t) / 4 + 3e-3 * t, shaken)
+        assert not crept.held and "creeps" in crept.reason
+
+
+def test_of_a_slow_shaking_the_end_counts(judged):
+    assert not judged(lambda t: 4e-3 * t, 5.0).held
+    assert judged(lambda t: 4e-3 * np.minimum(t, 0.5), 5.0).held
+    assert not judged(lambda t: 12e-3 * np.minimum(t, 0.5), 5.0).held
