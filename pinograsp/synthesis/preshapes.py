@@ -23,6 +23,7 @@ from pinograsp.spatial import Array
 
 _ROOM = 0.08  # of its range that a turning joint keeps from its stop: approaches swing back a little before they close
 _SHARES = np.linspace(0.1, 1.0, 13)  # of the way from open to closed, at which fingertips are looked at
+_AHEAD = 0.5  # of the way that a finger is ahead of, or behind, a mean one at most
 _DRAWS = 6  # of the joints that spread fingers
 _PASSED = 1e-3  # [m] by which fingertips may have passed each other
 _LEAN, _EDGES = np.radians(25.0), 6  # of the forces that fingertips are taken to make
@@ -57,18 +58,21 @@ class Preshape:
     __repr__ = brief()
 
 
-def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60) -> list[Preshape]:
+def preshapes(
+    hand: HandModel, rng: np.random.Generator, *, samples: int = 60, uneven: bool = False
+) -> list[Preshape]:
     """Preshapes of any width, the best opposed ones of each share of the way.
 
     Args:
         hand: the hand; with convex hulls as its geometry this takes a second, else several.
         rng: for the joints that spread or oppose fingers.
         samples: postures of these joints.
+        uneven: some fingers are further on their way than others, as where they are not mirror images.
     """
     tips = _Tips(hand)
     found: list[Preshape] = []
     spreads = tips.spreads
-    for i in range(samples if len(spreads) else 1):
+    for i in range(samples if len(spreads) or uneven else 1):
         middle = tips.middle.copy()
         opened, closed = tips.ends(middle)
         for _ in range(_DRAWS if i else 0):  # until the open fingers do not hit each other
@@ -76,8 +80,9 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60) -
             opened, closed = tips.ends(middle)
             if not self_collisions(hand, tips.middle, opened):
                 break
+        ahead = tips.ahead(rng) if uneven else np.zeros(hand.n)
         for share in _SHARES:
-            one = tips.preshape(opened, closed, float(share))
+            one = tips.preshape(opened, closed, np.clip(share + ahead, 0.0, 1.0))
             if one is not None:
                 found.append(one)
     return sorted(found, key=lambda one: one.imbalance)
@@ -152,9 +157,16 @@ class _Tips:
         closed = np.where(self.flexion, np.where(closing, self.hand.upper, self.hand.lower), middle)
         return opened, closed
 
-    def preshape(self, opened: Array, closed: Array, share: float) -> Preshape | None:
-        """The preshape whose fingertips meet at a share of the way; None where none of them move."""
-        met = opened + share * (closed - opened)
+    def ahead(self, rng: np.random.Generator) -> Array:
+        """Shares of the way (n,) that the joints of a finger are ahead of, or behind, those of the others."""
+        ahead = np.zeros(self.hand.n)
+        for _, dofs in self.fingers:
+            ahead[dofs] = rng.uniform(-_AHEAD, _AHEAD)
+        return ahead
+
+    def preshape(self, opened: Array, closed: Array, shares: Array) -> Preshape | None:
+        """The preshape whose fingertips meet at shares (n,) of the way; None where none of them move."""
+        met = opened + shares * (closed - opened)
         self._put(met)
         points, closing = [], []
         for joint, dofs in self.fingers:
@@ -174,9 +186,9 @@ class _Tips:
             points.append(fingertips(self.hand, self.data)[1])
             closing.append(-closing[0])
         at, along = np.array(points), np.array(closing)
-        shares, imbalance = _balance(at, along)
-        lead = int(np.argmax(shares))
-        others = shares.copy()
+        pressing, imbalance = _balance(at, along)
+        lead = int(np.argmax(pressing))
+        others = pressing.copy()
         others[lead] = 0.0
         if others.sum() < 1e-6:
             return None

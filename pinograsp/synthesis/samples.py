@@ -59,6 +59,9 @@ def case_of(
     rough = replace(hand, geometry=hulls(hand.geometry))
     shapes = preshapes(rough, rng)
     good = [one for one in shapes if one.imbalance < _BALANCED]
+    if len(good) < _NEAREST and not cannot_stop_alone(hand):
+        shapes = sorted(shapes + preshapes(rough, rng, uneven=True), key=lambda one: one.imbalance)
+        good = [one for one in shapes if one.imbalance < _BALANCED]
     free = free_of_themselves(rough, good)
     if len(free) >= _NEAREST // 2:
         good = free
