@@ -30,6 +30,7 @@ from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
+SOUND = 2  # rank of a grasp that bears the reserve on contacts that are sure
 _DOUBTFUL = 0.05  # share of the normal forces that a grasp of the first rank may have there
 
 
@@ -64,7 +65,7 @@ class FoundGrasp:
     @property
     def sound(self) -> int:
         """2: bears the reserve; 1: bears it with doubtful contacts; 0: does not bear it."""
-        return int(self.bears) * (2 if self.doubtful <= _DOUBTFUL else 1)
+        return int(self.bears) * (SOUND if self.doubtful <= _DOUBTFUL else 1)
 
 
 def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, FoundGrasp | None]:

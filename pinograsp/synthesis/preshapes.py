@@ -58,9 +58,7 @@ class Preshape:
     __repr__ = brief()
 
 
-def preshapes(
-    hand: HandModel, rng: np.random.Generator, *, samples: int = 60, uneven: bool = False
-) -> list[Preshape]:
+def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, uneven: bool = False) -> list[Preshape]:
     """Preshapes of any width, the best opposed ones of each share of the way.
 
     Args:

@@ -18,7 +18,7 @@ from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hulls
 from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import Array
-from pinograsp.synthesis.found import FoundGrasp, hold
+from pinograsp.synthesis.found import SOUND, FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centred
 from pinograsp.synthesis.preshapes import Preshape, free_of_themselves, preshapes
 from pinograsp.synthesis.seeds import Pairs, pairs_of
@@ -29,7 +29,7 @@ _BALANCED = 0.15  # imbalance of preshapes that are used, where there are enough
 _NEAREST = 12  # preshapes nearest in width to a pair, of which one is taken
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
-_TRIES = 5  # motions that are tried of the best of a batch
+_TRIES, _MOST_TRIES = 5, 20  # motions that are tried of the best of a batch, and as long as it is not sound
 _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of the object's radius, of ranges; angle
 
 
@@ -107,8 +107,10 @@ def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     if best is None:
         return Batch(outcomes, None)
     worth, posed, grasp = best
-    for attempt in range(_TRIES):
-        moved = _moved(case, posed, rng, 1.0 - attempt / _TRIES)
+    for attempt in range(_MOST_TRIES):
+        if attempt >= _TRIES and grasp.sound == SOUND:
+            break
+        moved = _moved(case, posed, rng, 1.0 - attempt % _TRIES / _TRIES)
         _, other = _closed(case, moved)
         if other is not None and _worth(other) > worth:
             worth, posed, grasp = _worth(other), moved, other
