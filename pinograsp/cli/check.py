@@ -51,6 +51,13 @@ def check(
     prescribed: Annotated[
         bool, typer.Option("--prescribed", help="Joints follow the commands exactly, instead of by servos.")
     ] = False,
+    support: Annotated[
+        str,
+        typer.Option(
+            help="Of the object until the hand carries it: fixed (until the grasp is complete), table (it stands there "
+            "freely: a hit on the way moves it), none (from the impact time on)."
+        ),
+    ] = "fixed",
     time_step: Annotated[float, typer.Option(help="Of the simulation \\[s].")] = 2.5e-4,
     monte_carlo: Annotated[
         int,
@@ -84,6 +91,7 @@ def check(
     """
     from pinograsp.checks import one_of
     from pinograsp.planner import load_run
+    from pinograsp.referee.settings import SUPPORTS
     from pinograsp.referee.simulate import ENGINES
 
     if not 0 <= monte_carlo <= _MOST_TRIALS:
@@ -98,6 +106,7 @@ def check(
             "engine": one_of("engine", engine, ENGINES),
             "time_step": time_step,
             "mode": "prescribed" if prescribed else "servo",
+            "support": one_of("support", support, SUPPORTS),
         }
         differences = _Differences(push, shake, mu, mass, offset, turn, start_error)
         trials = run / "trials" if out is None else place.with_name(f"{place.name}-trials")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +19,9 @@ _TURNING, _SLIDING = 50.0, 50.0 / 0.03**2
 _ROTOR = 1e-4  # [kg m^2]
 _MOST_MU = 1e6
 _SETTLING = 0.01  # [s] ratio of damping to stiffness
+
+Support = Literal["fixed", "table", "none"]
+SUPPORTS: tuple[Support, ...] = ("fixed", "table", "none")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,7 +16,7 @@ from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.referee.law import ContactLaw
 from pinograsp.referee.sample import Energies, History
-from pinograsp.referee.settings import Disturbance, Servo
+from pinograsp.referee.settings import SUPPORTS, Disturbance, Servo, Support
 from pinograsp.referee.stepping import Engine, Schedule, Trial
 from pinograsp.referee.task import Task
 from pinograsp.referee.verdict import verdict_of
@@ -28,6 +28,11 @@ Mode = Literal["servo", "prescribed"]
 ENGINES: tuple[EngineName, ...] = ("mujoco", "pinocchio")
 MODES: tuple[Mode, ...] = ("servo", "prescribed")
 TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
+_SUPPORTED: dict[Support, tuple[str, ...]] = {
+    "fixed": (),
+    "table": ("the object stood on a table until the grasp was complete; the hand passes through it",),
+    "none": ("nothing but the hand held the object from the impact time on",),
+}
 _COARSEST = 0.05  # [s] largest time step, and largest interval between samples
 _FEWEST_STEPS = 10  # until the grasp is complete
 _MOST_STEPS = 2_000_000  # their samples take half a gigabyte
@@ -41,10 +46,11 @@ class SimulationSettings(TypedDict, total=False):
     servo: Servo | None
     time_step: float
     sample: float
+    support: Support
     letting_go: float
 
 
-# Eleven options beside the plan: simulations may differ in each of them.
+# Twelve options beside the plan: simulations may differ in each of them.
 def simulate(
     plan: PlanRecord | Task | str | Path,
     *,
@@ -56,6 +62,7 @@ def simulate(
     time_step: float = 2.5e-4,
     sample: float = 2e-3,
     release: bool = True,
+    support: Support = "fixed",
     letting_go: float = 0.2,
     body: Body | None = None,
 ) -> Simulation:
@@ -78,7 +85,10 @@ def simulate(
         time_step: at most 0.05 s, and two million steps in all [s].
         sample: interval between samples of the record [s].
         release: False: the object stays fixed to the end.
-        letting_go: time that the object's support takes to fade after t_F [s]; 0: the support vanishes at once, which
+        support: what bears the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
+            ``"table"``: it stands freely on a table under it, so that whatever hits it on the way moves it (the hand
+            itself passes through the table); ``"none"``: from t_I on nothing but the hand holds it.
+        letting_go: time that the support takes to fade after t_F [s]; 0: the support vanishes at once, which
             doubles the load for a moment.
         body: the object, where the plan has none.
 
@@ -92,7 +102,8 @@ def simulate(
     engine, mode = one_of("engine", engine, ENGINES), one_of("mode", mode, MODES)
     servo = Servo.of(task.hand) if servo is None else instance_of("servo", servo, Servo)
     disturbance = Disturbance() if disturbance is None else instance_of("disturbance", disturbance, Disturbance)
-    schedule = _schedule(task, hold, time_step, sample, release, letting_go, mode == "prescribed", disturbance)
+    one_of("support", support, SUPPORTS)
+    schedule = _schedule(task, hold, time_step, sample, release, support, letting_go, mode == "prescribed", disturbance)
     running = _engine(engine)(task, time_step=schedule.time_step, servo=servo, mass_factor=disturbance.mass_factor)
     trial = Trial(task, running, _law(task, running.parts, disturbance.mu), schedule)
     trial.run()
@@ -114,6 +125,7 @@ def _schedule(
     time_step: float,
     sample: float,
     release: bool,
+    support: Support,
     letting_go: float,
     prescribed: bool,
     disturbance: Disturbance,
@@ -137,6 +149,8 @@ def _schedule(
             f"hold, time step: expected at most {_MOST_STEPS} steps, got {duration / dt:.3g} "
             f"({duration:g} s in steps of {dt:g} s): hold for less, or take longer steps"
         )
+    if support != "fixed" and not release:
+        raise InvalidInput(f"support: expected 'fixed' with release=False, got '{support}', which lets the object go")
     if release and hold < dt:
         raise InvalidInput(
             f"hold: expected at least one step, {dt:g} s, got {hold:g} s: without a hold there is nothing to judge"
@@ -155,6 +169,7 @@ def _schedule(
         duration=duration,
         every=max(1, round(min(sample / dt, _MOST_STEPS))),
         release=release,
+        support=support,
         letting_go=letting_go,
         prescribed=prescribed,
         disturbance=disturbance,
@@ -227,16 +242,19 @@ def _record(trial: Trial, engine: str, mode: str, elapsed: float) -> Simulation:
         energies=energies,
     )
     depths = [max((d for d, joint in zip(task.depths, joints) if joint == part), default=0.0) for part in shown]
-    released = task.final_time if schedule.release else None
+    free = task.impact_time if schedule.support == "none" else task.final_time
+    released = free if schedule.release else None
     period = 1.0 / schedule.disturbance.shake_frequency if trial.shaken else None
     return Simulation(
-        verdict=verdict_of(task, history, np.array(depths), released, gone=trial.gone, shaken=period),
+        verdict=verdict_of(
+            task, history, np.array(depths), released, gone=trial.gone, shaken=period, support=schedule.support
+        ),
         engine=engine,
         mode=mode,
         time_step=schedule.time_step,
         release=released,
         disturbance=schedule.disturbance.summary(),
-        notes=trial.engine.notes,
+        notes=(*trial.engine.notes, *_SUPPORTED[schedule.support]),
         elapsed=elapsed,
         exponent=task.law[2],
         **{one.name: getattr(history, one.name) for one in fields(History)},

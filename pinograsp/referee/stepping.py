@@ -13,7 +13,8 @@ from pinograsp.checks import array_of
 from pinograsp.errors import SimulationDiverged
 from pinograsp.referee.law import ContactLaw, Pressing, Touches
 from pinograsp.referee.sample import Energies, Sample, by_part
-from pinograsp.referee.settings import Disturbance
+from pinograsp.referee.settings import Disturbance, Support
+from pinograsp.referee.table import Table
 from pinograsp.referee.task import Task
 from pinograsp.referee.verdict import GONE
 from pinograsp.spatial import Array
@@ -93,7 +94,8 @@ class Schedule:
         duration: of the simulation [s].
         every: number of steps between samples.
         release: whether the object is let go at t_F.
-        letting_go: how long the object's support takes to fade [s].
+        support: of the object until the hand carries it.
+        letting_go: how long that takes to fade [s].
         prescribed: whether joints follow the commands exactly, whatever torque that takes.
         disturbance: differences from the plan.
     """
@@ -102,6 +104,7 @@ class Schedule:
     duration: float
     every: int
     release: bool
+    support: Support
     letting_go: float
     prescribed: bool
     disturbance: Disturbance
@@ -113,6 +116,7 @@ class _Course:
     def __init__(self, task: Task, schedule: Schedule):
         dt = schedule.time_step
         self.steps, self.let_go = round(schedule.duration / dt), round(task.final_time / dt)
+        self.free = {"fixed": self.let_go, "table": 0, "none": round(task.impact_time / dt)}[schedule.support]
         instants = dt * np.arange(min(self.steps, self.let_go + 2) + 1)
         spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, task.final_time)
         self.q, self.dq = spline(until), spline(until, 1)
@@ -129,7 +133,7 @@ class _Course:
         return min(step, len(self.q) - 1)
 
 
-class _Support:
+class _Fixture:
     """What holds the object until t_F; its force and its stiffness then fade together."""
 
     def __init__(self, task: Task, pose: Array, mass_factor: float, duration: float):
@@ -170,7 +174,11 @@ class Trial:
         self.pose = np.array(task.body.pose)
         self.pose[:3, 3] += disturbance.object_offset
         self.pose[:3, :3] = pin.exp3(np.array(disturbance.object_turn)) @ self.pose[:3, :3]
-        self.support = _Support(task, self.pose, disturbance.mass_factor, schedule.letting_go)
+        self.fixture = _Fixture(task, self.pose, disturbance.mass_factor, schedule.letting_go)
+        self.table: Table | None = None
+        if schedule.support == "table":
+            mass, mu = disturbance.mass_factor * task.body.mass, float(task.mu.mean())
+            self.table = Table(task.body, self.pose, task.gravity_o, mass, mu, schedule.time_step)
         self.shaken = bool(np.any(disturbance.shake))
         self.samples: list[Sample] = []
         self.complete, self.gone = 0, False
@@ -201,17 +209,17 @@ class Trial:
 
     def _is_fixed(self, i: int) -> bool:
         """Whether the object is fixed at a step."""
-        return not self.schedule.release or i < self.course.let_go
+        return not self.schedule.release or i < self.course.free
 
     def _settle(self, i: int) -> None:
         """Before a step: place hand and object where they are fixed, and shake the hand."""
         course, engine, prescribed = self.course, self.engine, self.schedule.prescribed
-        still = self._is_fixed(i) or i == course.let_go  # it is let go from rest
+        still = self._is_fixed(i) or i == course.free  # it is let go from rest
         now = course.at(i)
         if still or prescribed:
             q, dq = (course.q[now], course.dq[now]) if prescribed else (engine.q, engine.dq)
             engine.place(q, dq, self.pose if still else None)
-        if self.shaken and not self._is_fixed(i):
+        if self.shaken and self.schedule.release and i >= course.let_go:
             disturbance = self.schedule.disturbance
             since = self.schedule.time_step * i - self.task.final_time
             swing = disturbance.shake * np.sin(2 * np.pi * disturbance.shake_frequency * since)
@@ -267,7 +275,17 @@ class Trial:
             return np.zeros(6)
         since = self.schedule.time_step * i - self.task.final_time
         disturbed = self.schedule.disturbance.wrench(since - self.schedule.letting_go)
-        return self.task.load + disturbed + self.support.wrench(since, self.engine, touches, pressing)
+        return self.task.load + disturbed + self._support(since, touches, pressing)
+
+    def _support(self, since: float, touches: Touches, pressing: Pressing) -> Array:
+        """On the object (6,) [N, N m], at a time after t_F [s]."""
+        schedule, engine = self.schedule, self.engine
+        if schedule.support == "none" or since >= schedule.letting_go:
+            return np.zeros(6)
+        if self.table is None:
+            return self.fixture.wrench(since, engine, touches, pressing)
+        share = 1.0 - max(0.0, since) / max(schedule.letting_go, schedule.time_step)
+        return share * self.table.wrench(engine.object_pose, engine.object_twist)
 
     def _account(self, dt: float, speeds: Array, wrench: Array, object_speed: Array, fixed: bool) -> None:
         """Add half a step's work of motors and load."""

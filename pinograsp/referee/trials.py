@@ -19,7 +19,7 @@ from pinograsp.checks import instance_of, number, one_of
 from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
-from pinograsp.referee.settings import Disturbance, Servo
+from pinograsp.referee.settings import SUPPORTS, Disturbance, Servo
 from pinograsp.referee.simulate import ENGINES, MODES, Mode, SimulationSettings, simulate, task_of
 from pinograsp.referee.task import Task
 from pinograsp.writing import write_errors
@@ -87,6 +87,7 @@ def common_settings(plan: PlanRecord | Task | str | Path, settings: StudySetting
         servo=Servo.of(task.hand) if servo is None else instance_of("servo", servo, Servo),
         time_step=number("time step", values["time_step"]),
         sample=number("sample", values["sample"]),
+        support=one_of("support", values["support"], SUPPORTS),
         letting_go=number("letting go", values["letting_go"]),
     )
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from pinograsp.plan import Verdict
 from pinograsp.referee.sample import History
+from pinograsp.referee.settings import Support
 from pinograsp.referee.task import Task
 from pinograsp.spatial import Array, BoolArray
 
@@ -26,20 +27,22 @@ def verdict_of(
     *,
     gone: bool,
     shaken: float | None,
+    support: Support = "fixed",
 ) -> Verdict:
     """The verdict on a task.
 
     Args:
         task: what was simulated.
-        history: the samples; the object is fixed until the sample at t_F.
+        history: the samples.
         depths: planned penetration of the history's parts (p,) [m].
         release: when the object was let go [s]; None: never.
         gone: whether the object was so far away that the simulation ended early.
+        support: of the object until it was let go.
         shaken: period of the hand's shaking [s]; None: not shaken, and the energy balance can be checked.
     """
     times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
     normal, planned = history.normal_forces, history.planned_forces
-    start, end = poses[complete], poses[-1]
+    start, end = poses[0 if support == "none" else complete], poses[-1]
     drift = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
     turned = end[:3, :3] @ start[:3, :3].T
     turn = float(np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))))
@@ -47,6 +50,9 @@ def verdict_of(
     up = -task.gravity_o / gravity if gravity > 0 else np.array([0.0, 0.0, 1.0])
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
     held, reason = _held(times, poses, normal, drift, turn, release, gone, shaken)
+    moved = float(np.linalg.norm(poses[complete, :3, 3] - poses[0, :3, 3]))
+    if support == "table" and moved > _SLIPPED:
+        reason += f"; the hand had moved it by {1e3 * moved:.2f} mm until the grasp was complete"
 
     # Averages over the last tenth of the hold remove small oscillations.
     last = slice(min(times.size - 1, times.size - max(1, (times.size - complete) // 10)), None)
