@@ -142,7 +142,7 @@ def hull_of(shape: coal.CollisionGeometry) -> coal.ConvexBase | None:
 
 def hull_points(geometry: coal.CollisionGeometry) -> Array:
     """Points (p, 3) of a geometry's surface: the corners of a mesh's hull or of a box, others about as dense."""
-    hull = hull_of(geometry)
+    hull = geometry if isinstance(geometry, coal.ConvexBase) else hull_of(geometry)
     if hull is not None:
         return np.array([hull.point(i) for i in range(hull.num_points)])
     geometry.computeLocalAABB()

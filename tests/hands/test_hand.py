@@ -22,6 +22,7 @@ from own_hands import joint, link, robot
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
+from pinograsp.hands.geometry import hull_points
 from pinograsp.hands.humanoid import case_study_pose, humanoid_hand
 from pinograsp.hands.xacro_guard import expand_xacro
 
@@ -935,3 +936,14 @@ def test_xacro_files_that_break_xacro(tmp_path, content, trusted):
         HandNotLoaded, match="no <link> found" if encoded and not trusted else "xacro could not expand it"
     ):
         load_hand(tmp_path / "hand.xacro", trusted=trusted)
+
+
+def test_points_of_hulls_are_those_of_the_meshes():
+    """They reach as far in every direction as the meshes, whether or not the hulls were taken already."""
+    rng = np.random.default_rng(2)
+    hand, meshes = (load_hand("psyonic_left", hulls=hulls) for hulls in (True, False))
+    for one, own in zip(hand.geometry.geometryObjects, meshes.geometry.geometryObjects):
+        points, corners = hull_points(one.geometry), own.geometry.vertices()
+        towards = rng.normal(size=(3, 20))
+        assert (points @ towards).max(axis=0) == pytest.approx((corners @ towards).max(axis=0), abs=1e-9)
+        assert hull_points(own.geometry) == pytest.approx(points, abs=1e-12)
