@@ -81,6 +81,7 @@ class ObjectCase(Section):
     samples: Annotated[int, Field(ge=1, le=100_000)] = 48
     seed: Annotated[int, Field(ge=0)] = 0
     wrap: bool = False
+    table: bool = False
     hulls: bool = True
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"
@@ -123,7 +124,7 @@ class ObjectCase(Section):
         return find_grasps(
             self.load_hand(),
             self.make_object(),
-            GraspConditions(mu=self.mu, friction=self._friction()),
+            GraspConditions(mu=self.mu, friction=self._friction(), table=self.table),
             count=self.samples,
             seed=self.seed,
             wrap=self.wrap,
@@ -183,6 +184,7 @@ class ObjectCase(Section):
             measure=self.measure,
             torque_limit="effort" if self.search == "convex" else None,
             reserve=self._kept_reserve(),
+            table=self.table,
         )
 
     def _friction(self) -> Friction | None:

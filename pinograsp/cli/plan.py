@@ -61,6 +61,9 @@ def plan(
     samples: Samples = 48,
     seed: Seed = 0,
     wrap: Wrap = False,
+    table: Annotated[
+        bool, typer.Option("--table", help="The object stands on a table: the hand keeps above it.")
+    ] = False,
     hulls: Hulls = True,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
@@ -114,6 +117,7 @@ def plan(
             "samples": samples,
             "seed": seed,
             "wrap": wrap,
+            "table": table,
             "hulls": hulls,
         }
         chosen = {key: value for key, value in {**options, "reserve": reserve}.items() if value is not None}

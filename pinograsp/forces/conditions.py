@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pinograsp.checks import array_of, brief, instance_of, number, one_of
+from pinograsp.checks import array_of, brief, flag, instance_of, number, one_of
 from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction
 from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.contacts.quality import BALANCES, Balance
@@ -18,7 +18,7 @@ from pinograsp.spatial import Array
 
 CONE = Friction(model="cone")
 SOFT = Friction(model="soft", torsion=5e-3)  # as of a rubber pad of 1 cm
-_LATER = ("torque_limit", "reserve")  # what a problem gets at the posture of its contacts, and when it is solved
+_LATER = ("torque_limit", "reserve", "table")  # what no problem has before the hand has closed, and where it is solved
 
 TorqueLimit = Literal["effort"] | float | Array | None
 
@@ -47,6 +47,8 @@ class GraspConditions:
         torque_limit: largest |torque| while the hand holds: ``"effort"`` (its own limits; joints without one are not
             limited), one number or (n,) [N m]; None: not limited.
         reserve: what the forces of a plan are to bear besides the weight; None: nothing.
+        table: whether the object stands on a table, a plane across gravity under its lowest point: the hand keeps above
+            it.
     """
 
     mu: float
@@ -65,6 +67,7 @@ class GraspConditions:
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
     torque_limit: TorqueLimit = "effort"
     reserve: Reserve | None = field(default_factory=Reserve)
+    table: bool = False
 
     __repr__ = brief("mu", "friction", "balance", "measure", "torque_limit")
 
@@ -74,6 +77,7 @@ class GraspConditions:
             instance_of(name, getattr(self, name), kind)
         instance_of("friction", self.friction, Friction, type(None))
         instance_of("reserve", self.reserve, Reserve, type(None))
+        flag("table", self.table)
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
         object.__setattr__(self, "gravity_o", array_of("gravity", self.gravity_o, (3,)))

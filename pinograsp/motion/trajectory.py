@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
 from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
 from pinograsp.contacts.clearance import deepest_hit, self_collisions
+from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import Finger, HandModel
@@ -52,6 +53,7 @@ class MotionSpec:
         samples: number of samples.
         time_step: largest step between samples [s].
         acceleration_at_start: ``"rest"`` (ddq = 0) or ``"paper"`` (ddq = -ddq at impact).
+        table: what closing fingers are to keep above; None: nothing.
     """
 
     posture: Mapping[str, ArrayLike] | None = None
@@ -60,6 +62,7 @@ class MotionSpec:
     samples: int = 13
     time_step: float = 1e-3
     acceleration_at_start: StartAcceleration = "rest"
+    table: SupportPlane | None = None
 
     __repr__ = brief()
 
@@ -68,6 +71,7 @@ class MotionSpec:
         object.__setattr__(self, "time_step", number("time step", self.time_step, above=0, unit="s"))
         one_of("acceleration at start", self.acceleration_at_start, STARTS)
         object.__setattr__(self, "samples", integer("samples", self.samples, at_least=1, at_most=MOST_SAMPLES))
+        instance_of("table", self.table, SupportPlane, type(None))
         for name in ("posture", "start"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, mapping_of(name, getattr(self, name), "{finger: joint angles}"))
@@ -181,15 +185,17 @@ class _Planning:
             for (finger, _), path in zip(self.closing, paths):
                 self.follow(finger, path)
             way = self.path.q[looked_at]
-            hit = deepest_hit(self.hand, body, way, allowed=_HIT)
+            what, hit = "the object", deepest_hit(self.hand, body, way, allowed=_HIT)
+            if hit is None and self.spec.table is not None:
+                what, hit = "the table", deepest_below(self.hand, self.spec.table, np.vstack([way, self.path.q[-1:]]))
             if hit is None:
                 crossing = [pair for q in way[1::_EVERY] for pair in self_collisions(self.hand, way[0], q)]
                 if not crossing:
                     return
                 tried.append((0.0, f"{' and '.join(crossing[0])} hit each other on the way", paths))
             else:
-                time = self.times[looked_at[hit.sample]]
-                where = f"{hit.link} hits the object on the way, at {time:.2g} s, {1e3 * hit.depth:.2g} mm deep"
+                time = self.times[[*looked_at, -1][hit.sample]]
+                where = f"{hit.link} hits {what} on the way, at {time:.2g} s, {1e3 * hit.depth:.2g} mm deep"
                 tried.append((hit.depth, where, paths))
         _, why, paths = min(tried, key=lambda one: one[0])
         for (finger, _), path in zip(self.closing, paths):

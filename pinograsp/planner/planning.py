@@ -11,6 +11,7 @@ import numpy as np
 
 from pinograsp.checks import instance_of, one_of
 from pinograsp.contacts import Closure, ContactSet, close_hand
+from pinograsp.contacts.support_plane import SupportPlane
 from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchInterrupted, Status
 from pinograsp.forces import (
     ConvexSolution,
@@ -164,8 +165,10 @@ def plan_grasp_on(
             start={finger.name: closure.start[finger.dofs] for finger in hand.fingers},
             posture={finger.name: closure.q[finger.dofs] for finger in hand.fingers},
         )
-    choices = _Choices(search=search, grid=grid, solver=solver, objective=objective, motion=motion, progress=progress)
     held = instance_of("object", closure.object, Body)
+    if conditions.table:
+        motion = replace(motion, table=SupportPlane.under(held, conditions.gravity_o))
+    choices = _Choices(search=search, grid=grid, solver=solver, objective=objective, motion=motion, progress=progress)
     problem = conditions.problem(held, closure.contacts())
     limit = None if conditions.torque_limit is None else effort_of(hand, conditions.torque_limit)
     elapsed = {"closing": time.perf_counter() - started}

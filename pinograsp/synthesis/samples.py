@@ -12,6 +12,7 @@ from pinograsp.contacts import (
     clearance,
     close_hand,
 )
+from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
@@ -23,6 +24,8 @@ from pinograsp.synthesis.jaws import cannot_stop_alone, centred
 from pinograsp.synthesis.preshapes import Preshape, free_of_themselves, preshapes
 from pinograsp.synthesis.seeds import Pairs, pairs_of
 
+_BLOCKED = ("the open hand overlaps the object", "the open hand overlaps the object or the table")
+_LOOKS = 5  # at the hand on its way, whether it hits the table
 _DRAWS = 12  # of pair, preshape and turn, until the open hand is clear of the object
 _BACKWARDS = 6  # steps that take an open hand back from an object that it overlaps
 _BALANCED = 0.15  # imbalance of preshapes that are used, where there are enough of them
@@ -45,6 +48,7 @@ class SearchCase:
     wrap: bool
     preshapes: tuple[Preshape, ...]
     pairs: Pairs
+    table: SupportPlane | None
 
 
 def case_of(
@@ -76,6 +80,7 @@ def case_of(
         wrap=wrap,
         preshapes=tuple(good),
         pairs=pairs_of(body, rng),
+        table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
     )
 
 
@@ -100,7 +105,7 @@ def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     best: tuple[tuple[int, float], Posed, FoundGrasp] | None = None
     for _ in range(size):
         posed = _drawn(case, rng)
-        outcome, grasp = ("the open hand overlaps the object", None) if posed is None else _closed(case, posed)
+        outcome, grasp = (_BLOCKED[case.table is not None], None) if posed is None else _closed(case, posed)
         outcomes.append(outcome)
         if posed is not None and grasp is not None and (best is None or _worth(grasp) > best[0]):
             best = (_worth(grasp), posed, grasp)
@@ -139,6 +144,8 @@ def _closed(case: SearchCase, posed: Posed) -> tuple[str, FoundGrasp | None]:
         return "the hand could not be closed", None
     if closure.self_collisions:
         return "fingers collide with each other", None
+    if not _above(case, posed.hand, np.linspace(posed.opened, closure.q, _LOOKS)):
+        return "the hand would hit the table", None
     return hold(closure, case.conditions, impact_time=case.impact_time)
 
 
@@ -161,9 +168,14 @@ def _drawn(case: SearchCase, rng: np.random.Generator) -> Posed | None:
         placed = _clear(case, _pose(turn, at), out, shape.opened)
         if placed is not None and case.wrap:
             placed = _pressed_on(placed, body, shape.opened, out)
-        if placed is not None:
+        if placed is not None and _above(case, placed, shape.opened[None]):
             return Posed(placed, shape.opened, shape.closed)
     return None
+
+
+def _above(case: SearchCase, hand: HandModel, postures: Array) -> bool:
+    """Whether the hand keeps above the table, where there is one, at postures (m, n)."""
+    return case.table is None or deepest_below(hand, case.table, postures) is None
 
 
 def _across(axis: Array, turn: float) -> Array:
