@@ -1,7 +1,7 @@
 """Random objects, loads and friction in every hand of the catalogue: does what the planner says come true in
 simulation?
 
-    python benchmarks/random_cases.py [--count 100] [--seed 0] [--hands NAME ...]
+    python benchmarks/random_cases.py [--count 100] [--seed 0] [--hands NAME ...] [--kinds feasible infeasible]
 
 The hands take turns. Drawn are a cylinder, a box or a sphere of its size (see grasps.py; 0.6 to 1.1 of it), friction
 from 0.4 to 0.9, and the direction of gravity.
@@ -79,6 +79,7 @@ NEAR = 5e-3  # [m] what an object may move and still count as held
 _ANY_DEPTH = 0.02  # [m] what is called infeasible must be so for friction and motors, not for a limit of the plan's own
 SAMPLES, PLACEMENTS, MOST_TRIES = 16, 3, 40
 MASSES = (0.3, 3.0)
+KINDS = ("feasible", "infeasible")
 
 
 @functools.lru_cache(maxsize=8)
@@ -138,7 +139,7 @@ def with_reserve(case: dict, hand, body, rng) -> dict | None:
         mu=case["mu"] * rng.uniform(1 - reserve.friction, 1),
         pushes=Push(wrench_o=[*push, 0, 0, 0], start=0.2, duration=0.5),
     )
-    verdict, disturbed = (pg.simulate(plan, disturbance=one) for one in (Disturbance(), within))
+    verdict, disturbed = (pg.simulate(plan, disturbance=one, time_step=5e-4) for one in (Disturbance(), within))
     said = f"mass x {within.mass_factor:.2f}, mu {within.mu:.2f}, push {1e3 * np.linalg.norm(push):.0f} mN"
     return row(case, "feasible", plan, body, verdict.verdict) | {
         "remark": "; ".join(plan.cautions),
@@ -288,6 +289,7 @@ def holds(row: dict, drift: float, turn: float) -> bool:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--count", type=int, default=100, help="cases of each kind")
+    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--hands", nargs="+", default=sorted(CATALOGUE), help="only these")
     parser.add_argument("--jobs", type=int, default=-1, help="processes; -1: all cores")
@@ -302,9 +304,9 @@ def main() -> None:
                 rows = list(csv.DictReader(stream))
     done = {int(row["case"]) for row in rows}
     wanted = [
-        (i, ("feasible", "infeasible")[i % 2], options.hands[i // 2 % len(options.hands)])
+        (i, KINDS[i % 2], options.hands[i // 2 % len(options.hands)])
         for i in range(2 * options.count)
-        if i not in done
+        if i not in done and KINDS[i % 2] in options.kinds
     ]
     import random_cases  # by its name, so that other processes keep the hands they have loaded
 

@@ -7,10 +7,11 @@ of the hand's surface relative to the object's. The normal force at point i is
     F_i = w_i max(0, (lambda v_i . n_i + K) delta_i^rho).
 
 The weights w_i divide the plan's contacts among the points that the physics engine finds; they sum to the number of the
-part's planned contacts. The part's tangential spring has a displacement z and a rotation phi about the normal. The
-friction force at point i is kt w_i (z + phi n x (p_i - c)), limited to mu F_i. Where the limit acts, the point slips,
-and z and phi are reset to match the remaining forces. The moment of a soft finger about the normal uses the same phi
-and is limited to e F.
+part's planned contacts. The part's tangential spring has a displacement z and a rotation phi about the normal, and is
+divided among the points by their shares g_i of the pressure, which sum to the same number; c is their centre by these.
+The friction force at point i is kt g_i (z + phi n x (p_i - c)), limited to mu F_i. Where the limit acts, the point
+slips, and z and phi are reset to match the remaining forces. The moment of a soft finger about the normal uses the same
+phi and is limited to e F.
 """
 
 from __future__ import annotations
@@ -171,7 +172,11 @@ class ContactLaw:
         raised = depth**self.rho
         normal = share * np.maximum((self.lam * rate + self.K) * raised, 0.0)
 
-        # The springs of parts that touch follow the surfaces.
+        # The springs of parts that touch follow the surfaces. A point's share of them is that of its pressure: they
+        # would creep if those that hardly press slipped again and again, while others can hold.
+        pressure = weights.sum(axis=0) * raised
+        weights = of * (pressure / np.maximum((of @ pressure)[which], 1e-300))
+        gripping = counts[which] * weights.sum(axis=0)
         axis = weights @ n
         axis /= np.sqrt(_dot(axis, axis))[:, None]
         across, spin = weights @ (touches.velocity_o - rate[:, None] * n), weights @ touches.spin
@@ -181,7 +186,7 @@ class ContactLaw:
         arm = cross(axis[which], touches.point_o - (weights @ touches.point_o)[which])
         stretched = z[which] + phi[which][:, None] * arm
         stretched -= _dot(stretched, n)[:, None] * n
-        tangential = (self.kt * share)[:, None] * stretched
+        tangential = (self.kt * gripping)[:, None] * stretched
         length = np.sqrt(_dot(tangential, tangential))
         held = np.minimum(1.0, self.mu[part] * normal / np.maximum(length, 1e-300))
         tangential *= held[:, None]
@@ -191,7 +196,7 @@ class ContactLaw:
         # The springs' new state, by the forces that friction allows; the difference has slipped.
         pulled = of @ tangential
         left = pulled / (self.kt * counts)[:, None]
-        stiff = self.kt * (of @ (share * _dot(arm, arm))) + twisting
+        stiff = self.kt * (of @ (gripping * _dot(arm, arm))) + twisting
         around = of @ _dot(tangential, arm) + twist
         turned = np.divide(around, stiff, out=np.zeros(len(here)), where=stiff > 1e-12)
         if held.min() < 1.0:

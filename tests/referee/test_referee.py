@@ -220,6 +220,37 @@ def test_soft_fingers_twist_up_to_their_limit():
     assert pressing.moment_o[0, 2] == pytest.approx(5e-3 * normal, rel=1e-9)
 
 
+def test_an_area_that_can_hold_does_not_creep_where_it_hardly_presses():
+    """Points with a hundredth of the force carry their share of the load up to the cone, and hold it then."""
+    law, dt = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [2]), 1e-4
+    depths = np.array([1e-3, 9e-4, 6e-5, 5e-5])
+
+    def press(speed):
+        area = Touches(
+            np.zeros(4, dtype=int),
+            np.zeros(4, dtype=int),
+            np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0]]),
+            np.tile([0.0, 0, 1], (4, 1)),
+            depths,
+            np.tile([speed, 0.0, 0.0], (4, 1)),
+            np.zeros(4),
+        )
+        return law.press(area, dt)
+
+    most = 0.5 * press(0.0).normal.sum()
+    loaded = 0.0
+    for _ in range(10_000):
+        if loaded < 0.95 * most:
+            loaded = press(1e-3).force_o[:, 0].sum()
+    for _ in range(1000):
+        still = press(0.0)
+    assert still.force_o[:, 0].sum() == pytest.approx(loaded, rel=1e-9)
+    assert law.slip[0] == 0.0
+    for _ in range(2000):
+        sliding = press(1e-2)
+    assert sliding.force_o[:, 0] == pytest.approx(0.5 * sliding.normal, rel=1e-6)
+
+
 def test_points_of_an_area_share_what_the_plan_counts():
     law = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [3])
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0]])
