@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from pinograsp.errors import InvalidInput
-from pinograsp.hands.geometry import hull_of
-from pinograsp.objects.body import Body
+from pinograsp.hands.geometry import hull_of, hull_points
+from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import Array
 
 _SINK = 1e-4  # [m] by which the object sinks in under its weight
@@ -54,20 +54,22 @@ class Table:
 
     def _arms(self, pose: Array) -> Array:
         """Points (p, 3) that may bear the object at a pose (4, 4), from its centre of mass, world axes."""
-        corners = self.body.project(self.below @ pose[:3, :3])[0] if self.corners is None else self.corners
-        arms: Array = np.unique(corners.round(9), axis=0) @ pose[:3, :3].T
+        corners = self.corners
+        if corners is None:
+            corners = np.unique(self.body.project(self.below @ pose[:3, :3])[0].round(9), axis=0)
+        arms: Array = corners @ pose[:3, :3].T
         return arms
 
 
 def _corners(body: Body) -> Array | None:
     """The corners (p, 3) of a mesh's hull in the body's frame; None for other shapes."""
-    hull = hull_of(body.collision_geometry)
-    return None if hull is None else np.array([hull.point(i) for i in range(hull.num_points)])
+    geometry = body.collision_geometry
+    return None if hull_of(geometry) is None else hull_points(geometry)
 
 
 def _below(body: Body, up: Array) -> Array:
     """Points (p, 3) far below the object, from its centre of mass: what bears it is nearest to one of them."""
-    across = np.linalg.svd(up[None])[2][1:]
+    across = tangents(up[None])[0].T
     turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
     beside = np.column_stack([np.cos(turn), np.sin(turn)]) @ across
     below: Array = _FAR * body.bounding_radius * np.vstack([-up, np.sin(_TILT) * beside - np.cos(_TILT) * up])
@@ -76,8 +78,7 @@ def _below(body: Body, up: Array) -> Array:
 
 def _check_standing(arms: Array, up: Array) -> None:
     """Raise :class:`InvalidInput` where the centre of mass is not above the points that bear the object (p, 3)."""
-    across = np.linalg.svd(up[None])[2][1:]
-    flat = arms @ across.T
+    flat = arms @ tangents(up[None])[0]
     try:
         beside = float(ConvexHull(flat).equations[:, 2].max())
     except (QhullError, ValueError):  # one point or one edge
