@@ -34,6 +34,8 @@ _SUPPORTED: dict[Support, tuple[str, ...]] = {
     "none": ("nothing but the hand held the object from the impact time on",),
 }
 _COARSEST = 0.05  # [s] largest time step, and largest interval between samples
+_RESOLVED = 0.6  # [rad] at most, of the object's swings on its contacts, in one step
+_SHORTER = 20  # times at most, for that; it is enough for grams in steps of a millisecond
 _FEWEST_STEPS = 10  # until the grasp is complete
 _MOST_STEPS = 2_000_000  # their samples take half a gigabyte
 
@@ -82,7 +84,8 @@ def simulate(
             the paper's Adams model).
         disturbance: differences from the plan.
         servo: gains; default :meth:`Servo.of`.
-        time_step: at most 0.05 s, and two million steps in all [s].
+        time_step: at most 0.05 s, and two million steps in all [s]. An object that swings too fast on its contacts
+            for it, since it is light, gets one up to 20 times shorter, with a note.
         sample: interval between samples of the record [s].
         release: False: the object stays fixed to the end.
         support: what bears the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
@@ -143,7 +146,10 @@ def _schedule(
     longest = min(_COARSEST, task.final_time / _FEWEST_STEPS)
     if dt > longest:
         raise InvalidInput(f"time step: expected at most {longest:g} s, got {dt:g} s")
-    duration = task.final_time + hold + (letting_go if release else 0.0)
+    asked, duration = dt, task.final_time + hold + (letting_go if release else 0.0)
+    if release:
+        swinging = float(np.sqrt(len(task.names) * TANGENTIAL / task.body.mass))  # [rad/s]
+        dt = min(dt, max(dt / _SHORTER, _RESOLVED / swinging))
     if not duration / dt <= _MOST_STEPS:
         raise InvalidInput(
             f"hold, time step: expected at most {_MOST_STEPS} steps, got {duration / dt:.3g} "
@@ -151,9 +157,9 @@ def _schedule(
         )
     if support != "fixed" and not release:
         raise InvalidInput(f"support: expected 'fixed' with release=False, got '{support}', which lets the object go")
-    if release and hold < dt:
+    if release and hold < asked:
         raise InvalidInput(
-            f"hold: expected at least one step, {dt:g} s, got {hold:g} s: without a hold there is nothing to judge"
+            f"hold: expected at least one step, {asked:g} s, got {hold:g} s: without a hold there is nothing to judge"
         )
     if prescribed and disturbance.start_error is not None:
         raise InvalidInput(
@@ -166,6 +172,7 @@ def _schedule(
             )
     return Schedule(
         time_step=dt,
+        shortened=dt < asked,
         duration=duration,
         every=max(1, round(min(sample / dt, _MOST_STEPS))),
         release=release,
@@ -212,6 +219,7 @@ def _law(task: Task, parts: int, mu: float | None) -> ContactLaw:
 
 def _record(trial: Trial, engine: str, mode: str, elapsed: float) -> Simulation:
     task, schedule, samples = trial.task, trial.schedule, trial.samples
+    light = f"steps of {1e3 * schedule.time_step:.2g} ms: a light object swings fast on its contacts"
     joints = [task.joint_of(link) for link in task.links]
     planned = np.zeros(trial.engine.parts)
     np.add.at(planned, joints, task.normal_forces)
@@ -254,7 +262,7 @@ def _record(trial: Trial, engine: str, mode: str, elapsed: float) -> Simulation:
         time_step=schedule.time_step,
         release=released,
         disturbance=schedule.disturbance.summary(),
-        notes=(*trial.engine.notes, *_SUPPORTED[schedule.support]),
+        notes=(*trial.engine.notes, *_SUPPORTED[schedule.support], *([light] if schedule.shortened else [])),
         elapsed=elapsed,
         exponent=task.law[2],
         **{one.name: getattr(history, one.name) for one in fields(History)},

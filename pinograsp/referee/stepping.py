@@ -91,6 +91,7 @@ class Schedule:
 
     Attributes:
         time_step: [s].
+        shortened: whether it is shorter than asked for.
         duration: of the simulation [s].
         every: number of steps between samples.
         release: whether the object is let go at t_F.
@@ -101,6 +102,7 @@ class Schedule:
     """
 
     time_step: float
+    shortened: bool
     duration: float
     every: int
     release: bool
