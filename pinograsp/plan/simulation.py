@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,9 @@ class Verdict:
         limit_hits: joints beyond their position limits.
         saturated: joints whose motor was at its torque limit at the end.
         energy_error: what the energy audit does not account for, relative to the energy that was turned over.
+        causes: of a lost object, what went wrong first, in the order of time: motors at their torque limits, contacts
+            that slipped or opened, in words.
+        remedies: what to change then, in words.
     """
 
     held: bool
@@ -46,8 +49,12 @@ class Verdict:
     limit_hits: tuple[str, ...]
     saturated: tuple[str, ...]
     energy_error: float | None
+    causes: tuple[str, ...] = ()
+    remedies: tuple[str, ...] = ()
 
-    __repr__ = brief("held", "reason", "drift", "turn", "force_error", "penetration_error", "slipped", "unplanned")
+    __repr__ = brief(
+        "held", "reason", "causes", "drift", "turn", "force_error", "penetration_error", "slipped", "unplanned"
+    )
 
     def summary(self) -> dict[str, Any]:
         """As plain JSON values, units in the names."""
@@ -65,6 +72,8 @@ class Verdict:
             "joint_limit_hits": list(self.limit_hits),
             "saturated": list(self.saturated),
             "energy_error": self.energy_error,
+            "causes": list(self.causes),
+            "remedies": list(self.remedies),
         }
 
 
@@ -97,6 +106,7 @@ class Simulation:
         notes: where the geometry differs from the plan's.
         elapsed: [s].
         exponent: rho of the contact law.
+        servo: control of the joints and stiffness [N m/rad or N/m], as plain values; empty: prescribed motion.
     """
 
     verdict: Verdict
@@ -122,6 +132,7 @@ class Simulation:
     notes: tuple[str, ...]
     elapsed: float
     exponent: float
+    servo: Mapping[str, Any] = field(default_factory=dict)
 
     __repr__ = brief("verdict", "engine", "mode", "time_step", "parts", "planned_forces", "notes", "elapsed")
 
@@ -144,6 +155,7 @@ class Simulation:
             **self.verdict.summary(),
             "engine": self.engine,
             "mode": self.mode,
+            "servo": dict(self.servo),
             "time_step_s": self.time_step,
             "release_s": self.release,
             "complete": self.complete,
@@ -180,6 +192,8 @@ class Simulation:
         v = self.verdict
         lines = [
             f"{'HELD' if v.held else 'LOST'}: {v.reason}",
+            *(f"  why: {cause}" for cause in v.causes),
+            *(f"  what helps: {remedy}" for remedy in v.remedies),
             f"  drift {1e3 * v.drift:.3f} mm, tilt {v.tilt:.3f} deg, turn {v.turn:.3f} deg",
             f"  largest force error {100 * v.force_error:.2f} %, penetration error {1e3 * v.penetration_error:.4f} mm",
         ]
@@ -196,5 +210,8 @@ class Simulation:
             if which:
                 lines.append(f"  {what}: {', '.join(which)}")
         audit = "not made (the hand was shaken)" if v.energy_error is None else f"closes to {v.energy_error:.1e}"
-        lines.append(f"  energy audit {audit}; {self.engine}, step {1e3 * self.time_step:g} ms, {self.elapsed:.2f} s")
+        control = self.servo.get("control", self.mode)
+        lines.append(
+            f"  energy audit {audit}; {self.engine}, {control}, step {1e3 * self.time_step:g} ms, {self.elapsed:.2f} s"
+        )
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])

@@ -5,11 +5,12 @@ It shares no contact, force, torque or energy code with the planner.
 
 from pinograsp.plan import Simulation, Verdict
 from pinograsp.referee.monte_carlo import Errors, MonteCarlo, monte_carlo
-from pinograsp.referee.settings import Disturbance, Push, Servo
+from pinograsp.referee.settings import BaseMotion, Disturbance, Push, Servo
 from pinograsp.referee.simulate import simulate
 from pinograsp.referee.thresholds import LoadThreshold, SlipThreshold, load_threshold, slip_threshold
 
 __all__ = [
+    "BaseMotion",
     "Disturbance",
     "Errors",
     "LoadThreshold",

@@ -44,9 +44,12 @@ class MujocoEngine:
         parts: number of parts of the hand: one per Pinocchio joint, 0 being the palm.
         notes: differences from the plan's geometry.
         torques: of the motors over the last step (n,) [N m or N].
+        friction: torques of the joints' dry friction over the last step (n,) [N m or N].
     """
 
-    def __init__(self, task: Task, *, time_step: float, servo: Servo, mass_factor: float):
+    def __init__(
+        self, task: Task, *, time_step: float, servo: Servo, mass_factor: float, joint_friction: Array | None = None
+    ):
         hand = task.hand
         flat = len(set(task.links)) < len(task.links)
         self.model, notes = build(
@@ -56,12 +59,17 @@ class MujocoEngine:
             gravity_o=task.gravity_o,
             servo=servo,
             mass_factor=mass_factor,
+            joint_friction=joint_friction,
             flat=flat,
         )
         self.notes, self.parts = tuple(notes), int(hand.model.njoints)
         self.data, self.dt, self.servo = mujoco.MjData(self.model), time_step, servo
         self.limit = task.torque_limit
         self.torques: Array = np.zeros(hand.n)
+        self.friction: Array = np.zeros(hand.n)
+        self.has_friction = joint_friction is not None and bool(np.any(joint_friction))
+        self.servoed: Array = np.where(servo.stiffness > 0, 1.0, 0.0)
+        self.gain: Array = np.where(servo.stiffness > 0, servo.stiffness, 1.0)
         model = self.model
         finite = np.isfinite(task.torque_limit)
         model.actuator_forcelimited[:] = finite
@@ -151,7 +159,7 @@ class MujocoEngine:
     ) -> None:
         """One step with servos, see :meth:`pinograsp.referee.stepping.Engine.step`."""
         data, servo = self.data, self.servo
-        data.ctrl[:] = q + (servo.damping * dq + feed_forward) / servo.stiffness
+        data.ctrl[:] = self.servoed * q + (servo.damping * dq + feed_forward) / self.gain
         self._press(touches, pressing, wrench_o)
         before = self.dq
         mujoco.mj_step2(self.model, data)
@@ -160,11 +168,21 @@ class MujocoEngine:
             free = np.abs(torques) < self.limit
             torques[free] -= (servo.damping * (self.dq - before))[free]
         self.torques = torques
+        if self.has_friction:
+            self.friction = self._dry_friction()
+
+    def _dry_friction(self) -> Array:
+        """Torques of the joints' dry friction over the last step (n,) [N m or N]."""
+        data = self.data
+        rows = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
+        torques = np.zeros(self.model.nv)
+        torques[data.efc_id[rows]] = data.efc_force[rows]
+        return torques[self.dofs]
 
     def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
         """One step of the object alone; the torques are those that accelerate the joints by ddq (n,)."""
         data, servo = self.data, self.servo
-        data.ctrl[:] = self.q + servo.damping * self.dq / servo.stiffness  # the motors exert no torque
+        data.ctrl[:] = self.servoed * self.q + servo.damping * self.dq / self.gain  # the motors exert no torque
         self._press(touches, pressing, wrench_o)
         mujoco.mj_step2(self.model, data)
         acceleration = data.qacc.copy()

@@ -11,6 +11,8 @@ from pinograsp.referee.settings import Servo
 from pinograsp.referee.task import Task
 from pinograsp.spatial import Array
 
+_SWEEPS, _SETTLED = 100, 1e-9  # of the joints' friction: sweeps at most, and change of the last one over the largest
+
 
 class PinocchioEngine:
     """Hand and object, stepped in time. Vectors of joints are in the order of the hand's q; world axes.
@@ -23,11 +25,14 @@ class PinocchioEngine:
         parts: number of parts of the hand: one per Pinocchio joint, 0 being the palm.
         notes: differences from the plan's geometry.
         torques: of the motors over the last step (n,) [N m or N].
+        friction: torques of the joints' dry friction over the last step (n,) [N m or N].
         q: joint positions (n,) [rad or m].
         dq: joint velocities (n,) [rad/s or m/s].
     """
 
-    def __init__(self, task: Task, *, time_step: float, servo: Servo, mass_factor: float):
+    def __init__(
+        self, task: Task, *, time_step: float, servo: Servo, mass_factor: float, joint_friction: Array | None = None
+    ):
         hand, body = task.hand, task.body
         self.dt, self.servo, self.limit = time_step, servo, task.torque_limit
         self.coupled, self.parts = bool(hand.couplings), int(hand.model.njoints)
@@ -48,6 +53,9 @@ class PinocchioEngine:
         self.q: Array = np.zeros(hand.n)
         self.dq: Array = np.zeros(hand.n)
         self.torques: Array = np.zeros(hand.n)
+        self.friction: Array = np.zeros(hand.n)
+        self.most_friction: Array = np.zeros(hand.n) if joint_friction is None else np.array(joint_friction)
+        self.rubbing = np.flatnonzero(self.most_friction)
         self.rotation: Array = np.array(body.pose[:3, :3])
         self.position: Array = np.array(body.pose[:3, 3])
         self.velocity: Array = np.zeros(3)  # of the centre of mass, world axes
@@ -116,17 +124,42 @@ class PinocchioEngine:
         wanted = servo.stiffness * (q - self.q) + servo.damping * (dq - before) + feed_forward
         torques = np.clip(wanted, -self.limit, self.limit)
         self._push(touches, pressing)
+        implicit = np.where(np.abs(wanted) < self.limit, self.implicit, 0.0)
         if self.coupled:
             rest = pin.rnea(self.model, self.data, self.q, before, np.zeros_like(before), self.pushed)
             acceleration = np.linalg.solve(self._mass_matrix, torques - rest)
         else:
-            implicit = np.where(np.abs(wanted) < self.limit, self.implicit, 0.0)
             self.damped.armature = self.model.armature + implicit
             acceleration = pin.aba(self.damped, self.data, self.q, before, torques, self.pushed)
-            torques = torques - implicit * acceleration
+        if self.rubbing.size:
+            acceleration = acceleration + self._rubbed(before + self.dt * acceleration)
+        torques = torques - implicit * acceleration
         self.torques, self.dq = torques, before + self.dt * acceleration
         self.q = self.q + self.dt * self.dq
         self._step_object(touches, pressing, wrench_o)
+
+    def _rubbed(self, dq: Array) -> Array:
+        """Accelerations (n,) [rad/s^2 or m/s^2] by the joints' dry friction over a step that would end at dq (n,).
+
+        Friction is what stops the joints within the step, at most its limit (Gauss-Seidel over the joints, begun with
+        that of the last step).
+        """
+        mass = self._mass_matrix
+        if not self.coupled:
+            upper = np.triu(pin.crba(self.damped, self.data, self.q))
+            mass = upper + np.triu(upper, 1).T
+        yields = np.linalg.inv(mass)
+        wanted, most, torques = dq / self.dt, self.most_friction, self.friction.copy()
+        for _ in range(_SWEEPS):
+            before = torques.copy()
+            for j in self.rubbing:
+                stopping = torques[j] - (wanted[j] + yields[j] @ torques) / yields[j, j]
+                torques[j] = min(max(stopping, -most[j]), most[j])
+            if np.abs(torques - before).max() <= _SETTLED * most.max():
+                break
+        self.friction = torques
+        accelerations: Array = yields @ torques
+        return accelerations
 
     def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
         """One step of the object alone; the torques are those that accelerate the joints by ddq (n,)."""

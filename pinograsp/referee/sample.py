@@ -17,7 +17,7 @@ class Energies:
     """Energies up to an instant [J].
 
     Attributes:
-        joint_work: put in by the motors.
+        joint_work: put in by the motors, less what the joints' dry friction takes.
         load_work: put in by the load.
         mechanical: change of the kinetic and potential energy since the start.
         elastic: stored in the contacts' springs.

@@ -1,15 +1,26 @@
-"""Settings of a simulation: the servos' gains and the disturbances."""
+"""Settings of a simulation: the control of the joints, and the disturbances."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, each_of, floats_of, instance_of, items_of, number, shown
+from pinograsp.checks import (
+    array_of,
+    at_least_zero,
+    brief,
+    each_of,
+    floats_of,
+    instance_of,
+    items_of,
+    number,
+    one_of,
+    shown,
+)
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
@@ -18,39 +29,62 @@ from pinograsp.spatial import Array
 _TURNING, _SLIDING = 50.0, 50.0 / 0.03**2
 _ROTOR = 1e-4  # [kg m^2]
 _MOST_MU = 1e6
+_STIFFNESSES = (1e-3, 1e4)  # ratios of real to planned contact stiffness: foam for plastic to steel for rubber
 _SETTLING = 0.01  # [s] ratio of damping to stiffness
+_LIMP = 0.1  # torque control is damped as servos with this share of the default stiffness
 
+Control = Literal["torque", "position", "position+torque"]
+CONTROLS: tuple[Control, ...] = ("torque", "position", "position+torque")
 Support = Literal["fixed", "table", "none"]
 SUPPORTS: tuple[Support, ...] = ("fixed", "table", "none")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Servo:
-    """Position servos of the joints: torque = stiffness (q* - q) + damping (dq* - dq) + the plan's torque, within the
-    limits.
+    """Drives of the joints: torque = stiffness (q* - q) + damping (dq* - dq) + the plan's torque, within the limits.
 
     Attributes:
-        stiffness: (n,) [N m/rad or N/m].
+        stiffness: kp (n,) [N m/rad or N/m]; 0 with torque control.
         damping: (n,) [N m s/rad or N s/m].
         rotor: inertia of the motors, reflected to the joints (n,) [kg m^2 or kg].
+        control: ``"position+torque"``: servos, with the plan's torques as feed-forward; ``"position"``: servos alone;
+            ``"torque"``: the plan's torques alone, with the joints' damping.
+
+    Raises:
+        InvalidInput: values that are negative, torque control with a stiffness, or position control without one.
     """
 
     stiffness: Array
     damping: Array
     rotor: Array
+    control: Control = "position+torque"
 
     __repr__ = brief()
 
     def __post_init__(self) -> None:
         n = floats_of("servo stiffness", self.stiffness).size
+        control = one_of("servo control", self.control, CONTROLS)
+        object.__setattr__(self, "control", control)
         for name in ("stiffness", "damping", "rotor"):
             values = array_of(f"servo {name}", getattr(self, name), (n,))
-            if np.any(values < 0) or (name == "stiffness" and np.any(values == 0)):
-                raise InvalidInput(f"servo {name}: expected values > 0, got {shown(values.tolist())}")
+            if np.any(values < 0) or (name == "stiffness" and control != "torque" and np.any(values == 0)):
+                hint = "; torque alone is control='torque'" if name == "stiffness" else ""
+                raise InvalidInput(f"servo {name}: expected values > 0, got {shown(values.tolist())}{hint}")
             object.__setattr__(self, name, values)
+        if control == "torque" and np.any(self.stiffness):
+            raise InvalidInput(
+                f"servo stiffness: expected 0 with control='torque', got {shown(self.stiffness.tolist())}: leave it "
+                "out, or take control='position+torque'"
+            )
 
     @classmethod
-    def of(cls, hand: HandModel, stiffness: ArrayLike | None = None, damping: ArrayLike | None = None) -> Servo:
+    def of(
+        cls,
+        hand: HandModel,
+        stiffness: ArrayLike | None = None,
+        damping: ArrayLike | None = None,
+        control: Control = "position+torque",
+    ) -> Servo:
         """Gains for a hand's servos.
 
         Rotor inertias are those of the hand's description. Where joints are coupled, they are at least 1e-4 kg m^2
@@ -59,14 +93,27 @@ class Servo:
 
         Args:
             hand: whose joints the servos move.
-            stiffness: one number or (n,); default: 50 N m/rad, 55.6 kN/m for sliding joints.
-            damping: one number or (n,); default: 10 ms times the stiffness.
+            stiffness: kp, one number or (n,); default: 50 N m/rad, 55.6 kN/m for sliding joints; none with torque
+                control.
+            damping: one number or (n,); default: 10 ms times the stiffness, with torque control times a tenth of the
+                default stiffness.
+            control: of the joints, see :class:`Servo`.
+
+        Raises:
+            InvalidInput: unusable gains, or a stiffness with torque control.
         """
         model = instance_of("hand", hand, HandModel).model
         slides = np.array([hand.is_prismatic(model.getJointId(name)) for name in hand.joint_names])
-        chosen = (
-            np.where(slides, _SLIDING, _TURNING) if stiffness is None else _each("servo stiffness", stiffness, hand.n)
-        )
+        torque = one_of("servo control", control, CONTROLS) == "torque"
+        chosen = np.where(slides, _SLIDING, _TURNING)
+        if stiffness is not None and torque:
+            raise InvalidInput(
+                f"servo stiffness: expected none with control='torque', got {shown(stiffness)}: leave it out, or take "
+                "control='position+torque'"
+            )
+        if stiffness is not None:
+            chosen = _each("servo stiffness", stiffness, hand.n)
+        felt = _LIMP * chosen if torque else chosen
         rotor = np.array(model.armature)
         if hand.couplings:
             rotor = np.maximum(rotor, np.where(slides, _ROTOR / 0.03**2, _ROTOR))
@@ -74,10 +121,26 @@ class Servo:
             damped = _each("servo damping", damping, hand.n)
         elif hand.couplings:
             inertia = np.diag(pin.crba(model, model.createData(), np.clip(np.zeros(hand.n), hand.lower, hand.upper)))
-            damped = 2 * np.sqrt(chosen * (inertia - model.armature + rotor))
+            damped = 2 * np.sqrt(felt * (inertia - model.armature + rotor))
         else:
-            damped = _SETTLING * chosen
-        return cls(stiffness=chosen, damping=damped, rotor=rotor)
+            damped = _SETTLING * felt
+        return cls(stiffness=0.0 * chosen if torque else chosen, damping=damped, rotor=rotor, control=control)
+
+    def scaled(self, factor: float) -> Servo:
+        """With ``factor`` times the gains, stiffness and damping; torque control has none, its damping is the joints'.
+
+        Raises:
+            InvalidInput: a factor that is not above 0.
+        """
+        factor = number("servo gain", factor, above=0)
+        if self.control == "torque":
+            return self
+        return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping)
+
+    def summary(self) -> dict[str, Any]:
+        """Control and stiffness as plain values; one number where all joints have the same."""
+        kp = self.stiffness.tolist()
+        return {"control": self.control, "stiffness": kp[0] if len(set(kp)) == 1 else kp}
 
 
 def _each(name: str, value: object, n: int) -> Array:
@@ -110,28 +173,81 @@ class Push:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BaseMotion:
+    """A motion of the hand's base, by its acceleration: the base does not turn.
+
+    The simulation moves along with the base: hand and object feel inertial forces. Between the times the acceleration
+    is linear, before the first and after the last one it is zero.
+
+    Attributes:
+        times: that grow, counted from t_F (m,) [s].
+        accelerations: of the base at these times (m, 3) [m/s^2], world axes, as gravity's.
+
+    Raises:
+        InvalidInput: fewer than two times, times before 0 or that do not grow, or accelerations that do not fit.
+    """
+
+    times: Array
+    accelerations: Array
+
+    __repr__ = brief()
+
+    def __post_init__(self) -> None:
+        times = array_of("times of the base's motion [s]", self.times, (None,))
+        if times.size < 2 or times[0] < 0 or np.any(np.diff(times) <= 0):
+            raise InvalidInput(
+                "times of the base's motion: expected two or more that grow, from t_F on (0), got "
+                f"{shown(times.tolist())}"
+            )
+        name = "accelerations of the base's motion [m/s^2]"
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "accelerations", array_of(name, self.accelerations, (times.size, 3)))
+
+    def at(self, since: float) -> Array:
+        """The acceleration (3,) [m/s^2] at a time after t_F [s]."""
+        since = number("time since t_F", since, unit="s")
+        columns = self.accelerations.T
+        return np.array([np.interp(since, self.times, column, left=0.0, right=0.0) for column in columns])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Disturbance:
     """Differences between the simulation and the plan.
+
+    A contact stiffness other than planned: the damping of the contacts changes so that an object on contacts that
+    bear the planned forces is damped as planned (the same damping ratio: lambda grows with the factor to the power of
+    1 + 1 / (2 rho)), and the tangential stiffness changes as the normal one does at these forces (to the power of
+    1 / rho).
 
     Attributes:
         pushes: wrenches on the object.
         shake: amplitude of a sinusoidal acceleration of the whole hand from t_F on (3,) [m/s^2].
         shake_frequency: [Hz].
+        base_motion: further accelerations of the whole hand from t_F on.
         mu: friction coefficient of all contacts [-]; None: the plan's.
         mass_factor: ratio of the object's mass to the planned mass.
+        stiffness: ratio of the contact law's K to the planned one: above 1 hand and object are harder than assumed.
         object_offset: displacement of the object before the hand moves (3,) [m]; it shifts the contact points.
         object_turn: rotation vector of the object before the hand moves (3,) [rad].
         start_error: of the joints at t = 0 (n,) [rad or m]; None: no error.
+        joint_offset: what the joints' encoders read less the true positions, one number or (n,) [rad or m].
+        joint_friction: dry friction of the joints, one number or (n,) [N m or N].
+        servo_gain: ratio of the servos' stiffness and damping to those of :class:`Servo`.
     """
 
     pushes: tuple[Push, ...] = ()
     shake: Array = field(default_factory=lambda: np.zeros(3))
     shake_frequency: float = 3.0
+    base_motion: BaseMotion | None = None
     mu: float | None = None
     mass_factor: float = 1.0
+    stiffness: float = 1.0
     object_offset: Array = field(default_factory=lambda: np.zeros(3))
     object_turn: Array = field(default_factory=lambda: np.zeros(3))
     start_error: Array | None = None
+    joint_offset: float | Array = 0.0
+    joint_friction: float | Array = 0.0
+    servo_gain: float = 1.0
 
     __repr__ = brief()
 
@@ -143,11 +259,33 @@ class Disturbance:
         for name, unit in (("shake", "m/s^2"), ("object_offset", "m"), ("object_turn", "rad")):
             put(name, array_of(f"{name} [{unit}]", getattr(self, name), (3,)))
         put("shake_frequency", number("shake frequency", self.shake_frequency, above=0, unit="Hz"))
+        instance_of("base motion", self.base_motion, BaseMotion, type(None))
         if self.mu is not None:
             put("mu", number("mu", self.mu, at_least=0, at_most=_MOST_MU))
         put("mass_factor", number("mass factor", self.mass_factor, above=0))
+        low, high = _STIFFNESSES
+        put("stiffness", number("stiffness factor", self.stiffness, at_least=low, at_most=high))
+        put("servo_gain", number("servo gain", self.servo_gain, above=0))
         if self.start_error is not None:
             put("start_error", array_of("start error", self.start_error, (None,)))
+        for name, text in (
+            ("joint_offset", "joint offset [rad or m]"),
+            ("joint_friction", "joint friction [N m or N]"),
+        ):
+            value, text = getattr(self, name), f"{name} {unit}".replace("_", " ")
+            put(name, array_of(text, value, (None,)) if floats_of(text, value).ndim else number(text, value))
+        at_least_zero("joint friction [N m or N]", self.joint_friction)
+
+    @property
+    def accelerates(self) -> bool:
+        """Whether the hand's base moves."""
+        return bool(np.any(self.shake)) or self.base_motion is not None
+
+    def acceleration(self, since: float) -> Array:
+        """Of the hand's base (3,) [m/s^2] at a time after t_F [s]."""
+        since = number("time since t_F", since, unit="s")
+        swing: Array = self.shake * np.sin(2 * np.pi * self.shake_frequency * since)
+        return swing if self.base_motion is None else swing + self.base_motion.at(since)
 
     def wrench(self, since_release: float) -> Array:
         """Sum of the pushes (6,) [N, N m] at a time after the object's support is gone [s]."""
@@ -168,13 +306,20 @@ class Disturbance:
             ]
         if np.any(self.shake):
             values |= {"shake_m_s2": self.shake.tolist(), "shake_Hz": self.shake_frequency}
+        if self.base_motion is not None:
+            motion = self.base_motion
+            values["base_motion"] = {"times_s": motion.times.tolist(), "m_s2": motion.accelerations.tolist()}
         if self.mu is not None:
             values["mu"] = self.mu
-        if self.mass_factor != 1.0:
-            values["mass_factor"] = self.mass_factor
+        for name in ("mass_factor", "stiffness", "servo_gain"):
+            if getattr(self, name) != 1.0:
+                values[name] = getattr(self, name)
         for name in ("object_offset", "object_turn"):
             if np.any(getattr(self, name)):
                 values[name + ("_m" if name.endswith("offset") else "_rad")] = getattr(self, name).tolist()
         if self.start_error is not None:
             values["start_error"] = np.asarray(self.start_error).tolist()
+        for name in ("joint_offset", "joint_friction"):
+            if np.any(getattr(self, name)):
+                values[name] = np.asarray(getattr(self, name)).tolist()
         return values

@@ -1,22 +1,23 @@
-"""Simulation of a plan: approach, grasp, release and hold, with servos and feed-forward torques, on a free object."""
+"""Simulation of a plan: approach, grasp, release and hold, with the joints' control, on a free object."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Literal, Protocol, TypedDict
 
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import flag, frozen, instance_of, number, one_of, read_only
+from pinograsp.checks import each_of, flag, frozen, instance_of, number, one_of, read_only
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
+from pinograsp.referee.causes import causes_of
 from pinograsp.referee.law import ContactLaw
 from pinograsp.referee.sample import Energies, History
-from pinograsp.referee.settings import SUPPORTS, Disturbance, Servo, Support
+from pinograsp.referee.settings import SUPPORTS, BaseMotion, Disturbance, Servo, Support
 from pinograsp.referee.stepping import Engine, Schedule, Trial
 from pinograsp.referee.task import Task
 from pinograsp.referee.verdict import verdict_of
@@ -73,8 +74,8 @@ def simulate(
     The object is fixed until the grasp is complete (t_F, as in the paper), then let go. The hand has the plan's
     geometry (exact primitives and ellipsoids, convex hulls of meshes), masses and torque limits; the object has its own
     shape, of a mesh that is not convex its triangles. A position servo at every joint follows the plan's trajectory,
-    with the plan's torques as feed-forward. The contact forces follow the plan's law (Eq. 4), implemented again in
-    :mod:`pinograsp.referee.law`.
+    with the plan's torques as feed-forward, or either of the two alone (:class:`Servo`). The contact forces follow the
+    plan's law (Eq. 4), implemented again in :mod:`pinograsp.referee.law`.
 
     Args:
         plan: a plan, the folder of a run, or a task.
@@ -83,9 +84,9 @@ def simulate(
         mode: ``"servo"``; or ``"prescribed"``: joints follow the commands exactly, whatever torque that takes (as in
             the paper's Adams model).
         disturbance: differences from the plan.
-        servo: gains; default :meth:`Servo.of`.
+        servo: control of the joints and gains; default :meth:`Servo.of`.
         time_step: at most 0.05 s, and two million steps in all [s]. An object that swings too fast on its contacts
-            for it, since it is light, gets one up to 20 times shorter, with a note.
+            for it, since it is light or harder than planned, gets one up to 20 times shorter, with a note.
         sample: interval between samples of the record [s].
         release: False: the object stays fixed to the end.
         support: what bears the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
@@ -107,10 +108,23 @@ def simulate(
     disturbance = Disturbance() if disturbance is None else instance_of("disturbance", disturbance, Disturbance)
     one_of("support", support, SUPPORTS)
     schedule = _schedule(task, hold, time_step, sample, release, support, letting_go, mode == "prescribed", disturbance)
-    running = _engine(engine)(task, time_step=schedule.time_step, servo=servo, mass_factor=disturbance.mass_factor)
-    trial = Trial(task, running, _law(task, running.parts, disturbance.mu), schedule)
+    friction = each_of("joint friction", disturbance.joint_friction, task.hand.n)
+    running = _engine(engine)(
+        task,
+        time_step=schedule.time_step,
+        servo=servo.scaled(disturbance.servo_gain),
+        mass_factor=disturbance.mass_factor,
+        joint_friction=friction,
+    )
+    commanded = _without_torques(task) if servo.control == "position" and mode == "servo" else task
+    trial = Trial(commanded, running, _law(task, running.parts, disturbance), schedule)
     trial.run()
-    return _record(trial, engine, mode, time.perf_counter() - started)
+    return _record(trial, engine, mode, servo, time.perf_counter() - started)
+
+
+def _without_torques(task: Task) -> Task:
+    """A task without feed-forward torques."""
+    return replace(task, torques=0.0 * task.torques, holding_torques=0.0 * task.holding_torques)
 
 
 def task_of(plan: PlanRecord | Task | str | Path, body: Body | None = None) -> Task:
@@ -148,7 +162,7 @@ def _schedule(
         raise InvalidInput(f"time step: expected at most {longest:g} s, got {dt:g} s")
     asked, duration = dt, task.final_time + hold + (letting_go if release else 0.0)
     if release:
-        swinging = float(np.sqrt(len(task.names) * TANGENTIAL / task.body.mass))  # [rad/s]
+        swinging = float(np.sqrt(len(task.names) * _stiffest(task, disturbance.stiffness) / task.body.mass))  # [rad/s]
         dt = min(dt, max(dt / _SHORTER, _RESOLVED / swinging))
     if not duration / dt <= _MOST_STEPS:
         raise InvalidInput(
@@ -161,10 +175,10 @@ def _schedule(
         raise InvalidInput(
             f"hold: expected at least one step, {asked:g} s, got {hold:g} s: without a hold there is nothing to judge"
         )
-    if prescribed and disturbance.start_error is not None:
-        raise InvalidInput(
-            "start error: expected only with mode='servo', got one with mode='prescribed': those joints have no error"
-        )
+    if prescribed:
+        _check_exact(disturbance)
+    if disturbance.base_motion is not None:
+        _check_base_motion(disturbance.base_motion, hold + letting_go, release)
     for push in disturbance.pushes:
         if push.start + push.duration > hold + 0.5 * dt:
             raise InvalidInput(
@@ -183,10 +197,48 @@ def _schedule(
     )
 
 
+def _check_exact(disturbance: Disturbance) -> None:
+    """Refuse errors of joints that follow the commands exactly."""
+    named = {
+        "start error": disturbance.start_error is not None,
+        "joint offset": np.any(disturbance.joint_offset),
+        "joint friction": np.any(disturbance.joint_friction),
+        "servo gain": disturbance.servo_gain != 1.0,
+    }
+    for name, given in named.items():
+        if given:
+            raise InvalidInput(
+                f"{name}: expected only with mode='servo', got one with mode='prescribed': those joints have no error"
+            )
+
+
+def _check_base_motion(motion: BaseMotion, longest: float, release: bool) -> None:
+    """Refuse a motion of the base that the simulation would not show."""
+    if not release:
+        raise InvalidInput("base motion: expected with release=True, got release=False, which fixes the object")
+    if motion.times[-1] > longest + 1e-9:
+        raise InvalidInput(
+            f"hold: expected the base's motion to end within {longest:g} s of t_F (letting go and hold), got "
+            f"{motion.times[-1]:g} s: hold for longer"
+        )
+
+
+def _stiffest(task: Task, factor: float) -> float:
+    """Of the springs at a contact whose K is ``factor`` times the planned one [N/m]."""
+    K, _, rho = task.law
+    tangential = TANGENTIAL * factor ** (1 / rho)
+    if factor <= 1.0:  # the plan's own contacts take the steps that are asked for
+        return tangential
+    depth = float(np.max(task.depths, initial=0.0))
+    return max(tangential, factor * K * rho * depth ** (rho - 1))
+
+
 class _EngineKind(Protocol):
     """How an engine is built."""
 
-    def __call__(self, task: Task, *, time_step: float, servo: Servo, mass_factor: float) -> Engine:
+    def __call__(
+        self, task: Task, *, time_step: float, servo: Servo, mass_factor: float, joint_friction: Array | None = None
+    ) -> Engine:
         """Hand and object of a task."""
 
 
@@ -204,22 +256,27 @@ def _engine(name: EngineName) -> _EngineKind:
     return MujocoEngine
 
 
-def _law(task: Task, parts: int, mu: float | None) -> ContactLaw:
+def _law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
     """The law for every part of the hand: mu of its planned contacts, or their mean for parts without any."""
     joints = np.array([task.joint_of(link) for link in task.links])
     counts = np.bincount(joints, minlength=parts)
     each = np.full(parts, task.mu.mean())
     for joint in set(joints.tolist()):
         each[joint] = task.mu[joints == joint].mean()
-    K, damping, exponent = task.law
-    return ContactLaw(
-        K, damping, exponent, each if mu is None else np.full(parts, mu), task.torsion, TANGENTIAL, counts
-    )
+    if disturbance.mu is not None:
+        each = np.full(parts, disturbance.mu)
+    (K, damping, rho), factor = task.law, disturbance.stiffness
+    # At one force F, the normal stiffness rho K^(1/rho) F^(1 - 1/rho) grows with factor^(1/rho), and the damping
+    # coefficient lambda F / K is to grow with its root.
+    tangential, damping = TANGENTIAL * factor ** (1 / rho), damping * factor ** (1 + 1 / (2 * rho))
+    return ContactLaw(factor * K, damping, rho, each, task.torsion, tangential, counts)
 
 
-def _record(trial: Trial, engine: str, mode: str, elapsed: float) -> Simulation:
+def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float) -> Simulation:
     task, schedule, samples = trial.task, trial.schedule, trial.samples
     light = f"steps of {1e3 * schedule.time_step:.2g} ms: a light object swings fast on its contacts"
+    if schedule.disturbance.stiffness > 1.0:
+        light = light.replace("a light object swings", "a light or hard object swings")
     joints = [task.joint_of(link) for link in task.links]
     planned = np.zeros(trial.engine.parts)
     np.add.at(planned, joints, task.normal_forces)
@@ -252,16 +309,29 @@ def _record(trial: Trial, engine: str, mode: str, elapsed: float) -> Simulation:
     depths = [max((d for d, joint in zip(task.depths, joints) if joint == part), default=0.0) for part in shown]
     free = task.impact_time if schedule.support == "none" else task.final_time
     released = free if schedule.release else None
-    period = 1.0 / schedule.disturbance.shake_frequency if trial.shaken else None
+    disturbance = schedule.disturbance
+    period = 1.0 / disturbance.shake_frequency if np.any(disturbance.shake) else None
+    verdict = verdict_of(
+        task,
+        history,
+        np.array(depths),
+        released,
+        gone=trial.gone,
+        shaken=period,
+        support=schedule.support,
+        audited=not trial.moved,
+    )
+    if not verdict.held:
+        causes, remedies = causes_of(task, history, servo if mode == "servo" else None, disturbance)
+        verdict = replace(verdict, causes=causes, remedies=remedies)
     return Simulation(
-        verdict=verdict_of(
-            task, history, np.array(depths), released, gone=trial.gone, shaken=period, support=schedule.support
-        ),
+        verdict=verdict,
         engine=engine,
         mode=mode,
+        servo=servo.summary() if mode == "servo" else {},
         time_step=schedule.time_step,
         release=released,
-        disturbance=schedule.disturbance.summary(),
+        disturbance=disturbance.summary(),
         notes=(*trial.engine.notes, *_SUPPORTED[schedule.support], *([light] if schedule.shortened else [])),
         elapsed=elapsed,
         exponent=task.law[2],

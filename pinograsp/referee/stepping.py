@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicHermiteSpline
 
-from pinograsp.checks import array_of
+from pinograsp.checks import array_of, each_of
 from pinograsp.errors import SimulationDiverged
 from pinograsp.referee.law import ContactLaw, Pressing, Touches
 from pinograsp.referee.sample import Energies, Sample, by_part
@@ -29,6 +29,7 @@ class Engine(Protocol):
     parts: int
     notes: tuple[str, ...]
     torques: Array
+    friction: Array
 
     @property
     def q(self) -> Array:
@@ -121,7 +122,9 @@ class _Course:
         self.free = {"fixed": self.let_go, "table": 0, "none": round(task.impact_time / dt)}[schedule.support]
         instants = dt * np.arange(min(self.steps, self.let_go + 2) + 1)
         spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, task.final_time)
-        self.q, self.dq = spline(until), spline(until, 1)
+        # Servos bring what the encoders read to the plan's positions.
+        self.q = spline(until) - each_of("joint offset", schedule.disturbance.joint_offset, task.hand.n)
+        self.dq = spline(until, 1)
         self.ddq = np.zeros_like(self.q)
         self.torques = np.column_stack([np.interp(instants, task.times, column) for column in task.torques.T])
         held = instants > task.final_time - 0.5 * dt
@@ -181,7 +184,7 @@ class Trial:
         if schedule.support == "table":
             mass, mu = disturbance.mass_factor * task.body.mass, float(task.mu.mean())
             self.table = Table(task.body, self.pose, task.gravity_o, mass, mu, schedule.time_step)
-        self.shaken = bool(np.any(disturbance.shake))
+        self.moved = disturbance.accelerates
         self.samples: list[Sample] = []
         self.complete, self.gone = 0, False
         self.joint_work = self.load_work = 0.0
@@ -221,11 +224,9 @@ class Trial:
         if still or prescribed:
             q, dq = (course.q[now], course.dq[now]) if prescribed else (engine.q, engine.dq)
             engine.place(q, dq, self.pose if still else None)
-        if self.shaken and self.schedule.release and i >= course.let_go:
-            disturbance = self.schedule.disturbance
+        if self.moved and self.schedule.release and i >= course.let_go:
             since = self.schedule.time_step * i - self.task.final_time
-            swing = disturbance.shake * np.sin(2 * np.pi * disturbance.shake_frequency * since)
-            engine.set_gravity(self.task.gravity_o - swing)
+            engine.set_gravity(self.task.gravity_o - self.schedule.disturbance.acceleration(since))
 
     def _step(self, i: int, touches: Touches) -> Sample | None:
         """One step; returns a sample of the state before it where one is due, without its kinetic energy."""
@@ -290,6 +291,6 @@ class Trial:
         return share * self.table.wrench(engine.object_pose, engine.object_twist)
 
     def _account(self, dt: float, speeds: Array, wrench: Array, object_speed: Array, fixed: bool) -> None:
-        """Add half a step's work of motors and load."""
-        self.joint_work += 0.5 * dt * float(self.engine.torques @ speeds)
+        """Add half a step's work of motors, less the joints' dry friction, and of the load."""
+        self.joint_work += 0.5 * dt * float((self.engine.torques + self.engine.friction) @ speeds)
         self.load_work += 0.0 if fixed else 0.5 * dt * float(wrench @ object_speed)

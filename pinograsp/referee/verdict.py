@@ -14,9 +14,9 @@ from pinograsp.spatial import Array, BoolArray
 MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
 RESTING = 5e-4  # [m] of motion in the last fifth of the hold, of shaken hands whole periods apart
 GONE = 0.05  # [m] an object that has moved this far is lost
-_SLIPPED = 1e-4  # [m]
+SLIPPED = 1e-4  # [m]
 _BEYOND = 1e-3  # [rad or m] past a joint's limit
-_AT_LIMIT = 1e-6  # relative distance to a torque limit
+AT_LIMIT = 1e-6  # relative distance to a torque limit
 
 
 def verdict_of(
@@ -28,6 +28,7 @@ def verdict_of(
     gone: bool,
     shaken: float | None,
     support: Support = "fixed",
+    audited: bool = True,
 ) -> Verdict:
     """The verdict on a task.
 
@@ -38,7 +39,8 @@ def verdict_of(
         release: when the object was let go [s]; None: never.
         gone: whether the object was so far away that the simulation ended early.
         support: of the object until it was let go.
-        shaken: period of the hand's shaking [s]; None: not shaken, and the energy balance can be checked.
+        shaken: period of the hand's shaking [s]; None: not shaken.
+        audited: whether the energy balance can be checked: of a shaken hand it cannot.
     """
     times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
     normal, planned = history.normal_forces, history.planned_forces
@@ -51,7 +53,7 @@ def verdict_of(
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
     held, reason = _held(times, poses, normal, drift, turn, release, gone, shaken)
     moved = float(np.linalg.norm(poses[complete, :3, 3] - poses[0, :3, 3]))
-    if support == "table" and moved > _SLIPPED:
+    if support == "table" and moved > SLIPPED:
         reason += f"; the hand had moved it by {1e3 * moved:.2f} mm until the grasp was complete"
 
     # Averages over the last tenth of the hold remove small oscillations.
@@ -64,10 +66,10 @@ def verdict_of(
     )
     labels = [name for name, wanted in zip(parts, should) if wanted]
     missed = np.abs(history.depths[complete] - depths)[should]
-    slipped = history.slips[-1] - history.slips[complete] > _SLIPPED
+    slipped = history.slips[-1] - history.slips[complete] > SLIPPED
     hand, q = task.hand, history.q
     beyond: BoolArray = np.any((q < hand.lower - _BEYOND) | (q > hand.upper + _BEYOND), axis=0)
-    at_limit: BoolArray = np.abs(history.torques[last]).max(axis=0) >= task.torque_limit * (1 - _AT_LIMIT)
+    at_limit: BoolArray = np.abs(history.torques[last]).max(axis=0) >= task.torque_limit * (1 - AT_LIMIT)
     touched: BoolArray = np.any(normal > 0, axis=0)
     return Verdict(
         held=held,
@@ -82,7 +84,7 @@ def verdict_of(
         unplanned=tuple(name for name, wanted, found in zip(parts, should, touched) if found and not wanted),
         limit_hits=tuple(name for name, yes in zip(hand.joint_names, beyond) if yes),
         saturated=tuple(name for name, yes in zip(hand.joint_names, at_limit) if yes),
-        energy_error=_energy_error(history.energies) if shaken is None else None,
+        energy_error=_energy_error(history.energies) if audited and shaken is None else None,
     )
 
 

@@ -222,8 +222,11 @@ class CheckDocument(Part):
     joint_limit_hits: Texts
     saturated: Texts
     energy_error: Number | None
+    causes: Texts = []
+    remedies: Texts = []
     engine: StrictStr
     mode: StrictStr
+    servo: dict[StrictStr, Any] = {}
     time_step_s: Number
     release_s: Number | None
     complete: Count

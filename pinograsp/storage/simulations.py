@@ -58,6 +58,8 @@ def read_simulation(folder: Path) -> Simulation:
         limit_hits=tuple(found.joint_limit_hits),
         saturated=tuple(found.saturated),
         energy_error=found.energy_error,
+        causes=tuple(found.causes),
+        remedies=tuple(found.remedies),
     )
     return Simulation(
         verdict=verdict,
@@ -72,6 +74,7 @@ def read_simulation(folder: Path) -> Simulation:
         notes=tuple(found.notes),
         elapsed=found.elapsed_s,
         exponent=found.contact_exponent,
+        servo=found.servo,
         **{name: arrays[name] for name in _SHAPES},
     )
 

@@ -1,0 +1,137 @@
+"""Why a simulated grasp was lost: what went wrong first, and what to change."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.referee.sample import History
+from pinograsp.referee.settings import Disturbance, Servo
+from pinograsp.referee.task import Task
+from pinograsp.referee.verdict import AT_LIMIT, MOVED, SLIPPED, TURNED
+from pinograsp.spatial import Array, BoolArray
+
+_MOST = 3  # causes told
+_LASTING = 0.02  # [s] at its limit: shorter is no cause
+_WEAK, _STRONG = 0.8, 1.25  # simulated over planned normal forces that are told
+_TOUCHING = 0.01  # share of the planned force below which a contact is open
+
+
+class _Event(NamedTuple):
+    """What went wrong with a joint or a contact, when [s]."""
+
+    time: float
+    kind: str
+    name: str
+    text: str
+
+
+def causes_of(
+    task: Task, history: History, servo: Servo | None, disturbance: Disturbance
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The causes of a loss in the order of time, and what to change, in words.
+
+    Args:
+        task: what was simulated.
+        history: the samples.
+        servo: control of the joints; None: they followed the commands exactly.
+        disturbance: differences from the plan.
+    """
+    until = _lost_at(history)
+    events = [] if servo is None else _saturated(task, history, until)
+    events = sorted([*events, *_slipped_or_opened(task, history, until)])[:_MOST]
+    first = min((event.time for event in events if event.kind != "motor"), default=history.times[until])
+    ratio = _pressed(history, float(first))
+    causes = [event.text for event in events]
+    if not _WEAK <= ratio <= _STRONG:
+        causes.append(f"the contacts pressed with {100 * ratio:.0f} % of the planned forces in all before that")
+    return tuple(causes), tuple(_remedies(task, events, ratio, servo, disturbance))
+
+
+def _lost_at(history: History) -> int:
+    """The sample from which on the object counts as lost."""
+    poses, complete = history.object_poses, history.complete
+    moved = np.linalg.norm(poses[:, :3, 3] - poses[complete, :3, 3], axis=1) > MOVED
+    turned = [np.linalg.norm(pin.log3(pose[:3, :3] @ poses[complete, :3, :3].T)) > np.radians(TURNED) for pose in poses]
+    return _first(moved | np.array(turned), complete, len(poses) - 1)
+
+
+def _first(what: BoolArray, start: int, otherwise: int) -> int:
+    """The first sample from ``start`` on at which ``what`` (s,) is true."""
+    found = np.flatnonzero(what[start:])
+    return start + int(found[0]) if found.size else otherwise
+
+
+def _saturated(task: Task, history: History, until: int) -> list[_Event]:
+    """Motors that were at their torque limits when the object was lost, or as the grasp was completed."""
+    times = history.times
+    at_limit: BoolArray = np.abs(history.torques) >= task.torque_limit * (1 - AT_LIMIT)
+    events = []
+    for j, name in enumerate(task.hand.joint_names):
+        now = until
+        while now > 0 and at_limit[now - 1, j]:
+            now -= 1
+        since = float(times[now])
+        if at_limit[max(until - 1, 0), j] and times[until] - since >= _LASTING:
+            unit = "N" if task.hand.is_prismatic(task.hand.model.getJointId(name)) else "N m"
+            text = f"motor '{name}' at its torque limit, {task.torque_limit[j]:.3g} {unit}, from {since:.3f} s on"
+            events.append(_Event(since, "motor", name, text))
+    return events
+
+
+def _slipped_or_opened(task: Task, history: History, until: int) -> list[_Event]:
+    """Planned contacts that slipped or opened before the object was lost."""
+    times, complete, events = history.times, history.complete, []
+    for part, name in enumerate(history.parts):
+        planned = history.planned_forces[part]
+        if planned <= 0:
+            continue
+        touching = history.normal_forces[:, part] > _TOUCHING * planned
+        if not touching[: complete + 1].any():
+            text = f"contact '{name}' never touched until the grasp was complete, at {task.final_time:.3f} s"
+            events.append(_Event(float(task.final_time), "opened", name, text))
+            continue
+        slipped = _first(history.slips[:, part] - history.slips[complete, part] > SLIPPED, complete, until + 1)
+        opened = _first(~touching, complete, until + 1)
+        if slipped <= min(until, opened):
+            text = f"contact '{name}' slipped from {times[slipped]:.3f} s on"
+            events.append(_Event(float(times[slipped]), "slipped", name, text))
+        elif opened <= until:
+            text = f"contact '{name}' opened at {times[opened]:.3f} s"
+            events.append(_Event(float(times[opened]), "opened", name, text))
+    return events
+
+
+def _pressed(history: History, until: float) -> float:
+    """Simulated over planned normal forces in all, from the grasp's completion to a time [s]."""
+    planned, complete = history.planned_forces, history.complete
+    last = max(int(np.searchsorted(history.times, until)), complete + 1)
+    mean: Array = history.normal_forces[complete:last][:, planned > 0].mean(axis=0)
+    return float(mean.sum() / max(planned.sum(), 1e-12))
+
+
+def _remedies(
+    task: Task, events: list[_Event], ratio: float, servo: Servo | None, disturbance: Disturbance
+) -> list[str]:
+    """What to change, in words."""
+    remedies = []
+    for event in events:
+        if event.kind == "motor":
+            remedies.append(
+                f"a higher effort limit of joint '{event.name}', or more torque kept free: Reserve(torque=...)"
+            )
+            break
+    if servo is not None and servo.control == "position" and ratio < _WEAK:
+        remedies.append("the plan's torques as feed-forward (control='position+torque'), or stiffer servos: kp")
+    elif servo is not None and servo.control != "torque" and not _WEAK <= ratio <= _STRONG:
+        remedies.append("softer servos, whose forces depend less on the contacts' stiffness: kp")
+    elif servo is not None and servo.control == "torque":
+        remedies.append("soft servos besides the torques, which keep the fingers in place: control='position+torque'")
+    if any(event.kind != "motor" for event in events) or not remedies:
+        parts = ["disturbance=..."]
+        parts += ["mass=..."] if disturbance.mass_factor != 1.0 else []
+        parts += ["friction=..."] if disturbance.mu is not None and disturbance.mu < task.mu.min() else []
+        remedies.append(f"more squeeze: Reserve({', '.join(parts)})")
+    return remedies
