@@ -60,6 +60,10 @@ def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str
         off = f"normal forces at most {100 * verdict.force_error:.1f} % off the plan"
         ended = "Held" if verdict.held else "Lost"
         lines.append(("Simulated?", f"{ended} ({simulation.engine}): {verdict.reason}; {off}."))
+        if verdict.causes:
+            lines.append(("Why lost?", f"{'; '.join(verdict.causes)}."))
+        if verdict.remedies:
+            lines.append(("What helps?", f"{'; '.join(verdict.remedies)}."))
     return [f"**{what}** {_escaped(text)}" for what, text in lines]
 
 
@@ -395,6 +399,7 @@ def checked(simulation: Simulation, figures: Sequence[str] = (), studies: Sequen
     instance_of("simulation", simulation, Simulation)
     verdict = simulation.verdict
     lines = [f"# {'Held' if verdict.held else 'Lost'}", "", f"{_escaped(verdict.reason)}.", ""]
+    lines += _listed("Why", verdict.causes) + _listed("What helps", verdict.remedies)
     lines += _table(("", ""), _verdict_rows(simulation))
     if simulation.disturbance:
         differences = [f"{name}: {value}" for name, value in simulation.disturbance.items()]
@@ -417,7 +422,8 @@ def checked(simulation: Simulation, figures: Sequence[str] = (), studies: Sequen
 def _verdict_rows(simulation: Simulation) -> list[tuple[str, str]]:
     verdict = simulation.verdict
     errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in verdict.force_errors.items())
-    run = f"{simulation.engine}, {simulation.mode}, step {1e3 * simulation.time_step:g} ms, {simulation.elapsed:.2f} s"
+    control = simulation.servo.get("control", simulation.mode)
+    run = f"{simulation.engine}, {control}, step {1e3 * simulation.time_step:g} ms, {simulation.elapsed:.2f} s"
     return [
         ("drift since the release", f"{1e3 * verdict.drift:.3f} mm"),
         ("tilt, turn about any axis", f"{verdict.tilt:.3f} deg, {verdict.turn:.3f} deg"),

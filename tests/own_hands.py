@@ -166,3 +166,24 @@ def write(folder: Path, name: str) -> Path:
     path = Path(folder) / f"{name}.urdf"
     path.write_text(HANDS[name], encoding="utf-8")
     return path
+
+
+def chuck(k: int) -> str:
+    """Jaws at 360/k degrees slide towards the upright z axis; they touch the object at the height of its centre."""
+    parts = [link("palm", 0.5, "cylinder 0.06 0.02", "0 0 -0.08")]
+    for i in range(k):
+        a = 2 * math.pi * i / k
+        parts += [
+            link(f"jaw{i}", 0.05, "sphere 0.008"),
+            joint(
+                f"slide{i}",
+                "palm",
+                f"jaw{i}",
+                f"{0.06 * math.cos(a)!r} {0.06 * math.sin(a)!r} 0",
+                "-1 0 0",
+                "0 0.055 200 1",
+                rpy=f"0 0 {a!r}",
+                kind="prismatic",
+            ),
+        ]
+    return robot(f"chuck{k}", *parts)

@@ -15,13 +15,16 @@ from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, new_folder
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from pinograsp.hands import HandModel
     from pinograsp.plan import PlanMargins
     from pinograsp.planner import GraspPlan
-    from pinograsp.referee import Disturbance
+    from pinograsp.referee import BaseMotion, Disturbance, Servo
     from pinograsp.referee.monte_carlo import MonteCarlo
+    from pinograsp.referee.settings import Control
     from pinograsp.referee.task import Task
     from pinograsp.referee.thresholds import Threshold
     from pinograsp.referee.trials import TrialSettings
+    from pinograsp.spatial import Array
     from pinograsp.writing import NewFolder
 
 _MOST_TRIALS = 100_000  # of each error
@@ -47,6 +50,37 @@ def check(
     offset: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Offset of the object \\[mm].")] = None,
     turn: Annotated[str | None, typer.Option(metavar="RX,RY,RZ", help="Rotation of the object \\[deg].")] = None,
     start_error: Annotated[float, typer.Option(help="Offset of every joint at the start \\[deg, mm].")] = 0.0,
+    base_motion: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help="Accelerations of the hand's base: lines T,AX,AY,AZ, T after t_F \\[s, m/s^2]; linear between.",
+        ),
+    ] = None,
+    stiffness: Annotated[
+        float, typer.Option(help="Factor on the contact law's K: above 1 the object is harder than assumed.")
+    ] = 1.0,
+    joint_friction: Annotated[
+        str | None, typer.Option(metavar="F[,F...]", help="Dry friction of all joints, or of each \\[N m, N].")
+    ] = None,
+    joint_offset: Annotated[
+        str | None,
+        typer.Option(metavar="O[,O...]", help="Calibration error of all joints' encoders, or of each \\[deg, mm]."),
+    ] = None,
+    servo_gain: Annotated[float, typer.Option(help="Factor on the servos' gains.")] = 1.0,
+    control: Annotated[
+        str,
+        typer.Option(
+            help="Of the joints: position+torque (servos, with the plan's torques as feed-forward), position (servos "
+            "alone), torque (the plan's torques alone)."
+        ),
+    ] = "position+torque",
+    kp: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K[,K...]", help="Stiffness of all servos, or of each \\[N m/rad, N/mm]; default: 50, 55.6."
+        ),
+    ] = None,
     engine: Annotated[str, typer.Option(help="mujoco (extra sim), or pinocchio: slower, needs no extra.")] = "mujoco",
     prescribed: Annotated[
         bool, typer.Option("--prescribed", help="Joints follow the commands exactly, instead of by servos.")
@@ -91,7 +125,7 @@ def check(
     """
     from pinograsp.checks import one_of
     from pinograsp.planner import load_run
-    from pinograsp.referee.settings import SUPPORTS
+    from pinograsp.referee.settings import CONTROLS, SUPPORTS
     from pinograsp.referee.simulate import ENGINES
 
     if not 0 <= monte_carlo <= _MOST_TRIALS:
@@ -108,7 +142,24 @@ def check(
             "mode": "prescribed" if prescribed else "servo",
             "support": one_of("support", support, SUPPORTS),
         }
-        differences = _Differences(push, shake, mu, mass, offset, turn, start_error)
+        if (control, kp) != ("position+torque", None):
+            if prescribed:
+                raise InvalidInput("--control, --kp: expected without --prescribed, whose joints follow exactly")
+            settings["servo"] = _servo(plan, one_of("control", control, CONTROLS), kp)
+        differences = _Differences(
+            push,
+            shake,
+            mu,
+            mass,
+            offset,
+            turn,
+            start_error,
+            base_motion,
+            stiffness,
+            joint_friction,
+            joint_offset,
+            servo_gain,
+        )
         trials = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
         studies = _Studies(monte_carlo, seed, thresholds, trials)
         summary = _check(plan, run, folder, settings, differences, studies, as_json)
@@ -130,6 +181,11 @@ class _Differences(NamedTuple):
     offset: str | None
     turn: str | None
     start_error: float
+    base_motion: Path | None
+    stiffness: float
+    joint_friction: str | None
+    joint_offset: str | None
+    servo_gain: float
 
 
 class _Studies(NamedTuple):
@@ -196,7 +252,7 @@ def _studies(
     as_json: bool,
 ) -> Iterator[tuple[str, MonteCarlo | Threshold]]:
     """The requested studies, by name; thresholds are compared with the planner's own margins."""
-    from pinograsp.referee import Errors, load_threshold, monte_carlo, slip_threshold
+    from pinograsp.referee import Errors, Servo, load_threshold, monte_carlo, slip_threshold
     from pinograsp.referee.monte_carlo import FILE
     from pinograsp.writing import list_in
 
@@ -208,7 +264,8 @@ def _studies(
                 f"{count * (len(kinds) + 1)} trials"
             )
         # Trials are kept as they come, so that the same command can continue.
-        key = json.dumps({"seed": studies.seed, **settings}, sort_keys=True)
+        plain = {name: value.summary() if isinstance(value, Servo) else value for name, value in settings.items()}
+        key = json.dumps({"seed": studies.seed, **plain}, sort_keys=True)
         trials = studies.trials / hashlib.sha256(key.encode()).hexdigest()[:8]
         list_in(run, trials / FILE)
         study = monte_carlo(task, count=count, seed=studies.seed, progress=bar(as_json), folder=trials, **settings)
@@ -254,11 +311,49 @@ def _disturbance(task: Task, options: _Differences) -> Disturbance:
         given["object_offset"] = 1e-3 * np.array(_numbers("--offset", options.offset, (3,)))
     if options.turn is not None:
         given["object_turn"] = np.radians(_numbers("--turn", options.turn, (3,)))
+    given |= {"stiffness": options.stiffness, "servo_gain": options.servo_gain}
+    if options.base_motion is not None:
+        given["base_motion"] = _base_motion(options.base_motion)
+    hand = task.hand
     if options.start_error:
-        hand, error = task.hand, options.start_error
-        slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
-        given["start_error"] = np.where(slides, 1e-3 * error, np.radians(error))
+        given["start_error"] = _of_joints(hand, "--start-error", str(options.start_error), math.radians(1), 1e-3)
+    if options.joint_offset is not None:
+        given["joint_offset"] = _of_joints(hand, "--joint-offset", options.joint_offset, math.radians(1), 1e-3)
+    if options.joint_friction is not None:
+        given["joint_friction"] = _of_joints(hand, "--joint-friction", options.joint_friction, 1.0, 1.0)
     return Disturbance(**given)
+
+
+def _servo(plan: GraspPlan, control: Control, kp: str | None) -> Servo:
+    from pinograsp.referee import Servo
+
+    hand = plan.require_hand()
+    stiffness = None if kp is None else _of_joints(hand, "--kp", kp, 1.0, 1e3)
+    return Servo.of(hand, stiffness, control=control)
+
+
+def _of_joints(hand: HandModel, option: str, text: str, turning: float, sliding: float) -> Array:
+    """Values of the joints (n,), from one number or n, times the unit of turning or sliding joints."""
+    import numpy as np
+
+    values = _numbers(option, text, (1,) if hand.n == 1 else (1, hand.n))
+    slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
+    each: Array = np.array(values) * np.where(slides, sliding, turning)
+    return each
+
+
+def _base_motion(path: Path) -> BaseMotion:
+    """The motion in a CSV file of times and accelerations."""
+    import numpy as np
+
+    from pinograsp.referee import BaseMotion
+
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"--base-motion: expected a readable file of text, got '{path}' ({error})") from error
+    rows = [_numbers("--base-motion", line, (4,)) for line in lines if line.strip()]
+    return BaseMotion(times=np.array([row[0] for row in rows]), accelerations=np.array([row[1:] for row in rows]))
 
 
 def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:

@@ -22,7 +22,6 @@ from pinograsp.referee.settings import Disturbance, Push, Servo
 from pinograsp.referee.task import Task
 from pinograsp.referee.trial_log import TrialLog, TrialRow
 from pinograsp.referee.trials import Case, StudySettings, common_settings, handed_over, run_trial
-from pinograsp.spatial import Array
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -32,8 +31,15 @@ TOGETHER = "together"
 _Z = 1.959963984540054  # 97.5 % quantile of the normal distribution
 _ARM = 0.03  # [m] motion of a sliding joint that compares with one radian of a turning joint, as for the servos
 _MOST = 1_000_000  # trials
-_LIGHTEST = 0.01  # smallest mass factor
+_LEAST = 0.01  # smallest factor of the mass, and of the servos' gains
 _STANDARD_GRAVITY = 9.81  # [m/s^2]
+
+
+# Errors that may be given as several numbers, and what is expected of those that are ranges.
+_SEVERAL = ("position", "rotation", "friction", "stiffness")
+_RANGES = {"friction": "0 <= lowest mu <= highest", "stiffness": "0 < lowest factor <= highest"}
+# Errors in the order of their random numbers. All together had theirs at the place after the first six.
+_FIRST = ("position", "rotation", "friction", "mass", "posture", "push")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +56,13 @@ class Errors:
             servos correct it during the approach. Set it to zero with ``mode="prescribed"``.
         push: largest force on the object's centre of mass, as a share of its weight at 9.81 m/s^2 [-]. Size and
             direction are uniform; start and duration are the defaults of :class:`~pinograsp.referee.Push`.
+        stiffness: a pair, between which the factor of the contacts' K is, its logarithm uniform; 0: as planned.
+        joint_offset: standard deviation of what the joints' encoders read too much [rad]; for sliding joints 30 mm per
+            radian.
+        joint_friction: largest dry friction of the joints [N m]; for sliding joints of a force 30 mm from its axis.
+            Each is uniform from 0.
+        servo_gain: relative standard deviation of the servos' gains, the same factor for all joints [-]; it is at least
+            a hundredth.
     """
 
     position: float | tuple[float, ...] = 2e-3
@@ -58,20 +71,28 @@ class Errors:
     mass: float = 0.1
     posture: float = math.radians(1)
     push: float = 0.2
+    stiffness: float | tuple[float, float] = 0.0
+    joint_offset: float = 0.0
+    joint_friction: float = 0.0
+    servo_gain: float = 0.0
 
     def __post_init__(self) -> None:
         kept: float | tuple[float, ...]
         for field in fields(self):
             name, value = field.name, getattr(self, field.name)
-            several = name in ("position", "rotation", "friction") and not isinstance(value, Real)
+            several = name in _SEVERAL and not isinstance(value, Real)
             if several and floats_of(f"error of {name}", value).ndim:
-                values = array_of(f"error of {name}", value, (2 if name == "friction" else 3,))
+                values = array_of(f"error of {name}", value, (2 if name in _RANGES else 3,))
                 kept = tuple(values.tolist())
-                if values.min() < 0 or (name == "friction" and values[0] > values[1]):
-                    wanted = "0 <= lowest mu <= highest" if name == "friction" else "values >= 0"
-                    raise InvalidInput(f"error of {name}: expected {wanted}, got {kept}")
+                if values.min() < 0 or (name in _RANGES and values[0] > values[1]):
+                    raise InvalidInput(f"error of {name}: expected {_RANGES.get(name, 'values >= 0')}, got {kept}")
+                if name == "stiffness":
+                    for factor in kept:
+                        Disturbance(stiffness=factor)  # refuses what no simulation takes
             else:
                 kept = number(f"error of {name}", value, at_least=0)
+                if name == "stiffness" and kept:
+                    raise InvalidInput(f"error of stiffness: expected a pair of factors, or 0, got {kept:g}")
             object.__setattr__(self, name, kept)
 
     @property
@@ -82,8 +103,12 @@ class Errors:
         )
 
     def summary(self) -> dict[str, Any]:
-        """As plain JSON values."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+        """As plain JSON values; of the contacts' and the drives' errors those that are switched on."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+            if name in _FIRST or name in self.kinds
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +155,8 @@ class MonteCarlo:
         seed: of the random numbers.
         held: counts by error, and ``"together"``.
         rows: the trials; ``drawn`` holds position [m], rotation [rad], friction (factor or mu), mass (factor), posture
-            [rad or m] and push [N].
+            [rad or m], push [N], stiffness (factor), joint_offset [rad or m], joint_friction [N m or N] and servo_gain
+            (factor).
         settings: of the simulations.
         interrupted: whether Ctrl-C stopped the study; the rows are those until then.
         elapsed: [s].
@@ -185,12 +211,13 @@ class MonteCarlo:
     def describe(self) -> str:
         """The probabilities as readable text."""
         lines = ["probability of holding, 95 % confidence:"]
+        width = max(9, *map(len, self.held))
         for name, one in self.held.items():
             low, high = one.interval
             size = "all errors" if name == TOGETHER else _size(name, getattr(self.errors, name))
             share = f"{100 * one.probability:5.1f} %" if one.trials else "    - %"
             between = f"[{100 * low:5.1f}, {100 * high:5.1f}]"
-            lines.append(f"  {name:9s} {share}  {between}  {one.held} of {one.trials}  ({size})")
+            lines.append(f"  {name:{width}s} {share}  {between}  {one.held} of {one.trials}  ({size})")
         if self.interrupted:
             lines.append("  interrupted: only the trials until then")
         return "\n".join(lines)
@@ -200,8 +227,13 @@ def _size(name: str, value: float | tuple[float, ...]) -> str:
     """The size of an error in words."""
     if name == "friction" and isinstance(value, tuple):
         return f"mu from {value[0]:g} to {value[1]:g}"
+    if name == "stiffness" and isinstance(value, tuple):
+        return f"{value[0]:g} to {value[1]:g} times the contacts' K"
+    if name == "joint_friction":
+        return f"up to {value:g} N m"
     degrees = (180 / math.pi, "deg")
-    factor, unit = {"position": (1e3, "mm"), "rotation": degrees, "posture": degrees}.get(name, (100, "%"))
+    units = {"position": (1e3, "mm"), "rotation": degrees, "posture": degrees, "joint_offset": degrees}
+    factor, unit = units.get(name, (100, "%"))
     shown = ", ".join(f"{factor * one:.4g}" for one in np.atleast_1d(value))
     return f"up to {shown} % of the weight" if name == "push" else f"std {shown} {unit}"
 
@@ -326,41 +358,61 @@ def drawn_errors(task: Task, errors: Errors, seed: int, name: str, trial: int) -
     """The errors of a trial, ``name`` alone or ``"together"``."""
     every = [field.name for field in fields(Errors)]
     # Each error has its own random numbers: other errors, or more trials, change none of them.
-    place = len(every) if name == TOGETHER else every.index(name)
+    together = len(_FIRST)
+    place = together if name == TOGETHER else every.index(name) + (name not in _FIRST)
     drawn: dict[str, Any] = {}
     given: dict[str, Any] = {}
     mu_factor = 1.0
-    value: float | Array
     for kind in errors.kinds if name == TOGETHER else (name,):
-        size = getattr(errors, kind)
         # The same as spawning the seed for every error, then for every trial, then for every kind.
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(place, trial, every.index(kind))))
-        if kind in ("position", "rotation"):
-            value = given["object_offset" if kind == "position" else "object_turn"] = rng.normal(size=3) * size
-        elif kind == "friction":
-            if isinstance(size, tuple):
-                value = given["mu"] = rng.uniform(*size)
-            else:
-                value = mu_factor = max(0.0, 1.0 + size * rng.normal())
-        elif kind == "mass":
-            value = given["mass_factor"] = max(_LIGHTEST, 1.0 + size * rng.normal())
-        elif kind == "posture":
-            model = task.hand.model
-            slides = [task.hand.is_prismatic(model.getJointId(joint)) for joint in task.hand.joint_names]
-            value = given["start_error"] = rng.normal(size=task.hand.n) * size * np.where(slides, _ARM, 1.0)
-        else:
-            direction = rng.normal(size=3)
-            most = size * task.body.mass * _STANDARD_GRAVITY
-            value = rng.uniform(0.0, most) * direction / np.linalg.norm(direction)
-            given["pushes"] = (Push(wrench_o=np.concatenate([value, np.zeros(3)])),)
+        value = _drawn(kind, getattr(errors, kind), rng, task)
         drawn[kind] = np.asarray(value).tolist()
+        if kind == "friction" and not isinstance(errors.friction, tuple):
+            mu_factor = float(value)
+        elif kind == "push":
+            given["pushes"] = (Push(wrench_o=np.concatenate([value, np.zeros(3)])),)
+        else:
+            given[_FIELDS.get(kind, kind)] = value
     return DrawnErrors(drawn, Disturbance(**given), mu_factor)
+
+
+# Fields of a disturbance that are not named as the errors.
+_FIELDS = {
+    "position": "object_offset",
+    "rotation": "object_turn",
+    "friction": "mu",
+    "mass": "mass_factor",
+    "posture": "start_error",
+}
+
+
+def _drawn(kind: str, size: Any, rng: np.random.Generator, task: Task) -> Any:
+    """One random error of a kind, a number or an array."""
+    if kind in ("position", "rotation"):
+        return rng.normal(size=3) * size
+    if kind == "friction":
+        return rng.uniform(*size) if isinstance(size, tuple) else max(0.0, 1.0 + size * rng.normal())
+    if kind in ("mass", "servo_gain"):
+        return max(_LEAST, 1.0 + size * rng.normal())
+    if kind == "stiffness":
+        return float(np.clip(np.exp(rng.uniform(*np.log(size))), *size))
+    if kind == "push":
+        direction = rng.normal(size=3)
+        most = size * task.body.mass * _STANDARD_GRAVITY
+        return rng.uniform(0.0, most) * direction / np.linalg.norm(direction)
+    model = task.hand.model
+    slides = [task.hand.is_prismatic(model.getJointId(joint)) for joint in task.hand.joint_names]
+    if kind == "joint_friction":
+        return rng.uniform(size=task.hand.n) * size / np.where(slides, _ARM, 1.0)
+    return rng.normal(size=task.hand.n) * size * np.where(slides, _ARM, 1.0)
 
 
 def _plain(value: object) -> object:
     """A setting as a JSON value."""
     if isinstance(value, Servo):
-        return {name: getattr(value, name).tolist() for name in ("stiffness", "damping", "rotor")}
+        gains = {name: getattr(value, name).tolist() for name in ("stiffness", "damping", "rotor")}
+        return gains if value.control == "position+torque" else {**gains, "control": value.control}
     return value.item() if isinstance(value, np.generic) else value
 
 

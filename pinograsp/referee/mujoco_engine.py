@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.referee.dry_friction import rubbing
 from pinograsp.referee.law import NO_TOUCHES, Pressing, Touches, cross
 from pinograsp.referee.overlaps import Collider
 from pinograsp.referee.scene import build
@@ -59,7 +60,6 @@ class MujocoEngine:
             gravity_o=task.gravity_o,
             servo=servo,
             mass_factor=mass_factor,
-            joint_friction=joint_friction,
             flat=flat,
         )
         self.notes, self.parts = tuple(notes), int(hand.model.njoints)
@@ -67,7 +67,7 @@ class MujocoEngine:
         self.limit = task.torque_limit
         self.torques: Array = np.zeros(hand.n)
         self.friction: Array = np.zeros(hand.n)
-        self.has_friction = joint_friction is not None and bool(np.any(joint_friction))
+        self.most_friction: Array = np.zeros(hand.n) if joint_friction is None else np.array(joint_friction)
         self.servoed: Array = np.where(servo.stiffness > 0, 1.0, 0.0)
         self.gain: Array = np.where(servo.stiffness > 0, servo.stiffness, 1.0)
         model = self.model
@@ -164,20 +164,29 @@ class MujocoEngine:
         before = self.dq
         mujoco.mj_step2(self.model, data)
         torques: Array = data.actuator_force.copy()
-        if not self.followers:  # damping acts at the end of the step, except for motors at their limits
-            free = np.abs(torques) < self.limit
-            torques[free] -= (servo.damping * (self.dq - before))[free]
+        free = np.abs(torques) < self.limit if not self.followers else np.zeros(len(torques), dtype=bool)
+        if self.most_friction.any():
+            self._rub(np.where(free, self.dt * servo.damping, 0.0))
+        # Damping acts at the end of the step, except for motors at their limits and in hands with coupled joints.
+        torques[free] -= (servo.damping * (self.dq - before))[free]
         self.torques = torques
-        if self.has_friction:
-            self.friction = self._dry_friction()
 
-    def _dry_friction(self) -> Array:
-        """Torques of the joints' dry friction over the last step (n,) [N m or N]."""
-        data = self.data
-        rows = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
-        torques = np.zeros(self.model.nv)
-        torques[data.efc_id[rows]] = data.efc_force[rows]
-        return torques[self.dofs]
+    def _rub(self, implicit: Array) -> None:
+        """Change the end of a step by the joints' dry friction.
+
+        MuJoCo's own friction of joints is soft, light fingers would creep.
+        """
+        data, joints = self.data, len(self.dofs)
+        every = np.zeros((self.model.nv, joints))  # velocities of all joints by those of the independent ones
+        every[self.dofs, np.arange(joints)] = 1.0
+        for one in self.followers:
+            every[one.dof, one.followed] = one.factor
+        mass = every.T @ self._full_mass() @ every + np.diag(implicit)
+        self.friction, acceleration = rubbing(mass, self.dq, self.dt, self.most_friction, self.friction)
+        change = self.dt * (every @ acceleration)
+        data.qvel += change
+        moved = np.append(self.dofs, [one.dof for one in self.followers]).astype(int)
+        data.qpos[moved] += self.dt * change[moved]
 
     def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
         """One step of the object alone; the torques are those that accelerate the joints by ddq (n,)."""

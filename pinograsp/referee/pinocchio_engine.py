@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.referee.dry_friction import rubbing
 from pinograsp.referee.law import NO_TOUCHES, Pressing, Touches, cross
 from pinograsp.referee.overlaps import Collider
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.task import Task
 from pinograsp.spatial import Array
-
-_SWEEPS, _SETTLED = 100, 1e-9  # of the joints' friction: sweeps at most, and change of the last one over the largest
 
 
 class PinocchioEngine:
@@ -55,7 +54,6 @@ class PinocchioEngine:
         self.torques: Array = np.zeros(hand.n)
         self.friction: Array = np.zeros(hand.n)
         self.most_friction: Array = np.zeros(hand.n) if joint_friction is None else np.array(joint_friction)
-        self.rubbing = np.flatnonzero(self.most_friction)
         self.rotation: Array = np.array(body.pose[:3, :3])
         self.position: Array = np.array(body.pose[:3, 3])
         self.velocity: Array = np.zeros(3)  # of the centre of mass, world axes
@@ -131,7 +129,7 @@ class PinocchioEngine:
         else:
             self.damped.armature = self.model.armature + implicit
             acceleration = pin.aba(self.damped, self.data, self.q, before, torques, self.pushed)
-        if self.rubbing.size:
+        if self.most_friction.any():
             acceleration = acceleration + self._rubbed(before + self.dt * acceleration)
         torques = torques - implicit * acceleration
         self.torques, self.dq = torques, before + self.dt * acceleration
@@ -139,27 +137,13 @@ class PinocchioEngine:
         self._step_object(touches, pressing, wrench_o)
 
     def _rubbed(self, dq: Array) -> Array:
-        """Accelerations (n,) [rad/s^2 or m/s^2] by the joints' dry friction over a step that would end at dq (n,).
-
-        Friction is what stops the joints within the step, at most its limit (Gauss-Seidel over the joints, begun with
-        that of the last step).
-        """
+        """Accelerations (n,) [rad/s^2 or m/s^2] by the joints' dry friction over a step that would end at dq (n,)."""
         mass = self._mass_matrix
         if not self.coupled:
             upper = np.triu(pin.crba(self.damped, self.data, self.q))
             mass = upper + np.triu(upper, 1).T
-        yields = np.linalg.inv(mass)
-        wanted, most, torques = dq / self.dt, self.most_friction, self.friction.copy()
-        for _ in range(_SWEEPS):
-            before = torques.copy()
-            for j in self.rubbing:
-                stopping = torques[j] - (wanted[j] + yields[j] @ torques) / yields[j, j]
-                torques[j] = min(max(stopping, -most[j]), most[j])
-            if np.abs(torques - before).max() <= _SETTLED * most.max():
-                break
-        self.friction = torques
-        accelerations: Array = yields @ torques
-        return accelerations
+        self.friction, acceleration = rubbing(mass, dq, self.dt, self.most_friction, self.friction)
+        return acceleration
 
     def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
         """One step of the object alone; the torques are those that accelerate the joints by ddq (n,)."""

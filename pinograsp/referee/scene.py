@@ -22,7 +22,7 @@ _LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links without mass
 # Smallest principal moment of a link (thin rods and point masses have some that are zero): share of its largest one,
 # and absolute [kg m^2].
 _LEAST_SHARE, _TINY_INERTIA = 1e-6, 1e-12
-_STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings, and of the joints' friction
+_STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
 
 
 def build(
@@ -33,7 +33,6 @@ def build(
     gravity_o: Array,
     servo: Servo,
     mass_factor: float = 1.0,
-    joint_friction: Array | None = None,
     flat: bool = False,
 ) -> tuple[mujoco.MjModel, list[str]]:
     """A compiled model, and notes on what differs from the given geometry.
@@ -47,7 +46,6 @@ def build(
         gravity_o: (3,) [m/s^2].
         servo: gains and rotor inertias of the motors.
         mass_factor: multiplies the object's mass and inertia.
-        joint_friction: dry friction of the joints (n,) [N m or N]; None: none.
         flat: whether links touch the object with flat areas, at several points.
     """
     spec = mujoco.MjSpec()
@@ -60,9 +58,6 @@ def build(
         motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         # A motor without stiffness takes torques as its control.
         motor.gainprm[0], motor.biasprm[1], motor.biasprm[2] = kp or 1.0, -kp, -kv
-    for name, friction in zip(hand.joint_names, () if joint_friction is None else joint_friction):
-        joint = spec.joint(name)
-        joint.frictionloss, joint.solref_friction, joint.solimp_friction = friction, (2 * time_step, 1.0), _STIFF
     for joint, coupling in hand.couplings.items():
         tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, name2=coupling.followed)
         tie.data[:2] = coupling.offset, coupling.factor

@@ -226,11 +226,11 @@ def _check_base_motion(motion: BaseMotion, longest: float, release: bool) -> Non
 def _stiffest(task: Task, factor: float) -> float:
     """Of the springs at a contact whose K is ``factor`` times the planned one [N/m]."""
     K, _, rho = task.law
-    tangential = TANGENTIAL * factor ** (1 / rho)
+    tangential = float(TANGENTIAL * factor ** (1 / rho))
     if factor <= 1.0:  # the plan's own contacts take the steps that are asked for
         return tangential
     depth = float(np.max(task.depths, initial=0.0))
-    return max(tangential, factor * K * rho * depth ** (rho - 1))
+    return max(tangential, float(factor * K * rho * depth ** (rho - 1)))
 
 
 class _EngineKind(Protocol):

@@ -41,32 +41,11 @@ STUDY = QUICK | {"time_step": 1e-3}
 OFF = {"position": 0, "rotation": 0, "friction": 0, "mass": 0, "posture": 0, "push": 0}
 
 
-def chuck(k: int) -> str:
-    """Jaws at 360/k degrees slide towards the upright z axis; they touch the object at the height of its centre."""
-    parts = [own_hands.link("palm", 0.5, "cylinder 0.06 0.02", "0 0 -0.08")]
-    for i in range(k):
-        a = 2 * math.pi * i / k
-        parts += [
-            own_hands.link(f"jaw{i}", 0.05, "sphere 0.008"),
-            own_hands.joint(
-                f"slide{i}",
-                "palm",
-                f"jaw{i}",
-                f"{0.06 * math.cos(a)!r} {0.06 * math.sin(a)!r} 0",
-                "-1 0 0",
-                "0 0.055 200 1",
-                rpy=f"0 0 {a!r}",
-                kind="prismatic",
-            ),
-        ]
-    return own_hands.robot(f"chuck{k}", *parts)
-
-
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
     def make(k, thing):
         path = tmp_path_factory.mktemp("chuck") / "chuck.urdf"
-        path.write_text(chuck(k), encoding="utf-8")
+        path.write_text(own_hands.chuck(k), encoding="utf-8")
         hand = pg.load_hand(path)
         closure = pg.close_hand(hand, thing, start=np.zeros(k), target=np.full(k, 0.05))
         # The closed forms are of a plan that bears the weight and nothing besides.
