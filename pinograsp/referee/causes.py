@@ -46,7 +46,9 @@ def causes_of(
     ratio = _pressed(history, float(first))
     causes = [event.text for event in events]
     if not _WEAK <= ratio <= _STRONG:
-        causes.append(f"the contacts pressed with {100 * ratio:.0f} % of the planned forces in all before that")
+        causes.append(
+            f"from {task.final_time:.3f} s on the contacts pressed with {100 * ratio:.0f} % of the planned forces"
+        )
     return tuple(causes), tuple(_remedies(task, events, ratio, servo, disturbance))
 
 
@@ -126,7 +128,7 @@ def _remedies(
     if servo is not None and servo.control == "position" and ratio < _WEAK:
         remedies.append("the plan's torques as feed-forward (control='position+torque'), or stiffer servos: kp")
     elif servo is not None and servo.control != "torque" and not _WEAK <= ratio <= _STRONG:
-        remedies.append("softer servos, whose forces depend less on the contacts' stiffness: kp")
+        remedies.append("softer servos, lower kp: their forces depend less on the stiffness of the contacts")
     elif servo is not None and servo.control == "torque":
         remedies.append("soft servos besides the torques, which keep the fingers in place: control='position+torque'")
     if any(event.kind != "motor" for event in events) or not remedies:

@@ -489,6 +489,9 @@ def _fill() -> None:
 
     push = referee.Push(wrench_o=[0, 0, -0.5, 0, 0, 0], start=0.01, duration=0.01)
     call(referee.Push, wrench_o=[0, 0, -0.5, 0, 0, 0], start=0.2, duration=0.1)
+    motion = referee.BaseMotion(times=[0.0, 0.02], accelerations=np.zeros((2, 3)))
+    call(referee.BaseMotion, times=[0.0, 0.02], accelerations=np.zeros((2, 3)))
+    call(motion.at, since=0.01)
     disturbance = {
         "pushes": (push,),
         "shake": [0.1, 0.0, 0.0],
@@ -498,12 +501,31 @@ def _fill() -> None:
         "object_offset": [1e-4, 0.0, 0.0],
         "object_turn": [0.0, 0.01, 0.0],
         "start_error": np.zeros(hand.n),
+        "base_motion": motion,
+        "stiffness": 2.0,
+        "joint_offset": 1e-4,
+        "joint_friction": np.full(hand.n, 1e-4),
+        "servo_gain": 1.1,
     }
     call(referee.Disturbance, **disturbance)
     call(referee.Disturbance(**disturbance).wrench, since_release=0.01)
+    call(referee.Disturbance(**disturbance).acceleration, since=0.01)
     call(referee.Servo, stiffness=np.ones(hand.n), damping=np.ones(hand.n), rotor=np.zeros(hand.n))
-    call(referee.Servo.of, hand=hand, stiffness=50.0, damping=0.5)
-    call(referee.Errors, position=2e-3, rotation=0.03, friction=(0.05, 0.1), mass=0.1, posture=0.01, push=0.2)
+    call(referee.Servo.of, hand=hand, stiffness=50.0, damping=0.5, control="position")
+    call(referee.Servo.of(hand).scaled, factor=1.1)
+    call(
+        referee.Errors,
+        position=2e-3,
+        rotation=0.03,
+        friction=(0.05, 0.1),
+        mass=0.1,
+        posture=0.01,
+        push=0.2,
+        stiffness=(0.5, 2.0),
+        joint_offset=0.01,
+        joint_friction=0.01,
+        servo_gain=0.1,
+    )
     call(
         pg.simulate,
         plan=w.plan,
