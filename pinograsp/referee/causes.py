@@ -67,19 +67,20 @@ def _first(what: BoolArray, start: int, otherwise: int) -> int:
 
 
 def _saturated(task: Task, history: History, until: int) -> list[_Event]:
-    """Motors that were at their torque limits when the object was lost, or as the grasp was completed."""
-    times = history.times
-    at_limit: BoolArray = np.abs(history.torques) >= task.torque_limit * (1 - AT_LIMIT)
-    events = []
+    """Motors that were at their torque limits for a while, after the hand had touched and before the object was lost."""
+    times, events = history.times, []
+    at_limit: BoolArray = np.abs(history.torques[: until + 1]) >= task.torque_limit * (1 - AT_LIMIT)
     for j, name in enumerate(task.hand.joint_names):
-        now = until
-        while now > 0 and at_limit[now - 1, j]:
-            now -= 1
-        since = float(times[now])
-        if at_limit[max(until - 1, 0), j] and times[until] - since >= _LASTING:
+        changes = np.flatnonzero(np.diff(at_limit[:, j].astype(int), prepend=0, append=0))
+        for begin, end in changes.reshape(-1, 2):
+            since, last = float(times[begin]), float(times[end - 1])
+            if last - since < _LASTING or last < task.impact_time:
+                continue
             unit = "N" if task.hand.is_prismatic(task.hand.model.getJointId(name)) else "N m"
-            text = f"motor '{name}' at its torque limit, {task.torque_limit[j]:.3g} {unit}, from {since:.3f} s on"
+            when = f"from {since:.3f} s on" if end > until else f"from {since:.3f} to {last:.3f} s"
+            text = f"motor '{name}' at its torque limit, {task.torque_limit[j]:.3g} {unit}, {when}"
             events.append(_Event(since, "motor", name, text))
+            break
     return events
 
 
