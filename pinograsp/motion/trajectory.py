@@ -21,8 +21,7 @@ from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach, gentle_approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
-from pinograsp.motion.producible import pressing_together
-from pinograsp.motion.surfaces import TRACKED, off_path, press_surfaces
+from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array
@@ -131,29 +130,25 @@ class _Planning:
         self.notes, self.remedies = list(hand.notes), list[str]()
         self.within_limits = self.on_path = self.clear = True
         self.closing: list[tuple[Finger, FingerMotion]] = []
-        self.deeper = np.zeros(k)
+        self.pressed: ClosedPress | None = None
         if self.problem.contacts.posture is not None:
-            self.deeper = self.pressed_for_the_shift(self.problem.contacts.posture)
+            self.pressed = self.closed(self.problem.contacts.posture)
 
-    def pressed_for_the_shift(self, q: Array) -> Array:
-        """How much deeper the joints press (k,) [m], as the object gives way when it is let go; ``q`` (n,): closed."""
-        together = pressing_together(self.hand, self.problem.contacts, q)
-        shift = together.shift(self.profile.final_depth)
-        size = float(np.linalg.norm(shift[:3]))
+    def closed(self, q: Array) -> ClosedPress:
+        """How all joints of the hand that is closed at ``q`` (n,) press, and the object gives way when it is let go."""
+        pressed = press_closed(self.hand, self.problem.contacts, self.problem.object, self.profile, q)
+        size = float(np.linalg.norm(pressed.shift[-1, :3]))
         if size > _SHIFTED:
             self.notes.append(
                 f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the forces come as planned"
             )
-        deeper: Array = together.shifts @ shift
-        return deeper
+        return pressed
 
     def move(self, finger: Finger, which: Sequence[int], found: ContactPostures) -> None:
         """Move a finger, from its best posture ``found``, as its contacts ``which`` ask for."""
         hand, contacts, start = self.hand, self.problem.contacts, self.start[finger.dofs]
-        if found.method == "closing":
-            motion = press_surfaces(
-                hand, finger, contacts, which, found, self.problem.object, self.profile, self.after, self.deeper
-            )
+        if found.method == "closing" and self.pressed is not None:
+            motion = press_surfaces(hand, finger, contacts, which, found, self.pressed, self.profile, self.after)
             candidates, paths = [motion], [self.gentle_path(finger, motion)]
             self.closing.append((finger, motion))
         else:
