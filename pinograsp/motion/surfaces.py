@@ -1,32 +1,252 @@
-"""Grasp phase of a closed finger: the surface of its links, not the points that touched first, goes in as planned."""
+"""Grasp phase of a closed hand: the surfaces of its links, not the points that touched first, go in as planned.
+
+At a few depths on the way the joints, and the shift of the object as it is let go, are solved for together, so that
+every surface is as deep as planned; between them the joints follow a curve over the depth. The object shifts because
+joints cannot press to all depths by themselves, and because friction has built up; the latter is worked out at the end,
+and made up for in a few rounds.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pinograsp.checks import frozen
-from pinograsp.contacts import ContactSet, PenetrationProfile
+from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
 from pinograsp.contacts.penetration import Penetration
+from pinograsp.forces import ForceProblem
 from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.contact_ik import ContactPostures
-from pinograsp.motion.grasp_ik import FingerMotion, press
-from pinograsp.objects.body import Body
+from pinograsp.motion.grasp_ik import FingerMotion, points_along
+from pinograsp.motion.jacobian import contact_jacobian
+from pinograsp.motion.letting_go import LetGo, friction_built_up, let_go
 from pinograsp.spatial import Array
 
 # Contact points must follow their path to this [m]; a thousandth of a typical penetration.
 TRACKED = 1e-6
-# Those of closed fingers to this share of their depth: joints that press several can give it to first order only.
+# Those of closed fingers to this share of their depth, which is 1.5 % of their force.
 _SHARE = 0.01
-# Rounds that make up for links that turn as they press, and times at which they are looked at: the turn is smooth.
-_ROUNDS, _KNOTS = 8, 5
 _WELL = 2e-4  # share of their depth to which surfaces are brought
-# Surfaces may miss their depth by this between those times [m]: half a per cent of a force of 5 N.
-_SURFACE = 1e-5
+_KNOTS = 5  # depths at which the joints are solved for: their course over the depth is smooth
+_ROUNDS, _HALVINGS = 15, 3
+# Rounds that make up for friction, the share of the forces that is well, and what a round has to gain; the furthest
+# that it moves the object, in shifts that cost 1.
+_LETTING_GO, _AS_PLANNED, _GAIN, _FURTHEST = 4, 0.01, 0.1, 10.0
+_AT_LIMIT = 1e-9  # [rad or m]
+# What the joints' freedom is used for: contacts that slide by 1 mm cost as much as joints that turn by 1 rad (or slide
+# by 30 mm), and as an object that shifts by 0.1 mm. Depths come first: they are off by 0.1 um at that cost.
+_SLIDING, _SHIFTING, _DEPTH, _STROKE = 1e-3, 1e-4, 1e-7, 0.03
+_STIFF = 0.03  # share of the stiffness below which friction is taken for none
+
+
+class ClosedPress(NamedTuple):
+    """How a closed hand's joints, and the object as it is let go, move while its k contacts go in.
+
+    Attributes:
+        course: share of the final depth (c,) [-].
+        q: postures there (c, n) [rad or m].
+        shift: of the object (c, 6): twist about its centre of mass, linear first [m, rad].
+        missing: depths less than planned (c, k) [m].
+        limited: indices of the joints that were stopped by their limits.
+        rest: the contacts after the object is let go.
+    """
+
+    course: Array
+    q: Array
+    shift: Array
+    missing: Array
+    limited: frozenset[int]
+    rest: LetGo
+
+    def off(self, planned: Array) -> float:
+        """The largest error of a normal force at rest, as a share of those ``planned`` (k,) [N]."""
+        return float(np.abs(self.rest.normal / planned - 1.0).max())
+
+
+def press_closed(hand: HandModel, problem: ForceProblem, profile: PenetrationProfile, posture: Array) -> ClosedPress:
+    """Joint positions at which the surfaces of a closed hand are as deep as planned, once the object has shifted.
+
+    Args:
+        hand: the hand.
+        problem: k contacts, their law and friction, the load, and what is held; where that is not known, the points
+            that touched first go in.
+        profile: penetration of all contacts.
+        posture: of the closed hand (n,) [rad or m].
+    """
+    solver, planned = _Solver(hand, problem, posture), problem.compliance.normal_force(profile.final_depth)
+    best, towards = _press(solver, profile.final_depth, np.zeros(6)), np.zeros(6)
+    off = best.off(planned)
+    for _ in range(_LETTING_GO):
+        if off < _AS_PLANNED:
+            break
+        # Newton's step to joints that make the object shift as they assume: what they press deeper for it, the
+        # normals alone would give back; friction keeps the rest.
+        rest, shift, units = best.rest, best.shift[-1], 1.0 / solver.shift_costs
+        grip = units[:, None] * (rest.gripping + _STIFF * rest.stiffness) * units
+        step = units * np.linalg.lstsq(grip, units * (rest.stiffness @ (rest.shift - shift)), rcond=1e-9)[0]
+        towards = shift + step * min(1.0, _FURTHEST / max(float(np.linalg.norm(step / units)), 1e-300))
+        tried = _press(solver, profile.final_depth, towards)
+        gained, off = off - tried.off(planned), min(off, tried.off(planned))
+        if gained > 0:
+            best = tried
+        if gained < _GAIN * off:
+            break
+    return best
+
+
+def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
+    """To the depths ``final`` (k,) [m], with an object that shifts ``towards`` (6,) or near to it."""
+    course = np.linspace(0.0, 1.0, _KNOTS)
+    q, shift = np.tile(solver.posture, (_KNOTS, 1)), np.zeros((_KNOTS, 6))
+    depths, missing = np.zeros((_KNOTS, len(final))), np.zeros((_KNOTS, len(final)))
+    slid = np.zeros((_KNOTS, len(final), 4))
+    limited: set[int] = set()
+    now = solver.at(solver.posture)
+    for i in range(1, _KNOTS):
+        # On from where the last steps led.
+        ahead = 2 * q[i - 1] - q[i - 2] if i > 1 else q[0]
+        gone = shift[i - 1] * course[i] / course[i - 1] if i > 1 else course[i] * towards
+        before = _Before(q[i - 1], slid[i - 1], now.across)
+        q[i], shift[i], now, stopped = solver.solve(
+            np.clip(ahead, solver.lower, solver.upper), gone, course[i] * final, course[i] * towards, before
+        )
+        slid[i], depths[i] = before.slid_at(q[i], now.across), now.depth
+        missing[i] = course[i] * final + solver.shifts @ shift[i] - now.depth
+        limited |= stopped
+    rest = let_go(solver.problem, depths[-1], friction_built_up(solver.problem, depths, slid))
+    return ClosedPress(course, q, shift, missing, frozenset(limited), rest)
+
+
+class _Pressed(NamedTuple):
+    """k contacts at a posture.
+
+    Attributes:
+        depth: of the surfaces (k,) [m].
+        deepening: how joints change the depths (k, n) [m/rad or m/m].
+        across: how they move the links where they touch the object's surface, across the normals, and turn them about
+            these (k, 4, n).
+    """
+
+    depth: Array
+    deepening: Array
+    across: Array
+
+
+class _Before(NamedTuple):
+    """Where links came from: posture (n,), how far they had slid and turned (k, 4), and how joints moved them."""
+
+    q: Array
+    slid: Array
+    across: Array
+
+    def slid_at(self, q: Array, across: Array) -> Array:
+        """How far links have slid and turned (k, 4) [m, rad] at the posture ``q`` (n,), moved by ``across``."""
+        slid: Array = self.slid + np.einsum("kin,n->ki", 0.5 * (self.across + across), q - self.q)
+        return slid
+
+
+class _Solver:
+    """Depths of a closed hand's contacts as functions of its joints and of the object's shift, and their solution."""
+
+    def __init__(self, hand: HandModel, problem: ForceProblem, posture: Array):
+        self.hand, self.problem, self.posture = hand, problem, np.array(posture)
+        contacts, body = problem.contacts, problem.object
+        self.data = hand.model.createData()
+        self.surfaces = None if body is None or contacts.posture is None else Penetration(hand, body, contacts)
+        self.normals = np.array([contact.normal_o for contact in contacts])
+        self.origins = np.array([contact.point_o for contact in contacts])
+        self.joints = [0 if c.finger == PALM else hand.finger(c.finger).joint_of(c.link) for c in contacts]
+        pin.forwardKinematics(hand.model, self.data, self.posture)
+        self.points_l = [self.data.oMi[j].actInv(p) for j, p in zip(self.joints, self.origins)]
+        arms = self.origins - contacts.com_o
+        self.shifts = np.column_stack([self.normals, np.cross(arms, self.normals)])
+        # Rigid motions of the object by the displacements of its contacts that they cause.
+        arm = max(1e-3, float(np.sqrt((arms**2).sum(axis=1).mean())))
+        slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
+        self.joint_costs = np.where(slides, 1.0 / _STROKE, 1.0)
+        self.shift_costs = np.repeat([1.0, arm], 3) / _SHIFTING
+        # Joints of no finger, of a wrist, stay.
+        self.moving = np.zeros(hand.n, dtype=bool)
+        self.moving[np.concatenate([finger.dofs for finger in hand.fingers])] = True
+        self.lower, self.upper = np.minimum(hand.lower, posture), np.maximum(hand.upper, posture)
+
+    def at(self, q: Array) -> _Pressed:
+        """How deep the contacts are, and how joints move them."""
+        model = self.hand.model
+        pin.computeJointJacobians(model, self.data, q)
+        material = np.array([self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)])
+        if self.surfaces is None:
+            depth, normals = ((material - self.origins) * self.normals).sum(axis=1), self.normals
+            on_object = material - depth[:, None] * normals
+        else:
+            depth, normals, on_object = self.surfaces.at(q)
+        deepening, across = np.zeros((len(depth), model.nv)), np.zeros((len(depth), 4, model.nv))
+        for i, joint in enumerate(self.joints):
+            if joint:  # the palm does not move
+                # The same for all points on the normal.
+                J = contact_jacobian(model, self.data, joint, self.data.oMi[joint].actInv(on_object[i]))
+                deepening[i] = normals[i] @ J[:3]
+                across[i, :3] = J[:3] - np.outer(normals[i], deepening[i])
+                across[i, 3] = normals[i] @ J[3:]
+        return _Pressed(depth, deepening, across)
+
+    def solve(
+        self, q: Array, shift: Array, wanted: Array, towards: Array, before: _Before
+    ) -> tuple[Array, Array, _Pressed, set[int]]:
+        """Joints and shift with the depths ``wanted`` (k,), from a guess (Gauss and Newton), and joints at limits."""
+        well = np.maximum(TRACKED, _WELL * wanted)
+        best: tuple[float, Array, Array, _Pressed] | None = None
+        stopped, halved = set[int](), 0
+        for _ in range(_ROUNDS):
+            now = self.at(q)
+            missing = wanted + self.shifts @ shift - now.depth
+            off = float(np.abs(missing / well).max())
+            if best is None or off < best[0]:
+                best, halved = (off, q, shift, now), 0
+                to_q, to_shift, at_limit = self._step(q, shift, missing, now, towards, before)
+                stopped |= at_limit
+                if off < 1.0 and np.abs(now.deepening @ (to_q - q)).max() < TRACKED:
+                    break
+            elif halved < _HALVINGS:  # too far
+                halved += 1
+                to_q, to_shift = 0.5 * (best[1] + q), 0.5 * (best[2] + shift)
+            else:
+                break
+            q, shift = to_q, to_shift
+        assert best is not None
+        _, q, shift, now = best
+        return q, shift, now, {j for j in stopped if min(q[j] - self.lower[j], self.upper[j] - q[j]) < _AT_LIMIT}
+
+    def _step(
+        self, q: Array, shift: Array, missing: Array, now: _Pressed, towards: Array, before: _Before
+    ) -> tuple[Array, Array, set[int]]:
+        """Where the least-squares step leads joints and shift, and which joints meet their limits on it."""
+        n, k = len(q), len(missing)
+        rows = np.zeros((4 * k + n + 6, n + 6))
+        rows[:k] = np.hstack([now.deepening, -self.shifts]) / _DEPTH
+        rows[k : 4 * k, :n] = now.across[:, :3].reshape(3 * k, n) / _SLIDING
+        rows[4 * k : 4 * k + n, :n] = np.diag(self.joint_costs)
+        rows[4 * k + n :, n:] = np.diag(self.shift_costs)
+        turned, slid = self.joint_costs * (self.posture - q), before.slid_at(q, now.across)[:, :3].ravel()
+        left = np.concatenate([missing / _DEPTH, -slid / _SLIDING, turned, self.shift_costs * (towards - shift)])
+        step, stopped = np.zeros(n + 6), set[int]()
+        free = np.concatenate([self.moving, np.ones(6, dtype=bool)])
+        while True:
+            step[free] = np.linalg.lstsq(rows[:, free], left - rows[:, ~free] @ step[~free], rcond=None)[0]
+            after = np.clip(q + step[:n], self.lower, self.upper)
+            beyond = free[:n] & (np.abs(after - q - step[:n]) > _AT_LIMIT)
+            step[:n] = after - q
+            if not beyond.any():
+                return after, shift + step[n:], stopped
+            # A joint that meets its limit stays there; the others do what they can.
+            stopped |= set(np.flatnonzero(beyond).tolist())
+            free[:n] &= ~beyond
 
 
 def press_surfaces(
@@ -35,77 +255,42 @@ def press_surfaces(
     contacts: ContactSet,
     which: Sequence[int],
     found: ContactPostures,
-    body: Body | None,
+    pressed: ClosedPress,
     profile: PenetrationProfile,
     times: Array,
-    deeper: Array,
 ) -> FingerMotion:
-    """The grasp phase of a closed finger whose links' surfaces go in by ``profile``.
+    """The grasp phase of a closed finger.
 
     Args:
         hand: the closed hand.
         finger: its finger that moves.
         contacts: all contacts, with the posture of the closed hand.
         which: those of the finger.
-        found: the finger's posture and its contact points.
-        body: what is held; None: not known, so that the points that touched first go in by ``profile``.
+        found: the finger's contact points.
+        pressed: how the hand's joints go.
         profile: penetration of all contacts.
         times: samples (m,) [s] from t_I to t_F.
-        deeper: how much deeper than ``profile`` all contacts go in the end (k,) [m].
     """
     own = [contacts[i] for i in which]
     first = int(np.argmax(profile.final_depth))  # all contacts take the same course
-    more = np.outer(profile.depth(times)[:, first] / profile.final_depth[first], deeper[list(which)])
-    knots = np.unique(np.linspace(0, times.size - 1, _KNOTS).astype(int))
-
-    def pressed(deeper: Array) -> FingerMotion:
-        spline: Array = CubicSpline(times[knots], deeper)(times)
-        start, points = found.angles[0], found.points_l[0]
-        return press(
-            hand,
-            finger,
-            own,
-            start,
-            points,
-            profile,
-            which,
-            times,
-            normals_first=True,
-            deeper=spline + more,
-            posture=contacts.posture,
-        )
-
-    asked = np.zeros((knots.size, len(own)))
-    best = pressed(asked)
-    if body is None or contacts.posture is None:
-        return best
-    surfaces = Penetration(hand, body, contacts)
-    least, off = np.inf, np.zeros(len(own))
-    last: tuple[Array, Array] | None = None  # the last change of what is asked, and the depths before it
-    slope = np.ones_like(asked)  # by secants: what rolls to another place of its link moves faster or slower there
-    for i in range(_ROUNDS):
-        motion = pressed(asked) if i else best
-        if off_path(motion, profile, which).any():
-            break  # a path that cannot be followed is not mended by asking for more
-        q, depths = np.array(contacts.posture), np.empty_like(asked)
-        for row, knot in enumerate(knots):
-            q[finger.dofs] = motion.q[knot]
-            depths[row] = surfaces.at(q, which)[0]
-        missing = (profile.depth(times)[:, list(which)] + more)[knots] - depths
-        if np.abs(missing).max() < least:
-            best, least, off = motion, float(np.abs(missing).max()), np.abs(missing).max(axis=0)
-        if np.all(np.abs(missing).max(axis=0) < np.maximum(TRACKED, _WELL * profile.final_depth[list(which)])):
-            return motion
-        if last is not None:
-            change, reached = last
-            moved = np.abs(change) > TRACKED
-            slope[moved] = np.clip((depths - reached)[moved] / change[moved], 0.1, 2.0)
-        last = missing / slope, depths
-        asked = asked + last[0]
-    # A surface that has other places in the way (links with edges) is off by what is left.
-    kept = not off_path(best, profile, which).any()
-    seen = replace(best, errors=frozen(np.maximum(best.errors, np.where(off > _SURFACE, off, 0.0))))
-    return replace(seen, surfaces=bool(kept and off_path(seen, profile, which).any()))
+    course, rate = (of(times)[:, first] / profile.final_depth[first] for of in (profile.depth, profile.rate))
+    along = CubicSpline(pressed.course, pressed.q[:, finger.dofs])
+    q, dq = along(course), along(course, 1) * rate[:, None]
+    points, jacobians = points_along(hand, finger, own, found.points_l[0], q, contacts.posture)
+    normals = np.array([contact.normal_o for contact in own])
+    moved = points - np.array([contact.point_o for contact in own])
+    slid = moved - np.einsum("mcx,cx->mc", moved, normals)[:, :, None] * normals
+    missing = np.abs(pressed.missing[:, list(which)])
+    motion = FingerMotion(
+        q=frozen(q),
+        dq=frozen(dq),
+        ddq=frozen(np.array(np.gradient(dq, float(times[1] - times[0]), axis=0, edge_order=2))),
+        jacobians=frozen(jacobians),
+        errors=frozen(np.column_stack([np.interp(course, pressed.course, column) for column in missing.T])),
+        slips=frozen(np.linalg.norm(slid, axis=2)),
+        limited=tuple(name for name, dof in zip(finger.actuated, finger.dofs.tolist()) if dof in pressed.limited),
+    )
+    return replace(motion, surfaces=bool(off_path(motion, profile, which).any()))
 
 
 def off_path(motion: FingerMotion, profile: PenetrationProfile, which: Sequence[int]) -> NDArray[np.bool_]:

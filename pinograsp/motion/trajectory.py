@@ -21,8 +21,7 @@ from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach, gentle_approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
-from pinograsp.motion.producible import pressing_together
-from pinograsp.motion.surfaces import TRACKED, off_path, press_surfaces
+from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array
@@ -31,6 +30,7 @@ _HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do no
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
 _SHIFTED = 1e-4  # [m] of the object as it is let go: worth a note
+_ANOTHER_FORCE = 0.1  # share of a force by which it may come otherwise without a note
 Order = Literal["together", "base first", "tip first"]
 _ORDERS: tuple[Order, ...] = get_args(Order)
 _TURNS = 0.6  # share of the way after which the last joint starts, where they take turns
@@ -131,29 +131,35 @@ class _Planning:
         self.notes, self.remedies = list(hand.notes), list[str]()
         self.within_limits = self.on_path = self.clear = True
         self.closing: list[tuple[Finger, FingerMotion]] = []
-        self.deeper = np.zeros(k)
+        self.pressed: ClosedPress | None = None
         if self.problem.contacts.posture is not None:
-            self.deeper = self.pressed_for_the_shift(self.problem.contacts.posture)
+            self.pressed = self.closed(self.problem.contacts.posture)
 
-    def pressed_for_the_shift(self, q: Array) -> Array:
-        """How much deeper the joints press (k,) [m], as the object gives way when it is let go; ``q`` (n,): closed."""
-        together = pressing_together(self.hand, self.problem.contacts, q)
-        shift = together.shift(self.profile.final_depth)
-        size = float(np.linalg.norm(shift[:3]))
+    def closed(self, q: Array) -> ClosedPress:
+        """How all joints of the hand that is closed at ``q`` (n,) press, and the object gives way when it is let go."""
+        pressed = press_closed(self.hand, self.problem, self.profile, q)
+        size = float(np.linalg.norm(pressed.shift[-1, :3]))
         if size > _SHIFTED:
             self.notes.append(
-                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the forces come as planned"
+                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it"
             )
-        deeper: Array = together.shifts @ shift
-        return deeper
+        planned, rest = self.problem.compliance.normal_force(self.profile.final_depth), pressed.rest.normal
+        others = [
+            f"{name} {force:.2g} N (planned {asked:.2g} N)"
+            for name, force, asked in zip(self.problem.contacts.names, rest, planned)
+            if abs(force - asked) > _ANOTHER_FORCE * asked
+        ]
+        if others:
+            self.notes.append(
+                f"friction that builds up while the hand presses leaves other forces: {', '.join(others)}"
+            )
+        return pressed
 
     def move(self, finger: Finger, which: Sequence[int], found: ContactPostures) -> None:
         """Move a finger, from its best posture ``found``, as its contacts ``which`` ask for."""
         hand, contacts, start = self.hand, self.problem.contacts, self.start[finger.dofs]
-        if found.method == "closing":
-            motion = press_surfaces(
-                hand, finger, contacts, which, found, self.problem.object, self.profile, self.after, self.deeper
-            )
+        if found.method == "closing" and self.pressed is not None:
+            motion = press_surfaces(hand, finger, contacts, which, found, self.pressed, self.profile, self.after)
             candidates, paths = [motion], [self.gentle_path(finger, motion)]
             self.closing.append((finger, motion))
         else:

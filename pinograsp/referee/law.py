@@ -7,11 +7,12 @@ of the hand's surface relative to the object's. The normal force at point i is
     F_i = w_i max(0, (lambda v_i . n_i + K) delta_i^rho).
 
 The weights w_i divide the plan's contacts among the points that the physics engine finds; they sum to the number of the
-part's planned contacts. The part's tangential spring has a displacement z and a rotation phi about the normal, and is
-divided among the points by their shares g_i of the pressure, which sum to the same number; c is their centre by these.
-The friction force at point i is kt g_i (z + phi n x (p_i - c)), limited to mu F_i. Where the limit acts, the point
-slips, and z and phi are reset to match the remaining forces. The moment of a soft finger about the normal uses the same
-phi and is limited to e F.
+part's planned contacts. Where one contact is planned they are those of the deepest points: the law of a contact means
+its largest depth, however many shallower points an engine finds around it. The part's tangential spring has a
+displacement z and a rotation phi about the normal, and is divided among the points by their shares g_i of the pressure,
+which sum to the same number; c is their centre by these. The friction force at point i is
+kt g_i (z + phi n x (p_i - c)), limited to mu F_i. Where the limit acts, the point slips, and z and phi are reset to
+match the remaining forces. The moment of a soft finger about the normal uses the same phi and is limited to e F.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _GRAZING = 0.1  # share of the part's largest depth, below which a point counts less
+_POINTED = 16  # power of that share by which a point counts where one contact is planned
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +167,7 @@ class ContactLaw:
         # A grazing point has little weight, so that the forces at the others do not jump when it appears or vanishes.
         deepest = np.where(of, depth, 0.0).max(axis=1)
         counted = np.minimum(1.0, depth / (_GRAZING * deepest[which]))
+        counted = np.where(self.single[part], (depth / deepest[which]) ** _POINTED, counted)
         weights = of * (counted * (1.0 / (of @ counted))[which])  # (h, c): the weights of a part sum to one
         share = counts[which] * weights.sum(axis=0)
 

@@ -251,6 +251,22 @@ def test_an_area_that_can_hold_does_not_creep_where_it_hardly_presses():
     assert sliding.force_o[:, 0] == pytest.approx(0.5 * sliding.normal, rel=1e-6)
 
 
+@pytest.mark.parametrize("around", [[], [0.5], [0.6, 0.3, 0.1], [0.7] * 6])
+def test_of_one_planned_contact_the_deepest_point_counts(around):
+    """However many shallower points an engine finds around it; with several contacts planned they all count."""
+    depths = 1e-3 * np.array([1.0, *around])
+    c = len(depths)
+
+    def force(planned):
+        law = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [planned])
+        places = np.column_stack([1e-3 * np.arange(c), np.zeros((c, 2))])
+        none, still = np.zeros(c, dtype=int), np.zeros((c, 3))
+        return law.press(Touches(none, none, places, np.tile([0, 0, 1.0], (c, 1)), depths, still, np.zeros(c)), 1e-3)
+
+    assert force(1).normal.sum() == pytest.approx(5e4 * 1e-3**1.5, rel=0.02)
+    assert force(c).normal == pytest.approx(5e4 * depths**1.5, rel=1e-9)
+
+
 def test_points_of_an_area_share_what_the_plan_counts():
     law = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [3])
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0]])
