@@ -61,7 +61,7 @@ def friction_built_up(problem: ForceProblem, depths: Array, slid: Array) -> Arra
 
 def let_go(problem: ForceProblem, depths: Array, friction: Array) -> LetGo:
     """The contacts' rest under the problem's load, from ``depths`` (k,) [m] and ``friction`` (k, 4) at t_F."""
-    contacts, load, springs = _OnObject(problem, depths), np.asarray(problem.load), _springs(problem)
+    contacts, load, springs = OnObject(problem, depths), np.asarray(problem.load), _springs(problem)
     shift, since, stretched = np.zeros(6), np.zeros(6), friction / np.where(springs > 0, springs, 1.0)
     now = contacts.at(shift, since, stretched)
     support, enough = -(now.wrench + load), _BALANCED * max(float(now.normal.sum()), _BALANCED)
@@ -120,7 +120,7 @@ class _Now(NamedTuple):
     gripping: Array
 
 
-class _OnObject:
+class OnObject:
     """k contacts with ``depths`` (k,) [m] as the object sees them, to first order of its motion."""
 
     def __init__(self, problem: ForceProblem, depths: Array):

@@ -89,7 +89,7 @@ def test_at_rest_the_contacts_balance_the_load_within_their_cones(seed, family):
 
 def test_its_stiffness_is_the_slope_of_the_wrench():
     problem, rng = pinched(torsion=0.01), np.random.default_rng(4)
-    contacts = letting_go._OnObject(problem, problem.compliance.depth(np.array([4.0, 5.0])))
+    contacts = letting_go.OnObject(problem, problem.compliance.depth(np.array([4.0, 5.0])))
     stretched = np.array([[0.0, 3e-4, 1e-4, 0.05], [0.0, 1e-5, 0.0, 1e-4]])  # the first one slips, the second sticks
     shift, since = 1e-6 * rng.normal(size=6), np.zeros(6)
     now = contacts.at(shift, since, stretched)
@@ -108,11 +108,9 @@ def test_hands_press_so_that_the_planned_forces_are_left(source):
     found = pg.find_grasps(pg.load_hand(source), box, conditions, count=8, seed=3, jobs=1, progress=False)
     plan = plan_best(found, conditions)
     contacts = plan.problem.contacts
-    solver = surfaces._Solver(plan.hand, plan.problem, contacts.posture)
-    plainly = surfaces._press(solver, plan.forces.final_depths, np.zeros(6))
     pressed = surfaces.press_closed(plan.hand, plan.problem, plan.searched().profile, contacts.posture)
     planned = plan.forces.normal_forces
-    assert pressed.off(planned) <= plainly.off(planned)
+    assert pressed.off(planned) < 0.2
     seen = pg.simulate(plan, mode="prescribed", hold=0.5)
     assert seen.verdict.held
     joints = np.array(
