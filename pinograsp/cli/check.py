@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -16,9 +17,8 @@ from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.hands import HandModel
-    from pinograsp.plan import PlanMargins
     from pinograsp.planner import GraspPlan
-    from pinograsp.referee import BaseMotion, Disturbance, Servo
+    from pinograsp.referee import Disturbance, Errors, Servo, WhatHolds
     from pinograsp.referee.monte_carlo import MonteCarlo
     from pinograsp.referee.settings import Control
     from pinograsp.referee.task import Task
@@ -57,6 +57,13 @@ def check(
             help="Accelerations of the hand's base: lines T,AX,AY,AZ, T after t_F \\[s, m/s^2]; linear between.",
         ),
     ] = None,
+    base_path: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help="Positions of the hand's base: lines T,X,Y,Z, T after t_F \\[s, m]; a cubic spline from rest to rest.",
+        ),
+    ] = None,
     stiffness: Annotated[
         float, typer.Option(help="Factor on the contact law's K: above 1 the object is harder than assumed.")
     ] = 1.0,
@@ -67,7 +74,9 @@ def check(
         str | None,
         typer.Option(metavar="O[,O...]", help="Calibration error of all joints' encoders, or of each \\[deg, mm]."),
     ] = None,
-    servo_gain: Annotated[float, typer.Option(help="Factor on the servos' gains.")] = 1.0,
+    servo_gain: Annotated[
+        float, typer.Option(help="Factor on the servos' gains; with --control torque, on the motors' torques.")
+    ] = 1.0,
     control: Annotated[
         str,
         typer.Option(
@@ -97,15 +106,28 @@ def check(
         int,
         typer.Option(
             metavar="N",
-            help="Probability of holding: N trials with each of six random errors alone (position, rotation, friction, "
-            "mass, posture, push) and N with all of them, 7 N in all. The same command continues an interrupted study.",
+            help="Probability of holding: N trials with each random error alone (position, rotation, friction, mass, "
+            "posture, push; others by --errors) and N with all of them, 7 N in all. The same command continues an "
+            "interrupted study.",
         ),
     ] = 0,
+    errors: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=VALUE,...",
+            help="Sizes of the random errors in SI units, ranges as LOW:HIGH, as pinograsp.referee.Errors tells them; "
+            "0: none. Besides the six there are stiffness=LOW:HIGH, joint_offset, joint_friction, servo_gain.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of the random errors.")] = 0,
     thresholds: Annotated[
         bool,
         typer.Option("--thresholds", help="Search for the smallest friction and the largest mass that still hold."),
     ] = False,
+    what_holds: Annotated[
+        bool,
+        typer.Option(help="Where the object is lost: simulate again, with one change at a time, what would have held."),
+    ] = True,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: RUN/check, RUN/check-2, ...")
     ] = None,
@@ -122,6 +144,8 @@ def check(
       pinograsp check runs/paper --hold 10 --push 0,0,-2@0.5+0.2 --mu 0.6
 
       pinograsp check runs/paper --monte-carlo 100
+
+      pinograsp check runs/paper --control torque --stiffness 20 --joint-friction 0.01
     """
     from pinograsp.checks import one_of
     from pinograsp.planner import load_run
@@ -155,13 +179,16 @@ def check(
             turn,
             start_error,
             base_motion,
+            base_path,
             stiffness,
             joint_friction,
             joint_offset,
             servo_gain,
         )
         trials = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
-        studies = _Studies(monte_carlo, seed, thresholds, trials)
+        if errors is not None and not monte_carlo:
+            raise InvalidInput("--errors: expected with --monte-carlo, which draws them")
+        studies = _Studies(monte_carlo, _errors(errors), seed, thresholds, what_holds, trials)
         summary = _check(plan, run, folder, settings, differences, studies, as_json)
     if as_json:
         typer.echo(json.dumps({**summary, "folder": str(folder.path)}, allow_nan=False))
@@ -182,6 +209,7 @@ class _Differences(NamedTuple):
     turn: str | None
     start_error: float
     base_motion: Path | None
+    base_path: Path | None
     stiffness: float
     joint_friction: str | None
     joint_offset: str | None
@@ -189,13 +217,15 @@ class _Differences(NamedTuple):
 
 
 class _Studies(NamedTuple):
-    """The options of further studies: number and seed of random trials, whether to search thresholds, and the folder
-    of the trials.
+    """The options of further studies: number, errors and seed of random trials, whether to search thresholds and what
+    would have held, and the folder of the trials.
     """
 
     monte_carlo: int
+    errors: Errors | None
     seed: int
     thresholds: bool
+    what_holds: bool
     trials: Path
 
 
@@ -224,7 +254,8 @@ def _check(
     if not as_json:
         typer.echo(simulation.describe())
     tried, texts = {}, []
-    for name, study in _studies(run, task, plan.require_margins(), studies, disturbance, settings, as_json):
+    lost = not simulation.verdict.held
+    for name, study in _studies(run, plan, task, studies, disturbance, settings, lost, as_json):
         tried[name] = study.summary()
         texts.append(study.describe())
         if not as_json:
@@ -244,35 +275,44 @@ def _check(
 
 def _studies(
     run: Path,
+    plan: GraspPlan,
     task: Task,
-    margins: PlanMargins,
     studies: _Studies,
     disturbance: Disturbance,
     settings: TrialSettings,
+    lost: bool,
     as_json: bool,
-) -> Iterator[tuple[str, MonteCarlo | Threshold]]:
+) -> Iterator[tuple[str, MonteCarlo | Threshold | WhatHolds]]:
     """The requested studies, by name; thresholds are compared with the planner's own margins."""
-    from pinograsp.referee import Errors, Servo, load_threshold, monte_carlo, slip_threshold
+    from pinograsp.referee import Errors, Servo, load_threshold, monte_carlo, slip_threshold, what_holds
     from pinograsp.referee.monte_carlo import FILE
     from pinograsp.writing import list_in
 
+    if lost and studies.what_holds:
+        yield "what_holds", what_holds(plan, disturbance=disturbance, **settings)
     if count := studies.monte_carlo:
+        errors = Errors() if studies.errors is None else studies.errors
         if not as_json:
-            kinds = Errors().kinds
+            kinds = errors.kinds
             typer.echo(
                 f"{count} trials with each of {', '.join(kinds)}, and {count} with all together: "
                 f"{count * (len(kinds) + 1)} trials"
             )
         # Trials are kept as they come, so that the same command can continue.
         plain = {name: value.summary() if isinstance(value, Servo) else value for name, value in settings.items()}
+        if studies.errors is not None:
+            plain["errors"] = errors.summary()
         key = json.dumps({"seed": studies.seed, **plain}, sort_keys=True)
         trials = studies.trials / hashlib.sha256(key.encode()).hexdigest()[:8]
         list_in(run, trials / FILE)
-        study = monte_carlo(task, count=count, seed=studies.seed, progress=bar(as_json), folder=trials, **settings)
+        study = monte_carlo(
+            task, count=count, seed=studies.seed, errors=errors, progress=bar(as_json), folder=trials, **settings
+        )
         yield "monte_carlo", study
         if study.interrupted:
             return
     if studies.thresholds:
+        margins = plan.require_margins()
         least = float(margins.least_mu.max())
         held = margins.load_factor if math.isfinite(margins.load_factor) else None
         yield "slip_threshold", slip_threshold(task, planned=least, disturbance=disturbance, **settings)
@@ -286,7 +326,7 @@ def _disturbance(task: Task, options: _Differences) -> Disturbance:
     import numpy as np
 
     from pinograsp.checks import number
-    from pinograsp.referee import Disturbance, Push
+    from pinograsp.referee import BaseMotion, Disturbance, Push
 
     pushes = []
     for text in options.push or ():
@@ -312,8 +352,13 @@ def _disturbance(task: Task, options: _Differences) -> Disturbance:
     if options.turn is not None:
         given["object_turn"] = np.radians(_numbers("--turn", options.turn, (3,)))
     given |= {"stiffness": options.stiffness, "servo_gain": options.servo_gain}
+    if options.base_motion is not None and options.base_path is not None:
+        raise InvalidInput("--base-path: expected without --base-motion, both tell the motion of the base")
     if options.base_motion is not None:
-        given["base_motion"] = _base_motion(options.base_motion)
+        times, rows = _rows("--base-motion", options.base_motion)
+        given["base_motion"] = BaseMotion(times=times, accelerations=rows)
+    if options.base_path is not None:
+        given["base_motion"] = BaseMotion.through(*_rows("--base-path", options.base_path))
     hand = task.hand
     if options.start_error:
         given["start_error"] = _of_joints(hand, "--start-error", str(options.start_error), math.radians(1), 1e-3)
@@ -342,18 +387,33 @@ def _of_joints(hand: HandModel, option: str, text: str, turning: float, sliding:
     return each
 
 
-def _base_motion(path: Path) -> BaseMotion:
-    """The motion in a CSV file of times and accelerations."""
+def _rows(option: str, path: Path) -> tuple[Array, Array]:
+    """Times (m,) and vectors (m, 3) in a CSV file."""
     import numpy as np
-
-    from pinograsp.referee import BaseMotion
 
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"--base-motion: expected a readable file of text, got '{path}' ({error})") from error
-    rows = [_numbers("--base-motion", line, (4,)) for line in lines if line.strip()]
-    return BaseMotion(times=np.array([row[0] for row in rows]), accelerations=np.array([row[1:] for row in rows]))
+        raise InvalidInput(f"{option}: expected a readable file of text, got '{path}' ({error})") from error
+    rows = np.array([_numbers(option, line, (4,)) for line in lines if line.strip()]).reshape(-1, 4)
+    return rows[:, 0], rows[:, 1:]
+
+
+def _errors(text: str | None) -> Errors | None:
+    """The sizes of the random errors; None: the default ones."""
+    from pinograsp.referee import Errors
+
+    if text is None:
+        return None
+    given: dict[str, Any] = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        known = [field.name for field in fields(Errors)]
+        if name not in known or name in given or not value:
+            raise InvalidInput(f"--errors: expected NAME=VALUE,... each once of {', '.join(known)}, got '{text:.100}'")
+        numbers = _numbers("--errors", value.replace(":", ","), (1, 2, 3))
+        given[name] = numbers[0] if len(numbers) == 1 else tuple(numbers)
+    return Errors(**given)
 
 
 def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:

@@ -32,7 +32,7 @@ class Verdict:
         saturated: joints whose motor was at its torque limit at the end.
         energy_error: what the energy audit does not account for, relative to the energy that was turned over.
         causes: of a lost object, what went wrong first, in the order of time: motors at their torque limits, contacts
-            that slipped or opened, in words.
+            that slipped or opened, a joint that gave way, in words.
         remedies: what to change then, in words.
     """
 

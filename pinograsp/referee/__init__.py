@@ -8,6 +8,7 @@ from pinograsp.referee.monte_carlo import Errors, MonteCarlo, monte_carlo
 from pinograsp.referee.settings import BaseMotion, Disturbance, Push, Servo
 from pinograsp.referee.simulate import simulate
 from pinograsp.referee.thresholds import LoadThreshold, SlipThreshold, load_threshold, slip_threshold
+from pinograsp.referee.what_holds import WhatHolds, what_holds
 
 __all__ = [
     "BaseMotion",
@@ -20,8 +21,10 @@ __all__ = [
     "Simulation",
     "SlipThreshold",
     "Verdict",
+    "WhatHolds",
     "load_threshold",
     "monte_carlo",
     "simulate",
     "slip_threshold",
+    "what_holds",
 ]

@@ -16,6 +16,7 @@ from pinograsp.spatial import Array, BoolArray
 _MOST = 3  # causes told
 _LASTING = 0.02  # [s] at its limit: shorter is no cause
 _WEAK, _STRONG = 0.8, 1.25  # simulated over planned normal forces that are told
+_YIELDED = 2.0, 1e-3  # [deg], [m] of a joint after the grasp is complete: the hand gives way
 _TOUCHING = 0.01  # share of the planned force below which a contact is open
 
 
@@ -41,13 +42,17 @@ def causes_of(
     """
     until = _lost_at(history)
     events = [] if servo is None else _saturated(task, history, until)
-    events = sorted([*events, *_slipped_or_opened(task, history, until)])[:_MOST]
-    first = min((event.time for event in events if event.kind != "motor"), default=history.times[until])
+    events = sorted([*events, *_slipped_or_opened(task, history, until), *_yielded(task, history, until)])[:_MOST]
+    first = min((event.time for event in events if event.kind in ("slipped", "opened")), default=history.times[until])
     ratio = _pressed(history, float(first))
     causes = [event.text for event in events]
     if not _WEAK <= ratio <= _STRONG:
         causes.append(
             f"from {task.final_time:.3f} s on the contacts pressed with {100 * ratio:.0f} % of the planned forces"
+        )
+    if not causes:
+        causes.append(
+            f"no contact slipped or opened until {history.times[until]:.3f} s: the hand carried the object off"
         )
     return tuple(causes), tuple(_remedies(task, events, ratio, servo, disturbance))
 
@@ -67,7 +72,7 @@ def _first(what: BoolArray, start: int, otherwise: int) -> int:
 
 
 def _saturated(task: Task, history: History, until: int) -> list[_Event]:
-    """Motors that were at their torque limits for a while, after the hand had touched and before the object was lost."""
+    """Motors that were at their torque limits for a while, from the touch on until the object was lost."""
     times, events = history.times, []
     at_limit: BoolArray = np.abs(history.torques[: until + 1]) >= task.torque_limit * (1 - AT_LIMIT)
     for j, name in enumerate(task.hand.joint_names):
@@ -107,6 +112,20 @@ def _slipped_or_opened(task: Task, history: History, until: int) -> list[_Event]
     return events
 
 
+def _yielded(task: Task, history: History, until: int) -> list[_Event]:
+    """The first joint that left its place after the grasp was complete and before the object was lost."""
+    turn, shift = _YIELDED
+    slides: BoolArray = np.array([task.hand.is_prismatic(task.hand.model.getJointId(j)) for j in task.hand.joint_names])
+    moved = np.abs(history.q - history.q[history.complete]) / np.where(slides, shift, np.radians(turn))
+    when = _first((moved > 1.0).any(axis=1), history.complete, until + 1)
+    if when > until:
+        return []
+    joint = int(moved[when].argmax())
+    size = f"{1e3 * shift:g} mm" if slides[joint] else f"{turn:g} deg"
+    name, time = task.hand.joint_names[joint], float(history.times[when])
+    return [_Event(time, "joint", name, f"joint '{name}' gave way, by more than {size} from {time:.3f} s on")]
+
+
 def _pressed(history: History, until: float) -> float:
     """Simulated over planned normal forces in all, from the grasp's completion to a time [s]."""
     planned, complete = history.planned_forces, history.complete
@@ -129,10 +148,19 @@ def _remedies(
     if servo is not None and servo.control == "position" and ratio < _WEAK:
         remedies.append("the plan's torques as feed-forward (control='position+torque'), or stiffer servos: kp")
     elif servo is not None and servo.control != "torque" and not _WEAK <= ratio <= _STRONG:
-        remedies.append("softer servos, lower kp: their forces depend less on the stiffness of the contacts")
+        rubbing = bool(np.any(disturbance.joint_friction))
+        if rubbing:
+            remedies.append("stiffer servos, higher kp: dry friction of the joints takes less of the forces")
+        if not rubbing or disturbance.stiffness != 1.0 or np.any(disturbance.joint_offset):
+            remedies.append(
+                "softer servos, lower kp: the forces depend less on the stiffness of the contacts, and on errors of "
+                "positions"
+            )
     elif servo is not None and servo.control == "torque":
         remedies.append("soft servos besides the torques, which keep the fingers in place: control='position+torque'")
-    if any(event.kind != "motor" for event in events) or not remedies:
+    elif servo is not None and any(event.kind == "joint" for event in events):
+        remedies.append("stiffer servos, higher kp: they keep the fingers in place")
+    if any(event.kind in ("slipped", "opened") for event in events) or not remedies:
         parts = ["disturbance=..."]
         parts += ["mass=..."] if disturbance.mass_factor != 1.0 else []
         parts += ["friction=..."] if disturbance.mu is not None and disturbance.mu < task.mu.min() else []

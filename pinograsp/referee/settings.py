@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 
 from pinograsp.checks import (
     array_of,
@@ -203,6 +204,23 @@ class BaseMotion:
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "accelerations", array_of(name, self.accelerations, (times.size, 3)))
 
+    @classmethod
+    def through(cls, times: ArrayLike, positions: ArrayLike) -> BaseMotion:
+        """The motion through given positions: the cubic spline, at rest at both ends.
+
+        Args:
+            times: that grow, counted from t_F (m,) [s].
+            positions: of the base at these times (m, 3) [m], world axes.
+
+        Raises:
+            InvalidInput: as for the class.
+        """
+        instants = array_of("times of the base's motion [s]", times, (None,))
+        resting = cls(times=instants, accelerations=np.zeros((instants.size, 3)))
+        path = array_of("positions of the base [m]", positions, (resting.times.size, 3))
+        # The acceleration of a cubic spline is linear between its times.
+        return replace(resting, accelerations=CubicSpline(resting.times, path, bc_type="clamped")(resting.times, 2))
+
     def at(self, since: float) -> Array:
         """The acceleration (3,) [m/s^2] at a time after t_F [s]."""
         since = number("time since t_F", since, unit="s")
@@ -232,7 +250,8 @@ class Disturbance:
         start_error: of the joints at t = 0 (n,) [rad or m]; None: no error.
         joint_offset: what the joints' encoders read less the true positions, one number or (n,) [rad or m].
         joint_friction: dry friction of the joints, one number or (n,) [N m or N].
-        servo_gain: ratio of the servos' stiffness and damping to those of :class:`Servo`.
+        servo_gain: ratio of the servos' stiffness and damping to those of :class:`Servo`; with torque control, which
+            has no servos, of the motors' torques to the plan's.
     """
 
     pushes: tuple[Push, ...] = ()

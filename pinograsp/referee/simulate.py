@@ -116,15 +116,16 @@ def simulate(
         mass_factor=disturbance.mass_factor,
         joint_friction=friction,
     )
-    commanded = _without_torques(task) if servo.control == "position" and mode == "servo" else task
+    share = {"torque": disturbance.servo_gain, "position": 0.0, "position+torque": 1.0}[servo.control]
+    commanded = task if mode == "prescribed" or share == 1.0 else _with_torques(task, share)
     trial = Trial(commanded, running, _law(task, running.parts, disturbance), schedule)
     trial.run()
     return _record(trial, engine, mode, servo, time.perf_counter() - started)
 
 
-def _without_torques(task: Task) -> Task:
-    """A task without feed-forward torques."""
-    return replace(task, torques=0.0 * task.torques, holding_torques=0.0 * task.holding_torques)
+def _with_torques(task: Task, share: float) -> Task:
+    """A task with a share of its feed-forward torques."""
+    return replace(task, torques=share * task.torques, holding_torques=share * task.holding_torques)
 
 
 def task_of(plan: PlanRecord | Task | str | Path, body: Body | None = None) -> Task:

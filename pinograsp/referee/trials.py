@@ -56,7 +56,7 @@ class Outcome:
 
     Attributes:
         held: whether the object stayed in the hand.
-        reason: why, in words.
+        reason: why, in words; of a lost object with the first cause.
         drift: of the object [m]; None: the simulation diverged.
     """
 
@@ -123,4 +123,4 @@ def run_trial(case: Case, disturbance: Disturbance, mu_factor: float = 1.0) -> O
         verdict = simulate(task, disturbance=disturbance, **settings).verdict
     except SimulationDiverged as error:
         return Outcome(held=False, reason=str(error), drift=None)
-    return Outcome(held=verdict.held, reason=verdict.reason, drift=verdict.drift)
+    return Outcome(held=verdict.held, reason="; ".join((verdict.reason, *verdict.causes[:1])), drift=verdict.drift)

@@ -492,6 +492,7 @@ def _fill() -> None:
     motion = referee.BaseMotion(times=[0.0, 0.02], accelerations=np.zeros((2, 3)))
     call(referee.BaseMotion, times=[0.0, 0.02], accelerations=np.zeros((2, 3)))
     call(motion.at, since=0.01)
+    call(referee.BaseMotion.through, times=[0.0, 0.02], positions=np.zeros((2, 3)))
     disturbance = {
         "pushes": (push,),
         "shake": [0.1, 0.0, 0.0],
@@ -554,6 +555,8 @@ def _fill() -> None:
     )
     for threshold in (referee.slip_threshold, referee.load_threshold):
         call(threshold, plan=w.plan, tolerance=1.0, planned=0.7, jobs=1, disturbance=None, **quick)
+    slippery = referee.Disturbance(mu=0.0)
+    call(referee.what_holds, plan=w.plan, disturbance=slippery, tolerance=1.0, **quick)
 
     call(pg.save_run, plan=w.run, folder="run", force=False, extras=None)
     call(pg.load_run, folder="kept/run")
@@ -1144,6 +1147,7 @@ SLOW = {
     "monte_carlo",
     "slip_threshold",
     "load_threshold",
+    "what_holds",
     "OnlineForces",
     "find_grasps",
 }

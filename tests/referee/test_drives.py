@@ -9,6 +9,7 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import own_hands
 import pytest
@@ -17,7 +18,8 @@ from swinging_shape import SHAPES, one_joint, pose
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
 from pinograsp.objects import Sphere
-from pinograsp.referee import BaseMotion, Disturbance, Errors, Servo, monte_carlo, simulate
+from pinograsp.referee import BaseMotion, Disturbance, Errors, Push, Servo, monte_carlo, simulate, what_holds
+from pinograsp.referee.causes import causes_of
 from pinograsp.referee.law import NO_TOUCHES, Pressing
 from pinograsp.referee.monte_carlo import drawn_errors
 from pinograsp.referee.mujoco_engine import MujocoEngine
@@ -74,8 +76,8 @@ def test_a_servo_and_a_contact_are_springs_in_series(linear, engine, factor):
         if control == "torque":  # 100 times the stiffness of the softest contact in a second
             servo = replace(servo, damping=servo.damping / 10)
         seen = simulate(linear, engine=engine, servo=servo, disturbance=Disturbance(stiffness=factor), **FIXED)
-        # The last motion has died out to a few 1e-5.
-        assert seen.normal_forces[-1] / linear.normal_forces == pytest.approx(np.full(3, ratio), rel=1e-4)
+        # The closed hand presses 0.15 um deeper, a 1e-4 of the depth.
+        assert seen.normal_forces[-1] / linear.normal_forces == pytest.approx(np.full(3, ratio), rel=2e-4)
         assert seen.servo["control"] == control
 
 
@@ -106,6 +108,17 @@ def test_every_control_goes_alike_in_both_engines(control):
     assert max(ours.verdict.energy_error, theirs.verdict.energy_error) < 5e-3
 
 
+def test_servos_are_mujocos_own(task):
+    """Actuators as MuJoCo's <position kp="..." kv="..." forcerange="...">."""
+    own = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><geom size='1'/><joint name='j'/></body></worldbody><actuator>"
+        "<position joint='j' kp='2000' kv='20' forcelimited='true' forcerange='-200 200'/></actuator></mujoco>"
+    )
+    ours = MujocoEngine(task, time_step=5e-4, servo=Servo.of(task.hand, KP), mass_factor=1.0).model
+    for name in ("gaintype", "gainprm", "biastype", "biasprm", "forcelimited", "forcerange"):
+        assert np.all(getattr(ours, f"actuator_{name}") == getattr(own, f"actuator_{name}")), name
+
+
 def test_servo_gains_are_those_of_a_servo_with_them(task):
     servo = Servo.of(task.hand, KP)
     firmer = replace(servo, stiffness=1.5 * servo.stiffness, damping=1.5 * servo.damping)
@@ -113,6 +126,15 @@ def test_servo_gains_are_those_of_a_servo_with_them(task):
     np.testing.assert_array_equal(one.normal_forces, simulate(task, servo=firmer, **FREE).normal_forces)
     torque = Servo.of(task.hand, control="torque")
     assert torque.scaled(2.0) is torque
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_gain_errors_of_torque_control_are_those_of_the_torques(linear, engine):
+    """F' = factor F."""
+    servo = Servo.of(linear.hand, control="torque")
+    servo = replace(servo, damping=servo.damping / 10)
+    seen = simulate(linear, engine=engine, servo=servo, disturbance=Disturbance(servo_gain=1.3), **FIXED)
+    assert seen.normal_forces[-1] / linear.normal_forces == pytest.approx(np.full(3, 1.3), rel=1e-4)
 
 
 # -- joints ------------------------------------------------------------------------------------------------------------
@@ -149,6 +171,21 @@ def test_dry_friction_of_a_whole_hand_goes_alike_in_both_engines():
     free = simulate(plan, servo=servo, hold=0.1, time_step=5e-4)
     assert np.abs(theirs.q - free.q).max() > 5e-4  # and is felt
     assert max(ours.verdict.energy_error, theirs.verdict.energy_error) < 2e-3
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("control", ["position+torque", "torque"])
+def test_dry_friction_takes_its_share_of_a_grip(linear, engine, control):
+    """Jaws that come to rest as they close press with f C_h / (C_c + C_h) too little, the edge of the dead band."""
+    contact, hand, friction = 1 / linear.law[0], 1 / KP, 0.3
+    servo = Servo.of(linear.hand, None if control == "torque" else KP, control=control)
+    if control == "torque":
+        servo = replace(servo, damping=servo.damping / 10)
+    band = friction * (1.0 if control == "torque" else hand / (contact + hand))
+    wrong = Disturbance(joint_friction=friction)
+    seen = simulate(linear, engine=engine, servo=servo, disturbance=wrong, **FIXED)
+    missing = linear.normal_forces - seen.normal_forces[-1]
+    assert np.all(missing <= band * (1 + 1e-6)) and missing == pytest.approx(np.full(3, band), rel=0.03)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -216,6 +253,35 @@ def test_a_shaken_base_is_one_that_moves_so(task):
     assert np.abs(both.acceleration(0.1)).max() < 1e-3
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_base_that_moves_along_a_path_adds_inertial_forces(task, engine):
+    """The fingers bear m (a - g); an undamped swing of the object on its contacts averages out over 0.1 s."""
+    times = np.linspace(0.0, 0.8, 9)
+    path = np.stack([0.02 * np.sin(np.pi * times / 0.8) ** 2, 0.0 * times, 0.015 * (times / 0.8) ** 3], axis=1)
+    motion = BaseMotion.through(times, path)
+    seen = simulate(
+        task, engine=engine, disturbance=Disturbance(base_motion=motion), servo=Servo.of(task.hand, 2e5), **FREE
+    )
+    since, borne = seen.times - task.final_time, seen.forces_o.sum(axis=1)
+    for start in np.arange(0.25, 0.65, 0.1):
+        during = (since >= start) & (since < start + 0.1)
+        felt = np.mean([motion.at(one) for one in since[during]], axis=0)
+        expected = MASS * (felt + [0, 0, G])
+        assert borne[during].mean(axis=0) == pytest.approx(expected, abs=3e-3 * MASS * G)
+    assert np.ptp([motion.at(one) for one in times], axis=0).max() > 0.5  # and it is no small motion
+
+
+def test_a_path_of_the_base_is_what_its_accelerations_make():
+    times, path = np.array([0.1, 0.2, 0.4, 0.5]), np.array([[0, 0, 0], [1, 0, 2], [1, 3, 2], [2, 3, 0]])
+    motion = BaseMotion.through(times, path)
+    instants = np.linspace(0.1, 0.5, 40001)
+    step, felt = instants[1] - instants[0], np.array([motion.at(one) for one in instants])
+    speed = np.cumsum(0.5 * step * (felt[1:] + felt[:-1]), axis=0)
+    assert speed[-1] == pytest.approx(np.zeros(3), abs=1e-6)  # at rest at the end, too
+    for time, place in zip(times[1:], path[1:]):
+        assert step * speed[instants[1:] <= time + 1e-9].sum(axis=0) == pytest.approx(place, abs=1e-2)
+
+
 def test_a_base_rests_before_and_after_its_motion():
     motion = BaseMotion(times=[0.1, 0.2, 0.4], accelerations=[[1, 0, 0], [3, 0, -2], [0, 4, 0]])
     at = {0.0: [0, 0, 0], 0.1: [1, 0, 0], 0.15: [2, 0, -1], 0.3: [1.5, 2, -1], 0.4: [0, 4, 0], 0.41: [0, 0, 0]}
@@ -233,6 +299,25 @@ def test_a_motor_at_its_limit_is_a_cause(task):
     assert not verdict.held
     assert verdict.causes[0].startswith("motor 'slide1' at its torque limit, 1.2 N, from ")
     assert any("effort limit of joint 'slide1'" in remedy for remedy in verdict.remedies)
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "told"),
+    [
+        (0.95, 0.97, None),  # too short
+        (0.5, 0.6, None),  # before the hand touches
+        (0.9, 1.05, "from 0.900 to 1.050 s"),
+        (1.1, 9.0, "from 1.100 s on"),
+    ],
+)
+def test_a_motor_that_was_at_its_limit_for_a_while_is_a_cause(task, since, until, told):
+    seen = simulate(task, disturbance=Disturbance(mu=0.2), **FREE)
+    torques = np.array(seen.torques)
+    torques[(seen.times > since - 1e-6) & (seen.times < until - 1e-3), 1] = -task.torque_limit[1]
+    causes, _ = causes_of(task, replace(seen, torques=torques), Servo.of(task.hand), Disturbance(mu=0.2))
+    motors = [cause for cause in causes if cause.startswith("motor")]
+    expected = [] if told is None else [f"motor 'slide1' at its torque limit, 200 N, {told}"]
+    assert [one.replace("1.048 s", "1.050 s") for one in motors] == expected
 
 
 def test_the_contact_that_slips_first_is_a_cause(task):
@@ -255,17 +340,116 @@ def test_positions_alone_press_too_little(task):
     assert "never touched" in beside.causes[0]
 
 
+def test_dry_friction_asks_for_stiffer_servos(task):
+    """Softer ones would lose more of the forces; with contacts of another stiffness they would lose less."""
+    servo = Servo.of(task.hand, KP)
+    rubbed = simulate(task, servo=servo, disturbance=Disturbance(joint_friction=1.5), **FREE).verdict
+    assert not rubbed.held and rubbed.remedies[0].startswith("stiffer servos")
+    assert not any(remedy.startswith("softer") for remedy in rubbed.remedies)
+    soft = simulate(task, servo=servo, disturbance=Disturbance(stiffness=0.2), **FREE).verdict
+    assert not soft.held and soft.remedies[0].startswith("softer servos")
+
+
+def test_a_hand_that_gives_way_without_a_slip_is_a_cause():
+    """Torques alone keep nothing in place: the paper's fingers and their object fall over together."""
+    plan = pg.load_case("paper").plan(progress=False)
+    servo = Servo.of(plan.hand, control="torque")
+    verdict = simulate(plan, servo=servo, hold=0.5, time_step=5e-4).verdict
+    assert not verdict.held and len(verdict.causes) == 1
+    assert " gave way, by more than 2 deg from 1." in verdict.causes[0]
+    assert verdict.remedies == (
+        "soft servos besides the torques, which keep the fingers in place: control='position+torque'",
+    )
+
+
 def test_motions_without_servos_have_no_motors_at_their_limits(task):
     weak = replace(task, torque_limit=np.full(3, 1e-3))
     verdict = simulate(weak, mode="prescribed", disturbance=Disturbance(mu=0.1), **FREE).verdict
     assert verdict.causes and not any("motor" in cause for cause in verdict.causes)
 
 
+# -- what would have held ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_would_have_held_is_what_a_plan_with_it_holds(plan, engine):
+    """The jaws need k mu F_n = m g: with mu = 0.2 instead of 0.6, 3 / 1.5 times the squeeze, or the friction."""
+    slippery, coarse = Disturbance(mu=0.2), {"hold": 0.6, "time_step": 1e-3}
+    found = what_holds(plan, disturbance=slippery, engine=engine, **coarse)
+    assert ("without mu", True) in found.changes
+    for needed in (found.friction, found.squeeze):
+        assert needed.lost < MU / 0.2 / SAFETY * 1.01 and needed.held == pytest.approx(MU / 0.2 / SAFETY, rel=0.05)
+    assert found.mu == 0.2 and not found.weak
+    told = found.describe()
+    assert "without mu: held" in told and "2.00 times the squeeze (1.94 times: lost)" in told
+    assert "mu = 0.4: held" in told and "own margins" not in told  # this plan has none
+    json.dumps(found.summary(), allow_nan=False)
+
+
+def test_a_plan_with_the_squeeze_that_would_have_held_holds(plan):
+    for factor, held in ((1.96, False), (2.04, True)):
+        friction = pg.Friction(model="cone", safety=factor * SAFETY)
+        closure = pg.close_hand(plan.hand, plan.body, start=np.zeros(3), target=np.full(3, 0.05))
+        firmer = pg.plan_grasp_on(plan.hand, closure, pg.GraspConditions(mu=MU, friction=friction, reserve=None))
+        assert simulate(firmer, disturbance=Disturbance(mu=0.2), **FREE).verdict.held == held
+
+
+def test_every_load_counts_in_the_squeeze(task):
+    """A push of twice the weight needs as much as a mass of three times: 3 / 1.5 times the squeeze."""
+    push = Push(wrench_o=[0, 0, -2 * MASS * G, 0, 0, 0], start=0.1, duration=0.4)
+    motion = BaseMotion(times=[0.1, 0.2, 0.7], accelerations=[[0, 0, 0], [0, 0, 2 * G], [0, 0, 2 * G]])
+    for wrong in (Disturbance(pushes=push), Disturbance(mass_factor=3.0), Disturbance(base_motion=motion)):
+        found = what_holds(task, disturbance=wrong, hold=0.6, time_step=1e-3)
+        assert found.squeeze.held == pytest.approx(2.0, rel=0.1)
+        assert found.margins is None
+
+
+def test_drives_and_limits_that_would_have_held(task):
+    coarse = {"hold": 0.6, "time_step": 1e-3}
+    weak = replace(task, torque_limit=np.array([200.0, 1.2, 200.0]))
+    found = what_holds(weak, servo=Servo.of(task.hand, KP), **coarse)
+    assert dict(found.changes)["without torque limits"]
+    assert "slide1" in found.weak
+    alone = what_holds(task, servo=Servo.of(task.hand, KP, control="position"), **coarse)
+    assert dict(alone.changes)["the plan's torques as feed-forward, control='position+torque'"]
+    slack = Servo.of(task.hand, control="torque")
+    limp = what_holds(task, servo=slack, disturbance=Disturbance(servo_gain=0.5), **coarse)
+    assert dict(limp.changes) == {
+        "without servo_gain": True,
+        "the default servos besides the torques, control='position+torque'": True,
+    }
+    beside = what_holds(task, disturbance=Disturbance(object_offset=[0.0, 0.0, 0.2]), **coarse)
+    assert dict(beside.changes)["without object_offset"] and beside.friction.held is None
+    assert "more friction: lost" in beside.describe() and "more squeeze: lost" in beside.describe()
+    exact = what_holds(task, mode="prescribed", disturbance=Disturbance(mu=0.1), **coarse)
+    assert list(dict(exact.changes)) == ["without mu"]
+
+
+def test_what_holds_takes_plans_that_are_lost(task):
+    with pytest.raises(InvalidInput, match="expected a plan that is lost"):
+        what_holds(task, **FREE)
+    with pytest.raises(InvalidInput, match="tolerance"):
+        what_holds(task, disturbance=Disturbance(mu=0.2), tolerance=0.0)
+
+
+def test_trials_that_are_lost_say_why(task):
+    off = dict.fromkeys(("position", "rotation", "mass", "posture", "push"), 0.0)
+    errors = Errors(**off, friction=(0.1, 0.2))
+    study = monte_carlo(task, count=1, errors=errors, jobs=1, progress=False, hold=0.3, time_step=1e-3)
+    assert all("; contact 'jaw" in row["reason"] and "slipped from" in row["reason"] for row in study.rows)
+
+
 def test_causes_are_in_records_reports_and_on_the_command_line(command, plan, tmp_path):
     folder = pg.save_run(plan, tmp_path / "run")
     code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "1e-3", "--mu", "0.2")
     assert code == 3 and "why: contact '" in out and "what helps: more squeeze" in out
+    assert "what would have held, each change alone:" in out and "without mu: held" in out
+    assert "the plan's own margins: it holds with mu from 0.4 on, and up to 1.5 times its load" in out
     told = (folder / "check" / "check.md").read_text(encoding="utf-8")
+    assert "what would have held" in told
+    assert json.loads((folder / "check" / "check.json").read_text())["what_holds"]["changes"]["without mu"]
+    code, out, _ = command("check", str(folder), "--hold", "0.3", "--mu", "0.2", "--no-what-holds")
+    assert code == 3 and "would have held" not in out
     assert "## Why" in told and "## What helps" in told and "slipped from" in told
     kept = read_check(folder / "check")
     assert kept.verdict.causes and kept.verdict.remedies and kept.servo["control"] == "position+torque"
@@ -329,7 +513,7 @@ def test_check_takes_control_and_errors_of_drives(command, plan, tmp_path):
     (tmp_path / "base.csv").write_text("0,0.1,0,0\n0.1,0,0,0.2\n", encoding="utf-8")
     options = (
         f"--control position --kp 40 --stiffness 2 --joint-friction 0.1,0,0.2 --joint-offset 0.01 --servo-gain 1.1 "
-        f"--base-motion {tmp_path / 'base.csv'} --hold 0.02 --time-step 1e-3 --json"
+        f"--base-motion {tmp_path / 'base.csv'} --hold 0.02 --time-step 1e-3 --no-what-holds --json"
     )
     code, out, _ = command("check", str(folder), *options.split())
     assert code in (0, 3)
@@ -342,7 +526,21 @@ def test_check_takes_control_and_errors_of_drives(command, plan, tmp_path):
         "joint_offset": pytest.approx([1e-5] * 3),
         "joint_friction": [0.1, 0.0, 0.2],
     }
+    path = ("--base-path", str(tmp_path / "base.csv"), "--hold", "0.05", "--time-step", "1e-3", "--no-what-holds")
+    code, out, _ = command("check", str(folder), *path, "--json")
+    motion = BaseMotion.through([0.0, 0.1], [[0.1, 0, 0], [0, 0, 0.2]])
+    assert json.loads(out)["disturbance"]["base_motion"]["m_s2"] == motion.accelerations.tolist()
+    errors = ("--errors", "stiffness=0.5:2,joint_offset=0.001,position=0,push=0,mass=0,posture=0,rotation=0,friction=0")
+    study = ("--monte-carlo", "1", "--hold", "0.3", "--time-step", "1e-3", *errors, "--json")
+    code, out, _ = command("check", str(folder), *study)
+    assert list(json.loads(out)["monte_carlo"]["held"]) == ["stiffness", "joint_offset", "together"]
     for wrong in (
+        ("--base-path", str(tmp_path / "base.csv"), "--base-motion", str(tmp_path / "base.csv")),
+        ("--errors", "mass=0.1"),
+        ("--monte-carlo", "1", "--errors", "weight=0.1"),
+        ("--monte-carlo", "1", "--errors", "mass=0.1,mass=0.2"),
+        ("--monte-carlo", "1", "--errors", "stiffness=2"),
+        ("--monte-carlo", "1", "--errors", "mass="),
         ("--control", "speed"),
         ("--control", "torque", "--kp", "5"),
         ("--kp", "0"),
