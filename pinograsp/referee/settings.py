@@ -218,8 +218,15 @@ class BaseMotion:
         instants = array_of("times of the base's motion [s]", times, (None,))
         resting = cls(times=instants, accelerations=np.zeros((instants.size, 3)))
         path = array_of("positions of the base [m]", positions, (resting.times.size, 3))
-        # The acceleration of a cubic spline is linear between its times.
-        return replace(resting, accelerations=CubicSpline(resting.times, path, bc_type="clamped")(resting.times, 2))
+        try:
+            with np.errstate(all="ignore"):
+                spline = CubicSpline(instants, path, bc_type="clamped")
+                accelerations = spline(instants, 2)  # linear between the times, as a cubic spline's are
+        except ValueError as error:
+            raise InvalidInput(
+                f"positions of the base [m]: expected a path with finite accelerations ({error})"
+            ) from error
+        return replace(resting, accelerations=accelerations)
 
     def at(self, since: float) -> Array:
         """The acceleration (3,) [m/s^2] at a time after t_F [s]."""
