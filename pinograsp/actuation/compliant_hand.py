@@ -37,6 +37,8 @@ class CompliantHand:
         joint_stiffness: of elastic joints (n,) [N m/rad or N/m], infinity where a joint is rigid, or a matrix (n, n);
             None: all are rigid.
         springs: beside the drives (n,) [N m/rad or N/m]; None: there are none.
+        turning: how the links turn (3k, n), angular velocity in contact axes [rad/rad or rad/m]; None: they do not.
+            Only :func:`~pinograsp.actuation.object_stiffness` looks at it.
 
     Raises:
         InvalidInput: shapes that do not go together, or stiffnesses that cannot be.
@@ -47,6 +49,7 @@ class CompliantHand:
     transmission: Array = None  # type: ignore[assignment]  # None becomes an array in __post_init__
     joint_stiffness: Array | None = None
     springs: Array = None  # type: ignore[assignment]  # None becomes an array in __post_init__
+    turning: Array = None  # type: ignore[assignment]  # None becomes an array in __post_init__
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
 
@@ -58,6 +61,7 @@ class CompliantHand:
             transmission: ArrayLike | None = ...,
             joint_stiffness: ArrayLike | None = ...,
             springs: ArrayLike | None = ...,
+            turning: ArrayLike | None = ...,
         ) -> None: ...
 
     __repr__ = brief()
@@ -80,6 +84,10 @@ class CompliantHand:
             put("joint_stiffness", _stiffness_of("joint stiffness", self.joint_stiffness, n, least="above zero"))
         put("springs", read_only(np.zeros(n)) if self.springs is None else array_of("springs", self.springs, (n,)))
         at_least_zero("springs", self.springs)
+        turning = (
+            np.zeros((rows, n)) if self.turning is None else array_of("turning of the links", self.turning, (rows, n))
+        )
+        put("turning", frozen(turning))
 
     @classmethod
     def at(
@@ -94,16 +102,21 @@ class CompliantHand:
     ) -> CompliantHand:
         """The hand with its Jacobians (k, 3, n) or (k, 6, n) in world axes, linear velocity first.
 
-        They are what ``torque_limits(hand, contacts, q).jacobian`` holds. Other arguments: as for the class.
+        They are what ``torque_limits(hand, contacts, q).jacobian`` holds. With six rows the links turn. The
+        other arguments are those of the class.
         """
         given = array_of(
             "contact Jacobians", jacobians, (len(instance_of("contacts", contacts, ContactSet)), None, None)
         )
         if given.shape[1] not in (3, 6):
             raise InvalidInput(f"contact Jacobians: expected shape (k, 3, n) or (k, 6, n), got {given.shape}")
-        turned = np.einsum("kxc,kxn->kcn", contacts.rotations_oc, given[:, :3])
+        linear, angular = (
+            np.einsum("kxc,kxn->kcn", contacts.rotations_oc, part).reshape(-1, given.shape[2])
+            for part in (given[:, :3], given[:, -3:])
+        )
         return cls(
-            jacobian=turned.reshape(-1, given.shape[2]),
+            jacobian=linear,
+            turning=angular if given.shape[1] == 6 else None,
             gains=gains,
             transmission=transmission,
             joint_stiffness=joint_stiffness,

@@ -1,12 +1,14 @@
 """Stiffness of a held object with its preload: whether a squeeze is stable, as springs under load may buckle.
 
-Let u be the motion of the hand's point at a contact less that of the object's, v = d + theta x r, for a small twist
-(d, theta) of the object about its centre of mass and the arm r of the contact; F the force on the object, n the inward
-normal, c_o and c_h the curvatures of the two surfaces there. As the object moves,
+At a contact let u be the motion of the hand's point less that of the object's, d + theta x r, for a small twist (d,
+theta) of the object about its centre of mass and the arm r; phi the rotation of the link; F the force on the object, n
+the inward normal, c_o and c_h the curvatures of the two surfaces there. Then
 
-- the contact's axes turn by psi = s theta - c n x u, with s = c_h / (c_o + c_h) and c = c_o c_h / (c_o + c_h);
+- the contact's axes turn by psi = s theta + (1 - s) phi - c n x u, with s = c_h / (c_o + c_h) and
+  c = c_o c_h / (c_o + c_h);
 - the force changes by dF = K_c u + psi x F;
-- it acts on a point that moves by theta x r + theta x n / (c_o + c_h) + s u from the centre of mass.
+- its point moves by theta x r + (theta - phi) x n / (c_o + c_h) + s u from the centre of mass, and on the link by
+  (theta - phi) x n / (c_o + c_h) - (1 - s) u.
 
 For forces along the normals this is the second-order geometry of two surfaces that roll (Montana, 1988; Rimon and
 Burdick, 1998; Cutkosky and Kao, 1989). c_o infinite and c_h = 0, the default, is a spring between a point of the object
@@ -17,6 +19,7 @@ c_h infinite and c_o = 0 is a pointed finger on a flat face, with axes fixed in 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,6 +46,8 @@ class ObjectStiffness:
         moment_length: rotations are multiplied by it to compare them with displacements [m].
         eigenvalues: of the symmetric part, rotations times ``moment_length`` (6,) [N/m], rising.
         motions: their unit eigenvectors (6, 6) in columns: displacements [m], and rotations times ``moment_length``.
+        hand_margin: least stiffness of what yields in the hand, the object held still, each motion relative to its
+            elastic stiffness [-]: below zero the hand gives way by itself, as a finger that buckles.
     """
 
     matrix: Array
@@ -50,8 +55,9 @@ class ObjectStiffness:
     moment_length: float
     eigenvalues: Array
     motions: Array
+    hand_margin: float
 
-    __repr__ = brief("margin", "eigenvalues")
+    __repr__ = brief("margin", "hand_margin", "eigenvalues")
 
     @property
     def preload(self) -> Array:
@@ -71,8 +77,11 @@ class ObjectStiffness:
         return frozen(self.motions[:, 0] / np.repeat([1.0, self.moment_length], 3))
 
     def is_stable(self, least: float = 0.0) -> bool:
-        """Whether every motion is resisted with more than ``least`` [N/m], within rounding."""
-        return self.margin >= least - _NEUTRAL * float(np.abs(self.eigenvalues).max())
+        """Whether hand and object stay: every motion of the object is resisted with at least ``least`` [N/m], within
+        rounding, and the hand does not give way by itself.
+        """
+        enough = self.margin >= least - _NEUTRAL * float(np.abs(self.eigenvalues).max())
+        return enough and self.hand_margin >= -_NEUTRAL
 
 
 def object_stiffness(
@@ -83,12 +92,12 @@ def object_stiffness(
     *,
     object_curvature: ArrayLike = np.inf,
     hand_curvature: ArrayLike = 0.0,
+    joint_preload: ArrayLike | None = None,
     moment_length: float | None = None,
 ) -> ObjectStiffness:
     """Stiffness of the object between contacts under preload; the hand's drives hold their references.
 
-    The contact points of the hand move with its joints; that links turn as well, and that the Jacobian changes, is left
-    out. Contacts roll and stick; none slips or opens.
+    Contacts roll and stick; none slips or opens. The links turn where the hand knows how (``CompliantHand.turning``).
 
     Args:
         grasp_map: G (6, 3k), as :attr:`~pinograsp.contacts.ContactSet.G`.
@@ -98,6 +107,10 @@ def object_stiffness(
         object_curvature: of the object's surface at the contacts, a number or (k,) [1/m], positive where it is convex,
             infinite at a point; the mean of the principal ones.
         hand_curvature: the same of the hand's.
+        joint_preload: (n, n) [N m/rad or N/m], what the preload itself adds to the stiffness of the joints, the slope
+            of J^T f over q for forces that keep their direction in the world, at points that are fixed in the links
+            (:func:`~pinograsp.motion.preload_slope`); None: left out, as for joints much stiffer than the
+            preload times the length of their links.
         moment_length: rotations are multiplied by it in the eigenvalues [m]; None: the root mean square distance of the
             contacts from the centre of mass.
 
@@ -108,28 +121,33 @@ def object_stiffness(
     G, K, hand, length = checked_grasp(grasp_map, stiffness, hand, moment_length)
     rotations, arms = _frames_of(G)
     forces = np.einsum("kxc,kc->kx", rotations, array_of("preload", forces_c, (hand.k, 3)))
-    turn, roll, bend = _geometry(object_curvature, hand_curvature, hand.k)
+    share, roll, bend = _rolling(object_curvature, hand_curvature, hand.k)
+    crossed = (block_diag(*skew(one)) for one in (forces, rotations[:, :, 2], arms))
+    geometry = _Geometry(*crossed, *(np.diag(np.repeat(one, 3)) for one in (share, roll, bend)))
 
     R = block_diag(*rotations)
     Z, D = yielding_motions(hand)
-    B, K = R @ hand.jacobian @ Z, R @ K @ R.T
+    slope = (
+        np.zeros((hand.n, hand.n)) if joint_preload is None else array_of("joint preload", joint_preload, (hand.n,) * 2)
+    )
+    B, W, K = R @ hand.jacobian @ Z, R @ hand.turning @ Z, R @ K @ R.T
     G = np.hstack([np.vstack([np.eye(3), skew(arm)]) for arm in arms])
-    pull, normal = skew(forces), skew(rotations[:, :, 2])
-    along = K + block_diag(*(bend[:, None, None] * pull @ normal))  # dF = along u + about theta
-    about = (-turn[:, None, None] * pull).reshape(-1, 3)
-    shift, shift_about = -turn[:, None, None] * pull, pull @ (skew(arms) + roll[:, None, None] * normal)  # moments
-    spin = np.hstack([np.zeros((3, 3)), np.eye(3)])  # theta of a twist
+    spin = np.tile(np.hstack([np.zeros((3, 3)), np.eye(3)]), (hand.k, 1))
+    # What yields moves the hand's points by u and turns its links; the object's twist moves and turns its own.
+    joints, twists = (B, W, np.zeros_like(B)), (-G.T, np.zeros_like(G.T), spin)
 
-    def total(along: Array, about: Array, shift: Array, turned: Array) -> Array:
-        yielded = inverse_of(D + B.T @ along @ B) @ B.T @ (along @ G.T - about @ spin)
-        u = B @ yielded - G.T
-        wrench = G @ (along @ u + about @ spin)
-        wrench[3:] += shift @ u + turned @ spin
-        stiff: Array = -wrench
-        return stiff
+    def stiffness_of(geometry: _Geometry, slope: Array) -> tuple[Array, Array]:
+        """Of the object (6, 6), and of what yields, the object held still (p, p)."""
+        by_joints, by_twists = geometry.changes(K, *joints), geometry.changes(K, *twists)
+        own = D + Z.T @ slope @ Z + B.T @ by_joints.force + W.T @ by_joints.hand_moment
+        yielded = -inverse_of(own) @ (B.T @ by_twists.force + W.T @ by_twists.hand_moment)
+        wrench = G @ (by_twists.force + by_joints.force @ yielded)
+        moments = by_twists.object_moment + by_joints.object_moment @ yielded
+        wrench[3:] += moments.reshape(hand.k, 3, 6).sum(axis=0)
+        return -wrench, own
 
-    matrix = total(along, about, np.hstack(list(shift)), shift_about.sum(axis=0))
-    elastic = total(K, np.zeros_like(about), np.zeros((3, 3 * hand.k)), np.zeros((3, 3)))
+    matrix, yielding = stiffness_of(geometry, slope)
+    elastic, without = stiffness_of(geometry.unloaded(), np.zeros_like(slope))
     units = np.repeat([1.0, 1.0 / length], 3)
     values, vectors = np.linalg.eigh(units[:, None] * (matrix + matrix.T) / 2 * units)
     return ObjectStiffness(
@@ -138,7 +156,53 @@ def object_stiffness(
         moment_length=length,
         eigenvalues=frozen(values),
         motions=frozen(vectors),
+        hand_margin=_least_share(yielding, without),
     )
+
+
+def _least_share(stiffness: Array, elastic: Array) -> float:
+    """Least eigenvalue [-] of a stiffness (p, p) whose motions are scaled by the elastic one's diagonal; 1 if p = 0."""
+    size = np.sqrt(np.where(np.diag(elastic) > 0, np.diag(elastic), np.abs(np.diag(stiffness))))
+    moves = size > 0
+    scaled = ((stiffness + stiffness.T) / 2)[np.ix_(moves, moves)] / np.outer(size[moves], size[moves])
+    return float(np.linalg.eigvalsh(scaled)[0]) if moves.any() else 1.0
+
+
+class _Changes(NamedTuple):
+    """Changes of the forces on the object (3k, c) [N], and what their points' shift adds to the moments on the object
+    about its centre of mass and on the links about the contacts (3k, c) [N m]; world axes.
+    """
+
+    force: Array
+    object_moment: Array
+    hand_moment: Array
+
+
+class _Geometry(NamedTuple):
+    """Preloaded contacts as block diagonal matrices (3k, 3k) in world axes: cross products with the forces, with the
+    normals and with the arms, the shares s, rolling radii and curvatures of the module's docstring.
+    """
+
+    pull: Array
+    normal: Array
+    arm: Array
+    share: Array
+    roll: Array
+    bend: Array
+
+    def unloaded(self) -> _Geometry:
+        return self._replace(pull=np.zeros_like(self.pull))
+
+    def changes(self, K: Array, u: Array, phi: Array, theta: Array) -> _Changes:
+        """By motions u (3k, c) of the hand's points less those of the object's, and turns of links and object."""
+        rest = np.eye(len(K)) - self.share
+        turned = self.share @ theta + rest @ phi - self.bend @ self.normal @ u
+        rolled = self.roll @ self.normal @ (theta - phi)
+        return _Changes(
+            force=K @ u - self.pull @ turned,
+            object_moment=self.pull @ (self.arm @ theta + rolled - self.share @ u),
+            hand_moment=self.pull @ (rest @ u + rolled),
+        )
 
 
 def _frames_of(G: Array) -> tuple[Array, Array]:
@@ -154,10 +218,8 @@ def _frames_of(G: Array) -> tuple[Array, Array]:
     return rotations, arms
 
 
-def _geometry(object_curvature: ArrayLike, hand_curvature: ArrayLike, k: int) -> tuple[Array, Array, Array]:
-    """Per contact (k,): the share s [-] of the object's rotation that the axes follow, the rolling radius
-    1 / (c_o + c_h) [m], and the curvature c [1/m] by which they turn as the object slides along.
-    """
+def _rolling(object_curvature: ArrayLike, hand_curvature: ArrayLike, k: int) -> tuple[Array, Array, Array]:
+    """Per contact (k,): the share s [-], the rolling radius 1 / (c_o + c_h) [m] and the curvature c [1/m]."""
     given = []
     for name, value in (("object", object_curvature), ("hand", hand_curvature)):
         curvature = floats_of(f"{name} curvature", value, f"a number or {k} [1/m]")
@@ -173,9 +235,9 @@ def _geometry(object_curvature: ArrayLike, hand_curvature: ArrayLike, k: int) ->
             f"{shown(own.tolist())} of the object and {shown(other.tolist())} of the hand: give a flat pad on a flat "
             "face one contact at each corner, with an object_curvature of infinity"
         )
-    turn = np.where(np.isinf(sharp), np.isinf(other) * 1.0, _finite(other) / _finite(sharp))
-    bend = np.where(np.isinf(own), other, np.where(np.isinf(other), own, _finite(own) * turn))
-    return turn, 1.0 / sharp, bend
+    share = np.where(np.isinf(sharp), np.isinf(other) * 1.0, _finite(other) / _finite(sharp))
+    bend = np.where(np.isinf(own), other, np.where(np.isinf(other), own, _finite(own) * share))
+    return share, 1.0 / sharp, bend
 
 
 def _finite(values: Array) -> Array:

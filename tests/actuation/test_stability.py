@@ -165,6 +165,117 @@ def test_flat_and_pointed_surfaces_are_the_ends_of_round_ones():
         np.testing.assert_allclose(matrix(2.0, sharp), matrix(2.0, end), atol=1e-8)
 
 
+class Fingers:
+    """Fingers of three joints each, of any axes, that end where the contacts are."""
+
+    def __init__(self, rng, ends):
+        self.axes = rng.normal(size=(len(ends), 3, 3))
+        self.axes /= np.linalg.norm(self.axes, axis=2, keepdims=True)
+        self.joints = ends[:, None] + rng.uniform(-1, 1, (len(ends), 3, 3))
+        self.ends = ends
+
+    def placed(self, q):
+        """Rotations (k, 3, 3) of the last links, and where their ends are (k, 3)."""
+        turns, ends = [], []
+        for i, end in enumerate(self.ends):
+            turn = np.eye(3)
+            for j in (2, 1, 0):
+                own = Rotation.from_rotvec(q[3 * i + j] * self.axes[i, j]).as_matrix()
+                end, turn = self.joints[i, j] + own @ (end - self.joints[i, j]), own @ turn
+            turns.append(turn)
+            ends.append(end)
+        return np.array(turns), np.array(ends)
+
+    def jacobians(self, q):
+        """Of the ends (k, 6, n), world axes, by differences of fourth order."""
+        found = np.zeros((len(self.ends), 6, 3 * len(self.ends)))
+        for j in range(found.shape[2]):
+            parts = [self.placed(q + s * STEP * np.eye(len(q))[j]) for s in (-2, -1, 1, 2)]
+            turned, moved = (
+                (a - 8 * b + 8 * c - d) / (12 * STEP) for a, b, c, d in (tuple(one[i] for one in parts) for i in (0, 1))
+            )
+            found[:, :3, j] = moved
+            spin = turned @ self.placed(q)[0].transpose(0, 2, 1)
+            found[:, 3:, j] = np.column_stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]])
+        return found
+
+
+def curvature(energy, size, step=2e-3):
+    """Second derivatives (size, size) at the origin, of fourth order."""
+    weights = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+    unit = step * np.eye(size)
+    found = np.zeros((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            pairs = [(a, b, wa * wb) for a, wa in weights.items() for b, wb in weights.items()]
+            found[i, j] = found[j, i] = sum(w * energy(a * unit[i] + b * unit[j]) for a, b, w in pairs) / step**2
+    return found
+
+
+@pytest.mark.parametrize("kind", ["axes in the hand", "axes in the object", "balls"])
+def test_fingers_that_turn_under_their_load(kind):
+    """All at once: the second derivatives of the energy of springs, servos and load, without what yields."""
+    rng, points, rotations, springs, forces = some_grasp(8)
+    k, com, gains = len(points), np.array([0.1, -0.2, 0.05]), rng.uniform(2, 5, 12)
+    balls, normals = kind == "balls", rotations[:, :, 2]
+    own, other = rng.uniform(0.3, 0.6, k), rng.uniform(0.3, 0.6, k)
+    if balls:
+        forces[:, :2], forces[:, 2] = 0.0, np.abs(forces[:, 2])
+        springs = np.abs(springs) * np.diag([0, 0, 1.0])
+    stretch = np.zeros((k, 3)) if balls else np.linalg.solve(springs, forces[:, :, None])[:, :, 0]
+    hands = points + np.einsum("kxc,kc->kx", rotations, stretch)
+    at = hands if kind == "axes in the object" else points  # where forces act
+    contacts = contact_set_of(at, rotations, com)
+    fingers = Fingers(rng, at)
+    pull = np.einsum("kxc,kc->kx", rotations, forces)
+    load = -contacts.G @ forces.ravel()
+    load[3:] = 0.0
+    torques = np.einsum("kxn,kx->n", fingers.jacobians(np.zeros(12))[:, :3], pull)
+
+    def energy(motion):
+        q, twist = motion[:12], motion[12:]
+        turn = Rotation.from_rotvec(twist[3:]).as_matrix()
+        turns, ends = fingers.placed(q)
+        held = com + twist[:3] + (points - com) @ turn.T
+        reached = ends + np.einsum("kxy,ky->kx", turns, hands - at)
+        stored = 0.5 * gains @ q**2 - torques @ q - load[:3] @ twist[:3]
+        for i in range(k):
+            if balls:
+                line = held[i] + own[i] * turn @ normals[i] - reached[i] + other[i] * turns[i] @ normals[i]
+                depth = own[i] + other[i] - np.linalg.norm(line)
+                stored += forces[i, 2] * depth + 0.5 * springs[i, 2, 2] * depth**2
+            else:
+                axes = (turn if kind == "axes in the object" else turns[i]) @ rotations[i]
+                u = axes.T @ (reached[i] - held[i])
+                stored += 0.5 * u @ springs[i] @ u
+        return stored
+
+    full = curvature(energy, 18)
+    expected = full[12:, 12:] - full[12:, :12] @ np.linalg.solve(full[:12, :12], full[:12, 12:])
+
+    def slope():
+        parts = [np.array([fingers.jacobians(s * 1e-3 * e)[:, :3] for e in np.eye(12)]) for s in (-1, 1)]
+        found = np.einsum("jkxn,kx->jn", parts[1] - parts[0], pull) / 2e-3
+        return found / 2 + found.T / 2
+
+    curvatures = {"axes in the hand": (np.inf, 0.0), "axes in the object": (0.0, np.inf), "balls": (1 / own, 1 / other)}
+    found = object_stiffness(
+        contacts.G,
+        blocks(springs),
+        CompliantHand.at(contacts, fingers.jacobians(np.zeros(12)), gains=gains),
+        forces,
+        object_curvature=curvatures[kind][0],
+        hand_curvature=curvatures[kind][1],
+        joint_preload=slope(),
+    )
+    # The moment that balances the rest has no energy; it makes the lower right part alone unsymmetric.
+    matrix = found.matrix.copy()
+    matrix[3:, 3:] = (matrix[3:, 3:] + matrix[3:, 3:].T) / 2
+    np.testing.assert_allclose(matrix, expected, atol=2e-5 * np.abs(expected).max())  # the slope is exact to 1e-6
+    assert (found.hand_margin > 0) == (np.linalg.eigvalsh(full[:12, :12])[0] > 0)
+    assert found.is_stable() == (np.linalg.eigvalsh(full)[0] > 0)
+
+
 def test_a_force_at_the_centre_of_mass_leaves_the_stiffness_symmetric():
     rng, points, rotations, springs, forces = some_grasp(5)
     contacts = contact_set_of(points, rotations)
