@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.actuation.compliant_hand import CompliantHand
 from pinograsp.actuation.squeeze import NEGLIGIBLE, Squeeze
-from pinograsp.checks import array_of, brief, frozen, number
+from pinograsp.checks import array_of, brief, frozen, number, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceSolution
 from pinograsp.spatial import Array, BoolArray
@@ -22,6 +22,7 @@ from pinograsp.spatial import Array, BoolArray
 FACTORS = (0.2, 0.5, 1.0, 2.0, 5.0, 20.0)
 # Servos this much softer or stiffer than the contacts behave as torque control, or as rigid drives.
 _SOFTEST, _STIFFEST, _TRIED = 1e-6, 1e6, 49
+_FARTHEST_OFF = 1e6
 _CLOSE, _EQUAL = 1e-4, 1e-6  # relative, of gains and of deviations
 
 
@@ -201,9 +202,10 @@ def _scaled(hand: CompliantHand, scale: float) -> Array:
 
 def _factors_of(factors: ArrayLike) -> Array:
     found = array_of("stiffness factors", factors, (None,))
-    if not found.size or np.any(found <= 0):
+    if not found.size or np.any((found < 1 / _FARTHEST_OFF) | (found > _FARTHEST_OFF)):
         raise InvalidInput(
-            f"stiffness factors: expected one or more above 0, real over assumed stiffness, got {found.tolist()}"
+            "stiffness factors: expected one or more ratios of real to assumed stiffness, from "
+            f"{1 / _FARTHEST_OFF:g} to {_FARTHEST_OFF:g}, got {shown(found.tolist())}"
         )
     return found
 

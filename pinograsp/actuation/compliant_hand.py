@@ -16,6 +16,8 @@ from pinograsp.spatial import Array, BoolArray
 
 _UNEVEN = 1e-9  # relative: stiffnesses are symmetric, and not below zero, within rounding
 _NOTHING = 1e-13  # relative: far above rounding, far below any stiffness beside another
+# Larger and smaller numbers come from a mistake of units; products of them would overflow.
+LARGEST, _SMALLEST, _LONGEST = 1e15, 1e-15, 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,7 +72,7 @@ class CompliantHand:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        put("jacobian", array_of("hand Jacobian", self.jacobian, (None, None)))
+        put("jacobian", bounded("hand Jacobian", array_of("hand Jacobian", self.jacobian, (None, None)), _LONGEST))
         rows, n = self.jacobian.shape
         if not rows or rows % 3 or not n:
             raise InvalidInput(
@@ -78,16 +80,16 @@ class CompliantHand:
                 f"{(rows, n)}: CompliantHand.at takes Jacobians as pinograsp.motion gives them"
             )
         S = np.eye(n) if self.transmission is None else array_of("transmission S", self.transmission, (n, None))
-        put("transmission", frozen(S))
+        put("transmission", frozen(bounded("transmission S", S, _LONGEST)))
         put("gains", _stiffness_of("servo gains", self.gains, S.shape[1], least="zero"))
         if self.joint_stiffness is not None:
             put("joint_stiffness", _stiffness_of("joint stiffness", self.joint_stiffness, n, least="above zero"))
         put("springs", read_only(np.zeros(n)) if self.springs is None else array_of("springs", self.springs, (n,)))
-        at_least_zero("springs", self.springs)
+        _not_tiny("springs", bounded("springs", at_least_zero("springs", self.springs), LARGEST))
         turning = (
             np.zeros((rows, n)) if self.turning is None else array_of("turning of the links", self.turning, (rows, n))
         )
-        put("turning", frozen(turning))
+        put("turning", frozen(bounded("turning of the links", turning, _LONGEST)))
 
     @classmethod
     def at(
@@ -177,7 +179,7 @@ def inverse_of(matrix: Array) -> Array:
 
 def symmetric_of(name: str, value: object, size: int) -> Array:
     """``value`` as a symmetric matrix (size, size) without negative eigenvalues, or :class:`InvalidInput`."""
-    matrix = array_of(name, value, (size, size))
+    matrix = bounded(name, array_of(name, value, (size, size)), LARGEST)
     largest = float(np.abs(matrix).max(initial=0.0))
     if np.abs(matrix - matrix.T).max(initial=0.0) > _UNEVEN * largest:
         raise InvalidInput(f"{name}: expected a symmetric matrix, got one that is not: check its axes and its order")
@@ -200,4 +202,20 @@ def _stiffness_of(name: str, value: object, size: int, *, least: str) -> Array:
         raise InvalidInput(f"{name}: expected {wanted}, got shape {stiffness.shape}")
     if not np.all(stiffness > 0 if least == "above zero" else stiffness >= 0):
         raise InvalidInput(f"{name}: expected {wanted}, got {shown(stiffness.tolist())}")
+    _not_tiny(name, bounded(name, stiffness[np.isfinite(stiffness)], LARGEST))
     return frozen(stiffness)
+
+
+def bounded(name: str, values: Array, largest: float) -> Array:
+    """``values`` of sizes up to ``largest``, or :class:`InvalidInput`."""
+    size = float(np.abs(values).max(initial=0.0))
+    if not size <= largest:
+        raise InvalidInput(f"{name}: expected sizes up to {largest:g}, got {size:.3g}: check the units")
+    return values
+
+
+def _not_tiny(name: str, stiffness: Array) -> None:
+    """:class:`InvalidInput` for numbers next to zero."""
+    least = float(stiffness[stiffness > 0].min(initial=np.inf))
+    if least < _SMALLEST:
+        raise InvalidInput(f"{name}: expected 0 or at least {_SMALLEST:g}, got {least:.3g}: check the units")

@@ -19,11 +19,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.actuation.compliant_hand import CompliantHand, inverse_of, symmetric_of, yielding_motions
+from pinograsp.actuation.compliant_hand import (
+    LARGEST,
+    CompliantHand,
+    bounded,
+    inverse_of,
+    symmetric_of,
+    yielding_motions,
+)
 from pinograsp.checks import array_of, at_least_zero, brief, frozen, instance_of, number
 from pinograsp.contacts import Compliance
 from pinograsp.errors import InvalidInput
-from pinograsp.spatial import Array
+from pinograsp.spatial import FARTHEST, Array
 
 _RANK = 1e-9  # relative: below it forces are rounding
 
@@ -89,7 +96,9 @@ def normal_stiffness(compliance: Compliance, normal_forces: ArrayLike) -> Array:
     if rho < 1:
         raise InvalidInput(f"contact law: expected an exponent >= 1, whose stiffness is finite, got {rho:g}")
     forces = at_least_zero("normal forces", array_of("normal forces", normal_forces, (None,)))
-    slope: Array = rho * compliance.stiffness * compliance.depth(forces) ** (rho - 1)
+    with np.errstate(over="ignore"):
+        slope: Array = rho * compliance.stiffness * compliance.depth(forces) ** (rho - 1)
+    bounded("stiffness of the contacts", slope, LARGEST)
     return slope
 
 
@@ -153,12 +162,12 @@ def checked_grasp(
 ) -> tuple[Array, Array, CompliantHand, float]:
     """Grasp map, contact stiffness, hand and moment length [m] that go together."""
     instance_of("hand", hand, CompliantHand)
-    G = array_of("grasp map", grasp_map, (6, 3 * hand.k))
+    G = bounded("grasp map", array_of("grasp map", grasp_map, (6, 3 * hand.k)), FARTHEST)
     K = symmetric_of("contact stiffness", stiffness, 3 * hand.k)
     if moment_length is None:  # |skew(r) R| and |R| of each contact are sqrt(2) |r| and sqrt(3)
         forces, moments = np.linalg.norm(G[:3]) / np.sqrt(3), np.linalg.norm(G[3:]) / np.sqrt(2)
-        moment_length = float(moments / forces) if moments > 0 and forces > 0 else 1.0
-    return G, K, hand, number("moment length", moment_length, above=0, unit="m")
+        moment_length = float(moments / forces) if moments > 1e-9 * forces else 1.0
+    return G, K, hand, number("moment length", moment_length, at_least=1e-9, at_most=FARTHEST, unit="m")
 
 
 def _resisted(stiffness: Array, length: float) -> tuple[Array, int, Array]:

@@ -25,12 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from pinograsp.actuation.compliant_hand import CompliantHand, inverse_of, yielding_motions
+from pinograsp.actuation.compliant_hand import LARGEST, CompliantHand, bounded, inverse_of, yielding_motions
 from pinograsp.actuation.quasistatic import checked_grasp
 from pinograsp.checks import are_rotations, array_of, brief, floats_of, frozen, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, skew
 
+_SHARPEST = 1e12  # [1/m]
 _NEUTRAL = 1e-9  # relative: a stiffness this much below zero is rounding
 
 
@@ -73,7 +74,7 @@ class ObjectStiffness:
 
     @property
     def weakest(self) -> Array:
-        """The twist (6,) [m, rad] with the least stiffness."""
+        """The twist (6,) [m, rad] with the least stiffness, of length 1 as in ``motions``."""
         return frozen(self.motions[:, 0] / np.repeat([1.0, self.moment_length], 3))
 
     def is_stable(self, least: float = 0.0) -> bool:
@@ -120,16 +121,17 @@ def object_stiffness(
     """
     G, K, hand, length = checked_grasp(grasp_map, stiffness, hand, moment_length)
     rotations, arms = _frames_of(G)
-    forces = np.einsum("kxc,kc->kx", rotations, array_of("preload", forces_c, (hand.k, 3)))
+    preload = bounded("preload", array_of("preload", forces_c, (hand.k, 3)), LARGEST)
+    forces = np.einsum("kxc,kc->kx", rotations, preload)
     share, roll, bend = _rolling(object_curvature, hand_curvature, hand.k)
     crossed = (block_diag(*skew(one)) for one in (forces, rotations[:, :, 2], arms))
     geometry = _Geometry(*crossed, *(np.diag(np.repeat(one, 3)) for one in (share, roll, bend)))
 
     R = block_diag(*rotations)
     Z, D = yielding_motions(hand)
-    slope = (
-        np.zeros((hand.n, hand.n)) if joint_preload is None else array_of("joint preload", joint_preload, (hand.n,) * 2)
-    )
+    slope = np.zeros((hand.n, hand.n))
+    if joint_preload is not None:
+        slope = bounded("joint preload", array_of("joint preload", joint_preload, slope.shape), LARGEST)
     B, W, K = R @ hand.jacobian @ Z, R @ hand.turning @ Z, R @ K @ R.T
     G = np.hstack([np.vstack([np.eye(3), skew(arm)]) for arm in arms])
     spin = np.tile(np.hstack([np.zeros((3, 3)), np.eye(3)]), (hand.k, 1))
@@ -225,6 +227,7 @@ def _rolling(object_curvature: ArrayLike, hand_curvature: ArrayLike, k: int) -> 
         curvature = floats_of(f"{name} curvature", value, f"a number or {k} [1/m]")
         if curvature.shape not in ((), (k,)) or not np.all(curvature > -np.inf):
             raise InvalidInput(f"{name} curvature: expected a number or {k} [1/m], got {shown(curvature.tolist())}")
+        bounded(f"{name} curvature", curvature[np.isfinite(curvature)], _SHARPEST)
         given.append(np.broadcast_to(curvature, (k,)))
     own, other = given
     with np.errstate(invalid="ignore"):

@@ -32,8 +32,11 @@ def equilibrium(G, K, J, S, kp, *, joints=None, springs=None, load=None, referen
         left[np.ix_(q, q)], left[np.ix_(q, a)] = np.eye(n), -S
     else:
         left[np.ix_(q, f)], left[np.ix_(q, q)], left[np.ix_(q, a)] = J.T, np.diag(springs) + joints, -joints @ S
-    left[np.ix_(a, f)], left[np.ix_(a, q)], left[np.ix_(a, a)] = S.T @ J.T, S.T @ np.diag(springs), np.diag(kp)
-    right[a] = np.zeros(m) if reference is None else kp * reference
+    rigid = np.isinf(kp)  # a = a_ref
+    left[np.ix_(a, f)], left[np.ix_(a, q)] = S.T @ J.T, S.T @ np.diag(springs)
+    left[a[rigid]] = 0.0
+    left[np.ix_(a, a)] = np.diag(np.where(rigid, 1.0, kp))
+    right[a] = np.zeros(m) if reference is None else np.where(rigid, 1.0, kp) * reference
     size = np.abs(left).max(axis=1)
     found = np.linalg.solve(left / size[:, None], right / size)
     return tuple(found[part] for part in (f, x, q, a))
@@ -76,13 +79,24 @@ def agrees(found, expected, tolerance=1e-9):
     assert np.abs(found - expected).max() <= tolerance * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("kind", ["a servo at each joint", "synergies", "soft synergies", "soft synergies and springs"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "a servo at each joint",
+        "synergies",
+        "soft synergies",
+        "soft synergies and springs",
+        "soft, some rigid, and springs",
+    ],
+)
 def test_maps_solve_the_published_equations(grasp, kind):
     rng = np.random.default_rng(RNG_SEED)
     contacts, jacobian, normal = grasp
     n = jacobian.shape[2]
     S = np.eye(n) if kind == "a servo at each joint" else rng.normal(size=(n, 7))
     kp = rng.uniform(0.5, 20, S.shape[1])
+    if "rigid" in kind:
+        kp[::2] = np.inf
     joints = springs = None
     if kind.startswith("soft"):
         root = rng.normal(size=(n, n))
@@ -107,7 +121,8 @@ def test_maps_solve_the_published_equations(grasp, kind):
         agrees(maps.force_by_reference[:, j], f)
         agrees(maps.object_by_reference[:, j], x)
         agrees(maps.joints_by_reference[:, j], q)
-        agrees(maps.force_by_effort[:, j] * kp[j], f)
+        if np.isfinite(kp[j]):
+            agrees(maps.force_by_effort[:, j] * kp[j], f)
     for j in range(6):
         f, x, q, _ = equilibrium(contacts.G, K, hand.jacobian, S, kp, joints=joints, springs=springs, load=np.eye(6)[j])
         agrees(maps.force_by_load[:, j], f)
