@@ -27,7 +27,7 @@ from scipy.linalg import block_diag
 
 from pinograsp.actuation.compliant_hand import LARGEST, CompliantHand, bounded, inverse_of, yielding_motions
 from pinograsp.actuation.quasistatic import checked_grasp
-from pinograsp.checks import are_rotations, array_of, brief, floats_of, frozen, shown
+from pinograsp.checks import are_rotations, array_of, at_least_zero, brief, each_of, floats_of, frozen, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, skew
 
@@ -93,6 +93,7 @@ def object_stiffness(
     *,
     object_curvature: ArrayLike = np.inf,
     hand_curvature: ArrayLike = 0.0,
+    torsional_stiffness: ArrayLike = 0.0,
     joint_preload: ArrayLike | None = None,
     moment_length: float | None = None,
 ) -> ObjectStiffness:
@@ -108,6 +109,9 @@ def object_stiffness(
         object_curvature: of the object's surface at the contacts, a number or (k,) [1/m], positive where it is convex,
             infinite at a point; the mean of the principal ones.
         hand_curvature: the same of the hand's.
+        torsional_stiffness: of the contacts against turning about their normals, a number or (k,) [N m/rad]: (4/3) (1 -
+            nu) a^2 k_n for a patch of the radius a that sticks (Johnson, Contact Mechanics, 1985, section 7.4), 0
+            for a hard finger.
         joint_preload: (n, n) [N m/rad or N/m], what the preload itself adds to the stiffness of the joints, the slope
             of J^T f over q for forces that keep their direction in the world, at points that are fixed in the links
             (:func:`~pinograsp.motion.preload_slope`); None: left out, as for joints much stiffer than the
@@ -123,9 +127,14 @@ def object_stiffness(
     rotations, arms = _frames_of(G)
     preload = bounded("preload", array_of("preload", forces_c, (hand.k, 3)), LARGEST)
     forces = np.einsum("kxc,kc->kx", rotations, preload)
-    share, roll, bend = _rolling(object_curvature, hand_curvature, hand.k)
-    crossed = (block_diag(*skew(one)) for one in (forces, rotations[:, :, 2], arms))
-    geometry = _Geometry(*crossed, *(np.diag(np.repeat(one, 3)) for one in (share, roll, bend)))
+    rolling = _rolling(object_curvature, hand_curvature, hand.k)
+    about_normals = at_least_zero("torsional stiffness", each_of("torsional stiffness", torsional_stiffness, hand.k))
+    bounded("torsional stiffness", about_normals, LARGEST)
+    normals = rotations[:, :, 2]
+    pull, normal, arm = (block_diag(*skew(one)) for one in (forces, normals, arms))
+    share, roll, bend = (np.diag(np.repeat(one, 3)) for one in rolling)
+    torsion = block_diag(*(about_normals[:, None, None] * normals[:, :, None] * normals[:, None]))
+    geometry = _Geometry(pull=pull, normal=normal, arm=arm, share=share, roll=roll, bend=bend, torsion=torsion)
 
     R = block_diag(*rotations)
     Z, D = yielding_motions(hand)
@@ -171,8 +180,8 @@ def _least_share(stiffness: Array, elastic: Array) -> float:
 
 
 class _Changes(NamedTuple):
-    """Changes of the forces on the object (3k, c) [N], and what their points' shift adds to the moments on the object
-    about its centre of mass and on the links about the contacts (3k, c) [N m]; world axes.
+    """Changes of the forces on the object (3k, c) [N], and what their points' shift and torsion add to the moments on
+    the object about its centre of mass and to those that the links give about the contacts (3k, c) [N m]; world axes.
     """
 
     force: Array
@@ -182,7 +191,8 @@ class _Changes(NamedTuple):
 
 class _Geometry(NamedTuple):
     """Preloaded contacts as block diagonal matrices (3k, 3k) in world axes: cross products with the forces, with the
-    normals and with the arms, the shares s, rolling radii and curvatures of the module's docstring.
+    normals and with the arms, the shares s, rolling radii and curvatures of the module's docstring, and the stiffness
+    against turning about the normals.
     """
 
     pull: Array
@@ -191,6 +201,7 @@ class _Geometry(NamedTuple):
     share: Array
     roll: Array
     bend: Array
+    torsion: Array
 
     def unloaded(self) -> _Geometry:
         return self._replace(pull=np.zeros_like(self.pull))
@@ -200,10 +211,11 @@ class _Geometry(NamedTuple):
         rest = np.eye(len(K)) - self.share
         turned = self.share @ theta + rest @ phi - self.bend @ self.normal @ u
         rolled = self.roll @ self.normal @ (theta - phi)
+        twisted = self.torsion @ (theta - phi)
         return _Changes(
             force=K @ u - self.pull @ turned,
-            object_moment=self.pull @ (self.arm @ theta + rolled - self.share @ u),
-            hand_moment=self.pull @ (rest @ u + rolled),
+            object_moment=self.pull @ (self.arm @ theta + rolled - self.share @ u) - twisted,
+            hand_moment=self.pull @ (rest @ u + rolled) - twisted,
         )
 
 

@@ -218,7 +218,7 @@ def test_fingers_that_turn_under_their_load(kind):
     rng, points, rotations, springs, forces = some_grasp(8)
     k, com, gains = len(points), np.array([0.1, -0.2, 0.05]), rng.uniform(2, 5, 12)
     balls, normals = kind == "balls", rotations[:, :, 2]
-    own, other = rng.uniform(0.3, 0.6, k), rng.uniform(0.3, 0.6, k)
+    own, other, torsion = rng.uniform(0.3, 0.6, (3, k))
     if balls:
         forces[:, :2], forces[:, 2] = 0.0, np.abs(forces[:, 2])
         springs = np.abs(springs) * np.diag([0, 0, 1.0])
@@ -248,6 +248,8 @@ def test_fingers_that_turn_under_their_load(kind):
                 axes = (turn if kind == "axes in the object" else turns[i]) @ rotations[i]
                 u = axes.T @ (reached[i] - held[i])
                 stored += 0.5 * u @ springs[i] @ u
+            between = twist[3:] - Rotation.from_matrix(turns[i]).as_rotvec()
+            stored += 0.5 * torsion[i] * (normals[i] @ between) ** 2  # of second order at rest, as is its energy
         return stored
 
     full = curvature(energy, 18)
@@ -266,6 +268,7 @@ def test_fingers_that_turn_under_their_load(kind):
         forces,
         object_curvature=curvatures[kind][0],
         hand_curvature=curvatures[kind][1],
+        torsional_stiffness=torsion,
         joint_preload=slope(),
     )
     # The moment that balances the rest has no energy; it makes the lower right part alone unsymmetric.
@@ -373,6 +376,9 @@ def test_hertz_contacts_tip_over_where_their_stiffness_no_longer_grows_with_the_
         ({"stiffness": np.eye(9)}, "contact stiffness"),
         ({"hand": None}, "hand"),
         ({"moment_length": -1.0}, "moment length"),
+        ({"torsional_stiffness": -1.0}, "torsional stiffness"),
+        ({"torsional_stiffness": [1.0, 2.0, 3.0]}, "torsional stiffness"),
+        ({"joint_preload": np.zeros((2, 2))}, "joint preload"),
     ],
 )
 def test_grasps_that_cannot_be_are_refused(change, words):

@@ -358,6 +358,7 @@ def _fill() -> None:
         forces_c=np.array(w.solution.forces_c),
         object_curvature=100.0,
         hand_curvature=80.0,
+        torsional_stiffness=0.1,
         joint_preload=np.zeros((n, n)),
         moment_length=0.03,
     )
