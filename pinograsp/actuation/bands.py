@@ -37,8 +37,10 @@ class ForceBand:
         shifts: motion of the object from where it was planned (s, 6), a twist about its centre of mass, linear first,
             world axes [m, rad].
         balanced: whether an equilibrium was found (s,) bool; without one, the forces are the last that were tried.
-        friction: tangential force over what mu allows at that normal force, without safety factor (s, k) [-]; infinity
-            where a contact pulls aside but does not press.
+        friction: tangential force over what mu allows at that normal force, without safety factor (s, k) [-]: 1 where a
+            contact slips and the others hold what it does not; above 1 where no forces within friction are found that
+            hold the object, and those of contacts that stick stand here; infinity where a contact pulls aside but
+            does not press.
         holds: whether the object is held (s,) bool: balanced, every contact within its friction and its largest normal
             force, every joint within its torque limit, as far as the problem has them.
         remarks: per factor why it does not hold, in words; empty where it does.
@@ -113,7 +115,7 @@ def force_band(
 
     References of the servos stay those that give the planned forces on contacts as assumed, efforts those of torque
     control (gains of 0), rigid drives where they are; the load and moments about the normals of soft fingers stay as
-    well. Contacts do not slip in this model: where one would, it does not hold (``ForceBand.friction``).
+    well. A contact slips where it would pull aside with more than its friction; pyramids stand for round cones here.
 
     Args:
         solution: forces with their problem: load, contact law, friction, caps, torque limits.

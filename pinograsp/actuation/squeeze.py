@@ -7,7 +7,8 @@ equilibrium
     min over z, x of   sum of the contacts' elastic energies(u) + z^T D z / 2 - f*^T (B z - G^T x),
 
 a convex function: f* are the planned forces, which the commands give and which balance the load. Contacts press with
-K max(u_z, 0)^rho and stick with the tangential stiffness of their planned normal force.
+K max(u_z, 0)^rho and stick with the tangential stiffness of their planned normal force. Where that asks for more than
+friction allows, the tangential force is what friction allows along the same direction, and equilibrium is found again.
 """
 
 from __future__ import annotations
@@ -25,8 +26,14 @@ from pinograsp.forces import TOLERANCE, ForceProblem, ForceSolution
 from pinograsp.spatial import Array, BoolArray
 
 _STEPS, _HALVINGS = 200, 40
+_REDUCTIONS, _SLIP_STEPS, _SLIP_HALVINGS = (
+    6,
+    20,
+    6,
+)  # friction is reduced to what there is in so many parts, each of so many steps
 _SETTLED = 1e-10  # of the forces' sizes, in each motion: well below what counts as balanced
 _DAMPING = 1e-11  # relative: steps stay finite along motions that nothing resists
+_SLIPPERY = 1e3  # times the friction there is, from which on it is reduced
 NEGLIGIBLE = 1e-6  # of the largest force: contacts that were not planned to press
 
 
@@ -146,11 +153,81 @@ class Squeeze:
                 part /= 2
             v, energy = tried, new
         balanced = bool(np.all(np.abs(gradient) <= TOLERANCE.residual * size))
-        return Settled(forces=f, shift=v[-6:], balanced=balanced)
+        stuck = Settled(forces=f, shift=v[-6:], balanced=balanced)
+        share, within = self.friction(f)
+        if not balanced or within.all():
+            return stuck
+        most = float(min(share.max(), _SLIPPERY))
+        return self._slipped(K, across, start, v, scale, size, most) or stuck
+
+    # Seven arguments: what the equilibrium without slip was found from, and where it is.
+    def _slipped(
+        self, K: float, across: Array, start: Array, v: Array, scale: Array, size: Array, most: float
+    ) -> Settled | None:
+        """The equilibrium where contacts slip, by a semismooth Newton method from the one without, ``v`` (p,), which
+        takes ``most`` times the friction; None where none is found.
+        """
+        T, rho, k = self.motions, self.problem.compliance.exponent, self.problem.k
+        pull = T.T @ self.planned.ravel()
+        twisted = self.torsion_share
+
+        def residual(v: Array, more: float) -> tuple[Array, Array, Array]:
+            """What is left over (p,), forces (k, 3) [N] and their slopes (k, 3, 3) [N/m]."""
+            u = start + (T @ v).reshape(k, 3)
+            depth = np.maximum(u[:, 2], 0.0)
+            normal, slope = K * depth**rho, rho * K * depth ** (rho - 1) * (depth > 0)
+            rest = np.sqrt(np.maximum(normal**2 - twisted**2, 0.0))
+            mu = more * self.problem.mu
+            tried = across * u[:, :2]
+            length = np.linalg.norm(tried, axis=1)
+            slips = length > mu * rest
+            along = np.divide(tried, length[:, None], out=np.zeros_like(tried), where=length[:, None] > 0)
+            kept = np.where(slips, np.divide(mu * rest, length, out=np.ones(k), where=slips), 1.0)
+            slopes = np.zeros((k, 3, 3))
+            slopes[:, 2, 2] = slope
+            slopes[:, :2, :2] = (kept[:, None] * across)[:, :, None] * np.eye(2)
+            slopes[:, :2, :2] -= (slips * kept * across[:, 0])[:, None, None] * along[:, :, None] * along[:, None]
+            growth = np.divide(mu * normal, rest, out=np.zeros(k), where=rest > 0) * slope
+            slopes[:, :2, 2] = (slips * growth)[:, None] * along
+            f = np.column_stack([kept[:, None] * tried, normal])
+            return T.T @ f.ravel() + self.yielding @ v - pull, f, slopes
+
+        for more in np.geomspace(max(most, 1.0), 1.0, _REDUCTIONS).tolist():
+            left, f, slopes = residual(v, more)
+            for _ in range(_SLIP_STEPS):
+                if np.all(np.abs(left) <= _SETTLED * size):
+                    break
+                pushed = np.einsum("kcd,kdp->kcp", slopes, T.reshape(k, 3, -1)).reshape(3 * k, -1)
+                matrix = scale[:, None] * (T.T @ pushed + self.yielding) * scale + _DAMPING * np.eye(len(v))
+                try:
+                    step = -scale * np.linalg.solve(matrix, scale * left)
+                except np.linalg.LinAlgError:
+                    return None
+                was, part = float(np.linalg.norm(scale * left)), 1.0
+                for _ in range(_SLIP_HALVINGS):
+                    tried = v + part * step
+                    left, f, slopes = residual(tried, more)
+                    if np.linalg.norm(scale * left) <= (1 - 1e-4 * part) * was:
+                        break
+                    part /= 2
+                v = tried
+            if not np.all(np.abs(left) <= TOLERANCE.residual * size):
+                return None  # less friction does not hold more
+        return Settled(forces=f, shift=v[-6:], balanced=True)
+
+    @property
+    def torsion_share(self) -> Array:
+        """Normal force that soft fingers need for their moments alone (k,) [N]; 0 for other models."""
+        friction = self.problem.friction
+        if friction.model != "soft":
+            return np.zeros(self.problem.k)
+        return np.asarray(np.abs(self.torsion) / friction.torsion, dtype=float)
 
     def friction(self, forces: Array) -> tuple[Array, BoolArray]:
         """Share of its friction that each contact uses (k,) [-], and whether that is within it (k,) bool."""
-        model = replace(self.problem.friction, safety=1.0)
+        planned = self.problem.friction
+        # Pyramids stand for round cones.
+        model = replace(planned, safety=1.0, model="cone" if planned.model == "pyramid" else planned.model)
         across = np.column_stack([forces[:, :2], self.torsion])[:, : model.d - 1]
         allowed = model.scale(self.problem.mu)
         rounding = TOLERANCE.violation * float(max(np.abs(forces).max(), np.abs(self.planned).max()))

@@ -117,8 +117,9 @@ def test_torque_control_gives_the_planned_forces(paper):
 @pytest.mark.parametrize("gain", [0.5, 5.0, 50.0])
 @pytest.mark.parametrize("factor", [0.2, 20.0])
 def test_a_convex_solver_finds_the_same_forces(paper, gain, factor):
-    """The energy written again in CVXPY: all joints, no eliminated motions."""
+    """The energy written again in CVXPY: all joints, no eliminated motions, and friction enough for no contact to slip."""
     solution, jacobian = paper
+    solution = solution_of(solution.problem.contacts, solution.forces_c, mu=20.0)
     problem, planned = solution.problem, np.array(solution.forces_c)
     law, n, k = problem.compliance, jacobian.shape[2], problem.k
     hand = CompliantHand.at(problem.contacts, jacobian, gains=np.full(n, gain))
@@ -199,6 +200,32 @@ def test_what_hangs_by_friction_slips_where_the_squeeze_is_less(mu):
         assert np.all(np.isinf(band.friction))
     assert band.holds.tolist() == [False, mu > 0, mu > 0]
     assert "left slips" in band.remarks[0]
+
+
+@pytest.mark.parametrize("model", ["pyramid", "cone", "soft"])
+def test_where_some_contacts_slip_the_others_hold_what_they_do_not(model):
+    """Two pairs of jaws hold 8 N along z; the pair on servos presses less on softer contacts, the other as before."""
+    directions = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    contacts = ContactSet(
+        contacts=tuple(
+            Contact(finger=f"{i}", link="", point_o=-0.03 * n, rotation_oc=tangent_frame(n), length=None, distance=0.0)
+            for i, n in enumerate(directions)
+        ),
+        com_o=np.zeros(3),
+    )
+    J = np.zeros((12, 4))
+    J[[2, 5, 8, 11], range(4)] = 1.0
+    hand = CompliantHand(jacobian=J, gains=[14000.0, 14000.0, 0.0, 0.0])
+    friction = pg.Friction(model=model, torsion=0.01 if model == "soft" else 0.0, safety=1.5)
+    solution = solution_of(contacts, [[2.0, 0, 10.0]] * 4, mu=0.4, compliance=LINEAR, friction=friction)
+    band = force_band(solution, hand, [0.2, 1.0])
+    C, C_h = 1 / LINEAR.stiffness, 1 / 14000.0
+    pressed = 10.0 * (C + C_h) / (5 * C + C_h)
+    np.testing.assert_allclose(band.forces_c[0, :, 2], [pressed, pressed, 10.0, 10.0], rtol=1e-8)
+    np.testing.assert_allclose(band.forces_c[0, :, 0], [0.4 * pressed] * 2 + [4.0 - 0.4 * pressed] * 2, rtol=1e-8)
+    np.testing.assert_allclose(band.friction[0, :2], 1.0, rtol=1e-8)
+
+    assert band.holds.all() and band.friction[0, 2] < 1.0
 
 
 def test_contacts_open_rather_than_pull():
