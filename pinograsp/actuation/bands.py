@@ -143,7 +143,7 @@ def gains_within(
 
     The hand's gains are multiplied by one number: ``gains=np.ones(m)`` asks for the largest uniform one. Gains from
     torque control to nearly rigid are looked at first, then the end of the first part within the tolerance is found by
-    bisection.
+    bisection. Whether the object is stable at gains that low, :func:`~pinograsp.actuation.object_stiffness` says.
 
     Raises:
         InvalidInput: no gains to change, a tolerance that is not above 0; others as for :func:`force_band`.
