@@ -23,7 +23,6 @@ _HARDLY = 1e-4  # [m] per radian: what moves contacts less than this does not mo
 # Singular values below these count as zero, of unit columns for the joints, and for the object of its motion in metres
 # at the contacts: depths that would take larger motions than these allow cannot be had.
 _JOINTS, _SHIFTS = 0.05, 0.2
-_NO_SHIFT = 1e-9  # [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,30 +33,14 @@ class PressingTogether:
         moves: depth by joint motion (k, n) [m per rad or m].
         shifts: depth that is lost as the object moves (k, 6): twists about its centre of mass, linear first [m/m,
             m/rad].
-        arm: root mean square distance of the contacts from the centre of mass [m].
         rows: combinations of the depths (p, k) [-] that neither joints nor the object's shift can change: zero.
     """
 
     moves: Array
     shifts: Array
-    arm: float
     rows: Array
 
     __repr__ = brief()
-
-    def shift(self, depths: ArrayLike) -> Array:
-        """The least motion of the object (6,) [m, rad] with which the joints can press to ``depths`` (k,) [m].
-
-        Least in its displacements of the contacts. Where no motion does, the one that leaves the least errors.
-        """
-        depths = array_of("depths", depths, (len(self.moves),))
-        fixed = _left_null(_scaled(self.moves))
-        if not len(fixed) or np.abs(fixed @ depths).max() < _NO_SHIFT:
-            return np.zeros(6)
-        scale = np.repeat([1.0, 1.0 / self.arm], 3)
-        U, sigma, Vt = np.linalg.svd(fixed @ (self.shifts * scale), full_matrices=False)
-        moved = sigma > _SHIFTS
-        return np.asarray(-scale * (Vt[moved].T @ ((U[:, moved].T @ (fixed @ depths)) / sigma[moved])), dtype=float)
 
 
 def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> PressingTogether:
@@ -78,9 +61,7 @@ def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> Pr
     shifts = np.column_stack([normals, np.cross(arms, normals)])
     arm = max(_HARDLY, float(np.sqrt((arms**2).sum(axis=1).mean())))
     turned = shifts / (_SHIFTS * np.repeat([1.0, arm], 3))
-    return PressingTogether(
-        moves=moves, shifts=shifts, arm=arm, rows=_left_null(np.column_stack([_scaled(moves), turned]))
-    )
+    return PressingTogether(moves=moves, shifts=shifts, rows=_left_null(np.column_stack([_scaled(moves), turned])))
 
 
 def _left_null(columns: Array) -> Array:

@@ -1,7 +1,9 @@
 """Grasp phase of a closed hand: the surfaces of its links, not the points that touched first, go in as planned.
 
 At a few depths on the way the joints, and the shift of the object as it is let go, are solved for together, so that
-every surface is as deep as planned; between them the joints follow a curve over the depth.
+every surface is as deep as planned; between them the joints follow a curve over the depth. The object shifts because
+joints cannot press to all depths by themselves, and because friction has built up; the latter is worked out at the end,
+and made up for in a few rounds.
 """
 
 from __future__ import annotations
@@ -18,11 +20,12 @@ from scipy.interpolate import CubicSpline
 from pinograsp.checks import frozen
 from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
 from pinograsp.contacts.penetration import Penetration
+from pinograsp.forces import ForceProblem
 from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.contact_ik import ContactPostures
 from pinograsp.motion.grasp_ik import FingerMotion, points_along
-from pinograsp.motion.jacobian import point_jacobian
-from pinograsp.objects.body import Body
+from pinograsp.motion.jacobian import contact_jacobian
+from pinograsp.motion.letting_go import LetGo, friction_built_up, let_go
 from pinograsp.spatial import Array
 
 # Contact points must follow their path to this [m]; a thousandth of a typical penetration.
@@ -32,10 +35,14 @@ _SHARE = 0.01
 _WELL = 2e-4  # share of their depth to which surfaces are brought
 _KNOTS = 5  # depths at which the joints are solved for: their course over the depth is smooth
 _ROUNDS, _HALVINGS = 15, 3
+# Rounds that make up for friction, the share of the forces that is well, and what a round has to gain; the furthest
+# that it moves the object, in shifts that cost 1.
+_LETTING_GO, _AS_PLANNED, _GAIN, _FURTHEST = 4, 0.01, 0.1, 10.0
 _AT_LIMIT = 1e-9  # [rad or m]
 # What the joints' freedom is used for: contacts that slide by 1 mm cost as much as joints that turn by 1 rad (or slide
 # by 30 mm), and as an object that shifts by 0.1 mm. Depths come first: they are off by 0.1 um at that cost.
 _SLIDING, _SHIFTING, _DEPTH, _STROKE = 1e-3, 1e-4, 1e-7, 0.03
+_STIFF = 0.03  # share of the stiffness below which friction is taken for none
 
 
 class ClosedPress(NamedTuple):
@@ -47,6 +54,7 @@ class ClosedPress(NamedTuple):
         shift: of the object (c, 6): twist about its centre of mass, linear first [m, rad].
         missing: depths less than planned (c, k) [m].
         limited: indices of the joints that were stopped by their limits.
+        rest: the contacts after the object is let go.
     """
 
     course: Array
@@ -54,34 +62,65 @@ class ClosedPress(NamedTuple):
     shift: Array
     missing: Array
     limited: frozenset[int]
+    rest: LetGo
+
+    def off(self, planned: Array) -> float:
+        """The largest error of a normal force at rest, as a share of those ``planned`` (k,) [N]."""
+        return float(np.abs(self.rest.normal / planned - 1.0).max())
 
 
-def press_closed(
-    hand: HandModel, contacts: ContactSet, body: Body | None, profile: PenetrationProfile, posture: Array
-) -> ClosedPress:
+def press_closed(hand: HandModel, problem: ForceProblem, profile: PenetrationProfile, posture: Array) -> ClosedPress:
     """Joint positions at which the surfaces of a closed hand are as deep as planned, once the object has shifted.
 
     Args:
         hand: the hand.
-        contacts: all k contacts.
-        body: what is held; None: not known, so that the points that touched first go in.
+        problem: k contacts, their law and friction, the load, and what is held; where that is not known, the points
+            that touched first go in.
         profile: penetration of all contacts.
         posture: of the closed hand (n,) [rad or m].
     """
-    solver = _Solver(hand, contacts, body, posture)
-    course, final = np.linspace(0.0, 1.0, _KNOTS), profile.final_depth
-    q, shift = np.tile(posture, (_KNOTS, 1)), np.zeros((_KNOTS, 6))
-    missing = np.zeros((_KNOTS, len(contacts)))
+    solver, planned = _Solver(hand, problem, posture), problem.compliance.normal_force(profile.final_depth)
+    best, towards = _press(solver, profile.final_depth, np.zeros(6)), np.zeros(6)
+    off = best.off(planned)
+    for _ in range(_LETTING_GO):
+        if off < _AS_PLANNED:
+            break
+        # Newton's step to joints that make the object shift as they assume: what they press deeper for it, the
+        # normals alone would give back; friction keeps the rest.
+        rest, shift, units = best.rest, best.shift[-1], 1.0 / solver.shift_costs
+        grip = units[:, None] * (rest.gripping + _STIFF * rest.stiffness) * units
+        step = units * np.linalg.lstsq(grip, units * (rest.stiffness @ (rest.shift - shift)), rcond=1e-9)[0]
+        towards = shift + step * min(1.0, _FURTHEST / max(float(np.linalg.norm(step / units)), 1e-300))
+        tried = _press(solver, profile.final_depth, towards)
+        gained, off = off - tried.off(planned), min(off, tried.off(planned))
+        if gained > 0:
+            best = tried
+        if gained < _GAIN * off:
+            break
+    return best
+
+
+def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
+    """To the depths ``final`` (k,) [m], with an object that shifts ``towards`` (6,) or near to it."""
+    course = np.linspace(0.0, 1.0, _KNOTS)
+    q, shift = np.tile(solver.posture, (_KNOTS, 1)), np.zeros((_KNOTS, 6))
+    depths, missing = np.zeros((_KNOTS, len(final))), np.zeros((_KNOTS, len(final)))
+    slid = np.zeros((_KNOTS, len(final), 4))
     limited: set[int] = set()
+    now = solver.at(solver.posture)
     for i in range(1, _KNOTS):
         # On from where the last steps led.
         ahead = 2 * q[i - 1] - q[i - 2] if i > 1 else q[0]
-        gone = shift[i - 1] * course[i] / course[max(i - 1, 1)]
-        q[i], shift[i], missing[i], stopped = solver.solve(
-            np.clip(ahead, solver.lower, solver.upper), gone, course[i] * final
+        gone = shift[i - 1] * course[i] / course[i - 1] if i > 1 else course[i] * towards
+        before = _Before(q[i - 1], slid[i - 1], now.across)
+        q[i], shift[i], now, stopped = solver.solve(
+            np.clip(ahead, solver.lower, solver.upper), gone, course[i] * final, course[i] * towards, before
         )
+        slid[i], depths[i] = before.slid_at(q[i], now.across), now.depth
+        missing[i] = course[i] * final + solver.shifts @ shift[i] - now.depth
         limited |= stopped
-    return ClosedPress(course, q, shift, missing, frozenset(limited))
+    rest = let_go(solver.problem, depths[-1], friction_built_up(solver.problem, depths, slid))
+    return ClosedPress(course, q, shift, missing, frozenset(limited), rest)
 
 
 class _Pressed(NamedTuple):
@@ -89,22 +128,35 @@ class _Pressed(NamedTuple):
 
     Attributes:
         depth: of the surfaces (k,) [m].
-        slid: displacement across the normals of the points that touched first (k, 3) [m].
         deepening: how joints change the depths (k, n) [m/rad or m/m].
-        across: how they displace these points across the normals (k, 3, n).
+        across: how they move the links where they touch the object's surface, across the normals, and turn them about
+            these (k, 4, n).
     """
 
     depth: Array
-    slid: Array
     deepening: Array
     across: Array
+
+
+class _Before(NamedTuple):
+    """Where links came from: posture (n,), how far they had slid and turned (k, 4), and how joints moved them."""
+
+    q: Array
+    slid: Array
+    across: Array
+
+    def slid_at(self, q: Array, across: Array) -> Array:
+        """How far links have slid and turned (k, 4) [m, rad] at the posture ``q`` (n,), moved by ``across``."""
+        slid: Array = self.slid + np.einsum("kin,n->ki", 0.5 * (self.across + across), q - self.q)
+        return slid
 
 
 class _Solver:
     """Depths of a closed hand's contacts as functions of its joints and of the object's shift, and their solution."""
 
-    def __init__(self, hand: HandModel, contacts: ContactSet, body: Body | None, posture: Array):
-        self.hand, self.contacts, self.posture = hand, contacts, np.array(posture)
+    def __init__(self, hand: HandModel, problem: ForceProblem, posture: Array):
+        self.hand, self.problem, self.posture = hand, problem, np.array(posture)
+        contacts, body = problem.contacts, problem.object
         self.data = hand.model.createData()
         self.surfaces = None if body is None or contacts.posture is None else Penetration(hand, body, contacts)
         self.normals = np.array([contact.normal_o for contact in contacts])
@@ -125,38 +177,39 @@ class _Solver:
         self.lower, self.upper = np.minimum(hand.lower, posture), np.maximum(hand.upper, posture)
 
     def at(self, q: Array) -> _Pressed:
-        """How deep the contacts are, how far they have slid, and how joints change both."""
+        """How deep the contacts are, and how joints move them."""
         model = self.hand.model
         pin.computeJointJacobians(model, self.data, q)
         material = np.array([self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)])
-        moved = material - self.origins
-        along = (moved * self.normals).sum(axis=1)
         if self.surfaces is None:
-            depth, normals, deepest = along, self.normals, material
+            depth, normals = ((material - self.origins) * self.normals).sum(axis=1), self.normals
+            on_object = material - depth[:, None] * normals
         else:
             depth, normals, on_object = self.surfaces.at(q)
-            deepest = on_object + depth[:, None] * normals
-        deepening, across = np.zeros((len(depth), model.nv)), np.zeros((len(depth), 3, model.nv))
+        deepening, across = np.zeros((len(depth), model.nv)), np.zeros((len(depth), 4, model.nv))
         for i, joint in enumerate(self.joints):
             if joint:  # the palm does not move
-                place = self.data.oMi[joint]
-                deepening[i] = normals[i] @ point_jacobian(model, self.data, joint, place.actInv(deepest[i]))
-                J = point_jacobian(model, self.data, joint, self.points_l[i])
-                across[i] = J - np.outer(self.normals[i], self.normals[i] @ J)
-        return _Pressed(depth, moved - along[:, None] * self.normals, deepening, across)
+                # The same for all points on the normal.
+                J = contact_jacobian(model, self.data, joint, self.data.oMi[joint].actInv(on_object[i]))
+                deepening[i] = normals[i] @ J[:3]
+                across[i, :3] = J[:3] - np.outer(normals[i], deepening[i])
+                across[i, 3] = normals[i] @ J[3:]
+        return _Pressed(depth, deepening, across)
 
-    def solve(self, q: Array, shift: Array, wanted: Array) -> tuple[Array, Array, Array, set[int]]:
-        """Joints and shift with the depths ``wanted`` (k,), from a guess (Gauss and Newton), and what is missing."""
+    def solve(
+        self, q: Array, shift: Array, wanted: Array, towards: Array, before: _Before
+    ) -> tuple[Array, Array, _Pressed, set[int]]:
+        """Joints and shift with the depths ``wanted`` (k,), from a guess (Gauss and Newton), and joints at limits."""
         well = np.maximum(TRACKED, _WELL * wanted)
-        best: tuple[float, Array, Array, Array] | None = None
+        best: tuple[float, Array, Array, _Pressed] | None = None
         stopped, halved = set[int](), 0
         for _ in range(_ROUNDS):
             now = self.at(q)
             missing = wanted + self.shifts @ shift - now.depth
             off = float(np.abs(missing / well).max())
             if best is None or off < best[0]:
-                best, halved = (off, q, shift, missing), 0
-                to_q, to_shift, at_limit = self._step(q, shift, missing, now)
+                best, halved = (off, q, shift, now), 0
+                to_q, to_shift, at_limit = self._step(q, shift, missing, now, towards, before)
                 stopped |= at_limit
                 if off < 1.0 and np.abs(now.deepening @ (to_q - q)).max() < TRACKED:
                     break
@@ -167,19 +220,21 @@ class _Solver:
                 break
             q, shift = to_q, to_shift
         assert best is not None
-        _, q, shift, missing = best
-        return q, shift, missing, {j for j in stopped if min(q[j] - self.lower[j], self.upper[j] - q[j]) < _AT_LIMIT}
+        _, q, shift, now = best
+        return q, shift, now, {j for j in stopped if min(q[j] - self.lower[j], self.upper[j] - q[j]) < _AT_LIMIT}
 
-    def _step(self, q: Array, shift: Array, missing: Array, now: _Pressed) -> tuple[Array, Array, set[int]]:
+    def _step(
+        self, q: Array, shift: Array, missing: Array, now: _Pressed, towards: Array, before: _Before
+    ) -> tuple[Array, Array, set[int]]:
         """Where the least-squares step leads joints and shift, and which joints meet their limits on it."""
         n, k = len(q), len(missing)
         rows = np.zeros((4 * k + n + 6, n + 6))
         rows[:k] = np.hstack([now.deepening, -self.shifts]) / _DEPTH
-        rows[k : 4 * k, :n] = now.across.reshape(3 * k, n) / _SLIDING
+        rows[k : 4 * k, :n] = now.across[:, :3].reshape(3 * k, n) / _SLIDING
         rows[4 * k : 4 * k + n, :n] = np.diag(self.joint_costs)
         rows[4 * k + n :, n:] = np.diag(self.shift_costs)
-        turned = self.joint_costs * (self.posture - q)
-        left = np.concatenate([missing / _DEPTH, -now.slid.ravel() / _SLIDING, turned, -self.shift_costs * shift])
+        turned, slid = self.joint_costs * (self.posture - q), before.slid_at(q, now.across)[:, :3].ravel()
+        left = np.concatenate([missing / _DEPTH, -slid / _SLIDING, turned, self.shift_costs * (towards - shift)])
         step, stopped = np.zeros(n + 6), set[int]()
         free = np.concatenate([self.moving, np.ones(6, dtype=bool)])
         while True:

@@ -30,6 +30,7 @@ _HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do no
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
 _SHIFTED = 1e-4  # [m] of the object as it is let go: worth a note
+_ANOTHER_FORCE = 0.1  # share of a force by which it may come otherwise without a note
 Order = Literal["together", "base first", "tip first"]
 _ORDERS: tuple[Order, ...] = get_args(Order)
 _TURNS = 0.6  # share of the way after which the last joint starts, where they take turns
@@ -136,11 +137,21 @@ class _Planning:
 
     def closed(self, q: Array) -> ClosedPress:
         """How all joints of the hand that is closed at ``q`` (n,) press, and the object gives way when it is let go."""
-        pressed = press_closed(self.hand, self.problem.contacts, self.problem.object, self.profile, q)
+        pressed = press_closed(self.hand, self.problem, self.profile, q)
         size = float(np.linalg.norm(pressed.shift[-1, :3]))
         if size > _SHIFTED:
             self.notes.append(
-                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the forces come as planned"
+                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it"
+            )
+        planned, rest = self.problem.compliance.normal_force(self.profile.final_depth), pressed.rest.normal
+        others = [
+            f"{name} {force:.2g} N (planned {asked:.2g} N)"
+            for name, force, asked in zip(self.problem.contacts.names, rest, planned)
+            if abs(force - asked) > _ANOTHER_FORCE * asked
+        ]
+        if others:
+            self.notes.append(
+                f"friction that builds up while the hand presses leaves other forces: {', '.join(others)}"
             )
         return pressed
 

@@ -74,11 +74,6 @@ def test_jaws_on_one_actuator_press_alike_and_the_object_gives_way(jaws):
         dq, twist = rng.normal(size=jaws.n), 1e-3 * rng.normal(size=6)
         depths = together.moves @ dq - together.shifts @ twist
         assert np.abs(together.rows @ depths).max(initial=0.0) < 1e-12
-        # The shift that is found, and some motion of the joints, give the same depths.
-        shift = together.shift(depths)
-        wanted = depths + together.shifts @ shift
-        found = together.moves @ np.linalg.pinv(together.moves) @ wanted
-        assert found == pytest.approx(wanted, abs=1e-9)
     # Twisted corners of a rigid face cannot go in one without the other.
     assert len(together.rows) == len(contacts) - np.linalg.matrix_rank(
         np.column_stack([together.moves, together.shifts]), tol=1e-6

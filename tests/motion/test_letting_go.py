@@ -1,0 +1,121 @@
+"""Rest of a grasp after the object is let go, and hands that press so that the planned forces are left."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings, strategies as st
+from random_grasps import contact_set_of, random_grasp
+
+import pinograsp as pg
+from pinograsp.contacts import PALM
+from pinograsp.errors import Status
+from pinograsp.forces import ForceProblem
+from pinograsp.motion import letting_go, surfaces
+from pinograsp.motion.letting_go import TANGENTIAL, friction_built_up, let_go
+from pinograsp.planner import plan_best
+
+MU, WEIGHT = 0.5, 2.0
+
+
+def pinched(torsion: float = 0.0) -> ForceProblem:
+    """Two contacts that face each other along x, 30 mm from the centre of mass."""
+    contacts = contact_set_of([[0.03, 0, 0], [-0.03, 0, 0]], [[-1.0, 0, 0], [1.0, 0, 0]])
+    return ForceProblem(contacts=contacts, load=[0, 0, -WEIGHT, 0, 0, 0], mu=MU, friction=pg.Friction(torsion=torsion))
+
+
+def test_friction_builds_up_to_the_cone():
+    problem = pinched()
+    depth = problem.compliance.depth(np.array([4.0, 4.0]))
+    course = np.linspace(0, 1, 9)[:, None]
+    slid = np.zeros((9, 2, 4))
+    slid[:, 0, 1] = 1e-3 * course[:, 0]  # slides on
+    slid[:, 1, 2] = 1e-5 * course[:, 0]  # sticks in the end: 0.2 N are within its cone
+    friction = friction_built_up(problem, course * depth, slid)
+    assert friction[0] == pytest.approx([0.0, MU * 4.0, 0.0, 0.0], abs=1e-9)
+    assert friction[1] == pytest.approx([0.0, 0.0, TANGENTIAL * 1e-5, 0.0], rel=0.1)
+    assert np.all(friction_built_up(problem, course * depth, np.zeros((9, 2, 4))) == 0)
+
+
+def test_an_object_between_two_fingers_sinks_on_its_springs():
+    problem = pinched()
+    depth = problem.compliance.depth(np.array([4.0, 4.0]))
+    rest = let_go(problem, depth, np.zeros((2, 4)))
+    assert rest.shift[:3] == pytest.approx([0, 0, -WEIGHT / (2 * TANGENTIAL)], abs=1e-12)
+    assert rest.normal == pytest.approx([4.0, 4.0]) and rest.friction[:, :3] == pytest.approx(
+        np.array([[0, 0, 1.0], [0, 0, 1.0]]), abs=1e-6
+    )
+
+
+def test_unequal_depths_give_each_other_way():
+    """Two springs in series: delta_1 + delta_2 stays, and the forces are equal."""
+    problem = pinched()
+    depth = np.array([2e-3, 1e-3])
+    rest = let_go(problem, depth, np.zeros((2, 4)))
+    force = problem.compliance.normal_force(1.5e-3)
+    assert rest.normal == pytest.approx([force, force], rel=1e-5)
+    assert abs(rest.shift[0]) == pytest.approx(0.5e-3, rel=1e-5)
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["cone", "soft"]))
+def test_at_rest_the_contacts_balance_the_load_within_their_cones(seed, family):
+    """Of random grasps with a reserve of friction: forces as planned stay, others find another rest."""
+    rng = np.random.default_rng(seed)
+    k = int(rng.integers(3, 6))
+    grasp = random_grasp(seed, family=family, k=k, torques=False, degenerate="", load="plain")
+    problem = replace(grasp.problem, balance="wrench", friction=replace(grasp.problem.friction, safety=1.4))
+    solution = pg.optimize_forces(problem, grasp.impact_time)
+    assume(solution.status is Status.OK)
+    depth, rotations = solution.profile.final_depth, problem.contacts.rotations_oc
+    planned, normals = np.einsum("kij,kj->ki", rotations, solution.forces_c), rotations[:, :, 2]
+    across = planned - (planned * normals).sum(axis=1, keepdims=True) * normals
+    friction = np.column_stack([across, solution.torsion if solution.torsion.size else np.zeros(k)])
+    rest = let_go(problem, depth, friction)
+    assert rest.normal == pytest.approx(solution.normal_forces, rel=1e-6)
+    assert rest.friction == pytest.approx(friction, abs=1e-6 * rest.normal.sum())
+    rest = let_go(problem, depth * rng.uniform(0.98, 1.02, k), 0.9 * friction)
+    forces = rest.normal[:, None] * normals + rest.friction[:, :3]
+    arms = problem.contacts.points_o - problem.contacts.com_o
+    moment = np.cross(arms, forces).sum(axis=0) + rest.friction[:, 3] @ normals + problem.load[3:]
+    enough = 1e-4 * rest.normal.sum()
+    assert np.abs(forces.sum(axis=0) + problem.load[:3]).max() < enough
+    assert np.abs(moment).max() < enough * np.abs(arms).max()
+    assert np.all(np.linalg.norm(rest.friction[:, :3], axis=1) <= problem.mu * rest.normal * (1 + 1e-9))
+    assert np.all(np.abs(rest.friction[:, 3]) <= problem.friction.torsion * rest.normal * (1 + 1e-9))
+
+
+def test_its_stiffness_is_the_slope_of_the_wrench():
+    problem, rng = pinched(torsion=0.01), np.random.default_rng(4)
+    contacts = letting_go.OnObject(problem, problem.compliance.depth(np.array([4.0, 5.0])))
+    stretched = np.array([[0.0, 3e-4, 1e-4, 0.05], [0.0, 1e-5, 0.0, 1e-4]])  # the first one slips, the second sticks
+    shift, since = 1e-6 * rng.normal(size=6), np.zeros(6)
+    now = contacts.at(shift, since, stretched)
+    step = 1e-9
+    slope = [(contacts.at(shift + step * e, since, stretched).wrench - now.wrench) / step for e in np.eye(6)]
+    scale = np.abs(now.stiffness).max()
+    assert pytest.approx(now.stiffness, abs=2e-3 * scale) == -np.array(slope).T
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", ["allegro_right", "g1_left"])
+def test_hands_press_so_that_the_planned_forces_are_left(source):
+    """The simulation, with joints that follow exactly, has the normal forces that are foreseen, nearly the planned."""
+    box = pg.Box(size=(0.045, 0.045, 0.12), density=300)
+    conditions = pg.GraspConditions(mu=0.6)
+    found = pg.find_grasps(pg.load_hand(source), box, conditions, count=8, seed=3, jobs=1, progress=False)
+    plan = plan_best(found, conditions)
+    contacts = plan.problem.contacts
+    pressed = surfaces.press_closed(plan.hand, plan.problem, plan.searched().profile, contacts.posture)
+    planned = plan.forces.normal_forces
+    assert pressed.off(planned) < 0.2
+    seen = pg.simulate(plan, mode="prescribed", hold=0.5)
+    assert seen.verdict.held
+    joints = np.array(
+        [0 if one.finger == PALM else plan.hand.finger(one.finger).joint_of(one.link) for one in contacts]
+    )
+    sums = {float(round(planned[joints == j].sum(), 9)): pressed.rest.normal[joints == j].sum() for j in set(joints)}
+    for force, asked in zip(seen.normal_forces[-1], seen.planned_forces):
+        assert force == pytest.approx(sums[float(round(asked, 9))], rel=0.06, abs=0.03)
