@@ -21,7 +21,7 @@ from pinograsp.spatial import Array, BoolArray
 
 FACTORS = (0.2, 0.5, 1.0, 2.0, 5.0, 20.0)
 # Servos this much softer or stiffer than the contacts behave as torque control, or as rigid drives.
-_SOFTEST, _STIFFEST, _TRIED = 1e-6, 1e6, 49
+_SOFTEST, _STIFFEST, _TRIED = 1e-6, 1e6, 25
 _FARTHEST_OFF = 1e6
 _CLOSE, _EQUAL = 1e-4, 1e-6  # relative, of gains and of deviations
 

@@ -1162,6 +1162,7 @@ MEANT = {
 
 # Calls that take a second: fewer of them.
 SLOW = {
+    "gains_within",
     "holding_probability",
     "plan_grasp",
     "plan_grasp_on",
