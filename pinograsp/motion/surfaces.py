@@ -36,8 +36,8 @@ _WELL = 2e-4  # share of their depth to which surfaces are brought
 _KNOTS = 5  # depths at which the joints are solved for: their course over the depth is smooth
 _ROUNDS, _HALVINGS = 15, 3
 # Rounds that make up for friction, the share of the forces that is well, and what a round has to gain; the furthest
-# that it moves the object, in shifts that cost 1.
-_LETTING_GO, _AS_PLANNED, _GAIN, _FURTHEST = 4, 0.01, 0.1, 10.0
+# that it moves the object, in shifts that cost 1, and how much shorter the next step is where one led astray.
+_LETTING_GO, _AS_PLANNED, _GAIN, _FURTHEST, _SHORTER = 6, 0.01, 0.1, 10.0, 3.0
 _AT_LIMIT = 1e-9  # [rad or m]
 # What the joints' freedom is used for: contacts that slide by 1 mm cost as much as joints that turn by 1 rad (or slide
 # by 30 mm), and as an object that shifts by 0.1 mm. Depths come first: they are off by 0.1 um at that cost.
@@ -80,8 +80,8 @@ def press_closed(hand: HandModel, problem: ForceProblem, profile: PenetrationPro
         posture: of the closed hand (n,) [rad or m].
     """
     solver, planned = _Solver(hand, problem, posture), problem.compliance.normal_force(profile.final_depth)
-    best, towards = _press(solver, profile.final_depth, np.zeros(6)), np.zeros(6)
-    off = best.off(planned)
+    best = _press(solver, profile.final_depth, np.zeros(6))
+    off, share = best.off(planned), 1.0
     for _ in range(_LETTING_GO):
         if off < _AS_PLANNED:
             break
@@ -90,13 +90,14 @@ def press_closed(hand: HandModel, problem: ForceProblem, profile: PenetrationPro
         rest, shift, units = best.rest, best.shift[-1], 1.0 / solver.shift_costs
         grip = units[:, None] * (rest.gripping + _STIFF * rest.stiffness) * units
         step = units * np.linalg.lstsq(grip, units * (rest.stiffness @ (rest.shift - shift)), rcond=1e-9)[0]
-        towards = shift + step * min(1.0, _FURTHEST / max(float(np.linalg.norm(step / units)), 1e-300))
-        tried = _press(solver, profile.final_depth, towards)
-        gained, off = off - tried.off(planned), min(off, tried.off(planned))
-        if gained > 0:
-            best = tried
-        if gained < _GAIN * off:
-            break
+        share *= min(1.0, _FURTHEST / max(float(np.linalg.norm(share * step / units)), 1e-300))
+        tried = _press(solver, profile.final_depth, shift + share * step)
+        if tried.off(planned) < off:
+            gained, best, off, share = off - tried.off(planned), tried, tried.off(planned), 1.0
+            if gained < _GAIN * off:
+                break
+        else:
+            share /= _SHORTER
     return best
 
 
