@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from pinograsp.checks import frozen
 from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
@@ -277,6 +277,10 @@ def press_surfaces(
     course, rate = (of(times)[:, first] / profile.final_depth[first] for of in (profile.depth, profile.rate))
     along = CubicSpline(pressed.course, pressed.q[:, finger.dofs])
     q, dq = along(course), along(course, 1) * rate[:, None]
+    if stopped := [j for j, dof in enumerate(finger.dofs.tolist()) if dof in pressed.limited]:
+        # Within the limits between these depths, too.
+        within = PchipInterpolator(pressed.course, pressed.q[:, finger.dofs[stopped]])
+        q[:, stopped], dq[:, stopped] = within(course), within(course, 1) * rate[:, None]
     points, jacobians = points_along(hand, finger, own, found.points_l[0], q, contacts.posture)
     normals = np.array([contact.normal_o for contact in own])
     moved = points - np.array([contact.point_o for contact in own])
