@@ -52,7 +52,8 @@ class ClosedPress(NamedTuple):
         course: share of the final depth (c,) [-].
         q: postures there (c, n) [rad or m].
         shift: of the object (c, 6): twist about its centre of mass, linear first [m, rad].
-        missing: depths less than planned (c, k) [m].
+        depths: of the surfaces (c, k) [m].
+        missing: depths less than planned, once the object has shifted (c, k) [m].
         limited: indices of the joints that were stopped by their limits.
         rest: the contacts after the object is let go.
     """
@@ -60,6 +61,7 @@ class ClosedPress(NamedTuple):
     course: Array
     q: Array
     shift: Array
+    depths: Array
     missing: Array
     limited: frozenset[int]
     rest: LetGo
@@ -121,7 +123,7 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
         missing[i] = course[i] * final + solver.shifts @ shift[i] - now.depth
         limited |= stopped
     rest = let_go(solver.problem, depths[-1], friction_built_up(solver.problem, depths, slid))
-    return ClosedPress(course, q, shift, missing, frozenset(limited), rest)
+    return ClosedPress(course, q, shift, depths, missing, frozenset(limited), rest)
 
 
 class _Pressed(NamedTuple):
