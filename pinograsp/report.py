@@ -428,7 +428,7 @@ def _verdict_rows(simulation: Simulation) -> list[tuple[str, str]]:
         ("drift since the release", f"{1e3 * verdict.drift:.3f} mm"),
         ("tilt, turn about any axis", f"{verdict.tilt:.3f} deg, {verdict.turn:.3f} deg"),
         ("errors of the normal forces", errors or "-"),
-        ("penetration error at t_F", f"{1e3 * verdict.penetration_error:.4f} mm"),
+        ("penetration error", f"{1e3 * verdict.penetration_error:.4f} mm"),
         ("slipped by more than 0.1 mm", ", ".join(verdict.slipped) or "none"),
         ("unplanned contacts", ", ".join(verdict.unplanned) or "none"),
         ("joints beyond their limits", ", ".join(verdict.limit_hits) or "none"),

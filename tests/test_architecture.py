@@ -30,6 +30,7 @@ ROOMS = [
     "plan",
     "contacts",
     "forces",
+    "actuation",
     "motion",
     "synthesis",
     "storage",

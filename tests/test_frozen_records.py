@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import pinograsp as pg
-from pinograsp import forces
+from pinograsp import actuation, forces
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
 
 T_I = 0.9
@@ -53,6 +53,7 @@ def world(hand, contacts, cylinder):
         "solution": solution,
         "grid": grid,
         "loads": loads,
+        "yielding": actuation.CompliantHand(jacobian=np.tile(0.05 * np.eye(3), (3, 1)), gains=np.ones(3)),
         "batch": pg.ForceBatch.of([problem, problem.with_load(0.5 * problem.load)], T_I),
     }
 
@@ -94,6 +95,11 @@ CALLS = {
         for one in (w["pen"], w["block"])
     ],
     "curvature": lambda w: w["block"].curvature([[0.02, 0.001, 0.002]]),
+    "bands": lambda w: actuation.gains_within(w["solution"], w["yielding"], 0.2),
+    "maps": lambda w: actuation.quasistatic_maps(w["contacts"].G, np.eye(9), w["yielding"]),
+    "stability": lambda w: actuation.object_stiffness(
+        w["contacts"].G, np.eye(9), w["yielding"], w["solution"].forces_c
+    ).is_stable(),
     "motion": lambda w: pg.plan_motion(w["hand"], w["solution"]),
 }
 

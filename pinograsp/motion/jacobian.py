@@ -39,12 +39,27 @@ def contact_jacobians(hand: HandModel, contacts: ContactSet, data: pin.Data, dep
         InvalidInput: contacts that were made without a hand.
     """
     found = np.zeros((len(contacts), 6, hand.n))
-    for i, (contact, pressed) in enumerate(zip(contacts, np.broadcast_to(depth, len(contacts)))):
+    for i, (joint, point) in enumerate(contact_points(hand, contacts, data, depth)):
+        if joint:  # the palm does not move
+            found[i] = contact_jacobian(hand.model, data, joint, point)
+    return found
+
+
+def contact_points(
+    hand: HandModel, contacts: ContactSet, data: pin.Data, depth: ArrayLike = 0.0
+) -> list[tuple[int, Array]]:
+    """The joint of each contact's link, 0 for the palm, and the contact point (3,) in its frame [m], pressed in by
+    ``depth`` (k,) [m].
+
+    Needs the joints' placements at the current q.
+
+    Raises:
+        InvalidInput: contacts that were made without a hand.
+    """
+    points = []
+    for contact, pressed in zip(contacts, np.broadcast_to(depth, len(contacts))):
         if not contact.link:
             raise InvalidInput("contacts: expected those of a hand; these were made without one (hand=None)")
-        if contact.finger == PALM:
-            continue  # it does not move
-        joint = hand.finger(contact.finger).joint_of(contact.link)
-        point = data.oMi[joint].actInv(contact.point_o + pressed * contact.normal_o)
-        found[i] = contact_jacobian(hand.model, data, joint, point)
-    return found
+        joint = 0 if contact.finger == PALM else hand.finger(contact.finger).joint_of(contact.link)
+        points.append((joint, data.oMi[joint].actInv(contact.point_o + pressed * contact.normal_o)))
+    return points

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from pinograsp.checks import frozen
 from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
@@ -52,7 +52,8 @@ class ClosedPress(NamedTuple):
         course: share of the final depth (c,) [-].
         q: postures there (c, n) [rad or m].
         shift: of the object (c, 6): twist about its centre of mass, linear first [m, rad].
-        missing: depths less than planned (c, k) [m].
+        depths: of the surfaces (c, k) [m].
+        missing: depths less than planned, once the object has shifted (c, k) [m].
         limited: indices of the joints that were stopped by their limits.
         rest: the contacts after the object is let go.
     """
@@ -60,6 +61,7 @@ class ClosedPress(NamedTuple):
     course: Array
     q: Array
     shift: Array
+    depths: Array
     missing: Array
     limited: frozenset[int]
     rest: LetGo
@@ -121,7 +123,7 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
         missing[i] = course[i] * final + solver.shifts @ shift[i] - now.depth
         limited |= stopped
     rest = let_go(solver.problem, depths[-1], friction_built_up(solver.problem, depths, slid))
-    return ClosedPress(course, q, shift, missing, frozenset(limited), rest)
+    return ClosedPress(course, q, shift, depths, missing, frozenset(limited), rest)
 
 
 class _Pressed(NamedTuple):
@@ -277,6 +279,10 @@ def press_surfaces(
     course, rate = (of(times)[:, first] / profile.final_depth[first] for of in (profile.depth, profile.rate))
     along = CubicSpline(pressed.course, pressed.q[:, finger.dofs])
     q, dq = along(course), along(course, 1) * rate[:, None]
+    if stopped := [j for j, dof in enumerate(finger.dofs.tolist()) if dof in pressed.limited]:
+        # Within the limits between these depths, too.
+        within = PchipInterpolator(pressed.course, pressed.q[:, finger.dofs[stopped]])
+        q[:, stopped], dq[:, stopped] = within(course), within(course, 1) * rate[:, None]
     points, jacobians = points_along(hand, finger, own, found.points_l[0], q, contacts.posture)
     normals = np.array([contact.normal_o for contact in own])
     moved = points - np.array([contact.point_o for contact in own])

@@ -11,8 +11,10 @@ from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits
 from pinograsp.hands import HandModel
-from pinograsp.motion.jacobian import contact_jacobians
+from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
 from pinograsp.spatial import Array
+
+_STEP = 1e-4  # [rad or m]: of central differences, exact to its square
 
 
 def inverse_dynamics(
@@ -64,6 +66,46 @@ def effort_of(hand: HandModel, torque_limit: TorqueLimit) -> Array:
             f"torque limit: expected one number > 0 or {hand.n} [N m], or 'effort', got {shown(torque_limit)}"
         )
     return limit
+
+
+def preload_slope(
+    hand: HandModel, contacts: ContactSet, q: ArrayLike, forces_o: ArrayLike, *, depth: ArrayLike = 0.0
+) -> Array:
+    """Slope of J^T f over q (n, n) [N m/rad, N or N/m] of forces that keep their size and direction in the world.
+
+    What they add to the stiffness of the joints that hold them (``object_stiffness(joint_preload=...)``): negative
+    where a finger is pressed together, as a column that may buckle. By central differences.
+
+    Args:
+        hand: the hand.
+        contacts: where it touches the object.
+        q: the posture (n,) [rad] at which it does.
+        forces_o: on the object (k, 3) [N], world axes.
+        depth: penetration of the contact points along their normals at ``q`` [m], one or (k,).
+
+    Raises:
+        InvalidInput: contacts without links, or wrong sizes.
+    """
+    model = instance_of("hand", hand, HandModel).model
+    k = len(instance_of("contacts", contacts, ContactSet))
+    q = array_of("q", q, (hand.n,))
+    forces = array_of("forces", forces_o, (k, 3))
+    data = model.createData()
+    pin.computeJointJacobians(model, data, q)
+    held = contact_points(hand, contacts, data, each_of("depth", depth, k))
+
+    def torques(q: Array) -> Array:
+        pin.computeJointJacobians(model, data, q)
+        tau = np.zeros(hand.n)
+        for (joint, point), force in zip(held, forces):
+            if joint:
+                tau += point_jacobian(model, data, joint, point).T @ force
+        return tau
+
+    steps = _STEP * np.eye(hand.n)
+    slope: Array = np.array([torques(q + step) - torques(q - step) for step in steps]) / (2 * _STEP)
+    slope = slope / 2 + slope.T / 2
+    return slope
 
 
 def torque_limits(

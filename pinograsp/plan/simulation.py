@@ -25,7 +25,7 @@ class Verdict:
         force_error: largest |F_n - planned| / planned at the end, by part of the hand that should touch (planned: a
             twentieth of the largest at least).
         force_errors: each.
-        penetration_error: largest |depth - planned| when the grasp is complete [m].
+        penetration_error: largest |depth - planned| in the last tenth of the hold, as for the forces [m].
         slipped: parts that slipped by more than 0.1 mm after the release.
         unplanned: parts that touch without being planned.
         limit_hits: joints beyond their position limits.

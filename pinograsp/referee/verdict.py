@@ -65,7 +65,7 @@ def verdict_of(
         / np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
     )
     labels = [name for name, wanted in zip(parts, should) if wanted]
-    missed = np.abs(history.depths[complete] - depths)[should]
+    missed = np.abs(history.depths[last].mean(axis=0) - depths)[should]
     slipped = history.slips[-1] - history.slips[complete] > SLIPPED
     hand, q = task.hand, history.q
     beyond: BoolArray = np.any((q < hand.lower - _BEYOND) | (q > hand.upper + _BEYOND), axis=0)

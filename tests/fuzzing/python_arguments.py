@@ -69,7 +69,7 @@ def prepare() -> None:
 
 
 def _fill() -> None:
-    from pinograsp import contacts, forces, handover, motion, referee, report, storage, synthesis
+    from pinograsp import actuation, contacts, forces, handover, motion, referee, report, storage, synthesis
     from pinograsp.cases import builtin_cases
     from pinograsp.contacts import quality
     from pinograsp.hands import dh
@@ -325,6 +325,47 @@ def _fill() -> None:
         backend="auto",
     )
     k = len(w.contacts)
+    n = w.hand.n
+    joints = {"joint_stiffness": np.full(n, 50.0), "springs": np.full(n, 0.1)}
+    yielding = actuation.CompliantHand.at(w.contacts, w.torques.jacobian, gains=np.full(n, 5.0))
+    call(
+        actuation.CompliantHand,
+        jacobian=np.array(yielding.jacobian),
+        gains=np.full(n, 5.0),
+        transmission=np.eye(n),
+        turning=np.array(yielding.turning),
+        **joints,
+    )
+    call(
+        actuation.CompliantHand.at,
+        contacts=w.contacts,
+        jacobians=np.array(w.torques.jacobian),
+        gains=np.full(n, 5.0),
+        transmission=np.eye(n),
+        **joints,
+    )
+    call(
+        actuation.contact_stiffness,
+        compliance=w.problem.compliance,
+        normal_forces=w.solution.normal_forces,
+        tangential_ratio=0.66,
+    )
+    held = {"grasp_map": np.array(w.contacts.G), "stiffness": 1e3 * np.eye(3 * k), "hand": yielding}
+    call(actuation.quasistatic_maps, **held, moment_length=0.03)
+    call(
+        actuation.object_stiffness,
+        **held,
+        forces_c=np.array(w.solution.forces_c),
+        object_curvature=100.0,
+        hand_curvature=80.0,
+        torsional_stiffness=0.1,
+        joint_preload=np.zeros((n, n)),
+        moment_length=0.03,
+    )
+    squeeze = {"solution": w.solution, "hand": yielding, "factors": [0.2, 20.0], "tangential_ratio": 0.66}
+    call(actuation.force_band, **squeeze)
+    call(actuation.gains_within, **squeeze, tolerance=0.3)
+    call(motion.preload_slope, hand=w.hand, contacts=w.contacts, q=w.q, forces_o=np.ones((k, 3)), depth=1e-3)
     call(
         pg.ForceBatch,
         points=np.tile(w.contacts.points_o - w.contacts.com_o, (2, 1, 1)),
@@ -1135,11 +1176,18 @@ MEANT = {
     ("hold", "torque_limit"),
     ("hold", "impact_time"),
     ("OnlineForces.engage", "contact"),
+    ("CompliantHand", "gains"),
+    ("CompliantHand", "joint_stiffness"),
+    ("CompliantHand.at", "gains"),
+    ("CompliantHand.at", "joint_stiffness"),
+    ("object_stiffness", "object_curvature"),
+    ("object_stiffness", "hand_curvature"),
 }
 
 
 # Calls that take a second: fewer of them.
 SLOW = {
+    "gains_within",
     "holding_probability",
     "plan_grasp",
     "plan_grasp_on",

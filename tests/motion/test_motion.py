@@ -9,18 +9,18 @@ import pinocchio as pin
 import pytest
 from conftest import POINTS
 
-from pinograsp.contacts import Friction, PenetrationProfile, contacts_at
+from pinograsp.contacts import Contact, ContactSet, Friction, PenetrationProfile, contacts_at
 from pinograsp.errors import ContactNotReached, InvalidInput, Status
 from pinograsp.forces import ForceProblem, GraspConditions, GridSpec, grid_search
 from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import file_of
-from pinograsp.motion import MotionSpec, contact_postures, plan_motion
+from pinograsp.motion import MotionSpec, contact_postures, plan_motion, preload_slope
 from pinograsp.motion.approach import approach
 from pinograsp.motion.grasp_ik import press
 from pinograsp.motion.jacobian import point_jacobian
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 from pinograsp.objects import Sphere
-from pinograsp.spatial import pose_of
+from pinograsp.spatial import pose_of, tangent_frame
 
 
 def on_link(hand, finger, q, link, length):
@@ -341,6 +341,44 @@ def test_torques_are_the_equation_of_motion(hand):
     total = inverse_dynamics(hand, q, dq, ddq) + contact_torques(np.array(jacobians), f)
     assert np.abs(total - expected).max() < 1e-12
     assert np.abs(total - by_rnea).max() < 1e-12
+
+
+def test_the_slope_of_torques_under_constant_forces_is_the_curvature_of_their_work():
+    """J^T F is the gradient of F . p(q), p being the points that are fixed in the links."""
+    hand = load_hand("allegro_right")
+    q = 0.4 * hand.lower + 0.6 * hand.upper
+    tips = [finger.tip for finger in hand.fingers]
+    where = hand.frame_placements(q, tips)[:, :3, 3]
+    normals = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [0, -1.0, 0]])
+    contacts = ContactSet(
+        contacts=tuple(
+            Contact(
+                finger=finger.name,
+                link=finger.links[-1],
+                point_o=point - 2e-3 * normal,
+                rotation_oc=tangent_frame(normal),
+                length=None,
+                distance=0.0,
+            )
+            for finger, point, normal in zip(hand.fingers, where, normals)
+        ),
+        com_o=where.mean(axis=0),
+    )
+    forces = np.random.default_rng(1).normal(size=(4, 3))
+    found = preload_slope(hand, contacts, q, forces, depth=2e-3)
+
+    def work(q):
+        return float((hand.frame_placements(q, tips)[:, :3, 3] * forces).sum())
+
+    step, n = 1e-3, hand.n
+    unit = step * np.eye(n)
+    expected = np.array(
+        [[work(q + a + b) - work(q + a - b) - work(q - a + b) + work(q - a - b) for b in unit] for a in unit]
+    ) / (4 * step**2)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    assert np.abs(found).max() > 0.01
+    with pytest.raises(InvalidInput, match="forces"):
+        preload_slope(hand, contacts, q, forces[:2])
 
 
 def test_gravity_can_point_anywhere(hand):

@@ -1,0 +1,20 @@
+"""What drives and contacts make of a squeeze: quasi-static maps, stability, bands of the forces."""
+
+from pinograsp.actuation.bands import FACTORS, ForceBand, GainLimit, force_band, gains_within
+from pinograsp.actuation.compliant_hand import CompliantHand
+from pinograsp.actuation.quasistatic import QuasistaticMaps, contact_stiffness, quasistatic_maps
+from pinograsp.actuation.stability import ObjectStiffness, object_stiffness
+
+__all__ = [
+    "FACTORS",
+    "CompliantHand",
+    "ForceBand",
+    "GainLimit",
+    "ObjectStiffness",
+    "QuasistaticMaps",
+    "contact_stiffness",
+    "force_band",
+    "gains_within",
+    "object_stiffness",
+    "quasistatic_maps",
+]
