@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -26,6 +27,8 @@ from pinograsp.forces.solvers import compiled_solvers
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
 
+Invalid: TypeAlias = Literal["raise", "keep"]
+
 _HUGE, _FAR = 1e12, 1e6  # loads [N, N m]; positions [rad, m] and friction: beyond them numbers mean nothing
 _MOST = 50  # Newton steps of one try; a warm start needs one to five
 
@@ -46,10 +49,13 @@ class OnlineForces:
         forces: (k, 3) in the contacts' axes [N].
         moments: about the normals (k,) [N m].
         torques: (n,) [N m], empty without a hand.
+        positions: for position servos without feed-forward (n,) [rad or m]: q + torques / stiffness, the references at
+            which they give these torques; empty without ``stiffness``.
         residual: what forces and load leave over (6,), about the centre of mass [N, N m].
         status: ``OK``; ``INFEASIBLE``: no forces within the limits of this tick, its rates and ramps included, balance
             the load, and none leave less (least squares; moments over the problem's moment length); ``INACCURATE``:
-            neither is proven within the steps allowed, these are the closest that were found.
+            neither is proven within the steps allowed, these are the closest that were found; ``INVALID_INPUT``: with
+            ``invalid="keep"``, an unusable tick, which changed nothing.
         steps: Newton steps of the last tick.
         names: the contacts.
 
@@ -67,6 +73,8 @@ class OnlineForces:
         ramp: float = 0.1,
         period: float = 1e-3,
         max_steps: int = _MOST,
+        stiffness: ArrayLike | None = None,
+        invalid: Invalid = "raise",
     ):
         """Built once from a grasp; compiles on the way what is not compiled yet.
 
@@ -81,6 +89,9 @@ class OnlineForces:
             ramp: how long a contact that is gained or lost takes [s].
             period: of the loop [s].
             max_steps: Newton steps of one try.
+            stiffness: of the hand's position servos, one number or (n,) [N m/rad or N/m], for ``positions``.
+            invalid: what a tick with unusable numbers does (NaN of a sensor): ``"raise"``, or ``"keep"`` the last
+                forces, torques and positions, with the status ``INVALID_INPUT``.
 
         Raises:
             InvalidInput: what cannot be used, with the reason.
@@ -132,8 +143,24 @@ class OnlineForces:
         elif q is not None:
             raise InvalidInput("OnlineForces: q is a posture of the hand: give hand=..., too")
         self._tick = kernels.online
+        self._keeps = one_of("invalid", invalid, get_args(Invalid)) == "keep"
+        self._give = self._servos(stiffness)
+        self.positions = np.zeros(self._give.size)
         self.step(np.zeros(6))  # compiles, and must not count
         self._state[:6], self._out[:], self._started = 0.0, 0.0, False
+        if self._give.size:
+            self.positions[:] = self._posture
+
+    def _servos(self, stiffness: ArrayLike | None) -> Array:
+        """How far servos give way by an effort of 1 (n,), or nothing."""
+        if stiffness is None:
+            return np.zeros(0)
+        if self.hand is None:
+            raise InvalidInput("stiffness: expected with a hand, whose servos have it: give hand=..., too")
+        given = each_of("stiffness", stiffness, self.hand.n)
+        if given.min() <= 0:
+            raise InvalidInput(f"stiffness: expected values above 0 [N m/rad or N/m], got {shown(given.tolist())}")
+        return 1.0 / given
 
     def _share(self, memory: Sequence[Array]) -> None:
         """Name the parts of the memory that the compiled code works in."""
@@ -196,6 +223,7 @@ class OnlineForces:
         posture = contacts.posture if q is None else q
         if posture is None:
             raise InvalidInput("OnlineForces: these contacts have no posture: give q=..., the hand's joint positions")
+        self._posture = np.zeros(hand.n)
         self._move(array_of("q", posture, (hand.n,)))
         self._jacobian = self._data.J.T.reshape(-1)  # Pinocchio's own memory: it follows the posture
 
@@ -230,6 +258,7 @@ class OnlineForces:
         return [rows, shared, most, *row_of, *own.ravel(), *touched.ravel(), *counts.ravel(), *used.ravel()]
 
     def _move(self, q: Array) -> None:
+        self._posture[:] = q
         pin.computeJointJacobians(self._model, self._data, q)
         self._gravity = pin.computeGeneralizedGravity(self._model, self._data, q)
 
@@ -270,8 +299,17 @@ class OnlineForces:
 
         Raises:
             InvalidInput: shapes that do not fit, a number that is not finite or absurdly large, mu < 0; nothing has
-                changed then.
+                changed then. With ``invalid="keep"`` it is a status instead.
         """
+        try:
+            self._step(load, q, poses, mu)
+        except InvalidInput:
+            if not self._keeps:
+                raise
+            self.status = Status.INVALID_INPUT
+        return self.forces, self.torques, self.status
+
+    def _step(self, load: ArrayLike, q: ArrayLike | None, poses: ArrayLike | None, mu: ArrayLike | None) -> None:
         load = _checked("load", load, (6,), _HUGE)
         if q is not None or poses is not None or mu is not None:
             self._update(q, poses, mu)
@@ -282,7 +320,9 @@ class OnlineForces:
             raise InvalidInput(f"OnlineForces: expected contacts and gravity torques below {_HUGE:g}")
         self._started = True
         self.status = self._codes[code]
-        return self.forces, self.torques, self.status
+        if self._give.size:
+            np.multiply(self.torques, self._give, out=self.positions)
+            self.positions += self._posture
 
     def _update(self, q: ArrayLike | None, poses: ArrayLike | None, mu: ArrayLike | None) -> None:
         # All checked before anything changes.

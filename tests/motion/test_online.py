@@ -435,6 +435,36 @@ def test_bad_input_changes_nothing(plan, bad):
     )
 
 
+def test_bad_input_can_keep_the_last_command(plan):
+    """A NaN of a sensor does not stop the loop: the last forces, torques and positions stay, and the status says so."""
+    online = online_of(plan, invalid="keep", stiffness=10.0)
+    load, nan = plan.problem.load, np.full(plan.hand.n, np.nan)
+    kept = [value.copy() for value in (*online.step(load)[:2], online.positions)]
+    for bad in ({"load": nan[:6]}, {"load": load, "q": nan}, {"load": load, "mu": -1.0}, {"load": "none"}):
+        forces, torques, status = online.step(**bad)
+        assert status is Status.INVALID_INPUT and online.status is status
+        assert all(np.array_equal(a, b) for a, b in zip((forces, torques, online.positions), kept))
+    assert online.step(load)[2] is Status.OK
+    with pytest.raises(InvalidInput, match="expected"):
+        online_of(plan, invalid="ignore")
+
+
+def test_positions_are_where_servos_give_the_torques(plan):
+    kp = np.linspace(1.0, 50.0, plan.hand.n)
+    online, q = online_of(plan, stiffness=kp), np.array(plan.motion.q[-1])
+    _, torques, _ = online.step(plan.problem.load, q=q)
+    assert kp * (online.positions - q) == pytest.approx(torques, abs=1e-12)
+    q += 0.1  # the caller's own array
+    online.step(plan.problem.load)
+    assert kp * (online.positions - plan.motion.q[-1]) == pytest.approx(online.torques, abs=1e-12)
+    assert not online_of(plan).positions.size
+    for bad in (0.0, -1.0, np.nan, kp[:2], "stiff"):
+        with pytest.raises(InvalidInput, match="stiffness"):
+            online_of(plan, stiffness=bad)
+    with pytest.raises(InvalidInput, match="hand"):
+        pg.OnlineForces(plan.problem, stiffness=1.0)
+
+
 def test_a_refused_tick_changes_nothing_at_all(plan):
     """Neither what came with it and could be used: friction, frames, posture; nor the ramps."""
     online, other = (online_of(plan, ramp=0.01) for _ in range(2))
