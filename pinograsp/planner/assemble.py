@@ -29,8 +29,8 @@ from pinograsp.plan import (
     PlanReserve,
     Proof,
 )
+from pinograsp.planner.compliance import instability, servo_gains
 from pinograsp.planner.grasp_plan import GraspPlan
-from pinograsp.planner.stability import instability
 
 _SLIDES, _LABOURS = 1e-4, 0.9  # [m] across the normal, share of a torque limit: worth a caution
 _ROUNDING = 1e-3  # forces lie on their limits
@@ -192,7 +192,7 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple
         for name, gap in zip(contacts.names, behind_hulls(hand, contacts))
         if gap > HOLLOW
     ]
-    if unstable := instability(hand, solution, motion.q[-1]):
+    if unstable := instability(hand, solution, motion.q[-1], servo_gains(hand)):
         cautions.append(unstable)
     return (*cautions, *_near_limits(hand, solution, motion))
 

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
 from pinograsp.checks import instance_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
@@ -16,6 +18,7 @@ from pinograsp.forces import ForceProblem, ForceSolution, Reaction
 from pinograsp.handover import JointTrajectory, Sampling, joint_trajectory
 from pinograsp.hands import HandModel
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
+from pinograsp.planner.compliance import band_of, gains_of, servo_gains, stiffness_of
 from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
@@ -72,6 +75,33 @@ class GraspPlan(PlanRecord):
     def with_reach(self) -> GraspPlan:
         """The same plan with the forces that may come on top of the load, by direction; a second or two."""
         return self if self.reach is not None else replace(self, reach=reach_of(self.searched(), self._reaction()))
+
+    def force_band(self, stiffness: ArrayLike | None = None, factors: ArrayLike = FACTORS) -> ForceBand:
+        """The forces that come where the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.
+
+        Servos of ``stiffness``, one number or (n,) [N m/rad or N/m], hold the references that give the planned forces
+        on contacts as planned; 0 is torque control, the default 50 N m/rad (55.6 kN/m at sliding joints). See
+        :func:`pinograsp.actuation.force_band`.
+
+        Raises:
+            InvalidInput: unusable numbers, or a plan that was read back.
+        """
+        return band_of(self.hand, self.searched(), self.motion.q[-1], servo_gains(self.hand, stiffness), factors)
+
+    def gains_within(self, tolerance: float = 0.2, factors: ArrayLike = FACTORS) -> GainLimit:
+        """The stiffest servos with which no normal force is off by more than ``tolerance`` (a share) on such contacts.
+
+        See :func:`pinograsp.actuation.gains_within`; servos at sliding joints stay 1 / (30 mm)^2 times as stiff as
+        those of turning ones. Raises as :meth:`force_band`.
+        """
+        return gains_of(self.hand, self.searched(), self.motion.q[-1], tolerance, factors)
+
+    def object_stiffness(self, stiffness: ArrayLike | None = None) -> ObjectStiffness:
+        """Stiffness of the held object with servos as for :meth:`force_band`: unstable where ``margin`` is below 0.
+
+        See :func:`pinograsp.actuation.object_stiffness`; raises as :meth:`force_band`.
+        """
+        return stiffness_of(self.hand, self.searched(), self.motion.q[-1], servo_gains(self.hand, stiffness))
 
     def summary(self) -> dict[str, Any]:
         """The plan's figures as plain JSON values, units in the names, margins included."""

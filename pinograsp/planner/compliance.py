@@ -1,0 +1,125 @@
+"""What servos and contacts that give way make of a plan: whether it is stable, and its forces on other contacts."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pinograsp.actuation import (
+    CompliantHand,
+    ForceBand,
+    GainLimit,
+    ObjectStiffness,
+    contact_stiffness,
+    force_band,
+    gains_within,
+    object_stiffness,
+)
+from pinograsp.checks import each_of, shown
+from pinograsp.contacts.quality import on_edges
+from pinograsp.errors import InvalidInput
+from pinograsp.forces import ForceSolution
+from pinograsp.hands import HandModel
+from pinograsp.motion import preload_slope, torque_limits
+from pinograsp.spatial import Array
+
+SERVO = 50.0  # [N m/rad] stiffness of a small servo; at a sliding joint that of the same, 30 mm from its axis
+_LEVER = 0.03  # [m]
+_FINGERTIP = 0.008  # [m] radius of curvature of links where they touch
+
+
+def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
+    """Gains of the joints' servos (n,) [N m/rad or N/m]; default: 50 N m/rad, 55.6 kN/m at sliding joints.
+
+    Raises:
+        InvalidInput: gains that are not numbers from 0 on, one or (n,).
+    """
+    if stiffness is None:
+        slides = np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names])
+        return np.where(slides, SERVO / _LEVER**2, SERVO)
+    gains = each_of("servo stiffness", stiffness, hand.n)
+    if gains.min() < 0:
+        raise InvalidInput(f"servo stiffness: expected values from 0 on (torque control), got {shown(gains.tolist())}")
+    return gains
+
+
+def compliant_hand(hand: HandModel, solution: ForceSolution, q: Array, gains: Array) -> CompliantHand:
+    """The hand at ``q`` (n,), closed to the planned depths, with servos of ``gains`` (n,) at its joints."""
+    contacts, depth = solution.problem.contacts, solution.profile.final_depth
+    jacobians = torque_limits(hand, contacts, q, depth=depth, limit=np.inf).jacobian
+    return CompliantHand.at(contacts, jacobians, gains=gains)
+
+
+def band_of(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, factors: ArrayLike) -> ForceBand:
+    """The forces that come on contacts ``factors`` (s,) times as stiff as planned, with servos of ``gains`` (n,)."""
+    return force_band(solution, compliant_hand(hand, solution, q, gains), factors)
+
+
+def gains_of(hand: HandModel, solution: ForceSolution, q: Array, tolerance: float, factors: ArrayLike) -> GainLimit:
+    """The stiffest servos with which no F_n is off by more than ``tolerance`` on these contacts."""
+    return gains_within(solution, compliant_hand(hand, solution, q, servo_gains(hand)), tolerance, factors=factors)
+
+
+def stiffness_of(hand: HandModel, solution: ForceSolution, q: Array, gains: Array) -> ObjectStiffness:
+    """Stiffness of the object in a hand at ``q`` (n,) with servos of ``gains`` (n,), under the squeeze.
+
+    Links that touch at several corners are flat there, others are round; the object is as curved as it is.
+    """
+    problem, contacts, depth = solution.problem, solution.problem.contacts, solution.profile.final_depth
+    stiff = contact_stiffness(problem.compliance, solution.normal_forces)
+    forces_o = np.einsum("kxc,kc->kx", contacts.rotations_oc, solution.forces_c)
+    own, other = _curvatures(solution)
+    return object_stiffness(
+        contacts.G,
+        stiff,
+        compliant_hand(hand, solution, q, gains),
+        solution.forces_c,
+        object_curvature=own,
+        hand_curvature=other,
+        torsional_stiffness=problem.friction.torsion**2 * stiff.diagonal()[2::3],
+        joint_preload=preload_slope(hand, contacts, q, forces_o, depth=depth),
+    )
+
+
+def _curvatures(solution: ForceSolution) -> tuple[Array, Array]:
+    """Of the object and of the links at the contacts (k,) [1/m]."""
+    contacts, body = solution.problem.contacts, solution.problem.object
+    links = [contact.link for contact in contacts]
+    rounded = np.array([links.count(link) == 1 for link in links])
+    if body is not None:
+        rounded &= ~on_edges(body, contacts)
+    own, other = np.full(len(links), np.inf), np.zeros(len(links))
+    if not rounded.any():
+        return own, other
+    other[rounded], own[rounded] = 1.0 / _FINGERTIP, 0.0
+    if body is not None:
+        with suppress(InvalidInput):  # an edge too near for a curvature
+            own[rounded] = body.curvature(contacts.points_o[rounded])[0].mean(axis=1)
+    # In a hollow that is narrower than the link the two touch at more than a point: flat on flat.
+    narrow = own + other <= 0
+    own[narrow], other[narrow] = np.inf, 0.0
+    return own, other
+
+
+def instability(hand: HandModel, solution: ForceSolution, q: Array, gains: Array) -> str | None:
+    """How the object would leave by itself, in words; None where servos of ``gains`` (n,) keep it."""
+    held = stiffness_of(hand, solution, q, gains)
+    if held.is_stable():
+        return None
+    servos = f"the equilibrium is unstable: with servos of {_in_words(hand, gains)}"
+    if held.margin >= 0:
+        return f"{servos} the fingers give way by themselves"
+    motion = held.weakest
+    turn, way = np.linalg.norm(motion[3:]) * held.moment_length, np.linalg.norm(motion[:3])
+    part, does = (motion[3:], "turns about") if turn > way else (motion[:3], "moves along")
+    axis = ", ".join(f"{value:.2f}" for value in part / np.linalg.norm(part))
+    return f"{servos} the object {does} ({axis}) by itself; squeeze less, or touch it farther apart"
+
+
+def _in_words(hand: HandModel, gains: Array) -> str:
+    """The softest one."""
+    j = int(np.argmin(gains))
+    unit = "N/m" if hand.is_prismatic(hand.model.getJointId(hand.joint_names[j])) else "N m/rad"
+    return f"{gains[j]:.3g} {unit}"
