@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from pinograsp.hands.coupling import Coupling, resolve
-from pinograsp.hands.drives import ON_DRIVES, ON_SPRINGS, Actuation, Control, Motor, Spring
+from pinograsp.hands.drives import ON_DRIVES, Actuation, Control, Motor, Spring
 from pinograsp.hands.mjcf_source import Source
 
 
@@ -171,7 +171,7 @@ def actuation_of(source: Source, joints: dict[str, dict[str, str]]) -> Actuation
     stiff = [tendon for tendon in source.element.findall("tendon/fixed") if _pulls_back(source, tendon, joints)]
     if stiff:
         names = ", ".join(tendon.get("name", "fixed") for tendon in stiff)
-        found.notes.append(f"{ON_SPRINGS}left out are those along tendons: {names}")
+        found.notes.append(f"springs along tendons are left out: {names}")
     return found
 
 
@@ -181,12 +181,11 @@ def _control(source: Source, given: dict[str, str]) -> tuple[Control | None, flo
     MuJoCo's force is gain * command + b0 + b1 * length + b2 * velocity, with a constant gain and an affine bias.
     """
     bias = [*source.numbers(given, "biasprm", "0 0 0", 1, 20), 0.0, 0.0][:3]
-    if given.get("gaintype", "fixed") != "fixed":
+    source.numbers(given, "gainprm", "1", 1, 20)
+    if given.get("gaintype", "fixed") != "fixed" or given.get("biastype", "none") not in ("none", "affine"):
         return None, None, None
     if given.get("biastype", "none") == "none":
         return ("torque" if given.get("dyntype", "none") != "muscle" else None), None, None
-    if given["biastype"] != "affine":
-        return None, None, None
     damping = -float(bias[2]) if bias[2] < 0 else None
     return ("position", -float(bias[1]), damping) if bias[1] < 0 else (None, None, damping)
 

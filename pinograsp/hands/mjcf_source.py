@@ -22,6 +22,8 @@ _FORCES = {"biastype": "none", "gaintype": "fixed", "gainprm": "1"}
 _SERVOS = {"biastype": "affine"}
 _OTHERS = ("position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor")
 _SHORTCUTS: dict[str, dict[str, str]] = {"motor": _FORCES, "general": {}, **dict.fromkeys(_OTHERS, _SERVOS)}
+# Which of a shortcut's own attributes is its gain.
+_GAINS = {"position": "kp", "intvelocity": "kp", "velocity": "kv", "damper": "kv"}
 _WITH_DEFAULTS = frozenset({"joint", "geom", "mesh", "equality", "tendon", "actuator"})  # of what is read here
 _MOST_INCLUDES, _DEEPEST, _MOST_CLASSES = 1000, 20, 2000
 _ORIENTATIONS = frozenset({"quat", "axisangle", "euler", "xyaxes", "zaxis"})
@@ -232,23 +234,31 @@ def _merged(attributes: dict[str, str], over: dict[str, str]) -> dict[str, str]:
 
 
 def _actuator(tag: str, given: dict[str, str], inherited: dict[str, str]) -> dict[str, str]:
-    """Attributes of an actuator over those it inherits, gains of the shortcuts as those of a general one."""
-    gains: dict[str, str] = {}
-    key = {"position": "kp", "intvelocity": "kp", "velocity": "kv", "damper": "kv"}.get(tag)
-    if key is not None:
-        try:
-            gain = floats(given.get(key, inherited.get("gainprm", "1")))[0]
-            bias = [*floats(inherited.get("biasprm", "0 0 0")), 0.0, 0.0, 0.0]
-            damping = -floats(given["kv"])[0] if "kv" in given else bias[2]
-        except (ValueError, IndexError):  # told where the gains are read
-            return _merged(inherited, {**_SHORTCUTS[tag], **given})
-        if key == "kp":
-            gains = {"gainprm": repr(gain), "biasprm": f"{bias[0]!r} {-gain!r} {damping!r}"}
-        elif tag == "velocity":
-            gains = {"gainprm": repr(gain), "biasprm": f"{bias[0]!r} {bias[1]!r} {-gain!r}"}
-        else:
-            gains = {"gaintype": "affine", "gainprm": f"0 0 {-gain!r}", "biastype": "none"}
-    return _merged(inherited, {**_SHORTCUTS[tag], **gains, **given})
+    """Attributes of an actuator over those it inherits; gains of the shortcuts as those of a general one.
+
+    As in MuJoCo, a shortcut inherits the gains of its own kind, or of a general actuator, but not of other shortcuts.
+    """
+    over = {**_SHORTCUTS[tag], **given}
+    if tag == "motor":
+        return _merged(inherited, {"biasprm": "0 0 0", "shortcut": tag, **over})
+    if tag not in _GAINS:
+        return _merged(inherited, over)
+    last = inherited.get("shortcut", "general")
+    alike = last == tag or (last == "general" and inherited.get("gaintype", "fixed") == "fixed")
+    try:
+        gains = [*floats(inherited.get("gainprm", "1")), 0.0, 0.0] if alike else [1.0, 0.0, 0.0]
+        bias = [*floats(inherited.get("biasprm", "0")), 0.0, 0.0] if alike else [0.0, 0.0, 0.0]
+        gain = floats(given[_GAINS[tag]])[0] if _GAINS[tag] in given else gains[0]
+        damping = floats(given["kv"])[0] if "kv" in given else -(gains[2] if tag == "damper" else bias[2])
+    except (ValueError, IndexError):  # told where the gains are read
+        return _merged(inherited, {**over, "gainprm": "?"})
+    if tag == "damper":
+        own = {"gaintype": "affine", "gainprm": f"0 0 {-damping!r}", "biastype": "none", "biasprm": "0 0 0"}
+    elif tag == "velocity":
+        own = {"gaintype": "fixed", "gainprm": repr(gain), "biasprm": f"0 0 {-gain!r}"}
+    else:
+        own = {"gaintype": "fixed", "gainprm": repr(gain), "biasprm": f"0 {-gain!r} {-damping!r}"}
+    return _merged(inherited, {**_SHORTCUTS[tag], **own, "shortcut": tag, **given})
 
 
 def turned_to(direction: Array) -> Array:
