@@ -278,15 +278,17 @@ def remarks_on(motors: Iterable[Motor], joints: Iterable[str]) -> list[str]:
     return [f"{ON_DRIVES}{remark}: {', '.join(names)}" for remark, names in told.items()]
 
 
-def filled(drives: Iterable[Drive], joints: Sequence[str], efforts: ArrayLike) -> tuple[Drive, ...]:
-    """The same drives; those without a limit do at no joint more than its effort limit (n,) [N m or N]."""
+def on_joints(drives: Iterable[Drive], joints: Sequence[str], efforts: ArrayLike) -> tuple[Drive, ...]:
+    """What the drives do at ``joints``; those without a limit do at none more than its effort limit (n,) [N m or N]."""
     limits = dict(zip(joints, np.ravel(efforts).tolist()))
-    return tuple(
-        drive
-        if drive.limit < math.inf
-        else replace(drive, limit=min(limits[joint] / abs(arm) for joint, arm in zip(drive.joints, drive.arms)))
-        for drive in drives
-    )
+    found = []
+    for drive in drives:
+        arms = {joint: arm for joint, arm in zip(drive.joints, drive.arms) if joint in limits}
+        if arms:
+            limit = min(limits[joint] / abs(arm) for joint, arm in arms.items())
+            limit = drive.limit if drive.limit < math.inf else limit
+            found.append(replace(drive, joints=tuple(arms), arms=tuple(arms.values()), limit=limit))
+    return tuple(found)
 
 
 def springs_of(found: Actuation, joints: Sequence[str], couplings: Mapping[str, Coupling]) -> tuple[Spring, ...]:

@@ -24,7 +24,7 @@ from pinograsp.hands.drives import (
     Drive,
     Spring,
     drives_of,
-    filled,
+    on_joints,
     one_each,
     remarks_on,
     springs_of,
@@ -208,7 +208,7 @@ def _driven(
     joints, couplings, efforts = hand.joint_names, hand.couplings, hand.effort_or_infinity
     notes: list[str] = []
     if drives is None and known is not None:
-        drives = filled(known, joints, efforts)
+        drives = on_joints(known, joints, efforts)  # another root= may leave some out
     elif drives is None:
         notes = [*found.notes, *remarks_on(found.motors, [*joints, *couplings])]
         drives = drives_of(found, joints, couplings, efforts)

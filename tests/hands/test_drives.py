@@ -40,8 +40,8 @@ ACTUATED = """<mujoco>
     <body name="f1" pos="-0.05 -0.05 0"><joint name="f1"/><geom/></body>
   </body></worldbody>
   <tendon>
-    <fixed name="flexor"><joint joint="a1" coef="0.011"/><joint joint="a2" coef="0.008"/><joint joint="a3" coef="-0.005"/>
-    </fixed>
+    <fixed name="flexor">
+      <joint joint="a1" coef="0.011"/><joint joint="a2" coef="0.008"/><joint joint="a3" coef="-0.005"/></fixed>
     <fixed name="pair"><joint joint="b1" coef="1"/><joint joint="b2" coef="0.5"/></fixed>
   </tendon>
   <equality><joint joint1="b2" joint2="b1" polycoef="0.1 -0.8"/></equality>
@@ -193,8 +193,8 @@ def mjcf(tmp_path, actuators, tendons="", root=""):
     path.write_text(
         f"""<mujoco><compiler angle="radian"/><worldbody><body name="arm"><geom size="0.05"/>
         <body name="palm"><joint name="wrist" range="-1 1"/><geom size="0.03"/><site name="s"/>
-        <body name="f" pos="0.05 0 0"><joint name="j" range="-1 1"/><geom size="0.01" pos="0.02 0 0"/></body></body></body>
-        </worldbody><tendon>{tendons}</tendon><actuator>{actuators}</actuator></mujoco>""",
+        <body name="f" pos="0.05 0 0"><joint name="j" range="-1 1"/><geom size="0.01" pos="0.02 0 0"/></body></body>
+        </body></worldbody><tendon>{tendons}</tendon><actuator>{actuators}</actuator></mujoco>""",
         encoding="utf-8",
     )
     return load_hand(path, **({"root": root} if root else {}))
@@ -377,6 +377,19 @@ def test_tendons_of_the_hey5_hand_close_it_as_its_file_says():
     assert set(hand.passive_joints) == idle
     on_fingers = {name for finger in hand.fingers for name in finger.joints}
     assert idle - on_fingers == {"hand_thumb_joint", "hand_index_joint", "hand_mrl_joint"}
+
+
+def test_a_part_of_a_hand_has_its_part_of_the_drives():
+    hand, whole = (
+        load_hand("hey5", root="hand_ring_abd_link", fingers={"ring": "hand_ring_flex_3_link"}),
+        loaded("hey5"),
+    )
+    (drive,) = hand.drives
+    of = [whole.joint_names.index(name) for name in hand.joint_names]
+    assert drive.name == "hand_mrl_motor" and np.array_equal(hand.transmission, whole.transmission[[2]][:, of])
+    assert [one.name for one in load_hand("humanoid", root="palm").drives] == [
+        one.name for one in loaded("humanoid").drives
+    ]
 
 
 @pytest.mark.parametrize("name", ["panda", "baxter_left", "baxter_right"])
