@@ -136,6 +136,9 @@ def _base(rng) -> str:
                         f'<motor joint="j{i}{k}" ctrlrange="-1 1" gear="2"/>',
                         f'<position joint="j{i}{k}" kp="3" forcerange="-2 2"/>',
                         f'<general joint="j{i}{k}"/>',
+                        f'<general joint="j{i}{k}" biastype="affine" gainprm="3" biasprm="0 -3 -0.1"/>',
+                        f'<velocity joint="j{i}{k}" kv="{urdf.number(rng).strip()}"/>'.replace("&", ""),
+                        f'<position joint="j{i}{k}" kp="{urdf.number(rng).strip()}"/>'.replace("&", ""),
                         f'<motor tendon="t{i}"/>',
                         "",
                     ],
@@ -155,7 +158,7 @@ def _base(rng) -> str:
             'inertiafromgeom="true"',
         ],
     )
-    defaults = "<default><default class='pad'><geom type='box' size='0.01 0.01 0.01'/></default><default class='soft'><joint damping='1'/></default></default>"
+    defaults = "<default><default class='pad'><geom type='box' size='0.01 0.01 0.01'/></default><default class='soft'><joint damping='1' stiffness='0.2' springref='9'/></default></default>"
     meshes = "".join(
         f'<mesh name="m{i}" file="{urdf.mesh_name(rng)}" scale="1 1 '
         f'{pick(rng, ["1", "-1", urdf.number(rng).strip() or "1"])}"/>'
@@ -166,7 +169,7 @@ def _base(rng) -> str:
         '<geom type="box" size="0.03 0.03 0.01" '
         f'mass="0.1"/>{"".join(fingers)}</body></worldbody><actuator>{"".join(actuators)}</actuator>'
         f'<equality>{"".join(ties)}</equality><tendon><fixed name="t0"><joint joint="j00" '
-        'coef="0.5"/></fixed></tendon></mujoco>'
+        'coef="0.5"/><joint joint="j01" coef="-0.2"/></fixed></tendon></mujoco>'
     )
 
 

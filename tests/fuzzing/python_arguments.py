@@ -69,7 +69,7 @@ def prepare() -> None:
 
 
 def _fill() -> None:
-    from pinograsp import actuation, contacts, forces, handover, motion, referee, report, storage, synthesis
+    from pinograsp import actuation, contacts, forces, handover, hands, motion, referee, report, storage, synthesis
     from pinograsp.cases import builtin_cases
     from pinograsp.contacts import quality
     from pinograsp.hands import dh
@@ -490,6 +490,12 @@ def _fill() -> None:
     call(hand.ratio, joint_id=1)
     call(hand.placed, pose=eye)
     call(hand.with_limits, limits={hand.joint_names[0]: (-0.5, 0.5)})
+    moved = {"joints": hand.joint_names[:2], "arms": (0.01, 0.02)}
+    drive = {"name": "d", **moved, "control": "position", "limit": 3.0, "stiffness": 2.0, "damping": 0.1}
+    spring = {"joint": hand.joint_names[0], "stiffness": 0.1, "rest": 0.2}
+    call(hands.Drive, **drive)
+    call(hands.Spring, **spring)
+    call(hand.with_drives, drives=[hands.Drive(**drive)], springs=[hands.Spring(**spring)])
     call(hand.fingers[0].joint_of, link=hand.fingers[0].links[0])
     call(
         pg.load_hand,
@@ -499,6 +505,8 @@ def _fill() -> None:
         palm=None,
         fingers=None,
         limits={"panda_finger_joint1": (0.0, 0.03)},
+        drives=[hands.Drive(name="d", joints=("panda_finger_joint1",), arms=(1.0,))],
+        springs=[hands.Spring(joint="panda_finger_joint1", stiffness=1.0)],
         hulls=False,
         trusted=False,
     )

@@ -102,6 +102,7 @@ PLACES = [
 
 def make(rng: np.random.Generator, folder: Path) -> dict:
     root = ElementTree.fromstring(_base(rng))
+    with_motors(rng, root)
     for _ in range(pick(rng, [0, 1, 1, 1, 2, 3, 6])):
         mutate(rng, root, URDF_TAGS)
     write_meshes(rng, folder)
@@ -121,6 +122,7 @@ def run(case: dict) -> str:
 
     hand = load_hand(case["hand"], **case["options"])
     hand.describe()
+    assert np.isfinite(hand.transmission).all() and len(hand.passive_joints) < hand.n, "drives that move nothing"
     model, data = hand.model, hand.model.createData()
     rng = np.random.default_rng(0)
     for q in (hand.lower, hand.upper, 0.5 * (hand.lower + hand.upper), rng.uniform(hand.lower, hand.upper)):
@@ -202,6 +204,30 @@ def _base(rng) -> str:
                 parent = name
         return own_hands.robot("small", *parts)
     return own_hands.HANDS[pick(rng, list(own_hands.HANDS))]
+
+
+def with_motors(rng, root) -> None:
+    """Transmissions, ros2_control and Gazebo's springs at some joints."""
+    for one in root.findall("joint"):
+        name = one.get("name", "")
+        if rng.random() < 0.3:
+            trans = ElementTree.SubElement(root, "transmission", name=f"t{name}")
+            driven = ElementTree.SubElement(trans, "joint", name=name)
+            ElementTree.SubElement(driven, "hardwareInterface").text = pick(
+                rng, ["EffortJointInterface", "PositionJointInterface", "JointStateInterface", "x", ""]
+            )
+            ElementTree.SubElement(trans, "actuator", name=pick(rng, [f"m{name}", "m", *NAMES]))
+        if rng.random() < 0.1:
+            control = ElementTree.SubElement(root, "ros2_control")
+            ElementTree.SubElement(
+                ElementTree.SubElement(control, "joint", name=name),
+                "command_interface",
+                name=pick(rng, ["velocity", "effort", "position", "x"]),
+            )
+        if rng.random() < 0.1:
+            spring = ElementTree.SubElement(root, "gazebo", reference=name)
+            ElementTree.SubElement(spring, "springStiffness").text = pick(rng, ["0.1", number(rng)])
+            ElementTree.SubElement(spring, "springReference").text = pick(rng, ["0.2", number(rng)])
 
 
 # -- what every kind of description shares -----------------------------------------------------------------------------
