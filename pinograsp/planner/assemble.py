@@ -34,6 +34,7 @@ from pinograsp.planner.grasp_plan import GraspPlan
 
 _SLIDES, _LABOURS = 1e-4, 0.9  # [m] across the normal, share of a torque limit: worth a caution
 _ROUNDING = 1e-3  # forces lie on their limits
+_SHARED = 0.05  # share of the largest torque by which motors that joints share may miss one
 
 
 def assembled(
@@ -194,7 +195,30 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple
     ]
     if unstable := instability(hand, solution, motion.q[-1], servo_gains(hand)):
         cautions.append(unstable)
-    return (*cautions, *_near_limits(hand, solution, motion))
+    return (*cautions, *_beyond_drives(hand, motion), *_near_limits(hand, solution, motion))
+
+
+def _beyond_drives(hand: HandModel, motion: Motion) -> Iterator[str]:
+    """Holding torques that the hand's motors cannot make, since several joints share one, or since it is too weak."""
+    needed = np.array(motion.holding_torques)
+    for spring in hand.springs:
+        joint = hand.joint_names.index(spring.joint)
+        needed[joint] += spring.stiffness * (motion.q[-1, joint] - spring.rest)
+    arms = hand.transmission
+    efforts = np.linalg.lstsq(arms.T, needed, rcond=None)[0]
+    left, most = np.abs(needed - arms.T @ efforts), float(np.abs(needed).max())
+    if left.max() > _SHARED * most:
+        worst = hand.joint_names[int(left.argmax())]
+        unit = "N" if hand.is_prismatic(hand.model.getJointId(worst)) else "N m"
+        yield (
+            f"the {hand.n} joints have {len(hand.drives)} motors between them, which cannot make these torques: "
+            f"{worst} lacks {left.max():.2g} {unit}, the largest torque is {most:.2g} N m; the joints settle "
+            "elsewhere, and the forces with them"
+        )
+        return
+    for drive, effort in zip(hand.drives, np.abs(efforts)):
+        if effort > drive.limit * (1 + _ROUNDING):
+            yield f"drive {drive.name} holds with {effort:.3g}, more than its limit of {drive.limit:.3g}"
 
 
 def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion) -> Iterator[str]:
