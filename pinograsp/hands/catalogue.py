@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pinograsp.errors import HandNotLoaded
+from pinograsp.hands.drives import Control, Drive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,6 +21,8 @@ class Entry:
         shipped: whether ``file`` comes with this package.
         root: link whose sub-tree is the hand.
         palm, fingers: as :func:`~pinograsp.hands.load.load_hand` takes them, where the tree alone does not tell.
+        drives: motors of the real hand, where the file does not tell or tells otherwise; one without a limit has that
+            of its joints.
     """
 
     file: str
@@ -27,27 +31,89 @@ class Entry:
     root: str | None = None
     palm: str | None = None
     fingers: dict[str, str] | None = field(default=None)
+    drives: tuple[Drive, ...] | None = None
 
 
 def _sides(entries: Callable[[str], dict[str, Entry]]) -> dict[str, Entry]:
     return {name: entry for side in ("left", "right") for name, entry in entries(side).items()}
 
 
+def _motors(joints: Iterable[str], control: Control, limit: float = math.inf) -> tuple[Drive, ...]:
+    """A motor at each of the joints, called like it."""
+    return tuple(Drive(name=joint, joints=(joint,), arms=(1.0,), control=control, limit=limit) for joint in joints)
+
+
+def _tendon(name: str, closing: dict[str, float]) -> Drive:
+    """A motor that closes fingers by tendons against springs.
+
+    Args:
+        closing: how far each joint moves per unit of the motor while nothing is in the way [rad/rad]. Springs of equal
+            stiffness let joints move in the ratio of their arms, and a = sum arms_j q_j is the motor's angle.
+    """
+    size = sum(ratio**2 for ratio in closing.values())
+    return Drive(
+        name=name,
+        joints=tuple(closing),
+        arms=tuple(ratio / size for ratio in closing.values()),
+        control="position",
+    )
+
+
+def _hey5_finger(finger: str, ratio: float, bends: int, abduction: float = 0.0) -> dict[str, float]:
+    joints = {f"hand_{finger}_{kind}_{i}_joint": ratio for i in range(1, bends + 1) for kind in ("virtual", "flex")}
+    return {f"hand_{finger}_abd_joint": abduction, **joints} if abduction else joints
+
+
+# Three motors, one tendon each: PAL's transmissions in tiago.urdf (type Hey5Reducer), whose reductions are the closing
+# ratios. The hand derives from the Pisa/IIT SoftHand, with springs in its joints (README of
+# pal-robotics/hey5_description); their stiffness is not in the file: taken as equal. Left out: dead bands, the middle
+# finger's abduction, which the file holds at 0, and hand_thumb_joint, hand_index_joint, hand_mrl_joint, which show the
+# motors' angles and move no finger.
+_HEY5_DRIVES = (
+    _tendon("hand_thumb_motor", _hey5_finger("thumb", 0.162993578547, 2, 0.654498469498)),
+    _tendon("hand_index_motor", _hey5_finger("index", 0.102888610798, 3, 0.49866550057)),
+    _tendon(
+        "hand_mrl_motor",
+        {
+            **_hey5_finger("middle", 0.0679245283019, 3),
+            **_hey5_finger("ring", 0.0739176962651, 3, -0.232710566933),
+            **_hey5_finger("little", 0.0739176962651, 3, -0.465421133865),
+        },
+    ),
+)
+
 _HEY5 = {
     finger: f"hand_{finger}_flex_{2 if finger == 'thumb' else 3}_link"
     for finger in ("thumb", "index", "middle", "ring", "little")
 }
 
+_HUMANOID = (
+    *(
+        f"{finger}_{joint}"
+        for finger in ("index", "middle", "ring", "little")
+        for joint in ("abduction", "mcp", "pip", "dip")
+    ),
+    *(f"thumb_{joint}" for joint in ("abduction", "cmc", "mcp", "ip")),
+)
+
 _ALLEGRO = {finger: f"link_{4 * i + 3}.0_tip" for i, finger in enumerate(("index", "middle", "ring", "thumb"))}
 
 CATALOGUE: dict[str, Entry] = {
-    "humanoid": Entry(file="humanoid_hand.urdf", title="the paper's humanoid hand", shipped=True),
+    "humanoid": Entry(
+        file="humanoid_hand.urdf",
+        title="the paper's humanoid hand",
+        shipped=True,
+        # The paper's dynamics have a torque of its own at each joint.
+        drives=_motors(_HUMANOID, "torque"),
+    ),
     **_sides(
         lambda side: {
             f"allegro_{side}": Entry(
                 file=f"allegro_hand_description/urdf/allegro_{side}_hand.urdf",
                 title=f"Allegro hand, {side}",
                 fingers=_ALLEGRO,
+                # 16 motors whose torque is commanded (Wonik Robotics, Allegro Hand User's Manual); limits of the file.
+                drives=_motors((f"joint_{i}.0" for i in range(16)), "torque"),
             ),
         }
     ),
@@ -61,6 +127,15 @@ CATALOGUE: dict[str, Entry] = {
                     finger: f"{side}_hand_{finger}_{2 if finger == 'thumb' else 1}_link"
                     for finger in ("thumb", "middle", "index")
                 },
+                # Dex3-1: 7 motors, each with torque, position and gains as commands (Unitree, G1 developer documents,
+                # "Dexterous hand", and HandCmd_ of unitree_sdk2).
+                drives=_motors(
+                    (
+                        f"{side}_hand_{joint}_joint"
+                        for joint in ("thumb_0", "thumb_1", "thumb_2", "middle_0", "middle_1", "index_0", "index_1")
+                    ),
+                    "torque",
+                ),
             ),
         }
     ),
@@ -73,6 +148,15 @@ CATALOGUE: dict[str, Entry] = {
                 fingers={
                     finger: f"{side.title()}_{finger}_L2" for finger in ("thumb", "index", "middle", "ring", "pinky")
                 },
+                # 6 motors, one per finger and one that turns the thumb, commanded by position, velocity or current
+                # (PSYONIC, ability-hand-api); their gains are not given.
+                drives=_motors(
+                    (
+                        f"{side.title()}_{joint}"
+                        for joint in ("index_q1", "middle_q1", "ring_q1", "pinky_q1", "thumb_q1", "thumb_q2")
+                    ),
+                    "position",
+                ),
             ),
         }
     ),
@@ -83,11 +167,25 @@ CATALOGUE: dict[str, Entry] = {
                 title=f"Alex, Sake gripper, {side}",
                 root=f"{side.title()}SakePalmLink",
                 fingers={f"finger {i}": f"{side.title()}SakeFingerTip{i}" for i in (1, 2)},
+                # EZGripper: one servo pulls the tendons of both fingers, which close independently, and grasps by
+                # effort (SAKErobotics/MuJoCo_ezgripper_sim, README); equal arms, as the fingers are alike.
+                drives=(
+                    Drive(
+                        name="servo",
+                        joints=tuple(f"{side.title()}_GRIPPER_X{i}" for i in (1, 2)),
+                        arms=(1.0, 1.0),
+                        control="jaw",
+                    ),
+                ),
             ),
         }
     ),
     "hey5": Entry(
-        file="tiago_description/robots/tiago.urdf", title="TIAGo, Hey5 hand", root="hand_palm_link", fingers=_HEY5
+        file="tiago_description/robots/tiago.urdf",
+        title="TIAGo, Hey5 hand",
+        root="hand_palm_link",
+        fingers=_HEY5,
+        drives=_HEY5_DRIVES,
     ),
     **_sides(
         lambda side: {
@@ -131,6 +229,17 @@ CATALOGUE: dict[str, Entry] = {
                 title=f"PR2 gripper, {side}",
                 root=f"{side[0]}_gripper_palm_link",
                 fingers={jaw: f"{side[0]}_gripper_{jaw[0]}_finger_tip_link" for jaw in ("left", "right")},
+                # One motor (transmission PR2GripperTransmission of the file), commanded by position and largest effort
+                # (pr2_gripper_sensor_msgs). Its force acts on the gap, by an arm that changes with the posture: given
+                # is the torque at the finger's joint.
+                drives=(
+                    Drive(
+                        name=f"{side[0]}_gripper_motor",
+                        joints=(f"{side[0]}_gripper_l_finger_joint",),
+                        arms=(1.0,),
+                        control="jaw",
+                    ),
+                ),
             ),
         }
     ),
@@ -141,6 +250,16 @@ CATALOGUE: dict[str, Entry] = {
                 title=f"Baxter gripper, {side}",
                 root=f"{side}_gripper_base_link",
                 fingers={jaw: f"{side[0]}_gripper_{jaw[0]}_finger" for jaw in ("left", "right")},
+                # One motor closes both jaws with a holding force (baxter_interface.Gripper); the effort is the force
+                # of each jaw, which acts on the joint twice. Its limit is that of the file.
+                drives=(
+                    Drive(
+                        name=f"{side} gripper",
+                        joints=(f"{side[0]}_gripper_l_finger_joint",),
+                        arms=(2.0,),
+                        control="jaw",
+                    ),
+                ),
             ),
         }
     ),
@@ -149,12 +268,28 @@ CATALOGUE: dict[str, Entry] = {
         title="Panda gripper",
         root="panda_hand",
         fingers={jaw: f"panda_{jaw}finger" for jaw in ("left", "right")},
+        # Franka Hand: grasps with a force asked for (Grasp.action of franka_gripper), 70 N for long, 140 N at most. The
+        # effort is the force of each jaw, which acts on the joint twice; its coordinate is the width.
+        drives=(Drive(name="jaws", joints=("panda_finger_joint1",), arms=(2.0,), control="jaw", limit=70.0),),
     ),
     "so101": Entry(
         file="so_arm_description/urdf/so101.urdf",
         title="SO-101 gripper",
         root="gripper_link",
         fingers={"jaw": "moving_jaw_so101_v1_link"},
+        # One STS3215 servo: stall torque 30 kg cm at 12 V, gains as in TheRobotStudio/SO-ARM100, Simulation/SO101
+        # (MuJoCo's class sts3215).
+        drives=(
+            Drive(
+                name="gripper",
+                joints=("gripper",),
+                arms=(1.0,),
+                control="position",
+                limit=2.94,
+                stiffness=998.22,
+                damping=2.731,
+            ),
+        ),
     ),
 }
 

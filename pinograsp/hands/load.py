@@ -6,6 +6,7 @@ import codecs
 import difflib
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +16,19 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import flag, instance_of, mapping_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands import geometry, mjcf
+from pinograsp.hands import geometry, mjcf, urdf_drives
 from pinograsp.hands.catalogue import CATALOGUE, file_of
+from pinograsp.hands.drives import (
+    ON_DRIVES,
+    Actuation,
+    Drive,
+    Spring,
+    drives_of,
+    on_joints,
+    one_each,
+    remarks_on,
+    springs_of,
+)
 from pinograsp.hands.elements import parse, read_bytes
 from pinograsp.hands.geometry import collision_geometry, fill_masses
 from pinograsp.hands.model import Finger, HandModel
@@ -37,6 +49,8 @@ def load_hand(
     palm: str | None = None,
     fingers: dict[str, str] | None = None,
     limits: dict[str, tuple[float, float]] | None = None,
+    drives: Sequence[Drive] | None = None,
+    springs: Sequence[Spring] | None = None,
     hulls: bool = True,
     trusted: bool = False,
     **xacro_args: object,
@@ -57,6 +71,9 @@ def load_hand(
             beyond the last joint; by default every chain from the palm to a leaf that has geometry, named after what
             its links have in common.
         limits: position limits that replace the file's, ``{joint: (lower, upper)}`` [rad or m]; noted on the model.
+        drives: motors that replace the file's and the catalogue's; by default one at each joint, noted, where neither
+            names any.
+        springs: springs at joints that replace the file's.
         hulls: take the convex hulls of the links' meshes, as physics engines do; contacts where a link is hollow are
             told by the plan. False: the meshes as they are, for which plans are slower, and simulations differ.
         trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_guard`), and an MJCF file
@@ -65,7 +82,7 @@ def load_hand(
 
     Raises:
         HandNotLoaded: the file is missing or broken; all problems found are listed.
-        InvalidInput: a name or a limit given here does not fit the hand.
+        InvalidInput: a name, a limit, a drive or a spring given here does not fit the hand.
     """
     for argument, value in (("root", root), ("palm", palm)):
         instance_of(argument, value, str, type(None))
@@ -76,10 +93,12 @@ def load_hand(
             text_of("name of a finger", finger): text_of(f"link of finger '{finger}'", link)
             for finger, link in mapping_of("fingers", fingers, "{finger: link}").items()
         }
+    known: tuple[Drive, ...] | None = None
     name = str(path_of("hand", source)) if not isinstance(source, str) else source
     if name in CATALOGUE:
         path, entry = file_of(name), CATALOGUE[name]
         root, palm, fingers = root or entry.root, palm or entry.palm, fingers or entry.fingers
+        known = entry.drives
     else:
         path = _file(name)
     if path.suffix.lower() == ".xacro":
@@ -91,11 +110,13 @@ def load_hand(
     folder = path.resolve().parent
     robot = parse(name, text)
     if robot.tag == "mujoco":
-        robot, problems, notes = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
+        robot, problems, notes, found = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
         prepared = prepare(name, robot, folder, None, problems, notes)
     else:
-        prepared = prepare(name, robot, folder, root)
-    hand = _hand_model(name, prepared, palm, fingers)
+        problems = []
+        found = urdf_drives.actuation_of(robot, problems)
+        prepared = prepare(name, robot, folder, root, problems)
+    hand = _driven(_hand_model(name, prepared, palm, fingers), found, known, drives, springs)
     if limits is not None:
         hand = hand.with_limits(limits)
     if hulls:
@@ -172,6 +193,30 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
         notes=tuple(notes),
         description=prepared.text,
     )
+
+
+def _driven(
+    hand: HandModel,
+    found: Actuation,
+    known: tuple[Drive, ...] | None,
+    drives: Sequence[Drive] | None,
+    springs: Sequence[Spring] | None,
+) -> HandModel:
+    """The hand with the drives and springs that are given, or else the catalogue's, or its file's; assumptions are
+    noted.
+    """
+    joints, couplings, efforts = hand.joint_names, hand.couplings, hand.effort_or_infinity
+    notes: list[str] = []
+    if drives is None and known is not None:
+        drives = on_joints(known, joints, efforts)  # another root= may leave some out
+    elif drives is None:
+        notes = [*found.notes, *remarks_on(found.motors, [*joints, *couplings])]
+        drives = drives_of(found, joints, couplings, efforts)
+        if not drives:
+            drives = one_each(joints, efforts)
+            notes.append(f"{ON_DRIVES}no motors are named, assumed is one torque motor at each joint")
+    hand = replace(hand, notes=(*hand.notes, *notes))
+    return hand.with_drives(drives, springs_of(found, joints, couplings) if springs is None else springs)
 
 
 def _check_kinematics(source: str, model: pin.Model) -> None:

@@ -16,9 +16,10 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.errors import HandNotLoaded
+from pinograsp.hands.drives import Actuation
 from pinograsp.hands.elements import written
 from pinograsp.hands.geometry import PRIMITIVES, read_mesh, solid
-from pinograsp.hands.mjcf_drives import couplings_of, effort_limits
+from pinograsp.hands.mjcf_drives import actuation_of, couplings_of, effort_limits
 from pinograsp.hands.mjcf_source import Source, turned_to
 from pinograsp.spatial import Array
 
@@ -33,8 +34,8 @@ _HALF = {"box": 2.0, "cylinder": 2.0, "capsule": 2.0}  # MuJoCo gives half lengt
 
 def to_urdf(
     name: str, element: ElementTree.Element, path: Path, root: str | None, trusted: bool = False
-) -> tuple[ElementTree.Element, list[str], list[str]]:
-    """URDF of an MJCF file, problems and notes.
+) -> tuple[ElementTree.Element, list[str], list[str], Actuation]:
+    """URDF of an MJCF file, problems, notes, and the motors and springs at its joints.
 
     Equality constraints between two joints become mimic joints where they are linear; force ranges of actuators, and
     control ranges of motors, become effort limits. With ``root``, only that body and what it carries. Files are
@@ -45,7 +46,7 @@ def to_urdf(
     """
     reader = _Reader(Source(name, element, path, trusted), path)
     reader.read(name, root)
-    return reader.robot, reader.source.problems, reader.notes
+    return reader.robot, reader.source.problems, reader.notes, reader.actuation
 
 
 class _Reader:
@@ -62,7 +63,7 @@ class _Reader:
             self.meshes[given.get("name") or Path(given.get("file", "").replace("\\", "/")).stem] = given
         self.left_out: list[str] = []
         self.weightless: list[str] = []
-        self.springs: list[str] = []
+        self.actuation = Actuation()
 
     def read(self, name: str, root: str | None) -> None:
         worlds = self.source.element.findall("worldbody")
@@ -87,12 +88,11 @@ class _Reader:
         for joint, limit in effort_limits(self.source, self.joints, couplings, self.notes).items():
             if (element := self.joint_elements[joint].find("limit")) is not None:
                 element.set("effort", repr(limit))
+        self.actuation = actuation_of(self.source, self.joints)
         if self.left_out:
             self.notes.append(f"geoms left out: {', '.join(self.left_out)}")
         if self.weightless:
             self.notes.append(f"geoms whose mass is not known count without: {', '.join(self.weightless)}")
-        if self.springs:
-            self.notes.append(f"springs are left out, torques are without them: {', '.join(self.springs)}")
         for setting in ("settotalmass", "balanceinertia"):
             if self.source.compiler.get(setting, "false") not in ("false", "-1"):
                 self.notes.append(f"the compiler's {setting} is not applied")
@@ -179,8 +179,6 @@ class _Reader:
         dynamics = {"damping": "damping", "friction": "frictionloss", "armature": "armature"}
         values = {key: self.source.numbers(given, theirs, "0", 1, 3)[0] for key, theirs in dynamics.items()}
         ElementTree.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in values.items()})
-        if self.source.numbers(given, "stiffness", "0", 1, 3).any():
-            self.springs.append(name)
 
     # -- masses and shapes ---------------------------------------------------------------------------------------------
 

@@ -1,10 +1,14 @@
-"""Couplings and effort limits of an MJCF file: equality constraints between joints, actuators, fixed tendons."""
+"""Couplings, effort limits, motors and springs of an MJCF file: equality constraints, actuators, fixed tendons."""
 
 from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
 from pinograsp.hands.coupling import Coupling, resolve
+from pinograsp.hands.drives import ON_DRIVES, Actuation, Control, Motor, Spring
 from pinograsp.hands.mjcf_source import Source
 
 
@@ -79,25 +83,17 @@ def effort_limits(
     """
     direct, _ = resolve(couplings, dict.fromkeys(joints, "revolute"))
     leader = {name: direct.get(name, Coupling(followed=name, factor=1.0, offset=0.0)) for name in joints}
-    tendons = {
-        tendon.get("name", ""): {
-            one.get("joint", ""): float(source.numbers(one.attrib, "coef", "1")[0]) for one in tendon.findall("joint")
-        }
-        for tendon in source.element.findall("tendon/fixed")
-    }
+    tendons = _fixed_tendons(source)
     limits: dict[str, float] = {}
     endless: set[str] = set()
     shared: list[str] = []
     for actuator in source.element.findall("actuator/*"):
         given = source.attributes(actuator)
-        driven = given.get("joint") or given.get("jointinparent")
-        pulled = {driven: 1.0} if driven else tendons.get(given.get("tendon", ""), {})
-        gear = float(source.numbers(given, "gear", "1", 1, 6)[0])
         moments: dict[str, float] = {}
-        for name, coefficient in pulled.items():
+        for name, arm in _arms(source, given, tendons).items():
             if name in leader:
                 one = leader[name]
-                moments[one.followed] = moments.get(one.followed, 0.0) + gear * coefficient * one.factor
+                moments[one.followed] = moments.get(one.followed, 0.0) + arm * one.factor
         if len(moments) > 1:
             shared.append(f"{given.get('name', actuator.tag)} ({', '.join(moments)})")
             continue
@@ -108,7 +104,7 @@ def effort_limits(
             else:
                 limits[name] = limits.get(name, 0.0) + abs(moment) * force
     if shared:
-        notes.append(f"actuators that pull several joints at once limit none of them: {', '.join(shared)}")
+        notes.append(f"effort limits are without actuators that pull several joints at once: {', '.join(shared)}")
     limits = {name: limit for name, limit in limits.items() if name not in endless}
     for name, joint in joints.items():
         if source.limited(joint, "actuatorfrclimited", "actuatorfrcrange"):
@@ -116,6 +112,97 @@ def effort_limits(
             cap = abs(one.factor) * float(np.abs(source.numbers(joint, "actuatorfrcrange", "0 0", 2)).max())
             limits[one.followed] = min(limits.get(one.followed, cap), cap)
     return limits
+
+
+def _fixed_tendons(source: Source) -> dict[str, dict[str, float]]:
+    """By name of the tendon, the coefficients of its joints."""
+    return {
+        tendon.get("name", ""): {
+            one.get("joint", ""): float(source.numbers(one.attrib, "coef", "1")[0]) for one in tendon.findall("joint")
+        }
+        for tendon in source.element.findall("tendon/fixed")
+    }
+
+
+def _arms(source: Source, given: dict[str, str], tendons: dict[str, dict[str, float]]) -> dict[str, float]:
+    """Torque or force that an actuator makes at each joint, per unit of its own force; {} where it pulls none."""
+    driven = given.get("joint") or given.get("jointinparent")
+    pulled = {driven: 1.0} if driven else tendons.get(given.get("tendon", ""), {})
+    gear = float(source.numbers(given, "gear", "1", 1, 6)[0])
+    return {name: gear * coefficient for name, coefficient in pulled.items()}
+
+
+def actuation_of(source: Source, joints: dict[str, dict[str, str]]) -> Actuation:
+    """Motors at the hand's joints, by themselves or by fixed tendons, and springs at these joints.
+
+    Args:
+        joints: attributes of the hand's joints, by name.
+    """
+    found = Actuation()
+    tendons = _fixed_tendons(source)
+    elsewhere: list[str] = []
+    for actuator in source.element.findall("actuator/*"):
+        given = source.attributes(actuator)
+        arms = _arms(source, given, tendons)
+        name = given.get("name") or f"{actuator.tag} {', '.join(arms)}".strip()
+        if not arms:
+            elsewhere.append(name)
+        arms = {joint: arm for joint, arm in arms.items() if joint in joints}
+        if not arms:
+            continue
+        control, stiffness, damping = _control(source, given)
+        force = _force(source, given)
+        found.motors.append(
+            Motor(
+                name=name,
+                arms=arms,
+                control=control or "torque",
+                limit=math.inf if force is None else force,
+                stiffness=stiffness,
+                damping=damping,
+                remark="" if control else f"of kind {actuator.tag}, taken as torque motors",
+            )
+        )
+    if elsewhere:
+        found.notes.append(
+            f"{ON_DRIVES}left out are actuators that pull neither a joint nor a fixed tendon: {', '.join(elsewhere)}"
+        )
+    found.springs = [spring for name, joint in joints.items() for spring in _springs(source, name, joint)]
+    stiff = [tendon for tendon in source.element.findall("tendon/fixed") if _pulls_back(source, tendon, joints)]
+    if stiff:
+        names = ", ".join(tendon.get("name", "fixed") for tendon in stiff)
+        found.notes.append(f"springs along tendons are left out: {names}")
+    return found
+
+
+def _control(source: Source, given: dict[str, str]) -> tuple[Control | None, float | None, float | None]:
+    """Control of an actuator, its stiffness and its damping; no control where it is none of ours.
+
+    MuJoCo's force is gain * command + b0 + b1 * length + b2 * velocity, with a constant gain and an affine bias.
+    """
+    bias = [*source.numbers(given, "biasprm", "0 0 0", 1, 20), 0.0, 0.0][:3]
+    source.numbers(given, "gainprm", "1", 1, 20)
+    if given.get("gaintype", "fixed") != "fixed" or given.get("biastype", "none") not in ("none", "affine"):
+        return None, None, None
+    if given.get("biastype", "none") == "none":
+        return ("torque" if given.get("dyntype", "none") != "muscle" else None), None, None
+    damping = -float(bias[2]) if bias[2] < 0 else None
+    return ("position", -float(bias[1]), damping) if bias[1] < 0 else (None, None, damping)
+
+
+def _springs(source: Source, name: str, joint: dict[str, str]) -> list[Spring]:
+    if joint.get("type", "hinge") not in ("hinge", "slide"):
+        return []
+    stiffness = float(source.numbers(joint, "stiffness", "0", 1, 3)[0])
+    turns = joint.get("type", "hinge") == "hinge"
+    rest = float(source.numbers(joint, "springref", "0")[0]) * (math.pi / 180 if turns and source.degrees else 1.0)
+    return [Spring(joint=name, stiffness=stiffness, rest=rest)] if stiffness > 0 else []
+
+
+def _pulls_back(source: Source, tendon: ElementTree.Element, joints: dict[str, dict[str, str]]) -> bool:
+    """Whether a fixed tendon is a spring between joints of the hand."""
+    stiffness = source.numbers(source.attributes(tendon, tag="tendon"), "stiffness", "0", 1, 3)
+    return bool(stiffness.any()) and any(one.get("joint") in joints for one in tendon.findall("joint"))
 
 
 def _force(source: Source, given: dict[str, str]) -> float | None:

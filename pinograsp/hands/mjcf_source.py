@@ -22,7 +22,9 @@ _FORCES = {"biastype": "none", "gaintype": "fixed", "gainprm": "1"}
 _SERVOS = {"biastype": "affine"}
 _OTHERS = ("position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor")
 _SHORTCUTS: dict[str, dict[str, str]] = {"motor": _FORCES, "general": {}, **dict.fromkeys(_OTHERS, _SERVOS)}
-_WITH_DEFAULTS = frozenset({"joint", "geom", "mesh", "equality", "actuator"})  # of what is read here
+# Which of a shortcut's own attributes is its gain.
+_GAINS = {"position": "kp", "intvelocity": "kp", "velocity": "kv", "damper": "kv"}
+_WITH_DEFAULTS = frozenset({"joint", "geom", "mesh", "equality", "tendon", "actuator"})  # of what is read here
 _MOST_INCLUDES, _DEEPEST, _MOST_CLASSES = 1000, 20, 2000
 _ORIENTATIONS = frozenset({"quat", "axisangle", "euler", "xyaxes", "zaxis"})
 _AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
@@ -120,7 +122,7 @@ class Source:
                 if child.tag == "default":
                     nested.append(child)
                 elif child.tag in _SHORTCUTS:
-                    own["actuator"] = _merged(own.get("actuator", {}), {**_SHORTCUTS[child.tag], **child.attrib})
+                    own["actuator"] = _actuator(child.tag, child.attrib, own.get("actuator", {}))
                 elif child.tag in _WITH_DEFAULTS:
                     own[child.tag] = _merged(own.get(child.tag, {}), child.attrib)
             for child in reversed(nested):
@@ -138,10 +140,9 @@ class Source:
             self.problem(f"<{element.tag} name='{element.get('name', '')}'>: unknown default class '{name}'")
             name = "main"
         tag = tag or element.tag
-        shortcut: dict[str, str] = {}
         if tag in _SHORTCUTS:
-            tag, shortcut = "actuator", _SHORTCUTS[tag]
-        return _merged(self._defaults[name].get(tag, {}), {**shortcut, **element.attrib})
+            return _actuator(tag, element.attrib, self._defaults[name].get("actuator", {}))
+        return _merged(self._defaults[name].get(tag, {}), element.attrib)
 
     def problem(self, text: str) -> None:
         """Note a problem, to be raised with all others."""
@@ -230,6 +231,34 @@ def _merged(attributes: dict[str, str], over: dict[str, str]) -> dict[str, str]:
     if not _ORIENTATIONS.isdisjoint(over):
         attributes = {key: value for key, value in attributes.items() if key not in _ORIENTATIONS}
     return {**attributes, **over}
+
+
+def _actuator(tag: str, given: dict[str, str], inherited: dict[str, str]) -> dict[str, str]:
+    """Attributes of an actuator over those it inherits; gains of the shortcuts as those of a general one.
+
+    As in MuJoCo, a shortcut inherits the gains of its own kind, or of a general actuator, but not of other shortcuts.
+    """
+    over = {**_SHORTCUTS[tag], **given}
+    if tag == "motor":
+        return _merged(inherited, {"biasprm": "0 0 0", "shortcut": tag, **over})
+    if tag not in _GAINS:
+        return _merged(inherited, over)
+    last = inherited.get("shortcut", "general")
+    alike = last == tag or (last == "general" and inherited.get("gaintype", "fixed") == "fixed")
+    try:
+        gains = [*floats(inherited.get("gainprm", "1")), 0.0, 0.0] if alike else [1.0, 0.0, 0.0]
+        bias = [*floats(inherited.get("biasprm", "0")), 0.0, 0.0] if alike else [0.0, 0.0, 0.0]
+        gain = floats(given[_GAINS[tag]])[0] if _GAINS[tag] in given else gains[0]
+        damping = floats(given["kv"])[0] if "kv" in given else -(gains[2] if tag == "damper" else bias[2])
+    except (ValueError, IndexError):  # told where the gains are read
+        return _merged(inherited, {**over, "gainprm": "?"})
+    if tag == "damper":
+        own = {"gaintype": "affine", "gainprm": f"0 0 {-damping!r}", "biastype": "none", "biasprm": "0 0 0"}
+    elif tag == "velocity":
+        own = {"gaintype": "fixed", "gainprm": repr(gain), "biasprm": f"0 0 {-gain!r}"}
+    else:
+        own = {"gaintype": "fixed", "gainprm": repr(gain), "biasprm": f"0 {-gain!r} {-damping!r}"}
+    return _merged(inherited, {**_SHORTCUTS[tag], **own, "shortcut": tag, **given})
 
 
 def turned_to(direction: Array) -> Array:

@@ -14,6 +14,15 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, brief, integer, items_of, mapping_of, one_of, placement_of, read_only, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
+from pinograsp.hands.drives import (
+    ON_DRIVES,
+    ON_SPRINGS,
+    Drive,
+    Spring,
+    checked_drives,
+    checked_springs,
+    transmission,
+)
 from pinograsp.spatial import Array, IntArray, pose_of
 
 
@@ -72,6 +81,8 @@ class HandModel:
         notes: what the caller should know (widened limits, coupled joints, missing meshes...).
         description: the URDF text that the model was built from.
         own_shapes: the links' shapes as in the file, in the order of ``geometry``, where that has their convex hulls.
+        drives: the motors (m), and the joints that each of them moves; a record that plans do not use yet.
+        springs: at joints; torques are without them.
     """
 
     name: str
@@ -84,6 +95,8 @@ class HandModel:
     notes: tuple[str, ...] = ()
     description: str = ""
     own_shapes: tuple[coal.CollisionGeometry, ...] = ()
+    drives: tuple[Drive, ...] = ()
+    springs: tuple[Spring, ...] = ()
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
 
@@ -133,6 +146,23 @@ class HandModel:
                     followed=names[mimic.idx_v], factor=float(mimic.scaling), offset=float(mimic.offset)
                 )
         return couplings
+
+    @property
+    def transmission(self) -> Array:
+        """Arms (m, n) of the drives: joint torques (n,) are its transpose times the drives' efforts (m,)."""
+        return transmission(self.joint_names, self.drives)
+
+    @property
+    def passive_joints(self) -> tuple[str, ...]:
+        """Independent joints that no drive moves."""
+        moved = {joint for drive in self.drives for joint in drive.joints}
+        return tuple(joint for joint in self.joint_names if joint not in moved)
+
+    @property
+    def direct_drive(self) -> bool:
+        """Whether each independent joint has one motor of its own, so that its torque can be chosen by itself."""
+        single = all(len(drive.joints) == 1 for drive in self.drives)
+        return single and len(self.drives) == self.n and not self.passive_joints
 
     def finger(self, name: str) -> Finger:
         """The finger called ``name``; :class:`InvalidInput` lists the names there are."""
@@ -239,8 +269,49 @@ class HandModel:
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         return replace(self, model=model, notes=tuple(notes))
 
+    def with_drives(self, drives: Iterable[Drive], springs: Iterable[Spring] | None = None) -> HandModel:
+        """The same hand with these motors, and these springs (None: those it has); what they leave open is noted.
+
+        Raises:
+            InvalidInput: for joints that the hand does not have or that follow others, and for names given twice.
+        """
+        joints, couplings = self.joint_names, self.couplings
+        drives = checked_drives(self.name, joints, couplings, drives)
+        notes = list(self.notes)
+        if drives != self.drives and self.drives:
+            notes = [note for note in notes if not note.startswith(ON_DRIVES)]
+        hand = replace(self, drives=drives)
+        if hand.passive_joints:
+            notes.append(f"{ON_DRIVES}no motor moves the joints {', '.join(hand.passive_joints)}")
+        notes += [f"{ON_DRIVES}{text}" for text in hand._beyond_effort()]
+        if springs is not None:
+            springs = checked_springs(self.name, joints, couplings, springs)
+            notes = [note for note in notes if not note.startswith(ON_SPRINGS)]
+            if springs:
+                notes.append(f"{ON_SPRINGS}torques are without those at {', '.join(one.joint for one in springs)}")
+            hand = replace(hand, springs=springs)
+        return replace(hand, notes=tuple(dict.fromkeys(notes)))
+
+    def _beyond_effort(self) -> list[str]:
+        """Joints at which the drives can do more than the joint's own effort limit allows."""
+        found = []
+        for i, joint in enumerate(self.joint_names):
+            most = sum(
+                abs(arm) * drive.limit
+                for drive in self.drives
+                for name, arm in zip(drive.joints, drive.arms)
+                if name == joint
+            )
+            if np.isfinite(most) and most > self.effort_or_infinity[i] * (1 + 1e-9):
+                unit = "N" if self.is_prismatic(self.model.getJointId(joint)) else "N m"
+                found.append(
+                    f"motors can do {most:g} {unit} at {joint}, more than its effort limit of "
+                    f"{self.effort[i]:g} {unit}, which plans keep"
+                )
+        return found
+
     def describe(self) -> str:
-        """What was found: fingers, joints, links, limits, masses, as readable text."""
+        """What was found: fingers, joints, links, limits, masses, drives, as readable text."""
         model = self.model
         coupled = model.njoints - 1 - self.n
         joints = f"{self.n} joint{'s' * (self.n != 1)}"
@@ -258,7 +329,26 @@ class HandModel:
         if others := [j for j in range(1, model.njoints) if j not in on_fingers]:
             lines.append("  joints on no finger:")
             lines += [f"    {model.names[j]}: {self._bounds(j)}" for j in others]
+        lines += self._described_drives()
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def _described_drives(self) -> list[str]:
+        plain = all(set(drive.arms) == {1.0} and drive.stiffness is None for drive in self.drives)
+        controls = {drive.control for drive in self.drives}
+        if self.direct_drive and plain and len(controls) == 1 and self.n > 1:
+            lines = [f"  drives: {self.n}, one at each joint ({controls.pop()})"]
+        else:
+            lines = [f"  drives: {len(self.drives)}", *(f"    {self._described(drive)}" for drive in self.drives)]
+        for spring in self.springs:
+            slides = self.is_prismatic(self.model.getJointId(spring.joint))
+            stiff, at = ("N/m", "m") if slides else ("N m/rad", "rad")
+            lines.append(f"  spring at {spring.joint}: {spring.stiffness:g} {stiff}, at rest at {spring.rest:g} {at}")
+        return lines
+
+    def _described(self, drive: Drive) -> str:
+        limit = f"limit {drive.limit:g}" if np.isfinite(drive.limit) else "limit not given"
+        stiffness = "" if drive.stiffness is None else f", stiffness {drive.stiffness:g}"
+        return f"{drive}, {limit}{stiffness}"
 
     def _bounds(self, joint_id: int) -> str:
         """Limits of a joint with their units, or what it follows."""

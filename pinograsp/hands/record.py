@@ -6,8 +6,9 @@ import os
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, get_args
 
 import coal
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
+from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, one_each
 from pinograsp.hands.elements import drop, named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.model import Finger, HandModel
@@ -68,6 +70,21 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
             {"name": finger.name, "joints": list(finger.joints), "links": list(finger.links), "tip": finger.tip}
             for finger in hand.fingers
         ],
+        "drives": [
+            {
+                "name": drive.name,
+                "joints": list(drive.joints),
+                "arms": list(drive.arms),
+                "control": drive.control,
+                "limit": drive.limit if np.isfinite(drive.limit) else None,
+                "stiffness": drive.stiffness,
+                "damping": drive.damping,
+            }
+            for drive in hand.drives
+        ],
+        "springs": [
+            {"joint": spring.joint, "stiffness": spring.stiffness, "rest": spring.rest} for spring in hand.springs
+        ],
     }
     try:
         _model(record, _description(record))
@@ -95,7 +112,7 @@ def _hand(record: dict[str, Any]) -> HandModel:
     links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
     fingers = tuple(_finger(model, links, i, one) for i, one in enumerate(_field(record, "fingers", list)))
     shapes = _geometry(record["source"], model, _field(record, "geometry", list))
-    return HandModel(
+    hand = HandModel(
         name=_field(record, "name", str),
         source=record["source"],
         model=model,
@@ -107,6 +124,7 @@ def _hand(record: dict[str, Any]) -> HandModel:
         description=description,
         own_shapes=shapes.own if shapes.hulls else (),
     )
+    return replace(hand, drives=_drives(record, hand), springs=_springs(record, hand))
 
 
 def _field(record: object, key: str, kind: type[_Kind], where: str = "") -> _Kind:
@@ -238,6 +256,36 @@ def _finger(model: pin.Model, links: list[str], i: int, one: dict[str, Any]) -> 
         dofs=np.array(dofs),
         actuated=tuple(actuated[d] for d in dofs),
     )
+
+
+def _drives(record: dict[str, Any], hand: HandModel) -> tuple[Drive, ...]:
+    """The record's drives; those of older records, which have none, are one motor at each joint."""
+    if "drives" not in record:
+        return one_each(hand.joint_names, hand.effort_or_infinity)
+    drives = []
+    for i, one in enumerate(_field(record, "drives", list)):
+        where = f"drives[{i}]: "
+        limit = one.get("limit") if isinstance(one, dict) else None
+        drives.append(
+            Drive(
+                name=_field(one, "name", str, where),
+                joints=tuple(_texts(one, "joints", where)),
+                arms=tuple(_field(one, "arms", list, where)),
+                control=one_of(f"hand record: {where}control", one.get("control"), get_args(Control)),
+                limit=np.inf if limit is None else limit,
+                stiffness=one.get("stiffness"),
+                damping=one.get("damping"),
+            )
+        )
+    return checked_drives(hand.name, hand.joint_names, hand.couplings, drives)
+
+
+def _springs(record: dict[str, Any], hand: HandModel) -> tuple[Spring, ...]:
+    springs = []
+    for i, one in enumerate(_field(record, "springs", list) if "springs" in record else []):
+        joint = _field(one, "joint", str, f"springs[{i}]: ")
+        springs.append(Spring(joint=joint, stiffness=one.get("stiffness"), rest=one.get("rest")))
+    return checked_springs(hand.name, hand.joint_names, hand.couplings, springs)
 
 
 # -- collision geometry ------------------------------------------------------------------------------------------------

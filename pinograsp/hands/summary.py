@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from pinograsp.errors import HandNotLoaded
@@ -11,7 +12,7 @@ from pinograsp.hands.model import HandModel
 
 
 def record(hand: HandModel) -> dict[str, Any]:
-    """Joints with limits and units, couplings, fingers, masses and notes of a hand: numbers and texts only."""
+    """Joints with limits and units, couplings, drives, fingers, masses and notes of a hand: numbers and texts only."""
     joints = []
     for i, name in enumerate(hand.joint_names):
         slides = hand.is_prismatic(hand.model.getJointId(name))
@@ -37,6 +38,20 @@ def record(hand: HandModel) -> dict[str, Any]:
             {"name": name, "follows": one.followed, "multiplier": one.factor, "offset": one.offset}
             for name, one in hand.couplings.items()
         ],
+        "drives": [
+            {
+                "name": drive.name,
+                "control": drive.control,
+                "joints": list(drive.joints),
+                "arms": list(drive.arms),
+                "limit": drive.limit if math.isfinite(drive.limit) else None,
+                "stiffness": drive.stiffness,
+                "damping": drive.damping,
+            }
+            for drive in hand.drives
+        ],
+        "passive_joints": list(hand.passive_joints),
+        "springs": [{"joint": one.joint, "stiffness": one.stiffness, "rest": one.rest} for one in hand.springs],
         "fingers": [
             {
                 "name": finger.name,
