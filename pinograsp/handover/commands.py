@@ -27,7 +27,7 @@ COMMANDS: tuple[Command, ...] = get_args(Command)
 
 _SLACK = 1e-6  # relative to a limit, and [rad or m] beyond a range
 _NOTHING = 1e-9  # of the largest torque: rounding
-_SHORTFALL = 0.05
+SHORTFALL = 0.05
 
 
 class Commanding(Sampling, total=False):
@@ -44,7 +44,7 @@ def drive_commands(
     *,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
-    shortfall: float | None = _SHORTFALL,
+    shortfall: float | None = SHORTFALL,
     rate: float = 1000.0,
     start: ArrayLike | None = None,
     lead: float | None = None,
@@ -85,7 +85,7 @@ def commanded(
     *,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
-    shortfall: float | None = _SHORTFALL,
+    shortfall: float | None = SHORTFALL,
     **sampling: Unpack[Sampling],
 ) -> JointTrajectory:
     """The trajectory of the joints without a ``command``, else that of the drives; of jaws, coordinates and efforts."""
@@ -106,7 +106,7 @@ def write_drive_keyframes(
     *,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
-    shortfall: float | None = _SHORTFALL,
+    shortfall: float | None = SHORTFALL,
     **sampling: Unpack[Sampling],
 ) -> JointTrajectory:
     """Write keyframes and controls as :meth:`JointTrajectory.to_mujoco` for a hand with an actuator per drive.
@@ -117,12 +117,11 @@ def write_drive_keyframes(
     """
     path = path_of("path", path)
     one_of("suffix of MuJoCo keyframes", path.suffix, (".xml",))
-    if command == "jaw":
+    if one_of("command", command, COMMANDS) == "jaw":
         raise InvalidInput(
             "command='jaw': expected scene=True, got keyframes alone: the force is a limit of the model's actuator; "
             "take to_mujoco(scene=True), or command='torque'"
         )
-    one_of("command", command, SERVO)
     joints = joint_trajectory(plan, **sampling)
     drives = in_drives(plan.require_hand(), joints, command, stiffness, damping, shortfall)
     ctrl = drives.effort if command == "torque" else drives.q
@@ -140,14 +139,14 @@ def in_drives(
     command: Command,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
-    shortfall: float | None = _SHORTFALL,
+    shortfall: float | None = SHORTFALL,
 ) -> JointTrajectory:
     """A trajectory of the hand's joints as commands of its drives, see :func:`drive_commands`."""
     require_drives(hand)
     kp = gains(hand, "stiffness", stiffness) if command in ("position", "impedance") else None
     kd = gains(hand, "damping", damping) if command == "impedance" else None
     S = hand.transmission.T
-    effort, notes = _efforts(hand, joints, shortfall)
+    effort, notes = efforts(hand, joints.q, joints.effort, shortfall)
     a, da, dda = joints.q @ S, joints.dq @ S, joints.ddq @ S
     if command == "position" and kp is not None:
         a, da, dda = _ahead(joints.times, a + effort / kp)
@@ -200,13 +199,15 @@ def gains(hand: HandModel, name: Literal["stiffness", "damping"], value: ArrayLi
     return found
 
 
-def _efforts(hand: HandModel, joints: JointTrajectory, shortfall: float | None) -> tuple[Array, list[str]]:
-    """Efforts of the drives (s, m) that make the torques best, and notes on what they leave undone."""
+def efforts(hand: HandModel, q: Array, torques: Array, shortfall: float | None) -> tuple[Array, list[str]]:
+    """Efforts of the drives (s, m) that make the torques (s, n) at q (s, n) best, and notes on what they leave undone;
+    :class:`InvalidInput` where that is more than the share ``shortfall`` of the largest torque.
+    """
     allowed = None if shortfall is None else number("shortfall", shortfall, at_least=0)
-    wanted = np.array(joints.effort)
+    wanted = np.array(torques)
     for spring in hand.springs:  # torques are without the springs
         j = hand.joint_names.index(spring.joint)
-        wanted[:, j] += spring.stiffness * (joints.q[:, j] - spring.rest)
+        wanted[:, j] += spring.stiffness * (q[:, j] - spring.rest)
     made = hand.transmission
     effort: Array = wanted @ np.linalg.pinv(made)
     undone = np.abs(wanted - effort @ made).max(axis=0)
@@ -217,8 +218,8 @@ def _efforts(hand: HandModel, joints: JointTrajectory, shortfall: float | None) 
             f"{hand.joint_names[j]} {undone[j]:.3g}" for j in np.argsort(-undone)[:4] if undone[j] > _NOTHING * largest
         )
         text = (
-            f"the {len(hand.drives)} drives cannot make the torques of {hand.n} joints: they are off by up to "
-            f"{short} N m or N, {100 * undone[worst] / largest:.3g} % of the largest torque"
+            f"{len(hand.drives)} drive{'s' * (len(hand.drives) != 1)} cannot make the torques of {hand.n} joints, "
+            f"which are off by up to {short} N m or N, {100 * undone[worst] / largest:.3g} % of the largest torque"
         )
         if allowed is not None and undone[worst] > allowed * largest:
             raise InvalidInput(

@@ -15,7 +15,7 @@ import numpy as np
 
 from pinograsp.checks import flag, instance_of, items_of, one_of, path_of, text_of
 from pinograsp.errors import InvalidInput
-from pinograsp.handover.commands import require_drives
+from pinograsp.handover.commands import SHORTFALL, efforts, require_drives
 from pinograsp.handover.yaml_text import gripper_yaml_of
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import Drive
@@ -83,14 +83,20 @@ class JawCommand:
         }
 
 
-def jaw_commands(plan: PlanRecord) -> tuple[JawCommand, ...]:
+def jaw_commands(plan: PlanRecord, *, shortfall: float | None = SHORTFALL) -> tuple[JawCommand, ...]:
     """Width and force of a gripper's drives as the plan holds after t_F.
 
     These are the drives whose control is ``jaw``, or the only drive of a hand. Efforts are those of the plan's holding
     torques.
 
+    Args:
+        plan: fresh or read back.
+        shortfall: share of the largest holding torque that the drives may leave undone, as for
+            :func:`drive_commands`; None: any.
+
     Raises:
-        InvalidInput: a plan without its hand; a hand without jaws; a drive that does not press.
+        InvalidInput: a plan without its hand; a hand without jaws; a drive that does not press; torques that the
+            drives cannot make.
     """
     hand = instance_of("plan", plan, PlanRecord).require_hand()
     require_drives(hand)
@@ -102,16 +108,12 @@ def jaw_commands(plan: PlanRecord) -> tuple[JawCommand, ...]:
             "control='jaw')]), and plan with that hand"
         )
     made, q = hand.transmission, plan.motion.q[-1]
-    wanted = np.array(plan.motion.holding_torques)
-    for spring in hand.springs:
-        j = hand.joint_names.index(spring.joint)
-        wanted[j] += spring.stiffness * (q[j] - spring.rest)
-    efforts = wanted @ np.linalg.pinv(made)
+    needed = efforts(hand, q[None], plan.motion.holding_torques[None], shortfall)[0][0]
     width, forces = _pressed(hand, plan)
     found = []
     for drive in drives:
         row = hand.drives.index(drive)
-        effort = float(efforts[row])
+        effort = float(needed[row])
         if abs(effort) <= _LEAST * min(drive.limit, 1.0):
             raise InvalidInput(
                 f"command='jaw': expected a drive that presses, got an effort of {effort:.3g} for '{drive.name}': "

@@ -14,7 +14,7 @@ from pinograsp.checks import number, one_of, path_of
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.handover.actuators import Controls, archive, keyframes
 from pinograsp.handover.build import Sampling, joint_trajectory
-from pinograsp.handover.commands import COMMANDS, Command, gains, in_drives
+from pinograsp.handover.commands import COMMANDS, SHORTFALL, Command, gains, in_drives
 from pinograsp.handover.jaws import jaw_commands
 from pinograsp.handover.trajectory import JointTrajectory
 from pinograsp.hands import HandModel
@@ -35,9 +35,9 @@ except ImportError as error:
     raise ExtraMissing("scene=True needs MuJoCo: pip install 'pinograsp[sim]'") from error
 
 _LONGEST_STEP = 5e-4  # [s] of the simulation
-# Share of a contact's force that its constraint makes up for at once: the rest is its compliance. Any value gives the
-# same stiffness; nearer to 1 the solver has less to do, nearer to 0 stiff contacts need shorter steps.
-_IMPEDANCE = 0.9
+# MuJoCo's impedance d of the contacts, at which solref is set for the planned stiffness. Nearer to 1, light links were
+# pressed off the planned forces and crept.
+_IMPEDANCE = 0.5
 _SUPPORT = 800.0  # [rad/s] natural frequency of the object on its support
 _FADING = 0.1  # [s] in which the support lets go
 _RATIO, _NO_SLIP = 10.0, 10  # friction is stiffer than the normal, and does not creep
@@ -45,6 +45,8 @@ _PRESS = 2.0  # times its force: how far ahead the servo of a jaw is, so that it
 # Ratio of damping to stiffness [s], stable for links of hardly any mass. Couplings need damping that is not implicit:
 # critical there.
 _SETTLING = 0.01
+# Least inertia at a joint [kg m^2, kg]: links of hardly any mass chatter in contacts, and real joints have motors.
+_ROTOR, _SLIDING_ROTOR = 1e-4, 1e-4 / 0.03**2
 _LONGEST_HOLD = 60.0  # [s]
 _NOTHING = 1e-9  # [N, N m]: rounding
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -58,7 +60,7 @@ def write_scene(
     hold: float = 1.0,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
-    shortfall: float | None = 0.05,
+    shortfall: float | None = SHORTFALL,
     **sampling: Unpack[Sampling],
 ) -> JointTrajectory:
     """Write a scene that loads by itself (.xml), and the controls that play the plan in it (.npz beside it).
@@ -100,9 +102,11 @@ def write_scene(
     if not all(plan.contacts.links):
         raise InvalidInput("scene=True: expected contacts of a hand, got some without a link: plan with a hand")
     if command == "jaw":
-        jaw_commands(plan)  # a hand with jaws that press
+        jaw_commands(plan, shortfall=shortfall)  # a hand with jaws that press
     joints = joint_trajectory(plan, **sampling)
     drives = in_drives(hand, joints, "torque", shortfall=shortfall)
+    if joints.times.size < 2:
+        raise InvalidInput("rate: expected two samples at least, got one: take a higher rate")
     step = float(joints.times[1] - joints.times[0])
     time_step = step / math.ceil(step / _LONGEST_STEP - 1e-9)
     spec, notes = _outlined(plan, hand, body, time_step)
@@ -149,12 +153,13 @@ class _Servos(NamedTuple):
 def _outlined(plan: PlanRecord, hand: HandModel, body: Body, time_step: float) -> tuple[mujoco.MjSpec, list[str]]:
     """Hand, its springs and the object, and notes on what the scene leaves out."""
     links = plan.contacts.links
+    slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
     spec, notes = outline(
         hand,
         body,
         time_step=time_step,
         gravity_o=plan.gravity_o,
-        rotor=Servo.of(hand).rotor,
+        rotor=np.maximum(Servo.of(hand).rotor, np.where(slides, _SLIDING_ROTOR, _ROTOR)),
         flat=len(set(links)) < len(links),
         presses=True,
     )
@@ -264,7 +269,7 @@ def _set_contacts(spec: mujoco.MjSpec, hand: HandModel, plan: PlanRecord, model:
         geom.priority, geom.condim = 1, 4 if friction.torsion > 0 else 3
         geom.friction = [float(friction.mu[rows].mean()), friction.torsion, 0.0]
         geom.solimp = [_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0]
-        geom.solref = [-s, -2 * math.sqrt(s)]
+        geom.solref = [-s, -2 * math.sqrt(s * (1 - _IMPEDANCE))]
 
 
 def _controls(model: mujoco.MjModel, every: JointTrajectory, times: Array, held: Array, ctrl: Array) -> Controls:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinograsp.checks import flag, instance_of
+from pinograsp.checks import flag, instance_of, one_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, ForceSolution, Reaction
 from pinograsp.handover import Command, Commanding, JointTrajectory, gripper_message, jaw_commands, write_jaws
-from pinograsp.handover.commands import commanded, write_drive_keyframes
+from pinograsp.handover.commands import COMMANDS, SHORTFALL, commanded, write_drive_keyframes
 from pinograsp.hands import HandModel
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
@@ -105,7 +105,7 @@ class GraspPlan(PlanRecord):
         """
         trajectory = commanded(self, command, **commanding)
         if command == "jaw":
-            write_jaws(jaw_commands(self), path)
+            write_jaws(jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL)), path)
             return trajectory
         return trajectory.to_csv(path, followers=followers)
 
@@ -127,8 +127,9 @@ class GraspPlan(PlanRecord):
         :meth:`pinograsp.handover.JointTrajectory.to_ros2`; ``commanding`` as for :meth:`to_csv`. Gains have no field in
         the message: give the controller the same.
         """
-        if command == "jaw":
-            return gripper_message(jaw_commands(self), path, followers=followers, frame=frame)
+        if command is not None and one_of("command", command, COMMANDS) == "jaw":
+            jaws = jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL))
+            return gripper_message(jaws, path, followers=followers, frame=frame)
         trajectory = commanded(self, command, **commanding)
         return trajectory.to_ros2(path, followers=followers, effort=effort, goal=goal, frame=frame)
 
@@ -169,7 +170,7 @@ class GraspPlan(PlanRecord):
         if flag("scene", scene):
             from pinograsp.handover.scene import write_scene
 
-            return write_scene(self, path, command or "impedance", hold=hold, **commanding)
+            return write_scene(self, path, "impedance" if command is None else command, hold=hold, **commanding)
         if command is not None:
             return write_drive_keyframes(self, path, command, **commanding)
         trajectory = commanded(self, None, **commanding)

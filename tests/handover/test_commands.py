@@ -107,7 +107,7 @@ def test_fewer_motors_than_joints(allegro):
     tendon = Drive(name="tendon", joints=moved, arms=(0.01, 0.01, 0.008, 0.006))
     plan = driven(allegro, [tendon, *(Drive(name=joint, joints=(joint,), arms=(1.0,)) for joint in others)])
     with pytest.raises(
-        InvalidInput, match=r"cannot make the torques of 16 joints: .* % of the largest .*shortfall=None"
+        InvalidInput, match=r"cannot make the torques of 16 joints, .* % of the largest .*shortfall=None"
     ):
         drive_commands(plan, "torque", **RATE)
     sent = drive_commands(plan, "torque", shortfall=None, **RATE)
@@ -115,7 +115,7 @@ def test_fewer_motors_than_joints(allegro):
     best = np.linalg.lstsq(plan.hand.transmission.T, wanted.T, rcond=None)[0].T
     assert sent.effort == pytest.approx(best, abs=1e-9)
     assert any("cannot make the torques" in note for note in sent.notes)
-    with pytest.raises(InvalidInput, match="drives of hand 'allegro_right'|drives of hand"):
+    with pytest.raises(InvalidInput, match="make within 0 %"):
         plan.to_csv("nowhere.csv", command="impedance", stiffness=1.0, damping=1.0, shortfall=0.0, **RATE)
 
 
@@ -283,10 +283,10 @@ def test_a_gripper_holds_in_its_scene(panda, tmp_path, command):
 def test_a_hand_holds_in_its_scene(allegro, tmp_path, command):
     sent = allegro.to_mujoco(tmp_path / "scene.xml", scene=True, command=command, hold=0.5, rate=500.0)
     moved, turned, forces, model = played(tmp_path / "scene.xml")
-    assert moved < 1.5e-3 and turned < np.radians(4)
+    assert moved < 1e-3 and turned < np.radians(2)
     wanted = planned(allegro)
-    assert forces.keys() == wanted.keys()
-    assert list(forces.values()) == pytest.approx([wanted[name] for name in forces], rel=0.25, abs=0.2)
+    for body in forces.keys() | wanted.keys():  # links beside them touch by chance
+        assert forces.get(body, 0.0) == pytest.approx(wanted.get(body, 0.0), rel=0.25, abs=0.2)
     assert [model.actuator(u).name for u in range(model.nu - 6)] == list(sent.names)
     assert played(tmp_path / "scene.xml", "grasp")[0] < 1e-3  # with the controls of that keyframe alone
 
@@ -341,11 +341,13 @@ def test_a_scene_with_a_tendon_and_springs(allegro, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_papers_hand_holds_in_its_scene(paper_plan, tmp_path):
-    plan = paper_plan
-    plan.to_mujoco(tmp_path / "scene.xml", scene=True, hold=0.5)
-    moved, _, forces, _ = played(tmp_path / "scene.xml")
-    assert moved < 5e-3 and len(forces) >= 3
+def test_the_papers_hand_holds_in_its_scene(tmp_path):
+    """1 kg on three fingertips."""
+    plan = pg.load_case("paper").plan()
+    plan.to_mujoco(tmp_path / "scene.xml", scene=True)
+    moved, turned, forces, _ = played(tmp_path / "scene.xml")
+    assert moved < 2e-4 and turned < np.radians(0.2)
+    assert forces == pytest.approx(planned(plan), rel=0.06)
 
 
 # -- bad input ---------------------------------------------------------------------------------------------------------
@@ -357,6 +359,9 @@ def test_commands_that_cannot_be_are_refused(panda, allegro, tmp_path):
     for call, words in (
         (lambda: panda.to_csv(path, command="force"), "command: expected"),
         (lambda: panda.to_csv(path, command=["torque"]), "command: expected"),
+        (lambda: panda.to_ros2(command=np.zeros(2)), "command: expected"),
+        (lambda: panda.to_mujoco(tmp_path / "a.xml", command=np.zeros(2)), "command: expected"),
+        (lambda: panda.to_mujoco(tmp_path / "a.xml", command=np.zeros(2), scene=True), "command: expected"),
         (lambda: drive_commands(panda, "jaw"), "command: expected"),
         (lambda: drive_commands("plan", "torque"), "plan: expected a PlanRecord"),
         (lambda: drive_commands(bare, "torque"), "expected a hand with drives, .*with_drives"),
@@ -375,6 +380,7 @@ def test_commands_that_cannot_be_are_refused(panda, allegro, tmp_path):
         (lambda: panda.to_mujoco(tmp_path / "a.xml", scene="yes"), "scene: expected True or False"),
         (lambda: panda.to_mujoco(tmp_path / "a.json", scene=True), "suffix of a MuJoCo scene"),
         (lambda: panda.to_mujoco(tmp_path / "a.xml", scene=True, hold=-1.0), "hold: expected"),
+        (lambda: panda.to_mujoco(tmp_path / "a.xml", scene=True, rate=1e-12), "rate: expected two samples"),
         (lambda: panda.to_mujoco(tmp_path / "a.xml", scene=True, model=1), "model: expected without"),
         (lambda: allegro.to_mujoco(tmp_path / "a.xml", scene=True, command="jaw"), "expected drives with control"),
         (lambda: replace(panda, body=None).to_mujoco(tmp_path / "a.xml", scene=True), "expected a plan with an object"),
@@ -387,6 +393,27 @@ def test_commands_that_cannot_be_are_refused(panda, allegro, tmp_path):
     path.mkdir()
     with pytest.raises(ResultsNotWritten):
         panda.to_csv(path / ".." / "a.csv" / "x" / "..", command="jaw")
+
+
+def test_jaws_that_one_motor_cannot_press_as_planned(panda, tmp_path):
+    """Two joints with different torques on one motor: refused, as other commands are, or the nearest effort."""
+    hand = pg.load_hand("sake_left")
+    joints = hand.joint_names
+    assert len(joints) == 2 and len(hand.drives) == 1
+    plan = replace(
+        panda,
+        hand=hand,
+        contacts=replace(panda.contacts, links=("", "")),
+        motion=replace(panda.motion, q=np.zeros((1, 2)), holding_torques=np.array([0.3, 0.1])),
+    )
+    with pytest.raises(InvalidInput, match="1 drive cannot make the torques of 2 joints"):
+        plan.to_ros2(command="jaw")
+    (jaw,) = jaw_commands(plan, shortfall=None)
+    arms = hand.transmission[0]
+    assert jaw.effort == pytest.approx(abs(arms @ [0.3, 0.1]) / (arms @ arms))
+    assert jaw.width is None and jaw.jaw_force is None
+    assert jaw.summary()["force_per_jaw_N"] is None
+    assert plan.to_ros2(command="jaw", shortfall=None)["command"]["name"] == list(joints)
 
 
 def test_a_drive_that_does_not_press_is_no_jaw(panda):
