@@ -25,9 +25,10 @@ Command: TypeAlias = Literal["torque", "position", "impedance", "jaw"]
 SERVO: tuple[Command, ...] = ("torque", "position", "impedance")
 COMMANDS: tuple[Command, ...] = get_args(Command)
 
+SHORTFALL = 0.05  # friction and reserve bear a few per cent of the torques
+
 _SLACK = 1e-6  # relative to a limit, and [rad or m] beyond a range
 _NOTHING = 1e-9  # of the largest torque: rounding
-SHORTFALL = 0.05
 
 
 class Commanding(Sampling, total=False):
@@ -248,7 +249,9 @@ def _ahead(times: Array, reference: Array) -> tuple[Array, Array, Array]:
 def _range_notes(hand: HandModel, reference: Array) -> list[str]:
     """References beyond the range of a drive's coordinate: servos that clip them make less force."""
     arms = hand.transmission
-    ends = np.sort(np.array([arms * hand.lower, arms * hand.upper]), axis=0).sum(axis=2)
+    with np.errstate(invalid="ignore"):  # joints without limits that a drive does not move
+        ends = np.where(arms == 0, 0.0, np.array([arms * hand.lower, arms * hand.upper]))
+    ends = np.sort(ends, axis=0).sum(axis=2)
     beyond = np.maximum(ends[0] - reference, reference - ends[1]).max(axis=0)
     return [
         f"drive {drive.name} is sent {by:.3g} rad or m beyond its joints' range: a controller that clips this makes "

@@ -222,6 +222,8 @@ class JointTrajectory:
     ) -> JointTrajectory:
         """Write keyframes ``start``, ``impact`` and ``final``, and next to them an ``.npz`` of the controls over time.
 
+        For trajectories of joints; those of drives are written by ``plan.to_mujoco(command=)``.
+
         ``<include file="PATH"/>`` in the hand's MJCF file adds the keyframes. The archive holds ``times`` (m,),
         ``ctrl`` (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), and the names in ``joints`` and ``actuators``.
 

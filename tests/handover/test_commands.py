@@ -17,6 +17,7 @@ import pinograsp as pg
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.handover import drive_commands, gripper_message, jaw_commands, joint_trajectory, read_csv, read_ros2
 from pinograsp.hands import Drive, Spring
+from pinograsp.planner import load_run, save_run
 
 JOINT = "panda_finger_joint1"
 RATE = {"rate": 250.0}
@@ -124,6 +125,24 @@ def test_what_is_beyond_limits_is_noted(panda):
     assert any("motor needs up to" in note and "limit of 0.001" in note for note in weak.notes)
     soft = drive_commands(driven(panda, one_drive(1.0)), "position", stiffness=1.0, **RATE)
     assert any("motor is sent" in note and "beyond its joints' range" in note for note in soft.notes)
+
+
+def test_joints_without_limits_have_no_range(allegro):
+    model = allegro.hand.model.copy()
+    model.lowerPositionLimit, model.upperPositionLimit = np.full(16, -math.inf), np.full(16, math.inf)
+    endless = replace(allegro, hand=replace(allegro.hand, model=model))
+    sent = drive_commands(endless, "position", stiffness=0.1, **RATE)
+    assert not any("range" in note for note in sent.notes)
+    assert any("range" in note for note in drive_commands(allegro, "position", stiffness=0.1, **RATE).notes)
+
+
+def test_a_plan_read_back_sends_the_same(panda, tmp_path):
+    again = load_run(save_run(panda, tmp_path / "run"))
+    assert jaw_commands(again) == jaw_commands(panda)
+    one, other = (drive_commands(plan, "torque", **RATE) for plan in (panda, again))
+    assert np.array_equal(one.effort, other.effort) and np.array_equal(one.q, other.q)
+    again.to_mujoco(tmp_path / "scene.xml", scene=True, command="jaw", hold=0.2)
+    assert played(tmp_path / "scene.xml")[2] == pytest.approx(planned(panda), rel=1e-2)
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
