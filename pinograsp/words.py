@@ -26,3 +26,8 @@ def printable(text: str, most: int = 200) -> str:
     """
     shown = escaped(str(text))
     return shown if len(shown) <= most else f"{shown[: most - 3]}..."
+
+
+def no_formula(name: str) -> str:
+    """A name as a cell of a table: an apostrophe before what a spreadsheet would take for a formula."""
+    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "'")) else name

@@ -34,8 +34,8 @@ ROOMS = [
     "motion",
     "synthesis",
     "storage",
-    "handover",
     "referee",
+    "handover",
     "viz",
     "report",
     "planner",
@@ -46,7 +46,7 @@ ROOMS = [
 OWNERS = {
     "pinocchio": {"hands", "contacts", "motion", "synthesis", "referee"},
     "coal": {"hands", "objects", "contacts", "referee"},
-    "mujoco": {"referee"},
+    "mujoco": {"referee", "handover"},
     "trimesh": {"hands", "objects"},
     "yourdfpy": {"hands"},
     "xacro": {"hands"},

@@ -6,11 +6,30 @@ three are continuous everywhere, from rest to rest. The nodes are the plan's own
 jumps (where the approach meets the grasp phase, where a joint is stopped by its limit, and at t_F, where the
 deceleration ends) those within half of ``blend`` are left out, so that one polynomial leads across; how far it then is
 from the plan is measured and told.
+
+The same for the drives that a hand really has: their torques, servo positions that make the forces, positions with
+feed-forward and gains, or width and force of a gripper.
 """
 
 from __future__ import annotations
 
 from pinograsp.handover.build import Sampling, joint_trajectory
+from pinograsp.handover.commands import Command, Commanding, drive_commands
+from pinograsp.handover.jaws import JawCommand, JointTarget, gripper_message, jaw_commands, write_jaws
 from pinograsp.handover.trajectory import JointTrajectory, read_csv, read_ros2
 
-__all__ = ["JointTrajectory", "Sampling", "joint_trajectory", "read_csv", "read_ros2"]
+__all__ = [
+    "Command",
+    "Commanding",
+    "JawCommand",
+    "JointTarget",
+    "JointTrajectory",
+    "Sampling",
+    "drive_commands",
+    "gripper_message",
+    "jaw_commands",
+    "joint_trajectory",
+    "read_csv",
+    "read_ros2",
+    "write_jaws",
+]

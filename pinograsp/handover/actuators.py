@@ -5,9 +5,13 @@ The model comes from outside: its arrays are read, the package itself is not nee
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +20,8 @@ from pinograsp.checks import array_of, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import Array
+from pinograsp.words import printable
+from pinograsp.writing import write_file
 
 _SLACK = 1e-6  # beyond a control range, in its unit
 # MuJoCo's numbers for transmissions by joints and tendons, fixed tendons, and joints of one degree of freedom.
@@ -149,6 +155,46 @@ def controls(
         actuators=tuple(actuators),
         notes=tuple(notes),
     )
+
+
+def keyframes(times: Array, found: Controls, keys: Mapping[str, int]) -> list[str]:
+    """Lines of XML: names in comments, and keyframes at the samples ``keys``, in their order."""
+    lines = [
+        # no comment may hold two hyphens in a row
+        f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(map(printable, names)))} -->"
+        for what, names in (("qpos", found.joints), ("ctrl", found.actuators))
+    ]
+    for name, i in sorted(keys.items(), key=lambda key: key[1]):
+        values = {"time": times[i : i + 1], "qpos": found.qpos[i], "qvel": found.qvel[i], "ctrl": found.ctrl[i]}
+        attributes = " ".join(f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size)
+        lines.append(f'<key name="{name}" {attributes}/>')
+    return lines
+
+
+def archive(times: Array, found: Controls) -> bytes:
+    """The controls over time as an ``.npz``."""
+    written = io.BytesIO()
+    np.savez_compressed(
+        written,
+        times=times,
+        qpos=found.qpos,
+        qvel=found.qvel,
+        ctrl=found.ctrl,
+        joints=np.array(found.joints, dtype=str),
+        actuators=np.array(found.actuators, dtype=str),
+    )
+    return written.getvalue()
+
+
+def write_keyframes(path: Path, times: Array, impact_time: float | None, found: Controls) -> None:
+    """Write keyframes ``start``, ``impact`` and ``final`` to be included, and the controls beside them."""
+    last = times.size - 1
+    keys = {"start": 0, "final": last}
+    if impact_time is not None:  # the first sample that touches
+        keys["impact"] = min(int(np.searchsorted(times, impact_time - 1e-9)), last)
+    inner = "\n".join(f"    {line}" for line in keyframes(times, found, keys))
+    write_file(path.with_suffix(".npz"), archive(times, found))
+    write_file(path, f"<mujoco>\n  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>\n".encode())
 
 
 def _pulls(model: Any, u: int) -> list[tuple[int, float]] | None:

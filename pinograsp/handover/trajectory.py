@@ -5,27 +5,26 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, flag, one_of, path_of, read_only, text_of
 from pinograsp.errors import InvalidInput
-from pinograsp.handover.actuators import Controls, controls
+from pinograsp.handover.actuators import Controls, controls, write_keyframes
 from pinograsp.handover.quintic import between, interpolated
 from pinograsp.handover.yaml_text import yaml_of
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import Array
-from pinograsp.words import printable
+from pinograsp.words import no_formula
 from pinograsp.writing import write_file
 
 _FIELDS = {"position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "effort"}
+_GAINS = ("stiffness", "damping")
 _MESSAGE = {"positions": "q", "velocities": "dq", "accelerations": "ddq", "effort": "effort"}
 
 
@@ -46,6 +45,7 @@ class JointTrajectory:
         deviation: how far joints are from the plan at most, a controller's quintic interpolation between samples
             included (n,) [rad or m].
         contact_deviation: how far that moves each contact point, by contact [m].
+        stiffness, damping: gains that the commands are for (n,); None: none, or those of the controller.
         notes: what the receiver should know.
 
     Trajectories that were read from a file have names, times and samples; the rest is None or empty.
@@ -65,6 +65,8 @@ class JointTrajectory:
     blends: tuple[tuple[float, float], ...] = ()
     deviation: np.ndarray | None = None
     contact_deviation: Mapping[str, float] = field(default_factory=dict)
+    stiffness: np.ndarray | None = None
+    damping: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
     __repr__ = brief()
@@ -76,6 +78,9 @@ class JointTrajectory:
         object.__setattr__(self, "times", times)
         for name in _FIELDS.values():
             object.__setattr__(self, name, array_of(name, getattr(self, name), (times.size, len(self.names))))
+        for name in _GAINS:
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, array_of(name, getattr(self, name), (len(self.names),)))
 
     def at(self, times: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as controllers
@@ -134,7 +139,8 @@ class JointTrajectory:
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def to_csv(self, path: str | Path, *, followers: bool = False) -> JointTrajectory:
-        """Write a table: ``time`` [s] and, by joint, ``JOINT/position``, ``/velocity``, ``/acceleration``, ``/effort``.
+        """Write a table: ``time`` [s] and, by joint, ``JOINT/position``, ``/velocity``, ``/acceleration``, ``/effort``;
+        ``/stiffness`` and ``/damping`` where there are gains.
 
         ``followers`` adds coupled joints. An existing file is replaced. Returns what was written. Names that a
         spreadsheet would take for a formula get an apostrophe before them, which :func:`read_csv` takes off.
@@ -149,8 +155,10 @@ class JointTrajectory:
         # csv itself overlooks a carriage return
         odd = any("\r" in name for name in own.names)
         head = csv.writer(written, lineterminator="\n", quoting=csv.QUOTE_ALL if odd else csv.QUOTE_MINIMAL)
-        head.writerow(["time", *(f"{_no_formula(name)}/{kind}" for kind in _FIELDS for name in own.names)])
-        rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in _FIELDS.values())])
+        gains = [name for name in _GAINS if getattr(own, name) is not None]
+        head.writerow(["time", *(f"{no_formula(name)}/{kind}" for kind in (*_FIELDS, *gains) for name in own.names)])
+        constant = [np.tile(getattr(own, name), (own.times.size, 1)) for name in gains]
+        rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in _FIELDS.values()), *constant])
         table.writerows([repr(value) for value in row] for row in rows.tolist())
         write_file(path, written.getvalue().encode())
         return own
@@ -214,6 +222,8 @@ class JointTrajectory:
     ) -> JointTrajectory:
         """Write keyframes ``start``, ``impact`` and ``final``, and next to them an ``.npz`` of the controls over time.
 
+        For trajectories of joints; those of drives are written by ``plan.to_mujoco(command=)``.
+
         ``<include file="PATH"/>`` in the hand's MJCF file adds the keyframes. The archive holds ``times`` (m,),
         ``ctrl`` (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), and the names in ``joints`` and ``actuators``.
 
@@ -252,44 +262,8 @@ class JointTrajectory:
             )
         else:
             found = controls(model, self, own, qpos, feed_forward, prefix)
-        last = own.times.size - 1
-        keys = {"start": 0, "final": last}
-        if self.impact_time is not None:  # the first sample that touches
-            keys["impact"] = min(int(np.searchsorted(own.times, self.impact_time - 1e-9)), last)
-        lines = [
-            # no comment may hold two hyphens in a row
-            f"<!-- {what}: {re.sub('-(?=-)', '- ', ', '.join(map(printable, names)))} -->"
-            for what, names in (("qpos", found.joints), ("ctrl", found.actuators))
-        ]
-        for name, i in sorted(keys.items(), key=lambda key: key[1]):
-            values = {
-                "time": own.times[i : i + 1],
-                "qpos": found.qpos[i],
-                "qvel": found.qvel[i],
-                "ctrl": found.ctrl[i],
-            }
-            attributes = " ".join(
-                f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size
-            )
-            lines.append(f'<key name="{name}" {attributes}/>')
-        archive = io.BytesIO()
-        np.savez_compressed(
-            archive,
-            times=own.times,
-            qpos=found.qpos,
-            qvel=found.qvel,
-            ctrl=found.ctrl,
-            joints=np.array(found.joints, dtype=str),
-            actuators=np.array(found.actuators, dtype=str),
-        )
-        write_file(path.with_suffix(".npz"), archive.getvalue())
-        inner = "\n".join(f"    {line}" for line in lines)
-        write_file(path, f"<mujoco>\n  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>\n".encode())
+        write_keyframes(path, own.times, self.impact_time, found)
         return replace(self, notes=(*self.notes, *found.notes))
-
-
-def _no_formula(name: str) -> str:
-    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "'")) else name
 
 
 def read_csv(path: str | Path) -> JointTrajectory:
@@ -301,15 +275,18 @@ def read_csv(path: str | Path) -> JointTrajectory:
         values = np.array(rows, dtype=float).reshape(-1, len(header))
     except (OSError, ValueError) as error:
         raise InvalidInput(f"'{path}': expected a table of numbers with a line of names: {error}") from error
-    n = (len(header) - 1) // len(_FIELDS)
+    gains = [name for name in _GAINS if any(column.endswith(f"/{name}") for column in header)]
+    kinds = [*_FIELDS, *gains]
+    n = (len(header) - 1) // len(kinds)
     names = [name.rpartition("/")[0] for name in header[1 : n + 1]]
-    if header != ["time", *(f"{name}/{kind}" for kind in _FIELDS for name in names)]:
+    if not values.size or header != ["time", *(f"{name}/{kind}" for kind in kinds for name in names)]:
         raise InvalidInput(
             f"'{path}': expected columns time, JOINT/{', JOINT/'.join(_FIELDS)}, got {', '.join(header[:9])}..."
         )
-    q, dq, ddq, effort = np.split(values[:, 1:], len(_FIELDS), axis=1)
+    q, dq, ddq, effort, *rest = np.split(values[:, 1:], len(kinds), axis=1)
     own = tuple(name.removeprefix("'") for name in names)
-    return JointTrajectory(names=own, times=values[:, 0], q=q, dq=dq, ddq=ddq, effort=effort)
+    kept = {name: one[0] for name, one in zip(gains, rest)}
+    return JointTrajectory(names=own, times=values[:, 0], q=q, dq=dq, ddq=ddq, effort=effort, **kept)
 
 
 def read_ros2(path: str | Path) -> JointTrajectory:

@@ -26,6 +26,18 @@ def yaml_of(message: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def gripper_yaml_of(message: dict[str, Any]) -> str:
+    """YAML of a parallel gripper's goal, as :func:`yaml_of`."""
+    inner = message["command"]
+    lines = [
+        "command:",
+        f"  header: {{stamp: {{sec: 0, nanosec: 0}}, frame_id: {_quoted(inner['header']['frame_id'])}}}",
+        f"  name: [{', '.join(map(_quoted, inner['name']))}]",
+        *(f"  {name}: [{', '.join(map(_digits, inner[name]))}]" for name in ("position", "velocity", "effort")),
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def _quoted(text: str) -> str:
     """In double quotes: with YAML's own escapes, JSON's pairs of surrogates mean something else there."""
     return '"' + "".join(f"\\{c}" if c in '"\\' else c if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'

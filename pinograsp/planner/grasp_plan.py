@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
-from pinograsp.checks import instance_of
+from pinograsp.checks import flag, instance_of, one_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, ForceSolution, Reaction
-from pinograsp.handover import JointTrajectory, Sampling, joint_trajectory
+from pinograsp.handover import Command, Commanding, JointTrajectory, gripper_message, jaw_commands, write_jaws
+from pinograsp.handover.commands import COMMANDS, SHORTFALL, commanded, write_drive_keyframes
 from pinograsp.hands import HandModel
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.planner.compliance import band_of, gains_of, servo_gains, stiffness_of
@@ -107,46 +108,102 @@ class GraspPlan(PlanRecord):
         """The plan's figures as plain JSON values, units in the names, margins included."""
         return PlanRecord.summary(self.with_margins())
 
-    def to_csv(self, path: str | Path, *, followers: bool = False, **sampling: Unpack[Sampling]) -> JointTrajectory:
+    def to_csv(
+        self,
+        path: str | Path,
+        *,
+        command: Command | None = None,
+        followers: bool = False,
+        **commanding: Unpack[Commanding],
+    ) -> JointTrajectory:
         """Write the motion for a controller as a table; see :meth:`pinograsp.handover.JointTrajectory.to_csv`.
 
-        ``sampling``: rate, start, lead, blend, as for :func:`pinograsp.handover.joint_trajectory`. Returns the
-        trajectory, which says how far it is from the plan.
+        Args:
+            path: an existing file is replaced.
+            command: None: joints with their torques. ``torque``, ``position``, ``impedance``: what the drives are sent,
+                see :func:`pinograsp.handover.drive_commands`. ``jaw``: a line per joint of a gripper with its target,
+                effort, width and forces, see :func:`pinograsp.handover.write_jaws`.
+            followers: adds coupled joints; of no effect on drives.
+            commanding: rate, start, lead, blend; for drives stiffness, damping, shortfall, too.
+
+        Returns:
+            The trajectory, which says how far it is from the plan; with a command its columns are the drives, for
+            ``jaw`` their coordinates and efforts.
+
+        Raises:
+            InvalidInput: as :func:`pinograsp.handover.drive_commands`. ResultsNotWritten.
         """
-        return joint_trajectory(self, **sampling).to_csv(path, followers=followers)
+        trajectory = commanded(self, command, **commanding)
+        if command == "jaw":
+            write_jaws(jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL)), path)
+            return trajectory
+        return trajectory.to_csv(path, followers=followers)
 
     def to_ros2(
         self,
         path: str | Path | None = None,
         *,
+        command: Command | None = None,
         followers: bool = False,
         effort: bool = True,
         goal: bool = False,
         frame: str = "",
-        **sampling: Unpack[Sampling],
+        **commanding: Unpack[Commanding],
     ) -> dict[str, Any]:
         """The motion as ROS 2's ``trajectory_msgs/JointTrajectory``, written where a path (.yaml, .json) is given.
 
-        See :meth:`pinograsp.handover.JointTrajectory.to_ros2`; ``sampling`` as for :meth:`to_csv`.
+        With ``command="jaw"`` the goal of a ``control_msgs/action/ParallelGripperCommand``, see
+        :func:`pinograsp.handover.gripper_message`; with another one, its ``joint_names`` are the drives. See
+        :meth:`pinograsp.handover.JointTrajectory.to_ros2`; ``commanding`` as for :meth:`to_csv`. Gains have no field in
+        the message: give the controller the same.
         """
-        trajectory = joint_trajectory(self, **sampling)
+        if command is not None and one_of("command", command, COMMANDS) == "jaw":
+            jaws = jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL))
+            return gripper_message(jaws, path, followers=followers, frame=frame)
+        trajectory = commanded(self, command, **commanding)
         return trajectory.to_ros2(path, followers=followers, effort=effort, goal=goal, frame=frame)
 
     def to_mujoco(
         self,
         path: str | Path,
         *,
+        command: Command | None = None,
+        scene: bool = False,
+        hold: float = 1.0,
         model: Any = None,
         qpos: Array | None = None,
         feed_forward: bool = True,
         prefix: str = "",
-        **sampling: Unpack[Sampling],
+        **commanding: Unpack[Commanding],
     ) -> JointTrajectory:
         """Write the motion as MuJoCo keyframes (.xml) and controls over time (.npz beside it); returns the trajectory.
 
-        See :meth:`pinograsp.handover.JointTrajectory.to_mujoco`; ``sampling`` as for :meth:`to_csv`.
+        Args:
+            path: ``.xml``; existing files are replaced.
+            command: without ``scene``, one control per drive in place of one per joint: efforts for ``torque``, servo
+                positions that make them for ``position`` and ``impedance``. In a scene, None means ``impedance``.
+            scene: a scene that loads by itself, with hand, object, actuators and keyframes, instead of keyframes to be
+                included; see :func:`pinograsp.handover.scene.write_scene`. Needs the extra ``sim``.
+            hold: of a scene, how long the controls go on after the motion [s].
+            model, qpos, feed_forward, prefix: a model of your own, whose actuators say what they are sent; see
+                :meth:`pinograsp.handover.JointTrajectory.to_mujoco`.
+            commanding: as for :meth:`to_csv`.
+
+        Raises:
+            InvalidInput: as :func:`pinograsp.handover.drive_commands`, or a model with ``command`` or ``scene``.
+                ResultsNotWritten.
         """
-        trajectory = joint_trajectory(self, **sampling)
+        if model is not None and (command is not None or flag("scene", scene)):
+            raise InvalidInput(
+                "model: expected without command= and scene=, got both: controls follow from the model's own actuators"
+            )
+        if flag("scene", scene):
+            from pinograsp.handover.scene import write_scene
+
+            return write_scene(self, path, "impedance" if command is None else command, hold=hold, **commanding)
+        if command is not None:
+            return write_drive_keyframes(self, path, command, **commanding)
+        trajectory = commanded(self, None, **commanding)
         return trajectory.to_mujoco(path, model=model, qpos=qpos, feed_forward=feed_forward, prefix=prefix)
 
     def show(self, *, simulation: Simulation | None = None, port: int = 8080, open_browser: bool = True) -> Viewer:

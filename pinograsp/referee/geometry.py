@@ -50,3 +50,17 @@ def object_shape(body: Body, notes: list[str]) -> coal.ShapeBase | Surface:
         return hull
     notes.append("'object' is not convex: its own triangles are used, by coal's distances")
     return Surface(body)
+
+
+def hull_shape(body: Body, notes: list[str]) -> coal.ShapeBase:
+    """The object's shape in its own frame: convex, or the convex hull of a mesh that is not; as for
+    :func:`object_shape`.
+    """
+    found: list[str] = []
+    shape = object_shape(body, found)
+    if not isinstance(shape, Surface):
+        notes += found
+        return shape
+    notes.append("'object' is not convex: its convex hull is used, which may touch where the object does not")
+    hull: coal.ShapeBase = hull_of(body.collision_geometry)
+    return hull

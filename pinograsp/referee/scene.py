@@ -10,7 +10,7 @@ import pinocchio as pin
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.referee.geometry import convex, object_shape
+from pinograsp.referee.geometry import convex, hull_shape, object_shape
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.surface import Surface
 from pinograsp.spatial import Array
@@ -48,16 +48,56 @@ def build(
         mass_factor: multiplies the object's mass and inertia.
         flat: whether links touch the object with flat areas, at several points.
     """
-    spec = mujoco.MjSpec()
-    _set_options(spec, time_step, gravity_o, coupled=bool(hand.couplings), flat=flat)
-    notes: list[str] = []
-    bodies = _links(spec, hand, notes)
-    for name, kp, kv, rotor in zip(hand.joint_names, servo.stiffness, servo.damping, servo.rotor):
-        spec.joint(name).armature = rotor
+    spec, notes = outline(
+        hand,
+        body,
+        time_step=time_step,
+        gravity_o=gravity_o,
+        rotor=servo.rotor,
+        mass_factor=mass_factor,
+        flat=flat,
+    )
+    for name, kp, kv in zip(hand.joint_names, servo.stiffness, servo.damping):
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         # A motor without stiffness takes torques as its control.
         motor.gainprm[0], motor.biasprm[1], motor.biasprm[2] = kp or 1.0, -kp, -kv
+    return compiled(spec), notes
+
+
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The model of a description; :class:`InvalidInput` says what MuJoCo refuses."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InvalidInput(f"MuJoCo refuses this hand or object: {error}") from error
+
+
+def outline(
+    hand: HandModel,
+    body: Body,
+    *,
+    time_step: float,
+    gravity_o: Array,
+    rotor: Array,
+    mass_factor: float = 1.0,
+    flat: bool = False,
+    presses: bool = False,
+) -> tuple[mujoco.MjSpec, list[str]]:
+    """Hand and object without motors, as :func:`build`, and notes on what differs from the given geometry.
+
+    Args:
+        hand, body, time_step, gravity_o, mass_factor, flat: as for :func:`build`.
+        rotor: inertias of the motors at the joints (n,) [kg m^2 or kg].
+        presses: whether MuJoCo's own contacts exert forces; an object that is not convex is then its convex hull.
+    """
+    spec = mujoco.MjSpec()
+    _set_options(spec, time_step, gravity_o, coupled=bool(hand.couplings), flat=flat)
+    notes: list[str] = []
+    bodies = _links(spec, hand, notes)
+    for name, inertia in zip(hand.joint_names, rotor):
+        spec.joint(name).armature = inertia
+    found = {"density": 0.0} if presses else _FOUND_ONLY
     for joint, coupling in hand.couplings.items():
         tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, name2=coupling.followed)
         tie.data[:2] = coupling.offset, coupling.factor
@@ -65,17 +105,14 @@ def build(
     for one in hand.geometry.geometryObjects:
         shape = convex(one.geometry, one.name, notes)
         if shape is not None:
-            _add_geom(spec, bodies[one.parentJoint], shape, one.placement, one.name, _HAND)
+            _add_geom(spec, bodies[one.parentJoint], shape, one.placement, one.name, found | _HAND)
     free = spec.worldbody.add_body(name="object", pos=body.pose[:3, 3], quat=_quaternion(body.pose[:3, :3]))
     free.add_freejoint()
     _set_inertia(free, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
-    shape = object_shape(body, notes)
+    shape = hull_shape(body, notes) if presses else object_shape(body, notes)
     if not isinstance(shape, Surface):  # MuJoCo would take its convex hull
-        _add_geom(spec, free, shape, pin.SE3.Identity(), "object", _OBJECT)
-    try:
-        return spec.compile(), notes
-    except ValueError as error:
-        raise InvalidInput(f"MuJoCo refuses this hand or object: {error}") from error
+        _add_geom(spec, free, shape, pin.SE3.Identity(), "object", found | _OBJECT)
+    return spec, notes
 
 
 def _set_options(spec: mujoco.MjSpec, time_step: float, gravity_o: Array, *, coupled: bool, flat: bool) -> None:
@@ -144,14 +181,13 @@ def _add_geom(
     shape: coal.ShapeBase,
     placement: pin.SE3,
     name: str,
-    collides: dict[str, int],
+    settings: dict[str, float],
 ) -> None:
     kinds = mujoco.mjtGeom
     common = {
         "pos": placement.translation,
         "quat": _quaternion(placement.rotation),
-        **_FOUND_ONLY,
-        **collides,
+        **settings,
     }
     if isinstance(shape, coal.Sphere):
         body.add_geom(type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], **common)

@@ -533,6 +533,27 @@ def _fill() -> None:
     call(w.plan.to_csv, path="plan.csv", followers=False, rate=100.0)
     call(w.plan.to_ros2, path=None, followers=False, effort=True, goal=True, frame="", rate=100.0, start=w.q)
     call(w.plan.to_mujoco, path="plan.xml", feed_forward=True, prefix="hand_", rate=100.0)
+    servo = {"stiffness": 5.0, "damping": np.full(w.hand.n, 0.1), "shortfall": 0.05}
+    call(handover.drive_commands, plan=w.plan, command="impedance", rate=100.0, start=w.q, **servo)
+    call(w.plan.to_csv, "to_csv of drives", path="drives.csv", command="position", stiffness=5.0, rate=100.0)
+    call(w.plan.to_ros2, "to_ros2 of drives", path="drives.yaml", command="torque", goal=True, rate=100.0)
+    call(w.plan.to_mujoco, "to_mujoco of drives", path="drives.xml", command="torque", rate=100.0)
+    call(
+        w.plan.to_mujoco,
+        "to_mujoco, scene",
+        path="scene.xml",
+        scene=True,
+        command="impedance",
+        hold=0.1,
+        rate=100.0,
+        **servo,
+    )
+    target = handover.JointTarget(joint="j", position=0.01, closed=0.0, effort=3.0, follows=False)
+    jaw = handover.JawCommand(
+        drive="jaws", coordinate=0.02, effort=3.0, width=0.02, jaw_force=3.0, total_force=6.0, joints=(target,)
+    )
+    call(handover.gripper_message, jaws=[jaw], path="grip.yaml", followers=True, frame="world")
+    call(handover.write_jaws, jaws=[jaw], path="jaws.csv")
     call(handover.read_csv, path="kept/motion.csv")
     call(handover.read_ros2, path="kept/motion.yaml")
 

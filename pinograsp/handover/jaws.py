@@ -1,0 +1,252 @@
+"""What grippers are sent: width and force, as plain numbers and as ROS 2's parallel gripper command."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinograsp.checks import flag, instance_of, items_of, one_of, path_of, text_of
+from pinograsp.errors import InvalidInput
+from pinograsp.handover.commands import SHORTFALL, efforts, require_drives
+from pinograsp.handover.yaml_text import gripper_yaml_of
+from pinograsp.hands import HandModel
+from pinograsp.hands.drives import Drive
+from pinograsp.plan import PlanRecord
+from pinograsp.spatial import Array
+from pinograsp.words import no_formula
+from pinograsp.writing import write_file
+
+_LEAST = 1e-6  # share of the drive's limit, or N: less does not press
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointTarget:
+    """What one joint of a gripper is sent.
+
+    Attributes:
+        joint: its name.
+        position: where the plan holds [rad or m].
+        closed: end of its travel in the closing direction [rad or m]; ``position`` where it has none.
+        effort: largest size of its own effort [N m or N], without that of the joints that follow it.
+        follows: whether it follows another joint.
+    """
+
+    joint: str
+    position: float
+    closed: float
+    effort: float
+    follows: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JawCommand:
+    """How a drive of a gripper holds after t_F.
+
+    Attributes:
+        drive: its name.
+        coordinate: the drive's own, transmission @ q [rad or m].
+        effort: of the drive, its size [N or N m].
+        width: distance between the two jaws' contact points, each the mean weighted by force [m]; None where the
+            hand does not press with exactly two parts.
+        jaw_force: that one jaw presses with along the line between these points, the larger of both [N]; None as
+            for ``width``.
+        total_force: of both jaws [N].
+        joints: the joints that it moves, followers included.
+    """
+
+    drive: str
+    coordinate: float
+    effort: float
+    width: float | None
+    jaw_force: float | None
+    total_force: float | None
+    joints: tuple[JointTarget, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """As plain JSON values, units in the names."""
+        return {
+            "drive": self.drive,
+            "coordinate": self.coordinate,
+            "effort": self.effort,
+            "width_m": self.width,
+            "force_per_jaw_N": self.jaw_force,
+            "force_total_N": self.total_force,
+            "joints": [asdict(one) for one in self.joints],
+        }
+
+
+def jaw_commands(plan: PlanRecord, *, shortfall: float | None = SHORTFALL) -> tuple[JawCommand, ...]:
+    """Width and force of a gripper's drives as the plan holds after t_F.
+
+    These are the drives whose control is ``jaw``, or the only drive of a hand. Efforts are those of the plan's holding
+    torques.
+
+    Args:
+        plan: fresh or read back.
+        shortfall: share of the largest holding torque that the drives may leave undone, as for
+            :func:`drive_commands`; None: any.
+
+    Raises:
+        InvalidInput: a plan without its hand; a hand without jaws; a drive that does not press; torques that the
+            drives cannot make.
+    """
+    hand = instance_of("plan", plan, PlanRecord).require_hand()
+    require_drives(hand)
+    drives = [drive for drive in hand.drives if drive.control == "jaw"] or list(hand.drives)
+    if len(drives) > 1 and drives[0].control != "jaw":
+        raise InvalidInput(
+            f"command='jaw': expected drives with control 'jaw', got {len(hand.drives)} drives of hand '{hand.name}' "
+            "with other controls: take another command, or say which are jaws, hand.with_drives([Drive(..., "
+            "control='jaw')]), and plan with that hand"
+        )
+    made, q = hand.transmission, plan.motion.q[-1]
+    needed = efforts(hand, q[None], plan.motion.holding_torques[None], shortfall)[0][0]
+    width, forces = _pressed(hand, plan)
+    found = []
+    for drive in drives:
+        row = hand.drives.index(drive)
+        effort = float(needed[row])
+        if abs(effort) <= _LEAST * min(drive.limit, 1.0):
+            raise InvalidInput(
+                f"command='jaw': expected a drive that presses, got an effort of {effort:.3g} for '{drive.name}': "
+                "take command='position', or a plan whose contacts it presses"
+            )
+        found.append(
+            JawCommand(
+                drive=drive.name,
+                coordinate=float(made[row] @ q),
+                effort=abs(effort),
+                width=width,
+                jaw_force=None if forces is None else max(forces),
+                total_force=None if forces is None else sum(forces),
+                joints=_targets(hand, drive, effort, q),
+            )
+        )
+    return tuple(found)
+
+
+def _targets(hand: HandModel, drive: Drive, effort: float, q: Array) -> tuple[JointTarget, ...]:
+    targets = []
+    for joint, arm in zip(drive.joints, drive.arms):
+        followers = {name: one for name, one in hand.couplings.items() if one.followed == joint}
+        # Joints that move together share the torque at the one that they follow as equal jaws do.
+        torque = effort * arm / (1.0 + sum(one.factor**2 for one in followers.values()))
+        j = hand.joint_names.index(joint)
+        end = float((hand.upper if torque > 0 else hand.lower)[j])
+        position = float(q[j])
+        closed = end if math.isfinite(end) else position
+        targets.append(JointTarget(joint=joint, position=position, closed=closed, effort=abs(torque), follows=False))
+        targets += [
+            JointTarget(
+                joint=name,
+                position=one.factor * position + one.offset,
+                closed=one.factor * closed + one.offset,
+                effort=abs(one.factor * torque),
+                follows=True,
+            )
+            for name, one in followers.items()
+        ]
+    return tuple(targets)
+
+
+def _pressed(hand: HandModel, plan: PlanRecord) -> tuple[float | None, list[float] | None]:
+    """Distance of two jaws' contact points at the end [m], and the force of each along the line between them [N]."""
+    contacts, motion = plan.contacts, plan.motion
+    parts: dict[str, list[int]] = {}
+    for i, link in enumerate(contacts.links):
+        frame = hand.model.frames[hand.frame_id(link)] if link else None
+        joint = 0 if frame is None else int(frame.parentJoint)
+        name = next((finger.name for finger in hand.fingers if joint in finger.joint_ids), "")
+        parts.setdefault(name, []).append(i)
+    if len(parts) != 2 or not all(contacts.links):
+        return None, None
+    placements = [hand.frame_placements(q, contacts.links) for q in (motion.q[motion.impact], motion.q[-1])]
+    points = np.array(
+        [
+            (after @ np.linalg.solve(before, [*point, 1.0]))[:3]
+            for point, before, after in zip(contacts.points_o, *placements)
+        ]
+    )
+    weights = np.maximum(plan.forces.normal_forces, 1e-12)
+    means = [np.average(points[rows], axis=0, weights=weights[rows]) for rows in parts.values()]
+    apart = means[1] - means[0]
+    width = float(np.linalg.norm(apart))
+    if width == 0:
+        return None, None
+    pressing = [motion.forces_o[-1, rows].sum(axis=0) @ apart / width for rows in parts.values()]
+    return width, [abs(float(one)) for one in pressing]
+
+
+def gripper_message(
+    jaws: Sequence[JawCommand],
+    path: str | Path | None = None,
+    *,
+    followers: bool = False,
+    frame: str = "",
+) -> dict[str, Any]:
+    """The goal of a ``control_msgs/action/ParallelGripperCommand`` as plain values; written where a path is given.
+
+    Its ``command``, a ``sensor_msgs/JointState``, has for each joint the position [m or rad] at the end of its travel
+    in the closing direction, so that the gripper presses until it reaches ``effort`` [N or N m]: the joint's own,
+    which is the force of one jaw where jaws slide. A gripper that stops at the planned position would press with
+    little. ``velocity`` is empty, which sets no limit. Send it with
+    ``ros2 action send_goal NAME control_msgs/action/ParallelGripperCommand "$(cat FILE)"``.
+
+    Args:
+        jaws: of :func:`jaw_commands`.
+        path: ``.yaml``, ``.yml`` or ``.json``; an existing file is replaced.
+        followers: adds the joints that follow; most controllers take one joint.
+        frame: ``header.frame_id``.
+
+    Raises:
+        InvalidInput: another suffix. ResultsNotWritten.
+    """
+    jaws = items_of("jaws", jaws, JawCommand)
+    if path is not None:
+        path = path_of("path", path)
+        one_of("suffix of a ROS 2 message", path.suffix, (".yaml", ".yml", ".json"))
+    flag("followers", followers)
+    joints = [one for jaw in jaws for one in jaw.joints if followers or not one.follows]
+    message: dict[str, Any] = {
+        "command": {
+            "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": text_of("frame", frame)},
+            "name": [one.joint for one in joints],
+            "position": [one.closed for one in joints],
+            "velocity": [],
+            "effort": [one.effort for one in joints],
+        }
+    }
+    if path is not None:
+        content = json.dumps(message, allow_nan=False) + "\n" if path.suffix == ".json" else gripper_yaml_of(message)
+        write_file(path, content.encode())
+    return message
+
+
+_COLUMNS = ("position", "closed", "effort")
+
+
+def write_jaws(jaws: Sequence[JawCommand], path: str | Path) -> None:
+    """Write a table with a line per drive and joint: ``drive``, ``joint``, ``position``, ``closed`` [m or rad],
+    ``effort`` (the joint's own [N or N m]), ``width_m``, ``force_per_jaw_N``, ``force_total_N``.
+
+    Raises:
+        ResultsNotWritten: the place cannot be written.
+    """
+    path = path_of("path", path)
+    written = io.StringIO()
+    table = csv.writer(written, lineterminator="\n")
+    table.writerow(["drive", "joint", *_COLUMNS, "width_m", "force_per_jaw_N", "force_total_N"])
+    for jaw in items_of("jaws", jaws, JawCommand):
+        shared = ["" if one is None else repr(one) for one in (jaw.width, jaw.jaw_force, jaw.total_force)]
+        for one in jaw.joints:
+            own = [repr(getattr(one, name)) for name in _COLUMNS]
+            table.writerow([no_formula(jaw.drive), no_formula(one.joint), *own, *shared])
+    write_file(path, written.getvalue().encode())

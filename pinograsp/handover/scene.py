@@ -1,0 +1,286 @@
+"""A plan as a MuJoCo scene that loads by itself: hand, drives, object, contacts, keyframes, and its controls."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pinograsp.checks import number, one_of, path_of
+from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.handover.actuators import Controls, archive, keyframes
+from pinograsp.handover.build import Sampling, joint_trajectory
+from pinograsp.handover.commands import COMMANDS, SHORTFALL, Command, gains, in_drives
+from pinograsp.handover.jaws import jaw_commands
+from pinograsp.handover.trajectory import JointTrajectory
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
+from pinograsp.plan import PlanRecord
+from pinograsp.referee.settings import Servo
+from pinograsp.spatial import Array
+from pinograsp.writing import write_file
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+try:
+    import mujoco
+
+    from pinograsp.referee.scene import compiled, outline
+except ImportError as error:
+    raise ExtraMissing("scene=True needs MuJoCo: pip install 'pinograsp[sim]'") from error
+
+_LONGEST_STEP = 5e-4  # [s] of the simulation
+# MuJoCo's impedance d of the contacts, at which solref is set for the planned stiffness. Nearer to 1, light links were
+# pressed off the planned forces and crept.
+_IMPEDANCE = 0.5
+_SUPPORT = 800.0  # [rad/s] natural frequency of the object on its support
+_FADING = 0.1  # [s] in which the support lets go
+_RATIO, _NO_SLIP = 10.0, 10  # friction is stiffer than the normal, and does not creep
+_PRESS = 2.0  # times its force: how far ahead the servo of a jaw is, so that its limit is met
+# Ratio of damping to stiffness [s], stable for links of hardly any mass. Couplings need damping that is not implicit:
+# critical there.
+_SETTLING = 0.01
+# Least inertia at a joint [kg m^2, kg]: links of hardly any mass chatter in contacts, and real joints have motors.
+_ROTOR, _SLIDING_ROTOR = 1e-4, 1e-4 / 0.03**2
+_LONGEST_HOLD = 60.0  # [s]
+_NOTHING = 1e-9  # [N, N m]: rounding
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def write_scene(
+    plan: PlanRecord,
+    path: str | Path,
+    command: Command = "impedance",
+    *,
+    hold: float = 1.0,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
+    shortfall: float | None = SHORTFALL,
+    **sampling: Unpack[Sampling],
+) -> JointTrajectory:
+    """Write a scene that loads by itself (.xml), and the controls that play the plan in it (.npz beside it).
+
+    The hand has an actuator per drive: a motor (``torque``), a servo (``position``, ``impedance``: the feed-forward is
+    part of its control), or a servo whose force ends at the plan's (``jaw``). Six more actuators, ``support x`` to
+    ``support rz``, hold the object while their control is 1, which fades to 0 within 0.1 s after t_F: from then on the
+    hand alone holds it. Contacts are MuJoCo's own: per link, the stiffness that the contact law has at the planned
+    force, and the planned friction. Keyframes: ``start``, ``touch`` and ``grasp`` (t_F, with the controls of the hold).
+
+    Args:
+        plan: with its hand and its object.
+        path: ``.xml``; existing files are replaced. The archive is that of :meth:`JointTrajectory.to_mujoco`; each
+            row of ``ctrl`` is for round((times[1] - times[0]) / timestep) steps.
+        command: ``torque``, ``position``, ``impedance`` or ``jaw``.
+        stiffness, damping: of the servos, as for :func:`drive_commands`; default: those of the drives, else 50 N m/rad
+            (55.6 kN/m where joints slide), and 10 ms times that, or critical where joints are coupled.
+        shortfall: as for :func:`drive_commands`.
+        hold: how long the controls go on after the motion [s].
+        sampling: rate, start, lead, blend, as for :func:`joint_trajectory`.
+
+    Returns:
+        The trajectory of the drives, with notes on what the scene leaves out.
+
+    Raises:
+        InvalidInput: as :func:`drive_commands`; another suffix, a plan without an object, or one that MuJoCo refuses.
+        ResultsNotWritten: the place cannot be written.
+    """
+    path = path_of("path", path)
+    one_of("suffix of a MuJoCo scene", path.suffix, (".xml",))
+    one_of("command", command, COMMANDS)
+    hold = number("hold", hold, at_least=0, at_most=_LONGEST_HOLD, unit="s")
+    hand, body = plan.require_hand(), plan.body
+    if body is None:
+        raise InvalidInput(
+            "scene=True: expected a plan with an object, got one without: plan on a shape (pinograsp.Sphere, ...), or "
+            "leave scene out"
+        )
+    if not all(plan.contacts.links):
+        raise InvalidInput("scene=True: expected contacts of a hand, got some without a link: plan with a hand")
+    if command == "jaw":
+        jaw_commands(plan, shortfall=shortfall)  # a hand with jaws that press
+    joints = joint_trajectory(plan, **sampling)
+    drives = in_drives(hand, joints, "torque", shortfall=shortfall)
+    if joints.times.size < 2:
+        raise InvalidInput("rate: expected two samples at least, got one: take a higher rate")
+    step = float(joints.times[1] - joints.times[0])
+    time_step = step / math.ceil(step / _LONGEST_STEP - 1e-9)
+    spec, notes = _outlined(plan, hand, body, time_step)
+    kp = _add_drives(spec, hand, command, stiffness, np.abs(drives.effort[-1]), damping)
+    _add_support(spec, body, plan.gravity_o)
+    servos = _finished(spec, hand, plan, kp)
+    model = compiled(spec)
+
+    extra = joints.times[-1] + np.arange(1, round(hold / step) + 1) * step
+    times = np.concatenate([joints.times, extra])
+    held = np.minimum(np.arange(times.size), joints.times.size - 1)
+    final = float(joints.times[-1] if joints.final_time is None else joints.final_time)
+    effort, pressed = drives.effort[held], _PRESS if command == "jaw" else 1.0
+    ctrl = effort
+    if command != "torque":
+        ctrl = drives.q[held] + (pressed * effort + servos.damping * drives.dq[held]) / servos.stiffness
+    supported = np.clip(1.0 - (times - final) / _FADING, 0.0, 1.0)
+    ctrl = np.hstack([ctrl, np.tile(supported[:, None], len(_AXES))])
+    found = _controls(model, joints.with_followers(), times, held, ctrl)
+
+    touch = 0 if joints.impact_time is None else int(np.searchsorted(times, joints.impact_time - 1e-9))
+    grasp = min(int(np.searchsorted(times, final - 1e-9)), times.size - 1)
+    keys = replace(found, qvel=found.qvel.copy(), ctrl=found.ctrl.copy())
+    keys.qvel[grasp], keys.ctrl[grasp] = 0.0, ctrl[-1]
+    keys.ctrl[grasp, -len(_AXES) :] = 0.0
+    lines = keyframes(times, keys, {"start": 0, "touch": touch, "grasp": grasp})
+    # The writer leaves out that inertias of real files may break the triangle inequality.
+    text = spec.to_xml().replace("<compiler ", '<compiler balanceinertia="true" ', 1)
+    inner = "\n".join(f"    {line}" for line in lines)
+    write_file(path.with_suffix(".npz"), archive(times, found))
+    write_file(path, text.replace("</mujoco>", f"  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>").encode())
+    if command == "torque":
+        notes.append("torques alone do not correct the posture: a hand that drifts may miss the object or lose it")
+    return replace(drives, notes=(*drives.notes, *notes))
+
+
+class _Servos(NamedTuple):
+    """Gains of the drives (m,), effort per unit of their coordinate and its rate."""
+
+    stiffness: Array
+    damping: Array
+
+
+def _outlined(plan: PlanRecord, hand: HandModel, body: Body, time_step: float) -> tuple[mujoco.MjSpec, list[str]]:
+    """Hand, its springs and the object, and notes on what the scene leaves out."""
+    links = plan.contacts.links
+    slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
+    spec, notes = outline(
+        hand,
+        body,
+        time_step=time_step,
+        gravity_o=plan.gravity_o,
+        rotor=np.maximum(Servo.of(hand).rotor, np.where(slides, _SLIDING_ROTOR, _ROTOR)),
+        flat=len(set(links)) < len(links),
+        presses=True,
+    )
+    spec.modelname = hand.name
+    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, _RATIO
+    spec.option.noslip_iterations = _NO_SLIP
+    spec.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    for spring in hand.springs:
+        joint = spec.joint(spring.joint)
+        joint.stiffness, joint.springref = [spring.stiffness, 0.0, 0.0], spring.rest
+    load = np.array(plan.load)
+    load[:3] -= plan.body_mass * plan.gravity_o
+    if np.abs(load).max() > _NOTHING:
+        notes.append("the scene has the object's weight alone, not the plan's other loads")
+    return spec, notes
+
+
+def _finished(spec: mujoco.MjSpec, hand: HandModel, plan: PlanRecord, kp: Array) -> _Servos:
+    """Set what follows from the compiled model: stiffness of the contacts, damping of the servos (m,)."""
+    model = compiled(spec)
+    _set_contacts(spec, hand, plan, model)
+    damping = -model.actuator_biasprm[: kp.size, 2]
+    for actuator, kd in zip(list(spec.actuators), damping):
+        actuator.biasprm[2] = -kd
+    return _Servos(kp, damping)
+
+
+def _add_drives(
+    spec: mujoco.MjSpec,
+    hand: HandModel,
+    command: Command,
+    stiffness: ArrayLike | None,
+    pressing: Array,
+    damping: ArrayLike | None,
+) -> Array:
+    """An actuator per drive, at its joint or by a fixed tendon; returns the stiffness of their servos (m,)."""
+    servo, arms = Servo.of(hand), hand.transmission
+    if stiffness is None:
+        soft = np.array([1.0 / ((row**2 / servo.stiffness).sum()) for row in arms])
+        kp = np.array([one if drive.stiffness is None else drive.stiffness for drive, one in zip(hand.drives, soft)])
+    else:
+        kp = gains(hand, "stiffness", stiffness)
+    kd = None if damping is None else gains(hand, "damping", damping)
+    for i, drive in enumerate(hand.drives):
+        if len(drive.joints) == 1:
+            motor = spec.add_actuator(name=drive.name, target=drive.joints[0], trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor.gear[0] = drive.arms[0]
+        else:
+            tendon = spec.add_tendon(name=drive.name)
+            for joint, arm in zip(drive.joints, drive.arms):
+                tendon.wrap_joint(joint, arm)
+            motor = spec.add_actuator(name=drive.name, target=drive.name, trntype=mujoco.mjtTrn.mjTRN_TENDON)
+        motor.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        if command == "torque":
+            motor.gainprm[0] = 1.0
+        else:
+            motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+            own = drive.damping if kd is None else float(kd[i])
+            motor.gainprm[0], motor.biasprm[1] = kp[i], -kp[i]
+            if own is not None:
+                motor.biasprm[2] = -own
+            else:  # above zero: a damping ratio
+                motor.biasprm[2] = 1.0 if hand.couplings else -_SETTLING * kp[i]
+        limit = float(pressing[i]) if command == "jaw" else drive.limit
+        if math.isfinite(limit) and limit > 0:
+            motor.forcelimited, motor.forcerange = True, [-limit, limit]
+    return kp
+
+
+def _add_support(spec: mujoco.MjSpec, body: Body, gravity_o: Array) -> None:
+    """Springs and dampers between the object and its place, which carry its weight; their control scales them."""
+    here = spec.body("object")
+    here.add_site(name="object", group=4)
+    spec.worldbody.add_site(name="place", pos=here.pos, quat=here.quat, group=4)
+    inertia = float(np.linalg.eigvalsh(body.inertia_b)[0])
+    weight = np.concatenate([-body.mass * body.pose[:3, :3].T @ gravity_o, np.zeros(3)])
+    for i, (axis, mass) in enumerate(zip(_AXES, np.repeat([body.mass, inertia], 3))):
+        spring = spec.add_actuator(
+            name=f"support {axis}", target="object", refsite="place", trntype=mujoco.mjtTrn.mjTRN_SITE
+        )
+        spring.gear[:] = np.eye(6)[i]
+        spring.gaintype, spring.biastype = mujoco.mjtGain.mjGAIN_AFFINE, mujoco.mjtBias.mjBIAS_NONE
+        spring.gainprm[:3] = weight[i], -mass * _SUPPORT**2, -2 * mass * _SUPPORT
+        spring.ctrllimited, spring.ctrlrange = True, [0.0, 1.0]
+
+
+def _set_contacts(spec: mujoco.MjSpec, hand: HandModel, plan: PlanRecord, model: mujoco.MjModel) -> None:
+    """Friction and stiffness of the hand's geometry, which count for its contacts with the object.
+
+    At rest a contact of impedance d and solref (-s, -b) has the stiffness s / ((1 - d) A), A being the sum of the
+    bodies' ``body_invweight0``.
+    """
+    contacts, forces, friction = plan.contacts, plan.forces, plan.friction
+    parts = np.array([int(hand.model.frames[hand.frame_id(link)].parentJoint) for link in contacts.links])
+    depths = np.maximum(forces.final_depths, 1e-7)
+    slopes = np.maximum(forces.normal_forces, 1e-3) / depths
+    of_object = float(model.body_invweight0[model.body("object").id, 0])
+    for geom in spec.geoms:
+        name = geom.parent.name
+        if name == "object":
+            continue
+        part = int(name.split()[1]) if name.startswith("link ") else 0
+        own = np.flatnonzero(parts == part)
+        rows = own if own.size else np.arange(parts.size)
+        inverse = float(model.body_invweight0[model.body(name).id, 0]) + of_object
+        s = float(slopes[rows].mean()) * (1 - _IMPEDANCE) * inverse
+        geom.priority, geom.condim = 1, 4 if friction.torsion > 0 else 3
+        geom.friction = [float(friction.mu[rows].mean()), friction.torsion, 0.0]
+        geom.solimp = [_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0]
+        geom.solref = [-s, -2 * math.sqrt(s * (1 - _IMPEDANCE))]
+
+
+def _controls(model: mujoco.MjModel, every: JointTrajectory, times: Array, held: Array, ctrl: Array) -> Controls:
+    qpos, qvel = np.tile(model.qpos0, (times.size, 1)), np.zeros((times.size, model.nv))
+    for column, name in enumerate(every.names):
+        qpos[:, model.joint(name).qposadr[0]] = every.q[held, column]
+        qvel[:, model.joint(name).dofadr[0]] = every.dq[held, column]
+    return Controls(
+        qpos=qpos,
+        qvel=qvel,
+        ctrl=ctrl,
+        joints=tuple(model.joint(j).name for j in range(model.njnt)),
+        actuators=tuple(model.actuator(u).name for u in range(model.nu)),
+    )
