@@ -321,37 +321,3 @@ def near_points(hand: HandModel, body: Body, q: ArrayLike) -> dict[str, NearPoin
             if part.finger not in near or gap < near[part.finger].gap:
                 near[part.finger] = NearPoint(gap, point, part.joint)
     return near
-
-
-def _near(model: pin.Model, inner: int, outer: int) -> bool:
-    """Whether ``outer`` comes within two joints after ``inner`` in one chain: such links overlap by design."""
-    for _ in range(2):
-        outer = model.parents[outer]
-        if outer == inner:
-            return True
-        if not outer:
-            return False
-    return False
-
-
-def self_collisions(hand: HandModel, start: Array, q: Array) -> tuple[tuple[str, str], ...]:
-    """Pairs of links, not within two joints of each other in one chain, that overlap at q but not at ``start``."""
-    model, objects = hand.model, list(hand.geometry.geometryObjects)
-    data, request = model.createData(), coal.CollisionRequest()
-
-    def overlapping(posture: Array) -> set[tuple[str, str]]:
-        pin.forwardKinematics(model, data, posture)
-        poses = [_pose(data, one.parentJoint, one.placement) for one in objects]
-        found = set()
-        for a, one in enumerate(objects):
-            for b, other in enumerate(objects[:a]):
-                i, j = other.parentJoint, one.parentJoint
-                if i == j or _near(model, i, j) or _near(model, j, i):
-                    continue
-                result = coal.CollisionResult()
-                if coal.collide(other.geometry, poses[b], one.geometry, poses[a], request, result):
-                    found.add((model.frames[other.parentFrame].name, model.frames[one.parentFrame].name))
-        return found
-
-    after = overlapping(q)
-    return tuple(sorted(after - overlapping(start))) if after else ()

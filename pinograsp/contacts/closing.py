@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapping_of, number, read_only
-from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of, self_collisions
+from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
+from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
@@ -33,7 +34,7 @@ from pinograsp.spatial import Array, BoolArray
 Posture: TypeAlias = Mapping[str, ArrayLike] | ArrayLike  # {finger: angles (n_f,)} or q (n,)
 
 TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes are exact to 1e-9
-_CREEP = 2e-7  # [m] least advance: what passes the object this close is taken to touch it
+_CREEP = 2e-5  # [m] least advance, so that what slides along the object does so in few steps
 _OPEN = 1e-9  # [m] an overlap beyond rounding: the hand cannot start there
 _PUSH = 0.01  # first share of the path that jaws push the object at once; quartered where it cannot yield
 _RATHER_MOVED = 3.0  # a turn costs this times as much as a move as far as its rim goes: pushed, an object slides first
@@ -192,30 +193,38 @@ class _Closing:
                 waits = np.where(speeds > 0, np.maximum(gaps - 0.5 * TOUCH, _CREEP) / speeds, np.inf)
             later = self.begins[self.free & ~moving]
             first, limit = int(np.argmin(waits)), float(min([*(self.ends[moving]), *later]) - self.at)
-            step = min(waits[first], limit)
-            self.at += step
-            self.q[moving] += step * self.rate[moving]
-            gaps -= step * speeds
-            if limit <= waits[first]:
+            if self.advance(min(waits[first], limit), speeds, gaps) and limit <= waits[first]:
                 self.end_joints()
-            else:
-                self.distances.put(self.q)
-                self.check_nearest(first, gaps)
 
-    def check_nearest(self, first: int, gaps: Array) -> None:
-        """Note the touch of part ``first``, where it does touch, and of those that do at the same time.
+    def advance(self, step: float, speeds: Array, gaps: Array) -> bool:
+        """Go on by a step, or less: to where a part touches first, which is noted. Whether the whole step was made.
 
-        ``gaps`` are lower bounds of all parts' distances; those that are looked at are put right.
+        ``gaps`` are lower bounds of all parts' distances, ``speeds`` upper bounds of how fast these shrink; the gaps
+        are taken on, those that are looked at are put right.
         """
-        gaps[first], point = self.distances.bound(self.parts[first])
-        if gaps[first] > TOUCH or point is None:
-            return
-        self.touch(self.parts[first], gaps[first], point)
-        for i in np.flatnonzero(gaps <= 1e-6).tolist():
-            if self.parts[i].link not in self.touched:  # at the same time, within the tolerance
-                gaps[i], point = self.distances.bound(self.parts[i])
-                if gaps[i] <= 2 * TOUCH and point is not None:
-                    self.touch(self.parts[i], gaps[i], point)
+        rate, q, at = np.where(self.moving, self.rate, 0.0), self.q.copy(), self.at
+        near = np.flatnonzero((speeds > 0) & (gaps - step * speeds <= 1e-6))
+        clear, hit = 0.0, np.inf  # lengths of a step after which nothing overlaps, and something does
+        length = step
+        while True:
+            self.q, self.at = q + length * rate, at + length
+            self.distances.put(self.q)
+            found = {i: self.distances.bound(self.parts[i]) for i in near.tolist()}
+            least = min((gap for gap, _ in found.values()), default=np.inf)
+            if (least > TOUCH and hit == np.inf) or abs(least) <= TOUCH or length == hit:
+                break
+            clear, hit = (length, hit) if least > 0 else (clear, length)
+            # Where a distance jumps, as coal's of meshes can, there is nothing between clear and hit.
+            length = hit if (hit - clear) * speeds.max() < 0.1 * TOUCH else (clear + hit) / 2
+        gaps -= length * speeds
+        for i, (gap, _) in found.items():
+            gaps[i] = gap
+        if least <= TOUCH:
+            for i in sorted(found, key=lambda i: gaps[i]):
+                part, (gap, point) = self.parts[i], found[i]
+                if gap <= 2 * TOUCH and point is not None and part.link not in self.touched:
+                    self.touch(part, gap, point)
+        return length == step
 
     def end_joints(self) -> None:
         """Stop the joints that are at the end of their path or at their limit."""
@@ -418,7 +427,7 @@ class _Closing:
                 shares=frozen(np.array([share for share, _ in self.events])),
                 postures=frozen(np.array([posture for _, posture in self.events])),
             ),
-            self_collisions=self_collisions(self.hand, self.start, self.q),
+            self_collisions=SelfCollisions(self.hand).between(self.start, self.q),
             pushed=read_only(pushed),
             notes=tuple(notes),
         )

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
 from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
-from pinograsp.contacts.clearance import deepest_hit, self_collisions
+from pinograsp.contacts.clearance import deepest_hit
+from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution, RobustForces
@@ -183,6 +184,7 @@ class _Planning:
         body = self.problem.object
         if not self.closing or body is None:
             return
+        collisions = SelfCollisions(self.hand)
         tried: list[tuple[float, str, list[JointPath]]] = []
         for last_part, order in itertools.product(_LAST_PARTS, _ORDERS):
             # Some samples are enough: the way is smooth, and ends where the last part begins.
@@ -195,7 +197,7 @@ class _Planning:
             if hit is None and self.spec.table is not None:
                 what, hit = "the table", deepest_below(self.hand, self.spec.table, np.vstack([way, self.path.q[-1:]]))
             if hit is None:
-                crossing = [pair for q in way[1::_EVERY] for pair in self_collisions(self.hand, way[0], q)]
+                crossing = [pair for q in way[1::_EVERY] for pair in collisions.between(way[0], q)]
                 if not crossing:
                     return
                 tried.append((0.0, f"{' and '.join(crossing[0])} hit each other on the way", paths))

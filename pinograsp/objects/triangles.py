@@ -213,6 +213,12 @@ class TriangleSurface:
         return curvatures, directions
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products (p, 3), without the checks of numpy's, which take ten times as long as the rest."""
+    products: Array = a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+    return products
+
+
 def _widened(squared: Array) -> Array:
     """Squares of the distances with NO_DIRECTION added."""
     widened: Array = (np.sqrt(squared) + NO_DIRECTION) ** 2
@@ -240,11 +246,11 @@ def _nearest_on(points: Array, corners: Array) -> tuple[Array, IntArray]:
         best[nearer], least[nearer] = at[nearer], squared[nearer]
         feature[nearer] = np.where(along == 0, 4 + i, np.where(along == 1, 4 + j, 1 + i))[nearer]
     ab, ac, ap = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
-    normal = np.cross(ab, ac)
+    normal = _cross(ab, ac)
     square = (normal**2).sum(axis=1)
     safe = np.where(square > 0, square, 1.0)
-    beta = (np.cross(ap, ac) * normal).sum(axis=1) / safe
-    gamma = (np.cross(ab, ap) * normal).sum(axis=1) / safe
+    beta = (_cross(ap, ac) * normal).sum(axis=1) / safe
+    gamma = (_cross(ab, ap) * normal).sum(axis=1) / safe
     within = (beta > 0) & (gamma > 0) & (beta + gamma < 1)
     foot = points - ((ap * normal).sum(axis=1) / safe)[:, None] * normal
     # In a needle, rounding must not make the foot worse than the edges.
@@ -258,7 +264,7 @@ def _feature_at(points: Array, corners: Array) -> IntArray:
     feature = np.zeros(len(points), dtype=int)
     for n, (i, j) in enumerate(_EDGES):
         side = corners[:, j] - corners[:, i]
-        off = np.linalg.norm(np.cross(points - corners[:, i], side), axis=1)
+        off = np.linalg.norm(_cross(points - corners[:, i], side), axis=1)
         feature[off <= NO_DIRECTION * np.linalg.norm(side, axis=1)] = 1 + n
     for i in range(3):
         feature[np.linalg.norm(points - corners[:, i], axis=1) <= NO_DIRECTION] = 4 + i

@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from pinograsp.checks import brief
 from pinograsp.contacts import fingertips
-from pinograsp.contacts.clearance import self_collisions
+from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import tangents
@@ -24,6 +24,7 @@ from pinograsp.spatial import Array
 _ROOM = 0.08  # of its range that a turning joint keeps from its stop: approaches swing back a little before they close
 _SHARES = np.linspace(0.1, 1.0, 13)  # of the way from open to closed, at which fingertips are looked at
 _AHEAD = 0.5  # of the way that a finger is ahead of, or behind, a mean one at most
+_WIDTHS, _REFINED, _TURNS, _AWAY = 12, 3, 30, 0.1  # widths of which the best are refined, how many, how often, how far
 _DRAWS = 6  # of the joints that spread fingers
 _PASSED = 1e-3  # [m] by which fingertips may have passed each other
 _LEAN, _EDGES = np.radians(25.0), 6  # of the forces that fingertips are taken to make
@@ -67,7 +68,7 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, u
         samples: postures of these joints.
         uneven: some fingers are further on their way than others, as where they are not mirror images.
     """
-    tips = _Tips(hand)
+    tips, collisions = _Tips(hand), SelfCollisions(hand)
     found: list[Preshape] = []
     spreads = tips.spreads
     for i in range(samples if len(spreads) or uneven else 1):
@@ -76,11 +77,11 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, u
         for _ in range(_DRAWS if i else 0):  # until the open fingers do not hit each other
             middle[spreads] = rng.uniform(tips.low[spreads], tips.high[spreads])
             opened, closed = tips.ends(middle)
-            if not self_collisions(hand, tips.middle, opened):
+            if not collisions.between(tips.middle, opened):
                 break
         ahead = tips.ahead(rng) if uneven else np.zeros(hand.n)
         for share in _SHARES:
-            one = tips.preshape(opened, closed, np.clip(share + ahead, 0.0, 1.0))
+            one = tips.preshape(opened, closed, opened + np.clip(share + ahead, 0.0, 1.0) * (closed - opened))
             if one is not None:
                 found.append(one)
     return sorted(found, key=lambda one: one.imbalance)
@@ -89,7 +90,35 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, u
 def free_of_themselves(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
     """The preshapes whose links do not hit each other where the fingertips meet; some overlap by design, anywhere."""
     middle = np.clip(np.zeros(hand.n), hand.lower, hand.upper)
-    return [one for one in shapes if not self_collisions(hand, middle, one.met)]
+    collisions = SelfCollisions(hand)
+    return [one for one in shapes if not collisions.between(middle, one.met)]
+
+
+def refined(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) -> list[Preshape]:
+    """The best opposed of ``shapes`` near each of some widths, fingers spread and moved until they oppose better.
+
+    Without joints that spread or oppose fingers there are none.
+    """
+    tips, free = _Tips(hand), free_of_themselves(hand, shapes)
+    if not len(tips.spreads):
+        return []
+    shapes = free if len(free) >= _REFINED else shapes
+    collisions, middle = SelfCollisions(hand), np.clip(np.zeros(hand.n), hand.lower, hand.upper)
+    largest = max((one.width for one in shapes), default=0.0)
+    better: list[Preshape] = []
+    for width in np.linspace(0.0, largest, _WIDTHS + 1)[1:]:
+        # What is off in width by a tenth of the largest counts as an imbalance of one tenth.
+        def worth(one: Preshape, width: float = float(width)) -> float:
+            return one.imbalance + abs(one.width - width) / largest
+
+        for start in sorted(shapes, key=worth)[:_REFINED]:
+            best = start
+            for turn in range(_TURNS):
+                other = tips.moved(best, rng, _AWAY * (1.0 - turn / _TURNS))
+                if other is not None and worth(other) < worth(best) and not collisions.between(middle, other.met):
+                    best = other
+            better.append(best)
+    return sorted(better, key=lambda one: one.imbalance)
 
 
 class _Tips:
@@ -162,9 +191,25 @@ class _Tips:
             ahead[dofs] = rng.uniform(-_AHEAD, _AHEAD)
         return ahead
 
-    def preshape(self, opened: Array, closed: Array, shares: Array) -> Preshape | None:
-        """The preshape whose fingertips meet at shares (n,) of the way; None where none of them move."""
-        met = opened + shares * (closed - opened)
+    def moved(self, one: Preshape, rng: np.random.Generator, size: float) -> Preshape | None:
+        """A preshape with its fingers spread and moved a little, by shares of their ranges."""
+        opened, closed = one.opened.copy(), one.closed.copy()
+        moving = np.concatenate([dofs for _, dofs in self.fingers])
+        opened[moving] += size * rng.normal(size=len(moving)) * (self.high - self.low)[moving]
+        opened = np.clip(opened, self.low, self.high)
+        closed[self.spreads] = opened[self.spreads]
+        way = closed - opened
+        shares = np.divide(one.met - one.opened, way, out=np.zeros(self.hand.n), where=np.abs(way) > 1e-9)
+        for _, dofs in self.fingers:
+            shares[dofs] += size * rng.normal()
+        met = opened + np.clip(shares, 0.0, 1.0) * way
+        # Joints begin at most halfway, so that the hand still opens wider than what it is to close on.
+        half = (self.ends(opened)[0] + met) / 2
+        early = np.where(self.towards > 0, np.minimum(opened, half), np.maximum(opened, half))
+        return self.preshape(np.where(self.flexion, early, opened), closed, met)
+
+    def preshape(self, opened: Array, closed: Array, met: Array) -> Preshape | None:
+        """The preshape whose fingertips meet at a posture (n,) on the way; None where none of them move."""
         self._put(met)
         points, closing = [], []
         for joint, dofs in self.fingers:
@@ -184,7 +229,7 @@ class _Tips:
             points.append(fingertips(self.hand, self.data)[1])
             closing.append(-closing[0])
         at, along = np.array(points), np.array(closing)
-        pressing, imbalance = _balance(at, along)
+        pressing, imbalance = balance(at, along)
         lead = int(np.argmax(pressing))
         others = pressing.copy()
         others[lead] = 0.0
@@ -216,7 +261,7 @@ class _Tips:
         )
 
 
-def _balance(at: Array, along: Array) -> tuple[Array, float]:
+def balance(at: Array, along: Array) -> tuple[Array, float]:
     """Shares (f,) of sum 1 in which forces about directions (f, 3) at points (f, 3) balance best, and what they leave.
 
     The forces may lean by ``_LEAN``, as the object's surface and friction let them.

@@ -21,7 +21,7 @@ from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import Array
 from pinograsp.synthesis.found import SOUND, FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centred
-from pinograsp.synthesis.preshapes import Preshape, free_of_themselves, preshapes
+from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refined
 from pinograsp.synthesis.seeds import Pairs, pairs_of
 
 _BLOCKED = ("the open hand overlaps the object", "the open hand overlaps the object or the table")
@@ -29,6 +29,7 @@ _LOOKS = 5  # at the hand on its way, whether it hits the table
 _DRAWS = 12  # of pair, preshape and turn, until the open hand is clear of the object
 _BACKWARDS = 6  # steps that take an open hand back from an object that it overlaps
 _BALANCED = 0.15  # imbalance of preshapes that are used, where there are enough of them
+_ENOUGH = 24  # of them
 _NEAREST = 12  # preshapes nearest in width to a pair, of which one is taken
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
@@ -62,15 +63,13 @@ def case_of(
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
     rough = replace(hand, geometry=hulls(hand.geometry))
     shapes = preshapes(rough, rng)
-    good = [one for one in shapes if one.imbalance < _BALANCED]
-    if len(good) < _NEAREST and not cannot_stop_alone(hand):
-        shapes = sorted(shapes + preshapes(rough, rng, uneven=True), key=lambda one: one.imbalance)
-        good = [one for one in shapes if one.imbalance < _BALANCED]
-    free = free_of_themselves(rough, good)
-    if len(free) >= _NEAREST // 2:
-        good = free
-    elif len(good) < _NEAREST:
-        good = shapes[: 4 * _NEAREST]
+    good = _usable(rough, shapes)
+    if len(good) < _ENOUGH and not cannot_stop_alone(hand):
+        shapes += preshapes(rough, rng, uneven=True)
+        shapes += refined(rough, shapes, rng)
+        good = _usable(rough, shapes)
+    if len(good) < _NEAREST:
+        good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
     return SearchCase(
         hand=hand,
         rough=rough,
@@ -82,6 +81,13 @@ def case_of(
         pairs=pairs_of(body, rng),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
     )
+
+
+def _usable(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
+    """The balanced preshapes, without those whose links hit each other as long as some are left."""
+    good = [one for one in shapes if one.imbalance < _BALANCED]
+    free = free_of_themselves(hand, good)
+    return free if len(free) >= _NEAREST // 2 else good
 
 
 class Batch(NamedTuple):
@@ -102,24 +108,29 @@ class Posed(NamedTuple):
 def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     """Draw and close ``size`` samples, and refine the best."""
     outcomes: list[str] = []
-    best: tuple[tuple[int, float], Posed, FoundGrasp] | None = None
+    best: tuple[Posed, Tried] | None = None
     for _ in range(size):
         posed = _drawn(case, rng)
-        outcome, grasp = (_BLOCKED[case.table is not None], None) if posed is None else _closed(case, posed)
-        outcomes.append(outcome)
-        if posed is not None and grasp is not None and (best is None or _worth(grasp) > best[0]):
-            best = (_worth(grasp), posed, grasp)
+        if posed is None:
+            outcomes.append(_BLOCKED[case.table is not None])
+            continue
+        tried = _closed(case, posed)
+        outcomes.append(tried.outcome)
+        if best is None or tried.worth > best[1].worth:
+            best = (posed, tried)
     if best is None:
         return Batch(outcomes, None)
-    worth, posed, grasp = best
+    posed, tried = best
     for attempt in range(_MOST_TRIES):
-        if attempt >= _TRIES and grasp.sound == SOUND:
+        if attempt >= _TRIES and tried.grasp is not None and tried.grasp.sound == SOUND:
             break
         moved = _moved(case, posed, rng, 1.0 - attempt % _TRIES / _TRIES)
-        _, other = _closed(case, moved)
-        if other is not None and _worth(other) > worth:
-            worth, posed, grasp = _worth(other), moved, other
-    _, exact = _closed(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed))
+        other = _closed(case, moved)
+        if other.worth > tried.worth:
+            posed, tried = moved, other
+    if tried.grasp is None:
+        return Batch(outcomes, None)
+    exact = _closed(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)).grasp
     if exact is None:
         return Batch(outcomes, None)
     forces = replace(exact.forces, problem=replace(exact.forces.problem, object=None))
@@ -128,11 +139,20 @@ def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     return Batch(outcomes, replace(exact, closure=closure, forces=forces))
 
 
-def _worth(grasp: FoundGrasp) -> tuple[int, float]:
-    return grasp.sound, grasp.quality
+class Tried(NamedTuple):
+    """What came of closing a hand: how it ended, the grasp, and what is left of its contacts' unit forces."""
+
+    outcome: str
+    grasp: FoundGrasp | None = None
+    imbalance: float = np.inf
+
+    @property
+    def worth(self) -> tuple[int, float]:
+        """Grasps by what they bear; after them contacts that almost balance each other, which a small move may mend."""
+        return (-1, -self.imbalance) if self.grasp is None else (self.grasp.sound, self.grasp.quality)
 
 
-def _closed(case: SearchCase, posed: Posed) -> tuple[str, FoundGrasp | None]:
+def _closed(case: SearchCase, posed: Posed) -> Tried:
     """The outcome of closing a hand where it is."""
     closure = None
     try:
@@ -141,12 +161,17 @@ def _closed(case: SearchCase, posed: Posed) -> tuple[str, FoundGrasp | None]:
         if closure is None:
             closure = close_hand(posed.hand, case.body, start=posed.opened, target=posed.closed, wrap=case.wrap)
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
-        return "the hand could not be closed", None
+        return Tried("the hand could not be closed")
     if closure.self_collisions:
-        return "fingers collide with each other", None
+        return Tried("fingers collide with each other")
     if not _above(case, posed.hand, np.linspace(posed.opened, closure.q, _LOOKS)):
-        return "the hand would hit the table", None
-    return hold(closure, case.conditions, impact_time=case.impact_time)
+        return Tried("the hand would hit the table")
+    outcome, grasp = hold(closure, case.conditions, impact_time=case.impact_time)
+    touching = [touch for touch in closure.touches if touch.finger]
+    if grasp is not None or len(touching) < 2:
+        return Tried(outcome, grasp)
+    _, imbalance = balance(*(np.array([getattr(one, at) for one in touching]) for at in ("point_o", "normal_o")))
+    return Tried(outcome, imbalance=imbalance)
 
 
 def _drawn(case: SearchCase, rng: np.random.Generator) -> Posed | None:

@@ -34,11 +34,12 @@ from pinograsp.hands import HandModel
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of
 from pinograsp.objects.body import Body
-from pinograsp.synthesis.found import FoundGrasp
+from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.samples import Batch, SearchCase, batch_of, case_of
 from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
+_ROUNDS = 4  # times ``count`` samples are tried, as long as no grasp is sound
 _BATCH = 4  # samples, of which the best is refined
 _MILLIMETRES = 100.0  # an object that many times too large or too small was drawn in other units
 
@@ -107,7 +108,7 @@ def find_grasps(
         hand: the hand, wherever it is.
         body: what is to be held, where it is.
         conditions: friction, limits and what is to be balanced.
-        count: samples.
+        count: samples; up to four times as many, as long as no grasp bears the reserve on contacts that are sure.
         seed: of the random numbers; the result does not depend on ``jobs``.
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
@@ -130,7 +131,7 @@ def find_grasps(
     flag("wrap", wrap)
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
-    first, *seeds = np.random.SeedSequence(seed).spawn(1 + -(-count // _BATCH))
+    first, *rounds = np.random.SeedSequence(seed).spawn(1 + _ROUNDS)
     try:
         case = case_of(hand, body, conditions, impact_time, wrap, np.random.default_rng(first))
     except Exception as error:
@@ -147,18 +148,22 @@ def find_grasps(
         try:
             parallel = joblib.effective_n_jobs(jobs) > 1
             task = _in_a_file(case, Path(folder) / "case.pickle") if parallel else case
-            work = ((task, one, size) for one, size in zip(seeds, sizes))
-            with parallel_results(_try, work, jobs, return_as="generator") as results:
-                for batch in results:
-                    if isinstance(batch, Exception):
-                        raise batch
-                    for outcome in batch.outcomes:
-                        outcomes[outcome] = outcomes.get(outcome, 0) + 1
-                    bar.update(len(batch.outcomes))
-                    if batch.grasp is not None:
-                        found.append(batch.grasp)
-                    interrupt()
-            interrupt()
+            for one in rounds:
+                work = ((task, batch, size) for batch, size in zip(one.spawn(len(sizes)), sizes))
+                with parallel_results(_try, work, jobs, return_as="generator") as results:
+                    for batch in results:
+                        if isinstance(batch, Exception):
+                            raise batch
+                        for outcome in batch.outcomes:
+                            outcomes[outcome] = outcomes.get(outcome, 0) + 1
+                        bar.update(len(batch.outcomes))
+                        if batch.grasp is not None:
+                            found.append(batch.grasp)
+                        interrupt()
+                interrupt()
+                if any(grasp.sound == SOUND for grasp in found):
+                    break
+                bar.total += count if one is not rounds[-1] else 0
         except KeyboardInterrupt:
             interrupted = True
         except BrokenProcessPool:

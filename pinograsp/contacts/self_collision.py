@@ -1,0 +1,74 @@
+"""Links of a hand that hit each other (coal); pairs whose bounding spheres are apart are not looked at."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.hands import HandModel
+from pinograsp.spatial import Array
+
+
+class SelfCollisions:
+    """Which links of a hand overlap at a posture; those within two joints of each other in one chain do by design."""
+
+    def __init__(self, hand: HandModel):
+        model = hand.model
+        self.model, self.data = model, model.createData()
+        self.objects = list(hand.geometry.geometryObjects)
+        self.request = coal.CollisionRequest()
+        self.joints = np.array([one.parentJoint for one in self.objects], dtype=int)
+        for one in self.objects:
+            one.geometry.computeLocalAABB()
+        self.centres = np.array([one.placement.act(np.array(one.geometry.aabb_center)) for one in self.objects])
+        radii = np.array([one.geometry.aabb_radius for one in self.objects])
+        self.links = [model.frames[one.parentFrame].name for one in self.objects]
+        apart = np.array([[not _near(model, i, j) for j in range(model.njoints)] for i in range(model.njoints)])
+        if not self.objects:
+            self.pairs = np.zeros((0, 2), dtype=int)
+            return
+        self.pairs = np.argwhere(np.tril(apart[np.ix_(self.joints, self.joints)], -1))
+        self.reach = radii[self.pairs].sum(axis=1)
+
+    def at(self, q: Array) -> set[tuple[str, str]]:
+        """Names of the links that overlap at a posture q (n,), pair by pair."""
+        if not len(self.pairs):
+            return set()
+        pin.forwardKinematics(self.model, self.data, q)
+        rotations = np.array([pose.rotation for pose in self.data.oMi])[self.joints]
+        origins = np.array([pose.translation for pose in self.data.oMi])[self.joints]
+        centres = origins + np.einsum("pij,pj->pi", rotations, self.centres)
+        apart = np.linalg.norm(np.subtract(*centres[self.pairs.T]), axis=1)
+        found: set[tuple[str, str]] = set()
+        for b, a in self.pairs[apart <= self.reach].tolist():
+            pair = (self.links[a], self.links[b])
+            if pair not in found and self._collide(a, b):
+                found.add(pair)
+        return found
+
+    def _collide(self, a: int, b: int) -> bool:
+        one, other = (self.objects[i] for i in (a, b))
+        poses = [self.data.oMi[i.parentJoint] * i.placement for i in (one, other)]
+        there, here = (coal.Transform3s(pose.rotation, pose.translation) for pose in poses)
+        return bool(coal.collide(one.geometry, there, other.geometry, here, self.request, coal.CollisionResult()))
+
+    def between(self, start: Array, q: Array) -> tuple[tuple[str, str], ...]:
+        """Pairs of links that overlap at q (n,) but not at ``start`` (n,)."""
+        after = self.at(q)
+        return tuple(sorted(after - self.at(start))) if after else ()
+
+
+def _near(model: pin.Model, one: int, other: int) -> bool:
+    """Whether one of two joints is the other, or comes within two joints after it in one chain."""
+    return one == other or _follows(model, one, other) or _follows(model, other, one)
+
+
+def _follows(model: pin.Model, inner: int, outer: int) -> bool:
+    for _ in range(2):
+        outer = model.parents[outer]
+        if outer == inner:
+            return True
+        if not outer:
+            return False
+    return False
