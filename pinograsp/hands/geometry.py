@@ -19,6 +19,7 @@ from pinograsp.spatial import FARTHEST, Array
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
 _DENSITY = 1000.0
 _RING = 12  # points round a circle
+_TOO_LARGE, _MILLI = 100.0, 1e-3  # times the distance of two joints, for a link whose mesh is drawn in metres
 _FLAT = 1e-6  # volume over the longest extent's cube, of a mesh that is flat up to rounding
 
 Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
@@ -71,9 +72,29 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
         if shape.kind == "mesh":
             one.meshPath, one.meshScale = shape.path, np.array(shape.size)
         geometry.addGeometryObject(one)
+    _in_metres(model, geometry, notes)
     if broken:
         notes.append(f"meshes that cannot be read, so these links cannot touch anything: {', '.join(broken)}")
     return geometry
+
+
+def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) -> None:
+    """Scale meshes in millimetres down, where all that the hand's joints carry is far too large for their distances."""
+    lengths = [float(np.linalg.norm(pose.translation)) for pose in list(model.jointPlacements)[2:]]
+    meshes = [one for one in geometry.geometryObjects if one.meshPath and one.parentJoint]
+    for one in meshes:
+        one.geometry.computeLocalAABB()
+    if not meshes or not max(lengths, default=0.0) > 0:
+        return
+    times = float(np.median([one.geometry.aabb_radius for one in meshes])) / max(lengths)
+    if times < _TOO_LARGE:
+        return
+    for one in (one for one in geometry.geometryObjects if one.meshPath):
+        one.meshScale = _MILLI * one.meshScale
+        one.geometry = read_mesh(one.meshPath, tuple(one.meshScale.tolist()))
+    notes.append(
+        f"collision meshes are {times:.2g} times as large as its joints are apart: taken as drawn in millimetres"
+    )
 
 
 @functools.lru_cache(maxsize=64)
