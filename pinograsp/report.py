@@ -27,6 +27,7 @@ from pinograsp.plan.answer import (
 from pinograsp.words import number, printable
 from pinograsp.writing import place_of, write_errors
 
+_LOST = 1e-3  # share of the energy that couplings cost: worth a sentence
 _LONGEST = 2000  # characters of a line from a file
 
 
@@ -236,6 +237,11 @@ def _search_section(plan: PlanRecord) -> list[str]:
             f"{plan.forces.residual_force:.1e} N, {plan.forces.residual_moment:.1e} N m; largest violation of a limit "
             f"under any of the loads: {certificate.violation:.1e} N."
         )
+        if plan.reserve.above_unrestricted > _LOST:
+            text += (
+                f" The energy is at most {100 * plan.reserve.above_unrestricted:.2g} % above the least of a hand whose "
+                "contacts and joints could all be chosen one by one."
+            )
         return ["## Search", "", text, ""]
     if certificate is not None:
         text = (

@@ -19,7 +19,7 @@ from pinograsp.forces.margins import (
 )
 from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
 from pinograsp.forces.optimize import optimize_forces, warm_up
-from pinograsp.forces.problem import ForceProblem, TorqueLimits
+from pinograsp.forces.problem import ForceProblem, TorqueLimits, Underactuation
 from pinograsp.forces.program import OBJECTIVES, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
 from pinograsp.forces.reserve import (
@@ -82,6 +82,7 @@ __all__ = [
     "Tolerance",
     "TorqueLimit",
     "TorqueLimits",
+    "Underactuation",
     "can_bear",
     "diagnose",
     "disturbance_margin",

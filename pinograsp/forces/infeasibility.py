@@ -123,7 +123,8 @@ def _record(
     if problem.torques is not None:
         joints, weights = problem.torques.limited_joints, np.zeros(len(problem.torques.limit))
         if len(w):
-            weights[problem.torques.limited] = w / program.matrices.R_norm
+            own = len(joints)  # the others are equations of an underactuated hand
+            weights[problem.torques.limited] = w[:own] / program.matrices.R_norm[:own]
     wrench = np.zeros(6)
     wrench[: problem.rows] = y
     return Infeasibility(

@@ -17,6 +17,7 @@ from pinograsp.forces.problem import ForceProblem, TorqueLimits
 from pinograsp.spatial import Array
 
 _SAME = 1e-12  # relative difference of weights that count as equal
+_TRACE = 1e-6  # of the load, by which the torques of an underactuated hand may miss their ratio
 _RANK = 1e-9  # singular values of the grasp map below this share of the largest count as zero
 
 
@@ -31,7 +32,9 @@ class Matrices:
         weights: the objective, ``{name: weight}``.
         A: balance (rows, k d), moments over the moment length.
         correction: pseudo-inverse of A (k d, rows): the least change of x that removes a residual.
-        R: torque rows (m, k d), of unit norm.
+        R: torque rows (m, k d), of unit norm; the last ``fixed`` of them are those of an
+            underactuated hand.
+        fixed: number of torque rows of an underactuated hand.
         R_lo: least values of R x (m,) [N].
         R_hi: largest values of R x (m,) [N].
         R_norm: norms that the rows were divided by (m,) [m].
@@ -49,6 +52,7 @@ class Matrices:
     A: Array
     correction: Array
     R: Array
+    fixed: int
     R_lo: Array
     R_hi: Array
     R_norm: Array
@@ -73,7 +77,11 @@ class Matrices:
     @property
     def decoupled(self) -> bool:
         """Whether the objective couples no two contacts: what the compiled interior-point method takes."""
-        return not self.peak and (self.P is None or np.count_nonzero(self.P) == np.count_nonzero(self.blocks()))
+        return (
+            not self.peak
+            and not self.fixed
+            and (self.P is None or np.count_nonzero(self.P) == np.count_nonzero(self.blocks()))
+        )
 
     @property
     def separates(self) -> bool:
@@ -105,6 +113,7 @@ def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices
     A = balance_columns(problem, widths)
     torque = None if problem.torques is None else torque_columns(problem, problem.torques, widths)
     R, R_lo, R_hi, R_norm = _torque_rows(problem, torque)
+    under = None if problem.torques is None else problem.torques.underactuation
     rows = R.reshape(-1, k, d)
     P, q, constant = _quadratic(problem, weights, widths, torque)
     return Matrices(
@@ -115,6 +124,7 @@ def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices
         A=A,
         correction=np.asarray(np.linalg.pinv(A, rcond=1e-10), dtype=float),
         R=R,
+        fixed=0 if under is None else 2 * len(under.rows),
         R_lo=R_lo,
         R_hi=R_hi,
         R_norm=R_norm,
@@ -188,11 +198,25 @@ def _quadratic(
 
 def _torque_rows(problem: ForceProblem, torque: Array | None) -> tuple[Array, Array, Array, Array]:
     """R, its bounds in newtons, and the norms [m] that the rows were divided by."""
-    if problem.torques is None or torque is None or not np.any(problem.torques.limited):
+    torques = problem.torques
+    if torques is None or torque is None or not (np.any(torques.limited) or torques.underactuation):
         return np.zeros((0, problem.k * problem.friction.d)), np.zeros(0), np.zeros(0), np.zeros(0)
-    limited = problem.torques.limited
-    limit, bias = problem.torques.usable[limited], problem.torques.bias[limited]
+    limited = torques.limited
+    limit, bias = torques.usable[limited], torques.bias[limited]
     rows = torque[limited]
+    least, most = -limit - bias, limit - bias
+    if (under := torques.underactuation) is not None:
+        # Equations are limits that are the same but for friction, and for a trace of the load, without which programs
+        # are hard to solve. What friction bears grows with F_n: a row for each side.
+        own = under.rows @ torque
+        room = _TRACE * float(np.linalg.norm(problem.scaled_load)) * np.linalg.norm(own, axis=1)
+        value = under.torques - under.rows @ torques.bias
+        borne = np.zeros_like(own)
+        arms = np.linalg.norm(np.einsum("pn,kxn->pkx", under.rows, torques.jacobian[:, :3]), axis=2)
+        borne[:, problem.friction.d - 1 :: problem.friction.d] = under.friction * arms
+        free = np.full(len(own), np.inf)
+        rows = np.concatenate([rows, own - borne, own + borne])
+        least, most = np.concatenate([least, -free, value - room]), np.concatenate([most, value + room, free])
     norm = np.linalg.norm(rows, axis=1)
     norm[norm <= 1e-12 * max(float(norm.max()), 1e-300)] = 1.0
-    return rows / norm[:, None], (-limit - bias) / norm, (limit - bias) / norm, norm
+    return rows / norm[:, None], least / norm, most / norm, norm

@@ -56,6 +56,39 @@ _STRONG, _DEAR = 1e12, 1e100  # [N], energy per newton
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Underactuation:
+    """What fewer drives than joints cannot choose: rows @ (bias + J^T f) = torques, f being the forces on the object.
+
+    The planned forces keep to these equations, the forces under disturbances need not: friction in the joints, and
+    their motion, bear what is left of them.
+
+    Attributes:
+        rows: combinations (p, n) of the joint torques that no drive makes, of unit length.
+        torques: what springs make of them (p,) [N m].
+        why: per row, the drive that is in the way (p,).
+        friction: share of the contacts' torques that friction in joints and tendons bears [-]: each side may be off by
+            so much of the sum over contacts of F_n times its largest arm on the row.
+    """
+
+    rows: Array
+    torques: Array
+    why: tuple[str, ...]
+    friction: float = 0.0
+
+    __repr__ = brief()
+
+    def __post_init__(self) -> None:
+        rows = array_of("rows of an underactuation", self.rows, (None, None))
+        object.__setattr__(self, "rows", rows)
+        object.__setattr__(self, "torques", array_of("torques of an underactuation", self.torques, (len(rows),)))
+        object.__setattr__(self, "friction", share_of("friction of an underactuation", self.friction))
+        why = items_of("why of an underactuation", self.why, str)
+        if len(why) != len(rows):
+            raise InvalidInput(f"why of an underactuation: expected one text per row, {len(rows)}, got {len(why)}")
+        object.__setattr__(self, "why", why)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueLimits:
     """Limits of the joint torques: |bias + J^T f| <= (1 - reserve) limit, f being the forces on the object.
 
@@ -65,6 +98,7 @@ class TorqueLimits:
         limit: largest |torque| (n,) [N m]; infinity: no limit.
         joints: names (n,).
         reserve: share of each limit that is kept free [-]: forces use |torque| <= (1 - reserve) limit.
+        underactuation: what the drives cannot choose of these torques; None: nothing.
     """
 
     jacobian: Array
@@ -72,6 +106,7 @@ class TorqueLimits:
     limit: Array
     joints: tuple[str, ...] = ()
     reserve: float = 0.0
+    underactuation: Underactuation | None = None
 
     __repr__ = brief()
 
@@ -93,6 +128,9 @@ class TorqueLimits:
         object.__setattr__(self, "limit", read_only(limit))
         object.__setattr__(self, "joints", joints or tuple(f"joint {j + 1}" for j in range(n)))
         object.__setattr__(self, "reserve", share_of("reserve of the torque limits", self.reserve))
+        instance_of("underactuation", self.underactuation, Underactuation, type(None))
+        if self.underactuation is not None and self.underactuation.rows.shape[1] != n:
+            raise InvalidInput(f"underactuation: expected {n} torques, got {self.underactuation.rows.shape[1]}")
 
     @property
     def usable(self) -> Array:

@@ -122,6 +122,10 @@ def robust_at(
     lo, hi = problem.normal_force_range(impact_time) if bounds is None else bounds
     # In force balance loads may differ by moments alone.
     scaled = np.unique(scaled_wrenches(problem, load_set.loads), axis=0)
+    matrices, own = matrices_of(problem, weights), None
+    if matrices.fixed:  # the planned forces, under the problem's own load, keep to the torques that the drives make
+        scaled = np.vstack([scaled_wrenches(problem, problem.load), scaled])
+        own = 0
     changes = np.zeros((len(scaled), problem.k))
     if reaction == "elastic":
         changes = (scaled - scaled_wrenches(problem, problem.load)) @ elastic_reaction(problem).T
@@ -130,8 +134,12 @@ def robust_at(
         if problem.max_normal_force is not None:
             hi = np.minimum(hi, problem.max_normal_force - np.maximum(changes.max(axis=0), 0.0))
     largest = scaled[np.argmax(np.linalg.norm(scaled, axis=1))]
-    program = assemble(matrices_of(problem, weights), largest, terms, lo, hi)
+    program = assemble(matrices, largest, terms, lo, hi)
     reacted = ReactedLoads(
-        reaction=reaction, loads=scaled, changes=changes, fixed=fixed or (np.zeros((0, problem.k)), np.zeros(0))
+        reaction=reaction,
+        loads=scaled,
+        changes=changes,
+        fixed=fixed or (np.zeros((0, problem.k)), np.zeros(0)),
+        own=own,
     )
     return RobustProgram(problem, program, reacted, load_set, impact_time).solved(proven)

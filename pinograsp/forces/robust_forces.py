@@ -23,6 +23,8 @@ from pinograsp.spatial import Array
 
 Reaction = Literal["friction", "elastic"]
 
+_SAME = 1e-12  # share of the largest load by which loads that are the same may differ
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RobustForces:
@@ -117,6 +119,10 @@ class RobustForces:
         """Weights (s,) of the set's loads whose mean is nearest to ``load`` (6,), and the rest of it (rows,) [N]."""
         scaled = scaled_wrenches(self.problem, load)
         size = float(np.abs(self.balanced).max()) or 1.0
+        same = np.abs(self.balanced - scaled).max(axis=1) <= _SAME * size
+        if same.any():
+            shares = (np.arange(len(same)) == np.argmax(same)).astype(float)
+            return shares, scaled - shares @ self.balanced
         shares, _ = nnls(
             np.vstack([self.balanced.T / size, np.full(len(self.balanced), 1e4)]), np.append(scaled / size, 1e4)
         )

@@ -32,12 +32,15 @@ class ReactedLoads:
         loads: as scaled wrenches (s, rows) [N].
         changes: of the normal forces by each load (s, k) [N].
         fixed: rows (p, k) and values (p,) [N] of equations on the normal forces.
+        own: index of the problem's own load among them, whose forces keep to the equations of an underactuated hand;
+            None: there are no such equations.
     """
 
     reaction: Reaction
     loads: Array
     changes: Array
     fixed: tuple[Array, Array]
+    own: int | None = None
 
 
 class RobustProgram:
@@ -55,6 +58,14 @@ class RobustProgram:
         self.radius = load_set.ball / program.force_scale
         self.per_load = self.k * self.e
         self.L = self.k + self.s * self.per_load
+        # Limits of the torque rows of every load (s, m).
+        self.R_lo, self.R_hi = (np.tile(limits, (self.s, 1)) for limits in (program.R_lo, program.R_hi))
+        if reacted.own is not None:
+            equations = np.arange(len(program.R)) >= len(program.R) - program.matrices.fixed
+            others = np.ix_(np.arange(self.s) != reacted.own, equations)
+            reach = np.maximum(2.0 * program.matrices.R_reach @ program.hi, 1.0)[equations]
+            reach = reach + np.maximum(np.abs(program.R_lo), np.abs(program.R_hi))[equations]
+            self.R_lo[others], self.R_hi[others] = -reach, reach
         self.curved = [(c, p) for c, p in program.powers if p != 1]
         self.extra = self.L + (self.per_load * self.rows if self.radius else 0)
         self.peak = self.extra + self.k * len(self.curved)
@@ -140,7 +151,8 @@ class RobustProgram:
         rows.add((np.concatenate([-np.eye(k), np.eye(k)]), 0))
         b += [-p.lo, p.hi]
         self.torque_at, self.facets = rows.height, len(facets)
-        linear, limits = np.concatenate([facets, p.R, -p.R]), np.concatenate([np.zeros(len(facets)), p.R_hi, -p.R_lo])
+        linear = np.concatenate([facets, p.R, -p.R])
+        limits = np.hstack([np.zeros((s, len(facets))), self.R_hi, -self.R_lo])
         if not self.radius:
             rows.of_every_load(linear, s)
             b.append((limits - self.reacting(linear)).ravel())
@@ -177,7 +189,7 @@ class RobustProgram:
         along = linear.reshape(len(linear), self.k, p.d)[:, :, -1]
         reacting = self.reacting(linear)
         for s in range(self.s):
-            for own, reach, limit in zip(along, across, limits - reacting[s]):
+            for own, reach, limit in zip(along, across, limits[s] - reacting[s]):
                 # limit - row . x >= radius |L' row|
                 first = np.zeros((self.rows + 1, self.k + self.per_load))
                 first[0] = np.concatenate([own, reach])
@@ -202,7 +214,7 @@ class RobustProgram:
         p = self.program
         c = (y @ p.A + w @ p.R).reshape(self.s, self.k, p.d)
         slopes: Array = c[:, :, -1] - p.friction.support(c[:, :, :-1])
-        at_limits = float(np.maximum(w * p.R_hi, w * p.R_lo).sum())
+        at_limits = float(np.maximum(w * self.R_hi, w * self.R_lo).sum())
         reacting = float(np.vdot(slopes, self.changes))
         constant = reacting - float(np.vdot(y, self.targets)) - float(v @ self.values) - at_limits
         return slopes.sum(axis=0) + v @ self.fixed, constant
@@ -280,7 +292,7 @@ class RobustProgram:
         torque = x @ p.R.T
         violation = max(0.0, float(np.maximum(np.maximum(-slack, p.lo - F), F - p.hi).max()))
         if len(p.R):
-            violation = max(violation, float(np.maximum(torque - p.R_hi, p.R_lo - torque).max()))
+            violation = max(violation, float(np.maximum(torque - self.R_hi, self.R_lo - torque).max()))
         if len(self.fixed):
             violation = max(violation, float(np.abs(self.fixed @ F - self.values).max()))
         if response is not None:
@@ -289,7 +301,7 @@ class RobustProgram:
         joints: tuple[str, ...] = ()
         if self.problem.torques is not None:
             joints = self.problem.torques.limited_joints
-            meets = np.any((torque >= p.R_hi - TOLERANCE.active) | (torque <= p.R_lo + TOLERANCE.active), axis=0)
+            meets = np.any((torque >= self.R_hi - TOLERANCE.active) | (torque <= self.R_lo + TOLERANCE.active), axis=0)
         return Certificate(
             objective=objective * unit,
             lower_bound=min(bound, objective) * unit,
@@ -307,7 +319,12 @@ class RobustProgram:
 
     def suspects(self) -> list[ForceProblem]:
         """The loads one by one; where numba is installed only those that cannot be held alone, if it finds any."""
-        singles = [replace(self.problem, load=wrench) for wrench in self.load_set.loads]
+        problem, torques = self.problem, self.problem.torques
+        if torques is not None and torques.underactuation is not None:
+            problem = replace(problem, torques=replace(torques, underactuation=None))
+        singles = [replace(problem, load=wrench) for wrench in self.load_set.loads]
+        if problem is not self.problem:
+            return [self.problem, *singles]
         low, high = self.problem.normal_force_range(self.t)
         if not compiled_installed() or np.any(low > high):
             return singles
@@ -333,5 +350,5 @@ class RobustProgram:
             across = p.R.reshape(len(p.R), self.k, p.d)
             swing = self.radius * np.linalg.norm(np.einsum("mke,ker->mr", across[:, :, :-1], response), axis=1)
             torque = np.einsum("ske,mke->sm", u, across[:, :, :-1]) + (F + self.changes) @ across[:, :, -1].T
-            worst = max(worst, float((torque + swing - p.R_hi).max()), float((p.R_lo - torque + swing).max()))
+            worst = max(worst, float((torque + swing - self.R_hi).max()), float((self.R_lo - torque + swing).max()))
         return max(worst, float(left), 0.0)

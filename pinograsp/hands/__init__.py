@@ -1,7 +1,7 @@
 """Hands: description (DH tables, URDF, xacro, MJCF) to :class:`HandModel`."""
 
-from pinograsp.hands.drives import Drive, Spring
+from pinograsp.hands.drives import Drive, Spring, ratios_of
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import Finger, HandModel
 
-__all__ = ["Drive", "Finger", "HandModel", "Spring", "load_hand"]
+__all__ = ["Drive", "Finger", "HandModel", "Spring", "load_hand", "ratios_of"]

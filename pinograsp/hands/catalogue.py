@@ -48,7 +48,8 @@ def _tendon(name: str, closing: dict[str, float]) -> Drive:
 
     Args:
         closing: how far each joint moves per unit of the motor while nothing is in the way [rad/rad]. Springs of equal
-            stiffness let joints move in the ratio of their arms, and a = sum arms_j q_j is the motor's angle.
+            stiffness let joints move in the ratio of their arms, and a = sum arms_j q_j is the motor's angle. As nobody
+            has published that stiffness, torques are not held to the ratio of the arms.
     """
     size = sum(ratio**2 for ratio in closing.values())
     return Drive(
@@ -56,6 +57,7 @@ def _tendon(name: str, closing: dict[str, float]) -> Drive:
         joints=tuple(closing),
         arms=tuple(ratio / size for ratio in closing.values()),
         control="position",
+        exact=False,
     )
 
 

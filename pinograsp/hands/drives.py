@@ -6,12 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, frozen, items_of, number, one_of, shown, text_of
+from pinograsp.checks import array_of, flag, frozen, items_of, number, one_of, shown, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import Array
@@ -40,6 +40,8 @@ class Drive:
         limit: largest effort [N or N m]; infinity where it is not known.
         stiffness: of a position servo, effort per unit of a; None where it is not known.
         damping: effort per unit of da/dt; None where it is not known.
+        exact: whether the torques at its joints are in the ratio of the arms. Not so where other springs or friction
+            at these joints, which nobody has measured, bear a part: then plans only say where they rely on them.
 
     Raises:
         InvalidInput: for values that make no drive.
@@ -52,6 +54,7 @@ class Drive:
     limit: float = math.inf
     stiffness: float | None = None
     damping: float | None = None
+    exact: bool = True
 
     def __post_init__(self) -> None:
         if not text_of("name of a drive", self.name):
@@ -69,6 +72,7 @@ class Drive:
                 "out joints that it does not move"
             )
         one_of(f"control of {where}", self.control, get_args(Control))
+        flag(f"exact of {where}", self.exact)
         _optional(self, "stiffness", where, above=0)
         _optional(self, "damping", where, at_least=0)
         if self.stiffness is not None and self.control != "position":
@@ -174,6 +178,50 @@ def transmission(joints: Sequence[str], drives: Sequence[Drive]) -> Array:
     for row, drive in zip(matrix, drives):
         row[[column[joint] for joint in drive.joints]] = drive.arms
     return frozen(matrix)
+
+
+class Ratio(NamedTuple):
+    """Torques that joints can have only together.
+
+    Attributes:
+        row: combination of the joint torques (n,) that is zero but for springs, of unit length.
+        why: the drive, or the lack of one, in words.
+    """
+
+    row: Array
+    why: str
+
+
+def ratios_of(joints: Sequence[str], drives: Sequence[Drive]) -> tuple[Ratio, ...]:
+    """What the drives, which move several joints each or leave some out, cannot choose of the torques of ``joints``.
+
+    Jaws are geared: their joints share the force as the object has it. So do the joints of drives that are not exact.
+    """
+    arms, found = transmission(joints, drives), list[Ratio]()
+    left = set(range(len(joints)))
+    while left:
+        own, moving = {min(left)}, np.zeros(len(drives), dtype=bool)
+        while True:  # all joints that these drives connect
+            moving = np.any(arms[:, sorted(own)] != 0, axis=1)
+            more = own | set(np.flatnonzero(np.any(arms[moving] != 0, axis=0)).tolist())
+            if more == own:
+                break
+            own = more
+        left -= own
+        which, group = sorted(own), [drive for drive, moves in zip(drives, moving) if moves]
+        if any(drive.control == "jaw" or not drive.exact for drive in group):
+            continue
+        why = f"no drive moves {joints[which[0]]}"
+        if group:
+            names = ", ".join(f"'{drive.name}'" for drive in group)
+            why = f"drive{'s' if len(group) > 1 else ''} {names}, which moves several joints at once"
+        block = arms[np.ix_(moving, which)]
+        rows = np.linalg.svd(block)[2][np.linalg.matrix_rank(block) if block.size else 0 :]
+        for one in rows:
+            row = np.zeros(len(joints))
+            row[which] = one
+            found.append(Ratio(frozen(row), why))
+    return tuple(found)
 
 
 # -- as a file has them ------------------------------------------------------------------------------------------------

@@ -79,6 +79,7 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
                 "limit": drive.limit if np.isfinite(drive.limit) else None,
                 "stiffness": drive.stiffness,
                 "damping": drive.damping,
+                "exact": drive.exact,
             }
             for drive in hand.drives
         ],
@@ -275,6 +276,7 @@ def _drives(record: dict[str, Any], hand: HandModel) -> tuple[Drive, ...]:
                 limit=np.inf if limit is None else limit,
                 stiffness=one.get("stiffness"),
                 damping=one.get("damping"),
+                exact=one.get("exact", False),  # older records did not tell
             )
         )
     return checked_drives(hand.name, hand.joint_names, hand.couplings, drives)

@@ -3,7 +3,7 @@
 from pinograsp.motion.contact_ik import ContactPostures, contact_postures
 from pinograsp.motion.online import OnlineForces
 from pinograsp.motion.producible import PressingTogether, pressing_together
-from pinograsp.motion.torques import effort_of, preload_slope, torque_limits
+from pinograsp.motion.torques import effort_of, preload_slope, torque_limits, torques_matter
 from pinograsp.motion.trajectory import MotionSpec, plan_motion
 
 __all__ = [
@@ -17,4 +17,5 @@ __all__ = [
     "preload_slope",
     "pressing_together",
     "torque_limits",
+    "torques_matter",
 ]

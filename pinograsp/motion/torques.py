@@ -9,11 +9,13 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, each_of, floats_of, instance_of, one_of, shown
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import TorqueLimit, TorqueLimits
-from pinograsp.hands import HandModel
+from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
+from pinograsp.hands import HandModel, ratios_of
 from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
 from pinograsp.spatial import Array
 
+_FRICTION = 0.05  # share of the contacts' torques that tendons and joints bear by their friction, which is mostly more
+_NONE = 1e-9  # [m] arms of contacts that load no joint
 _STEP = 1e-4  # [rad or m]: of central differences, exact to its square
 
 
@@ -58,7 +60,7 @@ def effort_of(hand: HandModel, torque_limit: TorqueLimit) -> Array:
         return np.full(hand.n, np.inf)
     if isinstance(torque_limit, str):
         one_of("torque limit", torque_limit, ("effort",))
-        return hand.effort_or_infinity
+        return drives_limit(hand)
     limit = np.array(floats_of("torque limit", torque_limit))
     limit = np.full(hand.n, limit) if limit.ndim == 0 else limit
     if limit.shape != (hand.n,) or not np.all(limit > 0):
@@ -66,6 +68,43 @@ def effort_of(hand: HandModel, torque_limit: TorqueLimit) -> Array:
             f"torque limit: expected one number > 0 or {hand.n} [N m], or 'effort', got {shown(torque_limit)}"
         )
     return limit
+
+
+def drives_limit(hand: HandModel) -> Array:
+    """Largest |torque| per joint (n,) [N m]: its effort limit, or what its drives can do there where that is less."""
+    driven = np.zeros(hand.n)
+    for drive, arms in zip(hand.drives, np.abs(hand.transmission)):
+        driven += np.where(arms > 0, arms * drive.limit if np.isfinite(drive.limit) else np.inf, 0.0)
+    least: Array = np.minimum(hand.effort_or_infinity, np.where(driven > 0, driven, np.inf))
+    return least
+
+
+def torques_matter(hand: HandModel, limit: Array | None) -> bool:
+    """Whether forces depend on the torques of ``hand``: by a ``limit`` (n,) [N m], or since drives move joints at once.
+
+    None: torques are left out.
+    """
+    if limit is None:
+        return False
+    return bool(np.isfinite(limit).any()) or (not hand.direct_drive and bool(ratios_of(hand.joint_names, hand.drives)))
+
+
+def _underactuation(hand: HandModel, q: Array, jacobian: Array) -> Underactuation | None:
+    """What the drives of ``hand`` cannot choose of the torques at q (n,), its springs stretched; None: nothing.
+
+    Joints that no contact loads, together with all that their drives move, settle elsewhere: they are left out.
+    """
+    ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
+    ratios = tuple(ratio for ratio in ratios if np.abs(jacobian @ ratio.row).max(initial=0.0) > _NONE)
+    if not ratios:
+        return None
+    springs = np.zeros(hand.n)
+    for spring in hand.springs:
+        joint = hand.joint_names.index(spring.joint)
+        springs[joint] -= spring.stiffness * (q[joint] - spring.rest)
+    rows = np.array([ratio.row for ratio in ratios])
+    why = tuple(ratio.why for ratio in ratios)
+    return Underactuation(rows=rows, torques=rows @ springs, why=why, friction=_FRICTION)
 
 
 def preload_slope(
@@ -128,8 +167,10 @@ def torque_limits(
         depth: penetration of the contact points along their normals at ``q`` [m], one or (k,): at t_F the links have
             gone that far (``solution.profile.final_depth``).
         limit: largest |torque| per joint (n,) [N m] (a number applies to all), or ``"effort"``, the default: the hand's
-            own effort limits; joints without one are not limited.
+            own effort limits, or its drives' where these are less; joints without one are not limited.
         gravity_o: gravity (3,) [m/s^2].
+
+    The equations of a hand with fewer drives than joints (tendons, springs) come with it.
 
     Raises:
         InvalidInput: contacts without links, or a hand without any effort limit.
@@ -138,7 +179,7 @@ def torque_limits(
     k = len(instance_of("contacts", contacts, ContactSet))
     model.gravity.linear = array_of("gravity", gravity_o, (3,))
     q = array_of("q", q, (hand.n,))
-    if isinstance(limit, str) and not np.any(hand.effort > 0):
+    if isinstance(limit, str) and not torques_matter(hand, drives_limit(hand)):
         raise InvalidInput(f"effort limits: no joint of hand '{hand.name}' has one: give limit= in N m")
     limit = effort_of(hand, limit)
     depth = each_of("depth", depth, k)
@@ -146,4 +187,10 @@ def torque_limits(
     bias = pin.computeGeneralizedGravity(model, data, q)
     pin.computeJointJacobians(model, data, q)
     jacobian = contact_jacobians(hand, contacts, data, depth)
-    return TorqueLimits(jacobian=jacobian, bias=bias, limit=limit, joints=hand.joint_names)
+    return TorqueLimits(
+        jacobian=jacobian,
+        bias=bias,
+        limit=limit,
+        joints=hand.joint_names,
+        underactuation=_underactuation(hand, q, jacobian),
+    )

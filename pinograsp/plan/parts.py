@@ -118,6 +118,8 @@ class PlanReserve:
         torque: share of each torque limit that is kept free [-].
         loads: number of loads that stand for all of these.
         impact_times: that a search tried; the forces are the proven optimum at the one that it took.
+        above_unrestricted: share [-] by which the objective is above the proven least of a hand whose every contact
+            could press, and every joint pull, as it likes: at most that much is lost to couplings and shared motors.
     """
 
     disturbance: float
@@ -129,6 +131,7 @@ class PlanReserve:
     torque: float
     loads: int
     impact_times: int
+    above_unrestricted: float = 0.0
 
     __repr__ = brief()
 
@@ -144,6 +147,7 @@ class PlanReserve:
             "torque": self.torque,
             "loads": self.loads,
             "impact_times": self.impact_times,
+            "above_unrestricted": self.above_unrestricted,
         }
 
 

@@ -93,8 +93,11 @@ def assembled(
     )
 
 
-def reserve_of(reserve: Reserve, squeeze: RobustForces, tried: int) -> PlanReserve:
-    """The record of the reserve that a squeeze bears; ``tried``: impact times in all rounds."""
+def reserve_of(reserve: Reserve, squeeze: RobustForces, tried: int, unrestricted: float) -> PlanReserve:
+    """The record of the reserve that a squeeze bears; ``tried``: impact times in all rounds.
+
+    ``unrestricted``: lower bound of the objective of a hand that could make any forces.
+    """
     problem = squeeze.problem
     body = instance_of("object", problem.object, Body)
     weight = body.mass * float(np.linalg.norm(problem.gravity_o))
@@ -108,7 +111,13 @@ def reserve_of(reserve: Reserve, squeeze: RobustForces, tried: int) -> PlanReser
         torque=reserve.torque,
         loads=len(squeeze.load_set.loads),
         impact_times=tried,
+        above_unrestricted=max(0.0, squeeze_cost(squeeze) / unrestricted - 1.0) if unrestricted > 0 else 0.0,
     )
+
+
+def squeeze_cost(squeeze: RobustForces) -> float:
+    """The objective of a squeeze that was found."""
+    return squeeze.certificate.objective if squeeze.certificate is not None else 0.0
 
 
 def _forces(solution: ForceSolution, motion: Motion) -> PlanForces:
@@ -195,10 +204,10 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple
     ]
     if unstable := instability(hand, solution, motion.q[-1], servo_gains(hand)):
         cautions.append(unstable)
-    return (*cautions, *_beyond_drives(hand, motion), *_near_limits(hand, solution, motion))
+    return (*cautions, *_beyond_drives(hand, solution, motion), *_near_limits(hand, solution, motion))
 
 
-def _beyond_drives(hand: HandModel, motion: Motion) -> Iterator[str]:
+def _beyond_drives(hand: HandModel, solution: ForceSolution, motion: Motion) -> Iterator[str]:
     """Holding torques that the hand's motors cannot make, since several joints share one, or since it is too weak."""
     needed = np.array(motion.holding_torques)
     for spring in hand.springs:
@@ -207,7 +216,8 @@ def _beyond_drives(hand: HandModel, motion: Motion) -> Iterator[str]:
     arms = hand.transmission
     efforts = np.linalg.lstsq(arms.T, needed, rcond=None)[0]
     left, most = np.abs(needed - arms.T @ efforts), float(np.abs(needed).max())
-    if left.max() > _SHARED * most:
+    kept = None if solution.problem.torques is None else solution.problem.torques.underactuation
+    if left.max() > _SHARED * most and kept is None:
         worst = hand.joint_names[int(left.argmax())]
         unit = "N" if hand.is_prismatic(hand.model.getJointId(worst)) else "N m"
         yield (

@@ -38,6 +38,7 @@ from pinograsp.motion import (
     plan_motion,
     pressing_together,
     torque_limits,
+    torques_matter,
 )
 from pinograsp.objects.body import Body
 from pinograsp.plan import Motion, PlanReserve
@@ -234,7 +235,7 @@ def _by_optimum(hand: HandModel, problem: ForceProblem, choices: _Choices, limit
     heated = isinstance(choices.objective, str | Mapping) and "motor_heat" in choices.objective
     if limit is None and heated and problem.torques is None:
         limit = np.full(hand.n, np.inf)  # motor heat needs the Jacobians, at the posture that is found
-    if limit is not None and not heated and not np.isfinite(limit).any():
+    if limit is not None and not heated and not torques_matter(hand, limit):
         limit, problem = None, replace(problem, torques=None)
     spent = {"forces": 0.0, "motion": 0.0}
     # The first round finds a posture without knowing the torques.
@@ -269,7 +270,7 @@ def _by_reserve(
     hand: HandModel, problem: ForceProblem, choices: _Choices, limit: Array | None, reserve: Reserve
 ) -> tuple[ForceSolution, Motion, dict[str, float], PlanReserve]:
     """One squeeze for all loads of the reserve; rounds for the torque limits as in :func:`_by_optimum`."""
-    if limit is not None and not np.isfinite(limit).any():
+    if not torques_matter(hand, limit):
         limit = None
     spent = {"forces": 0.0, "motion": 0.0}
     searched, start, tried = problem, None, 0
@@ -281,6 +282,10 @@ def _by_reserve(
         squeeze = search_reserve(searched, reserve, objective=choices.objective, start=start)
         tried += squeeze.tried
         _refuse_no_squeeze(squeeze, searched, reserve, choices.objective)
+        least = squeeze.certificate.lower_bound if squeeze.certificate is not None else 0.0
+        if _underactuated(searched):
+            any_hand = search_reserve(_freed(searched), reserve, objective=choices.objective)
+            least = any_hand.certificate.lower_bound if any_hand.certificate is not None else 0.0
         if together is not None and len(together.rows):
             squeeze = producible_reserve(searched, reserve, squeeze, together.rows, objective=choices.objective)
             tried += squeeze.tried
@@ -305,7 +310,37 @@ def _by_reserve(
         if known is not None and np.abs(limits.jacobian - known.jacobian).max() < _SETTLED:
             break
         searched, start = replace(problem, torques=limits), squeeze.impact_time
-    return forces, motion, spent, reserve_of(reserve, squeeze, tried)
+    return forces, motion, spent, reserve_of(reserve, squeeze, tried, least)
+
+
+def _underactuated(problem: ForceProblem) -> tuple[str, ...]:
+    """What is in the way of joint torques that could be chosen one by one, in words."""
+    under = None if problem.torques is None else problem.torques.underactuation
+    return () if under is None else tuple(dict.fromkeys(under.why))
+
+
+def _freed(problem: ForceProblem, why: str | None = None) -> ForceProblem:
+    """The problem without the equations of an underactuated hand, or without those of one drive."""
+    torques = problem.torques
+    if torques is None or torques.underactuation is None:
+        return problem
+    under = torques.underactuation
+    left = [i for i, own in enumerate(under.why) if why is not None and own != why]
+    kept = replace(under, rows=under.rows[left], torques=under.torques[left], why=tuple(under.why[i] for i in left))
+    return replace(problem, torques=replace(torques, underactuation=kept if left else None))
+
+
+def _drives_in_the_way(problem: ForceProblem, holds: Callable[[ForceProblem], bool]) -> str:
+    """What the hand's drives have to do with it that no forces are found, "" where it is not their fault."""
+    reasons = _underactuated(problem)
+    if not reasons or not holds(_freed(problem)):
+        return ""
+    alone = [why for why in reasons if holds(_freed(problem, why))]
+    which = f"without {' or '.join(alone)}, it could" if alone else f"in the way together: {'; '.join(reasons)}"
+    return (
+        "no grasp found that this hand can make: forces hold the object, but its drives cannot make the joint torques "
+        f"that go with them ({which}); take another grasp, or another drive"
+    )
 
 
 def _refuse_no_squeeze(squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, objective: Objective) -> None:
@@ -313,6 +348,12 @@ def _refuse_no_squeeze(squeeze: RobustForces, problem: ForceProblem, reserve: Re
     if squeeze.status is Status.OK:
         return
     none = _no_forces(squeeze)
+
+    def bears(other: ForceProblem) -> bool:
+        return search_reserve(other, reserve, objective=objective).status is Status.OK
+
+    if not_made := _drives_in_the_way(problem, bears):
+        raise GraspInfeasible(not_made, none) if squeeze.status is Status.INFEASIBLE else GraspUndecided(not_made, none)
     parts = parts_in_the_way(problem, reserve, objective=objective)
     options = " or ".join(f"Reserve({part}=0)" for part in parts)
     why = f"in the way: {', '.join(parts)}; without one of these there is a grasp: {options}, or a smaller share"
@@ -368,4 +409,6 @@ def _rejections(forces: GridSolution) -> str:
 def _diagnosis(forces: ForceSolution) -> str:
     """At the impact time that admits the largest forces."""
     earliest = forces.problem.impact_time_range[0]
+    if not_made := _drives_in_the_way(forces.problem, lambda other: optimize_grasp(other, progress=False).found):
+        return not_made
     return f"no grasp: every impact time is proven infeasible\n{diagnose(forces.problem, earliest)}"

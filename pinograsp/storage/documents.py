@@ -61,6 +61,7 @@ class ReservePart(Part):
     torque: Annotated[float, Field(ge=0, lt=1)]
     loads: Annotated[StrictInt, Field(ge=1, le=10**6)]
     impact_times: Annotated[StrictInt, Field(ge=1, le=10**6)]
+    above_unrestricted: NotNegative = 0.0
 
 
 class CertificatePart(Part):

@@ -320,6 +320,7 @@ def _reserve(kept: ReservePart | None) -> PlanReserve | None:
         torque=kept.torque,
         loads=kept.loads,
         impact_times=kept.impact_times,
+        above_unrestricted=kept.above_unrestricted,
     )
 
 

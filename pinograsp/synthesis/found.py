@@ -25,7 +25,7 @@ from pinograsp.forces import (
     optimize_forces,
 )
 from pinograsp.hands import HandModel
-from pinograsp.motion import effort_of, pressing_together, torque_limits
+from pinograsp.motion import effort_of, pressing_together, torque_limits, torques_matter
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
@@ -116,7 +116,7 @@ def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: Gr
     """The problem of holding an object with a closed hand, torques limited at the posture of the contacts."""
     problem = conditions.problem(body, contacts)
     limit = effort_of(hand, conditions.torque_limit)
-    if not np.isfinite(limit).any():
+    if conditions.torque_limit is None or not torques_matter(hand, limit):
         return problem
     if contacts.posture is None:
         raise InvalidInput("torque limits: expected contacts with a posture, as a closed hand's have: close the hand")
