@@ -132,7 +132,19 @@ def _safety(plan: PlanRecord) -> list[tuple[str, str]]:
         ("load held by these forces", load_factor(margins)),
         ("disturbance held besides", disturbance_held(margins, plan.friction.safety)),
         ("grasp", quality),
+        *_on_other_contacts(plan),
     ]
+
+
+def _on_other_contacts(plan: PlanRecord) -> list[tuple[str, str]]:
+    band = plan.require_margins().band
+    if band is None:
+        return []
+    ranges = zip(plan.contacts.names, band.lowest, band.highest)
+    forces = ", ".join(f"{name} {number(low, 2)} to {number(high, 2)}" for name, low, high in ranges)
+    lost = [f"not held at {factor:g} times: {why}" for factor, why in zip(band.factors, band.remarks) if why]
+    text = f"{forces} N, contacts {band.factors.min():g} to {band.factors.max():g} times as stiff, {band.servos}"
+    return [("on other contacts", "; ".join([text, *(lost[:1] or ["held"])]))]
 
 
 def failure(found: PlanFailure) -> str:

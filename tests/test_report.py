@@ -314,6 +314,22 @@ def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
     assert len(friction_used(exact)) == 1
 
 
+def test_forces_on_other_contacts_are_told(run):
+    band = run.margins.band
+    assert band.factors.min() == 0.2 and band.factors.max() == 20 and band.servos == "servos of 50 N m/rad"
+    as_planned = band.factors.tolist().index(1.0)
+    assert band.normal_forces[as_planned] == pytest.approx(run.forces.normal_forces, rel=1e-6)
+    assert np.all(band.lowest <= run.forces.normal_forces * (1 + 1e-6)) and np.all(band.highest >= band.lowest)
+    told = dict(answer(run))["on other contacts"]
+    assert "contacts 0.2 to 20 times as stiff, servos of 50 N m/rad" in told and "thumb" in told
+    assert ("not held at" in told) == any(band.remarks) and told.endswith("held") == (not any(band.remarks))
+    lost = replace(band, remarks=("", "thumb slips", *band.remarks[2:]))
+    told = dict(answer(replace(run, margins=replace(run.margins, band=lost))))["on other contacts"]
+    assert "not held at 0.5 times: thumb slips" in told
+    older = replace(run, margins=replace(run.margins, band=None))
+    assert "on other contacts" not in dict(answer(older))
+
+
 def test_advice_that_was_taken_is_not_given_again(run):
     margins = replace(run.margins, disturbance=0.0, disturbance_force=0.0)
     for safety, closed, advice in ((1.0, True, True), (1.3, True, False), (1.3, False, False), (1.0, False, False)):

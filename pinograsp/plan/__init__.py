@@ -13,6 +13,7 @@ from pinograsp.plan.parts import (
     PlanMargins,
     PlanReserve,
     Reach,
+    StiffnessBand,
 )
 from pinograsp.plan.record import PlanFailure, PlanRecord, Proof
 from pinograsp.plan.simulation import Simulation, Verdict
@@ -34,5 +35,6 @@ __all__ = [
     "Proof",
     "Reach",
     "Simulation",
+    "StiffnessBand",
     "Verdict",
 ]

@@ -275,6 +275,46 @@ class PlanForces:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StiffnessBand:
+    """What comes of the squeeze where contacts are softer or stiffer than planned, the servos' positions as commanded.
+
+    Attributes:
+        servos: the servos that hold the joints, in words.
+        factors: real over planned contact stiffness (s,) [-].
+        normal_forces: F_n that come (s, k) [N].
+        remarks: per factor why the object is not held, in words; empty where it is.
+    """
+
+    servos: str
+    factors: Array
+    normal_forces: Array
+    remarks: tuple[str, ...]
+
+    __repr__ = brief("servos", "factors", "remarks")
+
+    @property
+    def lowest(self) -> Array:
+        """Least F_n of each contact (k,) [N]."""
+        least: Array = self.normal_forces.min(axis=0)
+        return least
+
+    @property
+    def highest(self) -> Array:
+        """Largest F_n of each contact (k,) [N]."""
+        largest: Array = self.normal_forces.max(axis=0)
+        return largest
+
+    def summary(self, names: tuple[str, ...]) -> Plain:
+        """As plain JSON values by the contacts' ``names``."""
+        return {
+            "servos": self.servos,
+            "factors": self.factors.tolist(),
+            "normal_forces_N": dict(zip(names, self.normal_forces.T.tolist())),
+            "remarks": list(self.remarks),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanMargins:
     """What the grasp bears beyond its load with these normal forces, and its quality.
 
@@ -294,6 +334,7 @@ class PlanMargins:
         min_singular_value: of the grasp map.
         isotropy: of the grasp map.
         stiffness: of the grasp, 6 x 6, linear first [N/m, N, N m].
+        band: forces on contacts softer or stiffer than planned; None: not told, as in plans of older versions.
     """
 
     friction_used: Array
@@ -309,6 +350,7 @@ class PlanMargins:
     min_singular_value: float
     isotropy: float
     stiffness: Array
+    band: StiffnessBand | None = None
 
     __repr__ = brief("friction_used", "load_factor", "disturbance_force", "force_closure", "ferrari_canny")
 
@@ -328,6 +370,7 @@ class PlanMargins:
             "min_singular_value": self.min_singular_value,
             "isotropy": self.isotropy,
             "stiffness_N_m": self.stiffness.tolist(),
+            "band": None if self.band is None else self.band.summary(names),
         }
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.actuation import (
+    FACTORS,
     CompliantHand,
     ForceBand,
     GainLimit,
@@ -23,6 +24,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import HandModel
 from pinograsp.motion import preload_slope, torque_limits
+from pinograsp.plan import StiffnessBand
 from pinograsp.spatial import Array
 
 SERVO = 50.0  # [N m/rad] stiffness of a small servo; at a sliding joint that of the same, 30 mm from its axis
@@ -31,14 +33,18 @@ _FINGERTIP = 0.008  # [m] radius of curvature of links where they touch
 
 
 def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
-    """Gains of the joints' servos (n,) [N m/rad or N/m]; default: 50 N m/rad, 55.6 kN/m at sliding joints.
+    """Gains of the joints' servos (n,) [N m/rad or N/m]; default: the drives' own, else 50 N m/rad or 55.6 kN/m.
 
     Raises:
         InvalidInput: gains that are not numbers from 0 on, one or (n,).
     """
     if stiffness is None:
         slides = np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names])
-        return np.where(slides, SERVO / _LEVER**2, SERVO)
+        gains = np.where(slides, SERVO / _LEVER**2, SERVO)
+        for drive in hand.drives:
+            if drive.stiffness is not None and len(drive.joints) == 1:
+                gains[hand.joint_names.index(drive.joints[0])] = drive.arms[0] ** 2 * drive.stiffness
+        return gains
     gains = each_of("servo stiffness", stiffness, hand.n)
     if gains.min() < 0:
         raise InvalidInput(f"servo stiffness: expected values from 0 on (torque control), got {shown(gains.tolist())}")
@@ -50,6 +56,18 @@ def compliant_hand(hand: HandModel, solution: ForceSolution, q: Array, gains: Ar
     contacts, depth = solution.problem.contacts, solution.profile.final_depth
     jacobians = torque_limits(hand, contacts, q, depth=depth, limit=np.inf).jacobian
     return CompliantHand.at(contacts, jacobians, gains=gains)
+
+
+def told_band(hand: HandModel, solution: ForceSolution, q: Array) -> StiffnessBand:
+    """The band of a plan's record: with the hand's own servos, where their gains are known."""
+    gains = servo_gains(hand)
+    band = band_of(hand, solution, q, gains, FACTORS)
+    return StiffnessBand(
+        servos=f"servos of {_in_words(hand, gains)}",
+        factors=band.factors,
+        normal_forces=band.normal_forces,
+        remarks=band.remarks,
+    )
 
 
 def band_of(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, factors: ArrayLike) -> ForceBand:

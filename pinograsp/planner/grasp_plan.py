@@ -19,7 +19,7 @@ from pinograsp.handover import Command, Commanding, JointTrajectory, gripper_mes
 from pinograsp.handover.commands import COMMANDS, SHORTFALL, commanded, write_drive_keyframes
 from pinograsp.hands import HandModel
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
-from pinograsp.planner.compliance import band_of, gains_of, servo_gains, stiffness_of
+from pinograsp.planner.compliance import band_of, gains_of, servo_gains, stiffness_of, told_band
 from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
@@ -69,7 +69,8 @@ class GraspPlan(PlanRecord):
         """The same plan with what the grasp bears besides its load, and cautions of that; a tenth of a second."""
         if self.margins is not None:
             return self
-        margins = margins_of(self.searched(), self._reaction())
+        band = told_band(self.hand, self.searched(), self.motion.q[-1])
+        margins = margins_of(self.searched(), self._reaction(), band)
         weight = self.body_mass * float(np.linalg.norm(self.gravity_o))
         return replace(self, margins=margins, cautions=(*self.cautions, *margin_cautions(margins, weight)))
 
@@ -81,7 +82,8 @@ class GraspPlan(PlanRecord):
         """The forces that come where the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.
 
         Servos of ``stiffness``, one number or (n,) [N m/rad or N/m], hold the references that give the planned forces
-        on contacts as planned; 0 is torque control, the default 50 N m/rad (55.6 kN/m at sliding joints). See
+        on contacts as planned; 0 is torque control, the default that of the hand's drives where it is known, else
+        50 N m/rad (55.6 kN/m at sliding joints). See
         :func:`pinograsp.actuation.force_band`.
 
         Raises:

@@ -9,14 +9,14 @@ import numpy as np
 from pinograsp.checks import read_only
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
 from pinograsp.forces import ForceSolution, Reaction, disturbance_margin, force_closure, grasp_margins
-from pinograsp.plan import PlanMargins, Reach
+from pinograsp.plan import PlanMargins, Reach, StiffnessBand
 
 _WEAK = 0.02  # share of the weight in the weakest direction: worth a caution
 _DIRECTIONS = 48  # around a plane, in which forces are looked for
 
 
-def margins_of(solution: ForceSolution, reaction: Reaction) -> PlanMargins:
-    """Margins of the forces and quality of the grasp."""
+def margins_of(solution: ForceSolution, reaction: Reaction, band: StiffnessBand) -> PlanMargins:
+    """Margins of the forces and quality of the grasp; ``band``: on softer and stiffer contacts."""
     problem = solution.problem
     margins = grasp_margins(solution, tolerance=1e-3, reaction=reaction)
     friction = replace(problem.friction, safety=1.0)
@@ -45,6 +45,7 @@ def margins_of(solution: ForceSolution, reaction: Reaction) -> PlanMargins:
         min_singular_value=float(metrics.min_singular_value),
         isotropy=float(metrics.isotropy),
         stiffness=read_only(stiffness.matrix),
+        band=band,
     )
 
 

@@ -75,6 +75,15 @@ class CertificatePart(Part):
     active: Texts
 
 
+class BandPart(Part):
+    """Forces on contacts that are softer or stiffer than planned."""
+
+    servos: StrictStr
+    factors: Several
+    normal_forces_N: dict[StrictStr, Several]
+    remarks: list[StrictStr]
+
+
 class MarginsPart(Part):
     """What a grasp bears besides its load."""
 
@@ -93,6 +102,7 @@ class MarginsPart(Part):
     stiffness_N_m: Annotated[
         list[Annotated[Several, Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)
     ]
+    band: BandPart | None = None
 
 
 class GridPart(Part):

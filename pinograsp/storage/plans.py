@@ -28,10 +28,11 @@ from pinograsp.plan import (
     PlanReserve,
     Proof,
     Reach,
+    StiffnessBand,
 )
 from pinograsp.spatial import Array
 from pinograsp.storage.arrays import Arrays, expect, sizes_of, texts_of
-from pinograsp.storage.documents import FailureDocument, MarginsPart, PlanDocument, ReservePart, checked
+from pinograsp.storage.documents import BandPart, FailureDocument, MarginsPart, PlanDocument, ReservePart, checked
 
 _DOCUMENT, _ARRAYS = "plan.json", "plan.npz"
 # Shapes by what counts: m samples, n joints, k contacts, any number b, d.
@@ -174,6 +175,11 @@ def _check_document(found: PlanDocument) -> None:
         values = getattr(part, name)
         may_be_empty = name in ("multipliers", "torsion_Nm") and not values
         expect(file, name, listed, may_be_empty or list(values) == names)
+    if (band := found.margins.band) is not None:
+        same = list(band.normal_forces_N) == names
+        expect(file, "band.normal_forces_N", listed, same)
+        many = {len(values) for values in (*band.normal_forces_N.values(), band.remarks)}
+        expect(file, "band", f"{len(band.factors)} values each", many == {len(band.factors)} != {0})
     along_normals = [force[2] for force in found.contact_forces_N.values()]
     same = list(found.normal_forces_N.values()) == along_normals
     expect(file, "normal_forces_N", "the third components of contact_forces_N", same)
@@ -340,4 +346,14 @@ def _margins(kept: MarginsPart) -> PlanMargins:
         min_singular_value=kept.min_singular_value,
         isotropy=kept.isotropy,
         stiffness=_array(kept.stiffness_N_m),
+        band=None if kept.band is None else _band(kept.band),
+    )
+
+
+def _band(kept: BandPart) -> StiffnessBand:
+    return StiffnessBand(
+        servos=kept.servos,
+        factors=_array(kept.factors),
+        normal_forces=_array(list(kept.normal_forces_N.values())).T,
+        remarks=tuple(kept.remarks),
     )

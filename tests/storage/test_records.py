@@ -525,6 +525,8 @@ def put(document: dict, path: str, value) -> None:
         ("plan.json", "friction.model", "soft"),
         ("plan.json", "margins", None),
         ("plan.json", "margins.friction_used", {}),
+        ("plan.json", "margins.band.normal_forces_N", {}),
+        ("plan.json", "margins.band.remarks", [""]),
         ("plan.json", "grid.points", float("inf")),
         ("plan.json", "impact_time_s", 0.2),
         ("plan.json", "layout.contacts", ["a", "a", "b"]),

@@ -1,0 +1,162 @@
+"""Hands whose motors take positions only, on contacts softer and harder than planned: forces told, forces that come.
+
+    python benchmarks/servos.py --seed 7 [--hands NAME ...] [--jobs 2]
+
+Every plan of ``grasps.py`` is played by joint servos of 1, 3, 10 and 50 N m/rad (sliding joints 1 / (30 mm)^2 times as
+stiff) on contacts a fifth, once and 20 times as stiff as planned. Three rules give the positions that are sent:
+
+- ``plan``: q + tau / kp, what ``plan.to_csv(command="position", stiffness=kp)`` hands over: tau are the plan's torques;
+- ``twice``: from t_I on to 2 q_touch - q_before, q_before being the posture on the straight way from the open hand in
+  which fingertips still have 10 mm to go: squeeze as far beyond the touch as the fingers were open before it;
+- ``contact``: q_touch + J^T f / kp, the planned forces on the posture of touch, without gravity and depth.
+
+Told by the plan: whether friction and limits hold and the equilibrium is stable with these servos on these contacts
+(``plan.force_band``, ``plan.object_stiffness``), and the band of every normal force over the three stiffnesses.
+Simulated by MuJoCo with the referee's own contact law: whether the object is held, and the forces at the end. Writes
+servos.csv beside this file, and prints how often what was told holds came to be held, and how often forces lay in the
+band, to 2 % of the largest.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from grasps import MU, SHAPES, thing, width
+from joblib import Parallel, delayed
+from results import header, write_rows
+from tqdm import tqdm
+
+import pinograsp as pg
+from pinograsp.contacts import fingertips
+from pinograsp.errors import PinograspError
+from pinograsp.planner import plan_best
+from pinograsp.referee.settings import Disturbance, Servo
+
+HERE = Path(__file__).resolve().parent
+GAINS, FACTORS, RULES = (1.0, 3.0, 10.0, 50.0), (0.2, 1.0, 20.0), ("plan", "twice", "contact")
+HANDS = ("allegro_left", "psyonic_left", "g1_left", "talos_left", "tiago_pro_left")
+BEFORE, HOLD, LEVER, ROUNDING = 0.01, 0.6, 0.03, 0.02  # [m], [s], [m], share of a force
+
+
+def gains_of(hand: pg.HandModel, gain: float) -> np.ndarray:
+    slides = np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names])
+    return np.where(slides, gain / LEVER**2, gain)
+
+
+def sent(plan: pg.GraspPlan, rule: str, gains: np.ndarray) -> tuple[pg.GraspPlan, Servo]:
+    """The plan with the positions that a rule sends, and the servos that follow them."""
+    if rule == "plan":  # q + tau / kp at the motors is the same as servos with tau as feed-forward
+        return plan, Servo.of(plan.hand, gains)
+    motion = plan.motion
+    # At rest the torques are J^T f and gravity's.
+    still = plan.closure.q
+    share = np.clip((motion.times - motion.times[motion.impact]) / np.ptp(motion.times[motion.impact :]), 0.0, 1.0)
+    if rule == "contact":
+        torques = plan.solution.problem.torques
+        pressed = still + (motion.holding_torques - (0.0 if torques is None else torques.bias)) / gains
+    else:
+        data, tips = plan.hand.model.createData(), []
+        for q in (motion.q[0], still):
+            pin.forwardKinematics(plan.hand.model, data, q)
+            tips.append(fingertips(plan.hand, data))
+        before = min(1.0, BEFORE / float(np.linalg.norm(tips[0] - tips[1], axis=1).mean()))
+        pressed = still + before * (still - motion.q[0])
+    q = np.where(share[:, None] > 0, still + share[:, None] * (pressed - still), motion.q)
+    dq = np.gradient(q, motion.times, axis=0)
+    moved = replace(plan, motion=replace(motion, q=q, dq=dq))
+    return moved, Servo.of(plan.hand, gains, control="position")
+
+
+def rows(hand_name: str, shape: str, seed: int) -> list[dict]:
+    """What came of one hand and one object."""
+    hand = pg.load_hand(hand_name)
+    conditions = pg.GraspConditions(mu=MU)
+    try:
+        body = thing(shape, width(hand))
+        plan = plan_best(
+            pg.find_grasps(hand, body, conditions, count=16, seed=seed, jobs=1, progress=False), conditions
+        )
+    except PinograspError as error:
+        return [{"hand": hand_name, "object": shape, "rule": "", "why": str(error)[:200]}]
+    found = []
+    for gain in GAINS:
+        gains = gains_of(plan.hand, gain)
+        band, stable = plan.force_band(gains, FACTORS), plan.object_stiffness(gains).is_stable()
+        for rule in RULES:
+            moved, servo = sent(plan, rule, gains)
+            for i, factor in enumerate(FACTORS):
+                seen = pg.simulate(moved, servo=servo, hold=HOLD, disturbance=Disturbance(stiffness=factor))
+                names, last = list(seen.parts), seen.times > seen.times[-1] - 0.1
+                own = [names.index(name) if name in names else -1 for name in plan.contacts.names]
+                forces = seen.normal_forces[last].mean(axis=0)[own]
+                room = ROUNDING * band.highest.max()
+                inside = (forces >= band.lowest - room) & (forces <= band.highest + room)
+                found.append(
+                    {
+                        "hand": hand_name,
+                        "object": shape,
+                        "rule": rule,
+                        "gain": gain,
+                        "factor": factor,
+                        "told": bool(band.holds[i] and stable),
+                        "held": bool(seen.verdict.held),
+                        "inside": f"{inside.mean():.3f}",
+                        "planned_N": listed(plan.forces.normal_forces),
+                        "lowest_N": listed(band.lowest),
+                        "highest_N": listed(band.highest),
+                        "simulated_N": listed(forces),
+                        "why": seen.verdict.reason if not seen.verdict.held else band.remarks[i],
+                    }
+                )
+    return found
+
+
+def listed(forces: np.ndarray) -> str:
+    return " ".join(f"{force:.3g}" for force in forces)
+
+
+def summary(found: list[dict]) -> str:
+    lines = [
+        "| rule | kp [N m/rad] | held | held where told | told | forces in the band where told |",
+        "|" + " --- |" * 6,
+    ]
+    for rule in RULES:
+        for gain in (*GAINS, None):
+            own = [one for one in found if one["rule"] == rule and gain in (None, one["gain"])]
+            told = [one for one in own if one["told"]]
+            if own:
+                inside = np.mean([float(one["inside"]) for one in told]) if told else np.nan
+                lines.append(
+                    f"| {rule} | {'all' if gain is None else f'{gain:g}'} | {share(own)} | {share(told)} | "
+                    f"{len(told)} of {len(own)} | {100 * inside:.1f} % |"
+                )
+    return "\n".join(lines)
+
+
+def share(own: list[dict]) -> str:
+    return f"{100 * np.mean([one['held'] for one in own]):.1f} %" if own else "-"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--hands", nargs="+", default=HANDS)
+    parser.add_argument("--objects", nargs="+", default=SHAPES[:3], choices=SHAPES)
+    parser.add_argument("--jobs", type=int, default=-1, help="pairs at the same time; -1: all cores")
+    parser.add_argument("--out", type=Path, default=HERE / "servos.csv")
+    options = parser.parse_args()
+    pairs = [(hand, shape) for hand in options.hands for shape in options.objects]
+    work = (delayed(rows)(hand, shape, options.seed) for hand, shape in pairs)
+    found: list[dict] = []
+    for own in tqdm(Parallel(options.jobs, return_as="generator")(work), total=len(pairs), unit="pair"):
+        found += own
+        write_rows(options.out, header(("numpy", "pin", "mujoco"), f"seed {options.seed}", f"{HOLD:g} s held"), found)
+    print(summary(found))
+
+
+if __name__ == "__main__":
+    main()
