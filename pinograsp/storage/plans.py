@@ -178,8 +178,8 @@ def _check_document(found: PlanDocument) -> None:
     if (band := found.margins.band) is not None:
         same = list(band.normal_forces_N) == names
         expect(file, "band.normal_forces_N", listed, same)
-        many = {len(values) for values in (*band.normal_forces_N.values(), band.remarks)}
-        expect(file, "band", f"{len(band.factors)} values each", many == {len(band.factors)} != {0})
+        many = {len(band.factors), len(band.remarks), *(len(own) for own in band.normal_forces_N.values())}
+        expect(file, "band", f"{len(band.factors)} values each", len(many) == 1 and bool(band.factors))
     along_normals = [force[2] for force in found.contact_forces_N.values()]
     same = list(found.normal_forces_N.values()) == along_normals
     expect(file, "normal_forces_N", "the third components of contact_forces_N", same)
