@@ -24,7 +24,7 @@ from pinograsp.forces.program import OBJECTIVES, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
 from pinograsp.forces.reserve import (
     Reserve,
-    can_bear,
+    least_squeeze,
     optimize_reserve,
     parts_in_the_way,
     producible_reserve,
@@ -83,7 +83,6 @@ __all__ = [
     "TorqueLimit",
     "TorqueLimits",
     "Underactuation",
-    "can_bear",
     "diagnose",
     "disturbance_margin",
     "force_closure",
@@ -92,6 +91,7 @@ __all__ = [
     "grid_search",
     "grid_values",
     "holding_probability",
+    "least_squeeze",
     "load_factor",
     "min_weight",
     "optimize_contacts",

@@ -226,8 +226,10 @@ def search_reserve(
     return replace(tried[best_time], tried=len(tried), elapsed=time.perf_counter() - started)
 
 
-def can_bear(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None = None) -> bool:
-    """Whether a squeeze within all that any impact time allows bears the reserve: one program, for searches.
+def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None = None) -> float:
+    """Sum of the normal forces [N] of a squeeze that bears the reserve, within all that any impact time allows.
+
+    That of least largest force; infinity: there is none. One program, for searches.
 
     Args:
         problem: of holding an object, without the reserve.
@@ -245,7 +247,7 @@ def can_bear(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None 
     weights = robust_weights("peak", problem)
     early, bounds = problem.impact_time_range[0], _widest(kept)
     found = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds, fixed=fixed, proven=False)
-    return found.status is Status.OK
+    return float(found.normal_forces.sum()) if found.status is Status.OK else np.inf
 
 
 def producible_reserve(

@@ -336,7 +336,7 @@ def _drives_in_the_way(problem: ForceProblem, holds: Callable[[ForceProblem], bo
     if not reasons or not holds(_freed(problem)):
         return ""
     alone = [why for why in reasons if holds(_freed(problem, why))]
-    which = f"without {' or '.join(alone)}, it could" if alone else f"in the way together: {'; '.join(reasons)}"
+    which = f"in the way: {'; or '.join(alone)}" if alone else f"in the way together: {'; '.join(reasons)}"
     return (
         "no grasp found that this hand can make: forces hold the object, but its drives cannot make the joint torques "
         f"that go with them ({which}); take another grasp, or another drive"

@@ -20,7 +20,7 @@ from pinograsp.forces import (
     ForceSolution,
     GraspConditions,
     Reserve,
-    can_bear,
+    least_squeeze,
     load_factor,
     optimize_forces,
 )
@@ -31,6 +31,8 @@ from pinograsp.spatial import Array
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
 SOUND = 2  # rank of a grasp that bears the reserve on contacts that are sure
+# What a squeeze of the first rank may sum up to: times the weight, or newtons per contact.
+_CRUSHING, _CRUMB = 15.0, 0.15
 _DOUBTFUL = 0.05  # share of the normal forces that a grasp of the first rank may have there
 
 
@@ -44,7 +46,8 @@ class FoundGrasp:
         forces: certified least-cost forces, at the impact time of the search.
         quality: what the contacts withstand in their weakest direction per newton of squeeze [-], moments over the
             reserve's arm, with the friction that the reserve relies on; 0 without force closure.
-        bears: whether a squeeze that the hand can make bears the reserve within the torque limits.
+        squeeze: sum of the normal forces [N] of a squeeze that the hand can make, and that bears the reserve within the
+            torque limits; infinity: there is none.
         doubtful: share of the normal forces [-] that act on edges of the object, where a small error turns them, or
             where a link is hollow behind its convex hull.
         energy: objective of the forces.
@@ -55,7 +58,7 @@ class FoundGrasp:
     closure: Closure
     forces: ForceSolution
     quality: float
-    bears: bool
+    squeeze: float
     doubtful: float
     energy: float
     load_factor: float
@@ -63,9 +66,17 @@ class FoundGrasp:
     __repr__ = brief()
 
     @property
+    def bears(self) -> bool:
+        """Whether a squeeze bears the reserve."""
+        return self.squeeze < np.inf
+
+    @property
     def sound(self) -> int:
-        """2: bears the reserve; 1: bears it with doubtful contacts; 0: does not bear it."""
-        return int(self.bears) * (SOUND if self.doubtful <= _DOUBTFUL else 1)
+        """2: bears the reserve; 1: with doubtful contacts or a squeeze that crushes; 0: does not bear it."""
+        problem = self.forces.problem
+        weight = float(np.linalg.norm(problem.load[:3]))
+        gentle = self.squeeze <= max(_CRUSHING * weight, _CRUMB * problem.k)
+        return int(self.bears) * (SOUND if gentle and self.doubtful <= _DOUBTFUL else 1)
 
 
 def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, FoundGrasp | None]:
@@ -98,18 +109,20 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
         closure=closure,
         forces=forces,
         quality=float(quality.lower),
-        bears=conditions.reserve is None or _bears(closure, problem, conditions.reserve),
+        squeeze=float(forces.normal_forces.sum())
+        if conditions.reserve is None
+        else _squeeze(closure, problem, conditions.reserve),
         doubtful=float(forces.normal_forces[doubtful].sum() / forces.normal_forces.sum()),
         energy=forces.certificate.objective,
         load_factor=load_factor(problem, impact_time=impact_time),
     )
 
 
-def _bears(closure: Closure, problem: ForceProblem, reserve: Reserve) -> bool:
+def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve) -> float:
     contacts = problem.contacts
     if contacts.posture is None:
-        return can_bear(problem, reserve)
-    return can_bear(problem, reserve, rows=pressing_together(closure.hand, contacts, contacts.posture).rows)
+        return least_squeeze(problem, reserve)
+    return least_squeeze(problem, reserve, rows=pressing_together(closure.hand, contacts, contacts.posture).rows)
 
 
 def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: GraspConditions) -> ForceProblem:

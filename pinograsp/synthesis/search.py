@@ -108,7 +108,8 @@ def find_grasps(
         hand: the hand, wherever it is.
         body: what is to be held, where it is.
         conditions: friction, limits and what is to be balanced.
-        count: samples; up to four times as many, as long as no grasp bears the reserve on contacts that are sure.
+        count: samples; up to four times as many, as long as no grasp bears the reserve on contacts that are sure, and
+            the object is not too large.
         seed: of the random numbers; the result does not depend on ``jobs``.
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
@@ -117,8 +118,9 @@ def find_grasps(
 
     Returns:
         Grasps by what they withstand in the weakest direction per newton of squeeze: first those that bear the reserve
-        within the torque limits, those with doubtful contacts after the others, last those without force closure, by
-        the multiple of the load that they hold. Stopped by Ctrl-C: those found until then.
+        within the torque limits, those with doubtful contacts, or a squeeze above 15 times the weight, after the
+        others, last those without force closure, by the multiple of the load that they hold. Stopped by Ctrl-C: those
+        found until then.
 
     Raises:
         InvalidInput: conditions or options that cannot be used.
@@ -136,6 +138,9 @@ def find_grasps(
         case = case_of(hand, body, conditions, impact_time, wrap, np.random.default_rng(first))
     except Exception as error:
         raise _plain(error) from None
+    widths = [one.width for one in case.preshapes]
+    opening = max(0.0, min(widths, default=0.0)), max(widths, default=0.0)
+    width = float(min(case.pairs.widths, default=np.inf))
     found: list[FoundGrasp] = []
     outcomes: dict[str, int] = {}
     interrupted = False
@@ -161,7 +166,7 @@ def find_grasps(
                             found.append(batch.grasp)
                         interrupt()
                 interrupt()
-                if any(grasp.sound == SOUND for grasp in found):
+                if any(grasp.sound == SOUND for grasp in found) or (not found and width > opening[1]):
                     break
                 bar.total += count if one is not rounds[-1] else 0
         except KeyboardInterrupt:
@@ -170,13 +175,12 @@ def find_grasps(
             why = "a process of the search was lost, by lack of memory or a crash: try fewer (jobs=1)"
             raise PinograspError(why) from None
     bar.close()
-    widths = [one.width for one in case.preshapes]
     return GraspSearch(
         grasps=tuple(_with_bodies(hand, body, one) for one in sorted(found, key=_rank)),
         tried=sum(outcomes.values()),
         outcomes=outcomes,
-        opening=(max(0.0, min(widths, default=0.0)), max(widths, default=0.0)),
-        width=float(min(case.pairs.widths, default=np.inf)),
+        opening=opening,
+        width=width,
         interrupted=interrupted,
     )
 

@@ -308,7 +308,9 @@ def test_effort_limits_mean_the_same_everywhere():
     first = find_grasps(free, ball, count=4, jobs=1, **SETTINGS).best.closure
     model = first.hand.model.copy()
     model.effortLimit[::2] = 0.0
-    part = replace(first.hand, model=model)
+    drives = list(first.hand.drives)
+    drives[::2] = [replace(drive, limit=np.inf) for drive in drives[::2]]
+    part = replace(first.hand, model=model).with_drives(drives)
     closure = replace(first, hand=part)
     plan = plan_grasp_on(part, closure, CONDITIONS)
     limited = plan.problem.torques.limited
@@ -318,6 +320,8 @@ def test_effort_limits_mean_the_same_everywhere():
     assert [name in caution for name in np.array(part.joint_names)[::2][moving[::2]]] == [True] * moving[::2].sum()
     assert find_grasps(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
     model.effortLimit[:] = 0.0
+    part = part.with_drives([replace(drive, limit=np.inf) for drive in part.drives])
+    closure = replace(first, hand=part)
     assert plan_grasp_on(part, closure, CONDITIONS).problem.torques is None
     assert plan_grasp(part, plan.problem, torque_limit="effort").problem.torques is None
     assert find_grasps(part, ball, count=2, jobs=1, **SETTINGS).tried == 2
