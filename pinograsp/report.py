@@ -73,21 +73,32 @@ def _normal_forces(plan: PlanRecord) -> dict[str, float]:
 
 
 def answer(plan: PlanRecord, simulation: Simulation | None = None) -> list[tuple[str, str]]:
-    """The results as pairs of a name and a value with its unit."""
+    """The results as pairs of a name and a value with its unit, first those of :func:`summary`."""
+    return [*summary(plan, simulation), *details(plan)]
+
+
+def summary(plan: PlanRecord, simulation: Simulation | None = None) -> list[tuple[str, str]]:
+    """What a reader asks first, as pairs of a name and a value with its unit."""
     instance_of("plan", plan, PlanRecord)
-    forces, motion, names = plan.forces, plan.motion, plan.contacts.names
-    normal = ", ".join(f"{name} {value:.3f}" for name, value in _normal_forces(plan).items())
-    multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in zip(names, forces.multipliers))
-    solved = f"{forces.search}, solver {forces.backend or 'none'}, {plan.balance} balance, least {_objective(plan)}"
     lines = [
         ("does it hold?", does_it_hold(plan, simulation).text),
         ("it bears", bears(plan)),
         ("reserve planned", planned_reserve(plan.reserve)),
+        ("normal forces", f"{', '.join(f'{name} {value:.3f}' for name, value in _normal_forces(plan).items())} N"),
         ("status", str(plan.status)),
+    ]
+    return [(printable(what), printable(value, _LONGEST)) for what, value in lines]
+
+
+def details(plan: PlanRecord) -> list[tuple[str, str]]:
+    """The other results, likewise."""
+    forces, motion, names = plan.forces, plan.motion, plan.contacts.names
+    multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in zip(names, forces.multipliers))
+    solved = f"{forces.search}, solver {forces.backend or 'none'}, {plan.balance} balance, least {_objective(plan)}"
+    lines = [
         ("search", solved),
         ("friction", friction_model(plan.friction)),
         ("impact time t_I", f"{forces.impact_time:g} s"),
-        ("normal forces", f"{normal} N"),
         ("multipliers k1, k2", multipliers),
         ("grasp energy (work)", work(plan)),
         ("grasp energy (impulse)", f"{forces.impulse:.4f} N s by Eq. (11)"),

@@ -262,7 +262,7 @@ def _print(plan: GraspPlan, folder: Path) -> None:
     """Print a plan; the answer comes last, where it stays visible below a long table."""
     from rich.table import Table
 
-    from pinograsp.report import answer, comparison_rows
+    from pinograsp.report import comparison_rows, details, summary
 
     screen = console()
     if plan.comparison:
@@ -290,7 +290,7 @@ def _print(plan: GraspPlan, folder: Path) -> None:
         title_justify="left",
         padding=(0, 1, 0, 0),
     )
-    for row in answer(plan):
+    for row in (*details(plan), *summary(plan)):
         table.add_row(*row)
     screen.print(table)
     if plan.remedy:
