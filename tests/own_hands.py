@@ -187,3 +187,32 @@ def chuck(k: int) -> str:
             ),
         ]
     return robot(f"chuck{k}", *parts)
+
+
+def parallel_gripper() -> str:
+    """Two fingers of 9 cm that one motor turns, each held upright by a coupled joint and by a bar that ends in nothing.
+
+    The bar turns beside the finger's lower link, 16 mm further in, and overlaps the upper one, where a pin would be.
+    """
+    parts = [link("palm", 0.3, "box 0.16 0.04 0.02", "0 0 -0.02")]
+    for side, sign in (("left", 1), ("right", -1)):
+        motor, along, against = "left_knuckle", f"left_knuckle {sign} 0", f"left_knuckle {-sign} 0"
+        limits = "-0.2 0.8 5 2" if sign == 1 else "-0.8 0.2 5 2"
+        bar = f"{side}_inner_knuckle"
+        parts += [
+            link(f"{side}_outer", 0.02, "box 0.008 0.01 0.04", "0 0 0.02"),
+            link(f"{side}_finger", 0.02, "box 0.012 0.02 0.05", f"{0.008 * sign} 0 0.025"),
+            link(bar, 0.01, "box 0.006 0.01 0.044", "0 0 0.022"),
+            joint(
+                f"{side}_knuckle",
+                "palm",
+                f"{side}_outer",
+                f"{-0.05 * sign} 0 0",
+                "0 1 0",
+                limits,
+                mimic="" if f"{side}_knuckle" == motor else along,
+            ),
+            joint(f"{side}_upright", f"{side}_outer", f"{side}_finger", "0 0 0.04", "0 1 0", "-1 1 5 2", mimic=against),
+            joint(f"{side}_bar", "palm", bar, f"{-0.034 * sign} 0 0", "0 1 0", "-1 1 5 2", mimic=along),
+        ]
+    return robot("parallel_gripper", *parts)

@@ -9,9 +9,15 @@ import pinocchio as pin
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
 
+_LOOKS = 9  # at what one motor moves, over its range
+
 
 class SelfCollisions:
-    """Which links of a hand overlap at a posture; those within two joints of each other in one chain do by design."""
+    """Which links of a hand overlap at a posture.
+
+    Those within two joints of each other in one chain do by design, and so do bars of a linkage: what one motor moves
+    against each other, and overlaps over half of its range or more.
+    """
 
     def __init__(self, hand: HandModel):
         model = hand.model
@@ -30,6 +36,24 @@ class SelfCollisions:
             return
         self.pairs = np.argwhere(np.tril(apart[np.ix_(self.joints, self.joints)], -1))
         self.reach = radii[self.pairs].sum(axis=1)
+        supports, joints = [set(support) for support in model.supports], self.joints.tolist()
+        coupled = [
+            (b, a)
+            for b, a in self.pairs.tolist()
+            if len({model.joints[j].idx_v for j in supports[joints[b]] ^ supports[joints[a]] if j}) == 1
+        ]
+        if coupled:
+            linked = self._linked(hand, coupled)
+            kept = np.array([tuple(pair) not in linked for pair in self.pairs.tolist()])
+            self.pairs, self.reach = self.pairs[kept], self.reach[kept]
+
+    def _linked(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[int, int]]:
+        """The pairs that overlap over half of the hand's range or more."""
+        overlaps = np.zeros(len(coupled), dtype=int)
+        for share in np.linspace(0.0, 1.0, _LOOKS):
+            pin.forwardKinematics(self.model, self.data, hand.lower + share * (hand.upper - hand.lower))
+            overlaps += [self._collide(*pair) for pair in coupled]
+        return {pair for pair, count in zip(coupled, overlaps) if 2 * count >= _LOOKS}
 
     def at(self, q: Array) -> set[tuple[str, str]]:
         """Names of the links that overlap at a posture q (n,), pair by pair."""

@@ -198,11 +198,11 @@ def hulls(geometry: pin.GeometryModel) -> pin.GeometryModel:
 
 
 def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[str], notes: list[str]) -> list[str]:
-    """Give links without inertia the mass of their collision geometry; noted.
+    """Give links without inertia the mass of their collision geometry; noted, and so are those that have none.
 
     These are those moved by the joints ``unweighed``, and those that have no mass, nor any link beyond them.
 
-    Returns the joints that still move no mass.
+    Returns the actuated joints that move no mass at all.
     """
 
     def moved(joint: int) -> float:
@@ -221,8 +221,16 @@ def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[s
             filled.append(f"{model.names[j]} {1e3 * model.inertias[j].mass:.1f} g")
     if filled:
         notes.append(f"no masses given, taken from the geometry at {_DENSITY:g} kg/m^3: {', '.join(filled)}")
+    if massless := [name for name in unweighed if model.inertias[model.getJointId(name)].mass <= 0]:
+        notes.append(f"neither masses nor shapes to take them from, so massless: {', '.join(massless)}")
+    data = model.createData()
+    inertia = pin.crba(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2).diagonal()
+    together: dict[int, float] = {}  # what a motor moves, by its position in q
+    for j in range(1, model.njoints):
+        i = model.joints[j].idx_v
+        together[i] = together.get(i, 0.0) + moved(j)
     return [
-        name
-        for j, name in enumerate(model.names)
-        if j and (moved(j) <= 0 or (name in unweighed and model.inertias[j].mass <= 0))
+        model.names[j]
+        for j in range(1, model.njoints)
+        if model.joints[j].nv and min(together[i := model.joints[j].idx_v], inertia[i]) <= 0
     ]

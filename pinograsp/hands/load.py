@@ -31,6 +31,7 @@ from pinograsp.hands.drives import (
 )
 from pinograsp.hands.elements import parse, read_bytes
 from pinograsp.hands.geometry import collision_geometry, fill_masses
+from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.tree import Part, find_fingers, tip_of
 from pinograsp.hands.urdf import Prepared, prepare
@@ -180,7 +181,15 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
         problems = [f"joint '{joint}' moves no mass at all: give its links a mass" for joint in massless]
         raise HandNotLoaded(source, problems)
     solid = {model.frames[one.parentFrame].name for one in geometry.geometryObjects}
-    palm, chains = find_fingers(source, prepared.joints, prepared.links, solid.__contains__, palm, names)
+    palm, chains = find_fingers(
+        source,
+        prepared.joints,
+        prepared.links,
+        solid.__contains__,
+        lambda chains: without_levers(model, geometry, chains, notes),
+        palm,
+        names,
+    )
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
     return HandModel(
         name=prepared.name,

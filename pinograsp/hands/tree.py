@@ -43,6 +43,7 @@ def find_fingers(
     joints: list[Joint],
     links: list[str],
     touches: Callable[[str], bool],
+    fingers_of: Callable[[list[list[Part]]], list[list[Part]]],
     palm: str | None,
     names: dict[str, str] | None,
 ) -> tuple[str, dict[str, list[Part]]]:
@@ -52,6 +53,7 @@ def find_fingers(
         source: for errors.
         joints, links: of the description, one tree.
         touches: whether a link has geometry that can touch something.
+        fingers_of: those of chains that can touch that are fingers.
         palm: link the fingers start from; None: the first at which moving chains part.
         names: ``{finger name: a link of its outermost part}``; None: every chain that can touch, named after its links.
 
@@ -69,6 +71,7 @@ def find_fingers(
     if names is None:
         # Levers of a linkage and free axles carry no geometry: nothing for an object to touch.
         touching = [chain for chain in chains if any(touches(link) for part in chain for link in part.links)] or chains
+        touching = fingers_of(touching)
         return palm, dict(zip(_names(touching), touching))
     chosen: dict[str, list[Part]] = {}
     problems: list[str] = []

@@ -94,8 +94,9 @@ def prepare(
     for _, joint in named(robot, "joint"):
         if joint.get("type") == "fixed":  # it follows nothing and needs no axis
             drop(joint, "mimic", "limit", "axis")
-    broken = _tree_problems(robot, root)
     unreadable = _number_problems(robot)
+    _lock(robot, notes)
+    broken = _tree_problems(robot, root)
     limits, joint_problems = _limits(robot, notes)
     couplings, mimic_problems = _couplings(robot, outside, notes)
     unweighed, weightless = ([], []) if broken else _unweighed(robot)
@@ -242,6 +243,69 @@ def _as_rpy(origin: ElementTree.Element) -> list[str]:
     return []
 
 
+def _lock(robot: ElementTree.Element, notes: list[str]) -> None:
+    """Fix joints that cannot move: with one limit for both sides, or following another 0 times; and what follows them.
+
+    Where no joint has a range the limits were forgotten: they stay, to be listed.
+    """
+    joints = {name: joint for name, joint in named(robot, "joint") if joint.get("type") in MOVING}
+    at: dict[str, float] = {}
+    ranges = {name: _ends(joint) for name, joint in joints.items() if joint.find("mimic") is None}
+    if any(lower < upper for lower, upper in ranges.values()):
+        at = {name: lower for name, (lower, upper) in ranges.items() if lower == upper and abs(lower) <= _LARGEST}
+    following: dict[str, tuple[str, float, float]] = {}
+    for name, joint in joints.items():
+        if (mimic := joint.find("mimic")) is None:
+            continue
+        try:
+            (factor,), (offset,) = numbers(mimic, "multiplier", 1, "1"), numbers(mimic, "offset", 1, "0")
+        except ValueError:
+            continue  # listed with the other numbers
+        following[name] = mimic.get("joint", ""), factor, offset
+        if factor == 0 and abs(offset) <= _LARGEST:
+            at[name] = offset
+    while more := {
+        name: factor * at[followed] + offset
+        for name, (followed, factor, offset) in following.items()
+        if followed in at and name not in at
+    }:
+        at.update(more)
+    for name, value in at.items():
+        _fix(joints[name], value)
+    if at:
+        notes.append(f"joints without a way to go are fixed: {', '.join(sorted(at))}")
+
+
+def _ends(joint: ElementTree.Element) -> tuple[float, float]:
+    """Lower and upper limit of a joint; not a number where there is none."""
+    limit = joint.find("limit")
+    try:
+        lower, upper = (math.nan if limit is None else float(limit.get(side, "nan")) for side in ("lower", "upper"))
+    except ValueError:
+        return math.nan, math.nan
+    return lower, upper
+
+
+def _fix(joint: ElementTree.Element, value: float) -> None:
+    """Fix a joint where it is at ``value`` [rad or m]; numbers that cannot be read are listed elsewhere."""
+    origin, axis = joint.find("origin"), joint.find("axis")
+    if value:
+        origin = ElementTree.SubElement(joint, "origin") if origin is None else origin
+        try:
+            direction = np.array([1.0, 0.0, 0.0] if axis is None else numbers(axis, "xyz", 3, "1 0 0"))
+            xyz, rpy = (numbers(origin, key, 3, "0 0 0") for key in ("xyz", "rpy"))
+        except ValueError:
+            return
+        way = value * direction / max(float(np.linalg.norm(direction)), _LEAST)
+        turns = joint.get("type") == "revolute"
+        moved = pin.SE3(pin.exp3(way), np.zeros(3)) if turns else pin.SE3(np.eye(3), way)
+        placed = pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy)), np.array(xyz)) * moved
+        origin.set("xyz", written(placed.translation))
+        origin.set("rpy", written(pin.rpy.matrixToRpy(placed.rotation)))
+    joint.set("type", "fixed")
+    drop(joint, "mimic", "limit", "axis", "dynamics")
+
+
 def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
     """Limits of the moving joints, and the problems with them and with joint types."""
     limits: dict[str, Limits] = {}
@@ -372,7 +436,8 @@ def _inertia_problems(robot: ElementTree.Element) -> list[str]:
 def _unweighed(robot: ElementTree.Element) -> tuple[list[str], list[str]]:
     """Joints that move links without any <inertial>, and problems where masses cannot be taken from shapes.
 
-    A description that gives no masses at all gets them from its shapes. One that forgets some is refused.
+    Links without mass get that of their shapes. In a description that gives the masses of others, links without shapes
+    are massless.
     """
     links = dict(named(robot, "link"))
     held: dict[str, list[str]] = {}
@@ -380,7 +445,6 @@ def _unweighed(robot: ElementTree.Element) -> tuple[list[str], list[str]]:
         if joint.get("type") not in MOVING:
             held.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
     joints: list[str] = []
-    unsaid: list[str] = []
     shapeless: list[str] = []
     moving = 0
     for name, joint in named(robot, "joint"):
@@ -393,14 +457,11 @@ def _unweighed(robot: ElementTree.Element) -> tuple[list[str], list[str]]:
         if any(links[link].find("inertial") is not None for link in together):
             continue
         joints.append(name)
-        unsaid.append(together[0])
         if all(links[link].find("collision") is None for link in together):
             shapeless.append(together[0])
-    if len(joints) == moving:
-        why = ", nor <collision> to take it from"
-    else:
-        shapeless, why = unsaid, ""
-    problem = f"moves but has no <inertial>{why}: torques would be wrong, add one"
+    if len(joints) < moving:
+        return joints, []
+    problem = "moves but has no <inertial>, nor <collision> to take it from: torques would be wrong, add one"
     return joints, [f"link '{one}' {problem}" for one in shapeless]
 
 

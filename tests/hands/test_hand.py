@@ -17,8 +17,9 @@ import pytest
 import trimesh
 import yourdfpy
 from conftest import POINTS
-from own_hands import joint, link, robot
+from own_hands import joint, link, parallel_gripper, robot
 
+from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
@@ -884,13 +885,46 @@ def test_masses_are_filled_in_from_shapes(tmp_path, first):
     assert any("taken from the geometry at 1000 kg/m^3: j 34.2 g" in note for note in hand.notes)
 
 
-def test_a_mass_that_was_forgotten_is_not_guessed(tmp_path):
-    """A description without any masses gets them from its shapes; one that has some is missing one."""
+def without_mass(text, name):
+    """A description without the inertial of one link."""
+    start = text.index("<inertial>", text.index(f'<link name="{name}"'))
+    return text[:start] + text[text.index("</inertial>", start) + len("</inertial>") :]
+
+
+def test_a_mass_that_was_forgotten_is_that_of_the_shape(tmp_path):
+    """Only of the link that lacks one, and noted."""
     text = on_an_arm(loose="", table="")
-    start = text.index("<inertial>", text.index('<link name="one"'))
-    text = text[:start] + text[text.index("</inertial>", start) + len("</inertial>") :]
-    with pytest.raises(HandNotLoaded, match="link 'one' moves but has no <inertial>: torques would be wrong"):
-        load_hand(write(tmp_path, text))
+    whole, hand = load_hand(write(tmp_path, text)), load_hand(write(tmp_path, without_mass(text, "one"), "other.urdf"))
+    assert any("taken from the geometry at 1000 kg/m^3: j1 10.0 g" in note for note in hand.notes)
+    j = whole.model.getJointId("j1")
+    masses = [[inertia.mass for inertia in one.model.inertias] for one in (hand, whole)]
+    assert masses[0][j] == pytest.approx(1000 * 0.01 * 0.01 * 0.1)
+    assert [k for k, (a, b) in enumerate(zip(*masses)) if a != b] == [j]
+
+
+def test_a_link_without_mass_and_shape_is_massless_where_its_joint_moves_others(tmp_path):
+    bare = {"loose": "", "table": "", "one": link("one") + joint("j1", "palm", "one", "0.1 0 0", "0 1 0", "-1 1 1 1")}
+    further = link("tip", 0.05, "sphere 0.01") + joint("j3", "one", "tip", "0 0 0.1", "0 1 0", "-1 1 1 1")
+    hand = load_hand(write(tmp_path, on_an_arm(**bare, more=further)))
+    assert any("so massless: j1" in note for note in hand.notes)
+    assert hand.model.inertias[hand.model.getJointId("j1")].mass == 0
+    with pytest.raises(HandNotLoaded, match="joint 'j1' moves no mass at all"):
+        load_hand(write(tmp_path, on_an_arm(**bare)))
+
+
+def test_joints_without_a_way_to_go_are_fixed_where_they_are(tmp_path):
+    further = joint("j3", "one", "tip", "0 0 0.1", "0 1 0", "-1 1 1 1") + link("tip", 0.1, "sphere 0.01")
+    text = on_an_arm(loose="", table="", more=further)
+    free = load_hand(write(tmp_path, text))
+    start = text.index('<limit lower="-1" upper="1"', text.index('name="j3"'))
+    locked = text[:start] + text[start:].replace('lower="-1" upper="1"', 'lower="0.4" upper="0.4"', 1)
+    hand = load_hand(write(tmp_path, locked, "locked.urdf"))
+    assert hand.joint_names == tuple(name for name in free.joint_names if name != "j3")
+    assert "joints without a way to go are fixed: j3" in hand.notes
+    q = free.configuration({})
+    q[free.joint_names.index("j3")] = 0.4
+    expected = free.frame_placements(q, ["tip"])
+    assert hand.frame_placements(np.zeros(hand.n), ["tip"]) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("mesh", ["closed", "inside out", "open", "mirrored"])
@@ -962,3 +996,15 @@ def test_points_of_hulls_are_those_of_the_meshes():
         towards = rng.normal(size=(3, 20))
         assert (points @ towards).max(axis=0) == pytest.approx((corners @ towards).max(axis=0), abs=1e-9)
         assert hull_points(own.geometry) == pytest.approx(points, abs=1e-12)
+
+
+def test_bars_of_a_linkage_are_no_fingers(tmp_path):
+    path = write(tmp_path, parallel_gripper())
+    hand = load_hand(path)
+    assert [finger.name for finger in hand.fingers] == ["left", "right"]
+    assert any("not fingers: left_inner_knuckle, right_inner_knuckle" in note for note in hand.notes)
+    # The bars overlap the fingers that they carry, which no motion of the one motor can change.
+    for share in np.linspace(0, 1, 5):
+        assert not SelfCollisions(hand).at(hand.lower + share * (hand.upper - hand.lower))
+    named = load_hand(path, fingers={"left": "left_finger", "bar": "left_inner_knuckle"})
+    assert [finger.name for finger in named.fingers] == ["left", "bar"]

@@ -220,7 +220,6 @@ def test_a_joint_that_stands_for_another_has_its_limits(tmp_path):
             [limb("a", "base", mimic="b 1 0"), limb("b", "a_link", mimic="a 1 0"), limb("c", "b_link")],
             "joint 'b' mimics itself through 'a' and 'b'",
         ),
-        ([limb("a", "base"), limb("b", "a_link", mimic="a 0 0.3")], "multiplier 0: make it fixed"),
         ([limb("a", "base"), limb("b", "a_link", mimic="a nan 0")], "<mimic multiplier=>: expected 1 finite number"),
         ([limb("a", "base"), limb("b", "a_link", mimic="a 1 x")], "<mimic offset=>: expected 1 finite number, got 'x'"),
         (
@@ -241,6 +240,17 @@ def test_couplings_that_cannot_be(tmp_path, limbs, message):
     with pytest.raises(HandNotLoaded) as caught:
         hand_of(tmp_path, *limbs)
     assert message in str(caught.value)
+
+
+def test_what_follows_not_at_all_is_fixed_at_its_offset(tmp_path):
+    """And what follows that: c = 2 b + 0.1 = 0.7."""
+    followers = [limb("b", "a_link", mimic="a 0 0.3"), limb("c", "b_link", mimic="b 2 0.1")]
+    hand, _ = hand_of(tmp_path, limb("a", "base"), *followers)
+    free, _ = hand_of(tmp_path, limb("a", "base"), limb("b", "a_link"), limb("c", "b_link"))
+    assert hand.joint_names == ("a",) and "joints without a way to go are fixed: b, c" in hand.notes
+    q = dict(zip(free.joint_names, np.zeros(3))) | {"a": 0.2, "b": 0.3, "c": 0.7}
+    expected = free.frame_placements(np.array([q[name] for name in free.joint_names]), ["c_link"])
+    assert hand.frame_placements(np.array([0.2]), ["c_link"]) == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_followed_joint_outside_of_the_sub_tree(tmp_path):

@@ -394,6 +394,7 @@ def test_a_plan_with_the_squeeze_that_would_have_held_holds(plan):
         assert simulate(firmer, disturbance=Disturbance(mu=0.2), **FREE).verdict.held == held
 
 
+@pytest.mark.slow
 def test_every_load_counts_in_the_squeeze(task):
     """A push of twice the weight needs as much as a mass of three times: 3 / 1.5 times the squeeze."""
     push = Push(wrench_o=[0, 0, -2 * MASS * G, 0, 0, 0], start=0.1, duration=0.4)
@@ -404,8 +405,9 @@ def test_every_load_counts_in_the_squeeze(task):
         assert found.margins is None
 
 
+@pytest.mark.no_cover
 def test_drives_and_limits_that_would_have_held(task):
-    coarse = {"hold": 0.6, "time_step": 1e-3}
+    coarse = {"hold": 0.6, "time_step": 1e-3, "tolerance": 0.5}  # only the changes are looked at
     weak = replace(task, torque_limit=np.array([200.0, 1.2, 200.0]))
     found = what_holds(weak, servo=Servo.of(task.hand, KP), **coarse)
     assert dict(found.changes)["without torque limits"]

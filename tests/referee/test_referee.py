@@ -127,7 +127,7 @@ def test_prescribed_joints_press_with_the_planned_forces(plan):
     assert np.abs(simulation.torques[early] - wanted)[5:].max() < 2e-4
 
 
-@pytest.mark.no_cover
+@pytest.mark.slow
 def test_meshes_press_as_deep_as_planned():
     """Hulls of a real hand, by another collision library, once the object is let go and has shifted as planned."""
     hand = pg.load_hand("hey5", hulls=True)

@@ -156,14 +156,19 @@ def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(shape):
     assert compared > 100
 
 
-@ENGINES
-@pytest.mark.no_cover
-def test_a_beaker_too_wide_for_the_jaws_is_held_by_its_wall(kind):
-    """One jaw inside, one outside; in the hull there is no inside."""
+@pytest.fixture(scope="module")
+def beaker_plan():
     beaker = trimesh.creation.annulus(r_min=0.052, r_max=0.06, height=0.06, sections=48)
     body = Mesh(vertices=beaker.vertices, faces=beaker.faces, density=300.0)
     conditions = pg.GraspConditions(mu=0.6)
-    plan = plan_best(pg.find_grasps(pg.load_hand("panda"), body, conditions, count=16, seed=5, jobs=1), conditions)
+    return plan_best(pg.find_grasps(pg.load_hand("panda"), body, conditions, count=16, seed=5, jobs=1), conditions)
+
+
+@ENGINES
+@pytest.mark.no_cover
+def test_a_beaker_too_wide_for_the_jaws_is_held_by_its_wall(kind, beaker_plan):
+    """One jaw inside, one outside; in the hull there is no inside."""
+    plan = beaker_plan
     name = "mujoco" if kind is MujocoEngine else "pinocchio"
     seen = pg.simulate(plan, hold=0.2, time_step=5e-4, engine=name)
     assert seen.verdict.held

@@ -208,7 +208,7 @@ def test_hands_that_nobody_ships_hold_things(tmp_path, name, shape):
     assert best.load_factor > 1.2
 
 
-@pytest.mark.no_cover
+@pytest.mark.slow
 def test_wrapped_grasps_rest_on_the_palm():
     hand, pen = load_hand("humanoid"), Cylinder(radius=0.022, height=0.14, mass=0.1)
     wrapped, loose = (find_grasps(hand, pen, count=24, seed=2, wrap=wrap, **SETTINGS) for wrap in (True, False))
