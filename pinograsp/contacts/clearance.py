@@ -169,6 +169,12 @@ def check_geometry(hand: HandModel) -> None:
         )
     if not hand.geometry.ngeoms:
         raise InvalidInput(f"hand '{hand.name}' has no collision geometry: nothing can touch (see its notes)")
+    solid = {one.parentJoint for one in hand.geometry.geometryObjects}
+    if hand.fingers and all(solid.isdisjoint(finger.joint_ids) for finger in hand.fingers):
+        raise InvalidInput(
+            f"hand '{hand.name}': no finger has collision geometry, so none can touch: give the file's links collision "
+            "shapes (in MJCF: geoms whose contype or conaffinity is not 0)"
+        )
 
 
 def _pose(data: pin.Data, joint: int, placement: pin.SE3) -> coal.Transform3s:

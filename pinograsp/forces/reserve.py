@@ -226,10 +226,10 @@ def search_reserve(
     return replace(tried[best_time], tried=len(tried), elapsed=time.perf_counter() - started)
 
 
-def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None = None) -> float:
-    """Sum of the normal forces [N] of a squeeze that bears the reserve, within all that any impact time allows.
+def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None = None) -> Array | None:
+    """Normal forces (k,) [N] of a squeeze that bears the reserve, within all that any impact time allows.
 
-    That of least largest force; infinity: there is none. One program, for searches.
+    That of least largest force; None: there is none. One program, for searches.
 
     Args:
         problem: of holding an object, without the reserve.
@@ -247,7 +247,7 @@ def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | 
     weights = robust_weights("peak", problem)
     early, bounds = problem.impact_time_range[0], _widest(kept)
     found = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds, fixed=fixed, proven=False)
-    return float(found.normal_forces.sum()) if found.status is Status.OK else np.inf
+    return found.normal_forces if found.status is Status.OK else None
 
 
 def producible_reserve(

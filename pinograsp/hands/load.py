@@ -221,9 +221,14 @@ def _driven(
     elif drives is None:
         notes = [*found.notes, *remarks_on(found.motors, [*joints, *couplings])]
         drives = drives_of(found, joints, couplings, efforts)
+        fingers = {joint for finger in hand.fingers for joint in finger.actuated}
         if not drives:
             drives = one_each(joints, efforts)
             notes.append(f"{ON_DRIVES}no motors are named, assumed is one torque motor at each joint")
+        elif fingers.isdisjoint(joint for drive in drives for joint in drive.joints):
+            bare = [joint in fingers for joint in joints]
+            drives += one_each([joint for joint in joints if joint in fingers], efforts[bare])
+            notes.append(f"{ON_DRIVES}no motor of a finger is named, assumed is one torque motor at each of its joints")
     hand = replace(hand, notes=(*hand.notes, *notes))
     return hand.with_drives(drives, springs_of(found, joints, couplings) if springs is None else springs)
 

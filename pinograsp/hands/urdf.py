@@ -23,6 +23,7 @@ from pinograsp.spatial import FARTHEST
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 # Of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end.
 _LARGEST = 1e6
+_MENDED = 0.3  # of the largest moment of inertia: a negative one of at most that share was rounded or scaled
 _LEAST = 1e-9  # of ranges, limits and directions, far below those of any robot
 # How many numbers an attribute holds and how large each may be, by element.
 _NUMBERS: dict[str, dict[str, tuple[int, float]]] = {
@@ -100,7 +101,7 @@ def prepare(
     limits, joint_problems = _limits(robot, notes)
     couplings, mimic_problems = _couplings(robot, outside, notes)
     unweighed, weightless = ([], []) if broken else _unweighed(robot)
-    problems += broken + unreadable + joint_problems + mimic_problems + _inertia_problems(robot) + weightless
+    problems += broken + unreadable + joint_problems + mimic_problems + _inertia_problems(robot, notes) + weightless
     if problems:
         raise HandNotLoaded(source, problems)
     joints = [
@@ -407,8 +408,10 @@ def _armatures(robot: ElementTree.Element, couplings: dict[str, Coupling]) -> di
 # -- masses ------------------------------------------------------------------------------------------------------------
 
 
-def _inertia_problems(robot: ElementTree.Element) -> list[str]:
-    problems = []
+def _inertia_problems(robot: ElementTree.Element, notes: list[str]) -> list[str]:
+    """Masses and matrices that cannot be; matrices that are a little off are mended and noted."""
+    problems: list[str] = []
+    mended: list[str] = []
     for name, link in named(robot, "link"):
         inertial = link.find("inertial")
         if inertial is None:
@@ -428,8 +431,17 @@ def _inertia_problems(robot: ElementTree.Element) -> list[str]:
         matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if value < 0:
             problems.append(f"link '{name}': mass must be >= 0, got {value:g}")
-        if np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.abs(matrix).max(), 1e-12):
-            problems.append(f"link '{name}': inertia matrix is not positive semi-definite")
+        moments, axes = np.linalg.eigh(matrix)
+        if moments.min() < -1e-9 * max(np.abs(matrix).max(), 1e-12):
+            if min(xx, yy, zz) < 0 or -moments.min() > _MENDED * moments.max():
+                problems.append(f"link '{name}': inertia matrix is not positive semi-definite")
+                continue
+            matrix = axes * np.maximum(moments, 0.0) @ axes.T
+            for key, (i, j) in zip(_MOMENTS, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+                inertia.set(key, repr(float(matrix[i, j])))
+            mended.append(name)
+    if mended:
+        notes.append(f"inertia matrices with a negative moment, which is taken as 0: {', '.join(mended)}")
     return problems
 
 

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from pinograsp.checks import instance_of
+from pinograsp.contacts import Closure
 from pinograsp.errors import NoGrasp, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.planning import Search, plan_grasp_on
 from pinograsp.synthesis import GraspSearch
+from pinograsp.synthesis.found import DOUBTFUL, SOUND, doubtful_share
+
+_FAR = 0.02  # slip of a contact while it presses, relative to the object's size
+_TRIES = 4  # plans with such a slip, or that rely on doubtful contacts, before the first of them is taken
 
 
 def plan_best(
@@ -23,6 +30,9 @@ def plan_best(
 ) -> GraspPlan:
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
+    Those whose contacts slide far while they press, or bear on edges of the object and on hollow links more than the
+    search saw, come after the others.
+
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
         conditions: friction, limits, what is to be balanced, and the reserve.
@@ -33,6 +43,7 @@ def plan_best(
 
     Returns:
         The first plan that is ``OK``; where none is, that of the best grasp that could be planned, with its status.
+        Of each only those that slide or bear so, if the first few are all like that.
 
     Raises:
         GraspNotFound: the search found no grasp.
@@ -41,6 +52,7 @@ def plan_best(
     instance_of("search", found, GraspSearch)
     best: GraspPlan | None = None
     failure: NoGrasp | None = None
+    tried = 0
     for grasp in found.grasps or (found.best,):
         closure = grasp.closure
         try:
@@ -56,9 +68,21 @@ def plan_best(
         except NoGrasp as error:
             failure = failure or error
             continue
-        if plan.status in (Status.OK, Status.INTERRUPTED):
+        if plan.status is Status.INTERRUPTED or (plan.status is Status.OK and _firm(plan, closure)):
             return plan
-        best = best or plan
+        if best is None or (plan.status is Status.OK and best.status is not Status.OK):
+            best = plan
+        tried += plan.status is Status.OK
+        if tried == _TRIES or (best.status is Status.OK and grasp.sound < SOUND):
+            break
     if best is not None:
         return best
     raise failure or NoGrasp("no grasp of the search could be planned")
+
+
+def _firm(plan: GraspPlan, closure: Closure) -> bool:
+    """Whether the contacts stay where they press, and bear on surfaces that are sure."""
+    body, slip = closure.object, np.asarray(plan.motion.slip)
+    if slip.size and slip.max() > _FAR * body.bounding_radius:
+        return False
+    return doubtful_share(closure.hand, body, plan.problem.contacts, plan.forces.normal_forces) <= DOUBTFUL

@@ -33,7 +33,7 @@ _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
 SOUND = 2  # rank of a grasp that bears the reserve on contacts that are sure
 # What a squeeze of the first rank may sum up to: times the weight, or newtons per contact.
 _CRUSHING, _CRUMB = 15.0, 0.15
-_DOUBTFUL = 0.05  # share of the normal forces that a grasp of the first rank may have there
+DOUBTFUL = 0.05  # share of the normal forces that a grasp of the first rank may have there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,8 +48,8 @@ class FoundGrasp:
             reserve's arm, with the friction that the reserve relies on; 0 without force closure.
         squeeze: sum of the normal forces [N] of a squeeze that the hand can make, and that bears the reserve within the
             torque limits; infinity: there is none.
-        doubtful: share of the normal forces [-] that act on edges of the object, where a small error turns them, or
-            where a link is hollow behind its convex hull.
+        doubtful: share of that squeeze [-] that acts on edges of the object, where a small error turns it, or where a
+            link is hollow behind its convex hull.
         energy: objective of the forces.
         load_factor: largest multiple of the load that can be held at that impact time.
     """
@@ -76,7 +76,14 @@ class FoundGrasp:
         problem = self.forces.problem
         weight = float(np.linalg.norm(problem.load[:3]))
         gentle = self.squeeze <= max(_CRUSHING * weight, _CRUMB * problem.k)
-        return int(self.bears) * (SOUND if gentle and self.doubtful <= _DOUBTFUL else 1)
+        return int(self.bears) * (SOUND if gentle and self.doubtful <= DOUBTFUL else 1)
+
+    @property
+    def worth(self) -> tuple[int, float, float, float]:
+        """Of two grasps the one of which this is larger ranks first: sound ones by the least squeeze that bears the
+        reserve, others by what they withstand in the weakest direction per newton.
+        """
+        return self.sound, -self.squeeze, self.quality, self.load_factor
 
 
 def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, FoundGrasp | None]:
@@ -103,22 +110,27 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
         tolerance=_SHARP,
         limit=_POINTS,
     )
-    doubtful = on_edges(closure.object, contacts) | (behind_hulls(closure.hand, contacts) > HOLLOW)
+    squeeze = forces.normal_forces if conditions.reserve is None else _squeeze(closure, problem, conditions.reserve)
+    borne = forces.normal_forces if squeeze is None else squeeze
     return "holds", FoundGrasp(
         pose=closure.hand.pose,
         closure=closure,
         forces=forces,
         quality=float(quality.lower),
-        squeeze=float(forces.normal_forces.sum())
-        if conditions.reserve is None
-        else _squeeze(closure, problem, conditions.reserve),
-        doubtful=float(forces.normal_forces[doubtful].sum() / forces.normal_forces.sum()),
+        squeeze=np.inf if squeeze is None else float(squeeze.sum()),
+        doubtful=doubtful_share(closure.hand, closure.object, contacts, borne),
         energy=forces.certificate.objective,
         load_factor=load_factor(problem, impact_time=impact_time),
     )
 
 
-def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve) -> float:
+def doubtful_share(hand: HandModel, body: Body, contacts: ContactSet, normal_forces: Array) -> float:
+    """Share [-] of normal forces (k,) that act where a small error turns them, or where a link is hollow."""
+    doubtful = on_edges(body, contacts) | (behind_hulls(hand, contacts) > HOLLOW)
+    return float(normal_forces[doubtful].sum() / normal_forces.sum())
+
+
+def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve) -> Array | None:
     contacts = problem.contacts
     if contacts.posture is None:
         return least_squeeze(problem, reserve)

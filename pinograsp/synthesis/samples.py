@@ -147,9 +147,9 @@ class Tried(NamedTuple):
     imbalance: float = np.inf
 
     @property
-    def worth(self) -> tuple[int, float]:
-        """Grasps by what they bear; after them contacts that almost balance each other, which a small move may mend."""
-        return (-1, -self.imbalance) if self.grasp is None else (self.grasp.sound, self.grasp.quality)
+    def worth(self) -> tuple[float, ...]:
+        """Grasps as they rank; after them contacts that almost balance each other, which a small move may mend."""
+        return (-1, -self.imbalance) if self.grasp is None else self.grasp.worth
 
 
 def _closed(case: SearchCase, posed: Posed) -> Tried:

@@ -55,6 +55,7 @@ class GraspSearch:
         opening: least and largest width between the fingertips of this hand's preshapes [m].
         width: least distance of two surfaces of the object that face each other [m]; infinity: there are none.
         interrupted: whether it was stopped (Ctrl-C): the grasps are those found until then.
+        limp: joints of the fingers that neither a motor nor a spring moves.
     """
 
     grasps: tuple[FoundGrasp, ...]
@@ -63,6 +64,7 @@ class GraspSearch:
     opening: tuple[float, float]
     width: float
     interrupted: bool
+    limp: tuple[str, ...] = ()
 
     __repr__ = brief()
 
@@ -84,6 +86,8 @@ class GraspSearch:
             text += f". The object is too large: {sizes} {1e3 * largest:.3g} mm"
         elif self.width < least / _MILLIMETRES:
             text += f". The object is very small: {sizes} {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
+        if self.limp:
+            text += f". No motor moves the finger joints {', '.join(self.limp)}: drives= gives them some"
         if not least / _MILLIMETRES < self.width < largest * _MILLIMETRES:
             text += "; millimetres read as metres, or metres as millimetres? (scale=0.001)"
         return text
@@ -117,10 +121,10 @@ def find_grasps(
         progress: bar on stderr: None (on a terminal), True or False.
 
     Returns:
-        Grasps by what they withstand in the weakest direction per newton of squeeze: first those that bear the reserve
-        within the torque limits, those with doubtful contacts, or a squeeze above 15 times the weight, after the
-        others, last those without force closure, by the multiple of the load that they hold. Stopped by Ctrl-C: those
-        found until then.
+        First those that bear the reserve within the torque limits, by the least squeeze that does; those with doubtful
+        contacts, or a squeeze above 15 times the weight, after the others; then by what they withstand in the weakest
+        direction per newton; last those without force closure, by the multiple of the load that they hold. Stopped by
+        Ctrl-C: those found until then.
 
     Raises:
         InvalidInput: conditions or options that cannot be used.
@@ -176,17 +180,21 @@ def find_grasps(
             raise PinograspError(why) from None
     bar.close()
     return GraspSearch(
-        grasps=tuple(_with_bodies(hand, body, one) for one in sorted(found, key=_rank)),
+        grasps=tuple(_with_bodies(hand, body, one) for one in sorted(found, key=lambda one: one.worth, reverse=True)),
         tried=sum(outcomes.values()),
         outcomes=outcomes,
         opening=opening,
         width=width,
         interrupted=interrupted,
+        limp=_limp(hand),
     )
 
 
-def _rank(grasp: FoundGrasp) -> tuple[int, float, float]:
-    return -grasp.sound, -grasp.quality, -grasp.load_factor
+def _limp(hand: HandModel) -> tuple[str, ...]:
+    """Finger joints that neither a motor nor a spring moves."""
+    fingers = {joint for finger in hand.fingers for joint in finger.actuated}
+    sprung = {spring.joint for spring in hand.springs}
+    return tuple(joint for joint in hand.passive_joints if joint in fingers and joint not in sprung)
 
 
 def _with_bodies(hand: HandModel, body: Body, grasp: FoundGrasp) -> FoundGrasp:

@@ -1008,3 +1008,11 @@ def test_bars_of_a_linkage_are_no_fingers(tmp_path):
         assert not SelfCollisions(hand).at(hand.lower + share * (hand.upper - hand.lower))
     named = load_hand(path, fingers={"left": "left_finger", "bar": "left_inner_knuckle"})
     assert [finger.name for finger in named.fingers] == ["left", "bar"]
+
+
+def test_a_matrix_that_is_a_little_off_is_mended_and_noted(tmp_path):
+    """Moments 1e-5 and a product of 1.05e-5: one principal moment is -5e-7, and is taken as 0; the others stay."""
+    hand = load_hand(write(tmp_path, urdf(first=INERTIAL.replace('ixy="0"', 'ixy="1.05e-5"'))))
+    assert any("negative moment, which is taken as 0: a" in note for note in hand.notes)
+    inertia = hand.model.inertias[1].inertia
+    assert np.sort(np.linalg.eigvalsh(inertia)) == pytest.approx([0.0, 1e-5, 2.05e-5], abs=1e-12)
