@@ -33,11 +33,14 @@ from pinograsp.hands.elements import parse, read_bytes
 from pinograsp.hands.geometry import collision_geometry, fill_masses
 from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.model import Finger, HandModel
-from pinograsp.hands.tree import Part, find_fingers, tip_of
+from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
 from pinograsp.spatial import FARTHEST
 
+ON_ROOT = "root: "
+_ARM = 4  # joints before a palm; wrists have up to three
+_HAND = 0.4  # [m] from a palm to a fingertip, at most
 # Python knows others, some of which take hours for a small file.
 _ENCODINGS = r"utf-?8(-sig)?|utf-?16|us-ascii|ascii|latin-?1|iso-?8859-?\d+|(windows-|cp)\d+"
 
@@ -191,6 +194,7 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
         names,
     )
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
+    notes += _on_root(model, prepared, solid, palm)
     return HandModel(
         name=prepared.name,
         source=source,
@@ -202,6 +206,23 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
         notes=tuple(notes),
         description=prepared.text,
     )
+
+
+def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str) -> list[str]:
+    """A note where the file has more than a hand, with the root= that takes one alone."""
+    if (before := joints_before(prepared.joints, palm)) >= _ARM:
+        return [f"{ON_ROOT}{before} joints come before the palm '{palm}', an arm's: root='{palm}' is the hand alone"]
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2)
+
+    def near(one: str, other: str) -> bool:
+        at, to = (data.oMf[model.getFrameId(name, pin.FrameType.BODY)].translation for name in (one, other))
+        return float(np.linalg.norm(to - at)) < _HAND
+
+    palms = palms_in(prepared.joints, prepared.links, solid.__contains__, near)
+    if palm in palms or not palms:
+        return []
+    return [f"{ON_ROOT}this looks like a whole robot: a hand alone is root= {' or '.join(palms)}"]
 
 
 def _driven(

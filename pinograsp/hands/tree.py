@@ -12,6 +12,7 @@ from pinograsp.errors import HandNotLoaded
 Moving: TypeAlias = Literal["revolute", "prismatic"]
 JointType: TypeAlias = Moving | Literal["fixed"]
 MOVING: tuple[Moving, ...] = get_args(Moving)
+_LONGEST_FINGER = 7  # moving joints
 JOINT_TYPES: tuple[JointType, ...] = (*MOVING, "fixed")
 
 
@@ -90,6 +91,39 @@ def find_fingers(
     if problems:
         raise HandNotLoaded(source, problems)
     return palm, chosen
+
+
+def palms_in(
+    joints: list[Joint], links: list[str], touches: Callable[[str], bool], near: Callable[[str, str], bool]
+) -> list[str]:
+    """Links of a robot that may be palms: at least two short chains that can touch part there, all tips ``near``.
+
+    Of one inside another the outer counts.
+    """
+    tree = _Tree(joints, links)
+    found: list[str] = []
+    waiting = [tree.root]
+    while waiting:
+        link = waiting.pop()
+        chains = [chain for joint in tree.below[link] if tree.moves(joint) for chain in tree.chains(joint)]
+        starts = sum(tree.moves(joint) for joint in tree.below[link])
+        solid = [chain for chain in chains if any(touches(one) for part in chain for one in part.links)]
+        short = max(map(len, chains), default=0) <= _LONGEST_FINGER
+        if starts > 1 and len(solid) > 1 and short and all(near(link, tip_of(chain)) for chain in solid):
+            found.append(link)
+        else:
+            waiting += [joint.child for joint in tree.below[link]]
+    return found
+
+
+def joints_before(joints: list[Joint], palm: str) -> int:
+    """How many moving joints come before a palm."""
+    above = {joint.child: joint for joint in joints}
+    count = 0
+    while palm in above:
+        count += above[palm].type in MOVING
+        palm = above[palm].parent
+    return count
 
 
 def tip_of(chain: list[Part]) -> str:

@@ -31,6 +31,7 @@ from pinograsp.contacts import (
 from pinograsp.errors import GraspNotFound, InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
+from pinograsp.hands.load import ON_ROOT
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of
 from pinograsp.objects.body import Body
@@ -55,7 +56,8 @@ class GraspSearch:
         opening: least and largest width between the fingertips of this hand's preshapes [m].
         width: least distance of two surfaces of the object that face each other [m]; infinity: there are none.
         interrupted: whether it was stopped (Ctrl-C): the grasps are those found until then.
-        limp: joints of the fingers that neither a motor nor a spring moves.
+        remarks: what in the hand's description may be in the way: more than a hand in the file, finger joints that
+            neither a motor nor a spring moves.
     """
 
     grasps: tuple[FoundGrasp, ...]
@@ -64,7 +66,7 @@ class GraspSearch:
     opening: tuple[float, float]
     width: float
     interrupted: bool
-    limp: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     __repr__ = brief()
 
@@ -86,8 +88,7 @@ class GraspSearch:
             text += f". The object is too large: {sizes} {1e3 * largest:.3g} mm"
         elif self.width < least / _MILLIMETRES:
             text += f". The object is very small: {sizes} {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
-        if self.limp:
-            text += f". No motor moves the finger joints {', '.join(self.limp)}: drives= gives them some"
+        text = ". ".join([text, *self.remarks])
         if not least / _MILLIMETRES < self.width < largest * _MILLIMETRES:
             text += "; millimetres read as metres, or metres as millimetres? (scale=0.001)"
         return text
@@ -186,15 +187,18 @@ def find_grasps(
         opening=opening,
         width=width,
         interrupted=interrupted,
-        limp=_limp(hand),
+        remarks=_remarks(hand),
     )
 
 
-def _limp(hand: HandModel) -> tuple[str, ...]:
-    """Finger joints that neither a motor nor a spring moves."""
+def _remarks(hand: HandModel) -> tuple[str, ...]:
+    """What in a hand's description may be in the way of any grasp."""
+    remarks = [note.removeprefix(ON_ROOT) for note in hand.notes if note.startswith(ON_ROOT)]
     fingers = {joint for finger in hand.fingers for joint in finger.actuated}
     sprung = {spring.joint for spring in hand.springs}
-    return tuple(joint for joint in hand.passive_joints if joint in fingers and joint not in sprung)
+    if limp := [joint for joint in hand.passive_joints if joint in fingers and joint not in sprung]:
+        remarks.append(f"No motor moves the finger joints {', '.join(limp)}: drives= gives them some")
+    return tuple(remarks)
 
 
 def _with_bodies(hand: HandModel, body: Body, grasp: FoundGrasp) -> FoundGrasp:

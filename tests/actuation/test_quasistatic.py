@@ -47,9 +47,9 @@ def paper_grasp(hand, contacts, final_angles):
     return contacts, jacobian, np.array([9.873, 6.35, 4.7])
 
 
-@pytest.fixture(scope="module")
-def allegro_grasp():
-    hand = pg.load_hand("allegro_right")
+def fingertip_grasp(name):
+    """All fingertips of a hand about something between them."""
+    hand = pg.load_hand(name)
     q = 0.45 * hand.lower + 0.55 * hand.upper
     tips = hand.frame_placements(q, [finger.tip for finger in hand.fingers])[:, :3, 3]
     middle = tips.mean(axis=0)
@@ -67,12 +67,26 @@ def allegro_grasp():
         ),
         com_o=middle + [0.002, -0.003, 0.001],
     )
-    return contacts, torque_limits(hand, contacts, q, limit=1.0).jacobian, np.array([3.0, 2.0, 4.0, 6.0])
+    normal = np.array([3.0, 2.0, 4.0, 6.0, 5.0])[: len(tips)]
+    return contacts, torque_limits(hand, contacts, q, limit=1.0).jacobian, normal
 
 
-@pytest.fixture(params=["paper", "allegro"])
-def grasp(request, hand, contacts, final_angles, allegro_grasp):
-    return paper_grasp(hand, contacts, final_angles) if request.param == "paper" else allegro_grasp
+@pytest.fixture(scope="module")
+def allegro_grasp():
+    return fingertip_grasp("allegro_right")
+
+
+@pytest.fixture(scope="module")
+def psyonic_grasp():
+    """Five fingers, six motors: the outer joints follow the inner ones."""
+    return fingertip_grasp("psyonic_left")
+
+
+@pytest.fixture(params=["paper", "allegro", "psyonic"])
+def grasp(request, hand, contacts, final_angles, allegro_grasp, psyonic_grasp):
+    if request.param == "paper":
+        return paper_grasp(hand, contacts, final_angles)
+    return allegro_grasp if request.param == "allegro" else psyonic_grasp
 
 
 def agrees(found, expected, tolerance=1e-9):

@@ -25,6 +25,7 @@ from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
 from pinograsp.hands.geometry import hull_points
 from pinograsp.hands.humanoid import case_study_pose, humanoid_hand
+from pinograsp.hands.load import ON_ROOT
 from pinograsp.hands.xacro_guard import expand_xacro
 
 # Tables II and III once more, typed from the paper, in mm.
@@ -1016,3 +1017,54 @@ def test_a_matrix_that_is_a_little_off_is_mended_and_noted(tmp_path):
     assert any("negative moment, which is taken as 0: a" in note for note in hand.notes)
     inertia = hand.model.inertias[1].inertia
     assert np.sort(np.linalg.eigvalsh(inertia)) == pytest.approx([0.0, 1e-5, 2.05e-5], abs=1e-12)
+
+
+def on_a_robot(*before):
+    """Two hands of two fingers each, on arms of the given joints."""
+    parts = [link("base", 1, "box 0.2 0.2 0.2")]
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        last = "base"
+        for name in before:
+            one = f"{side}_{name}"
+            parts += [
+                link(one, 0.5, "cylinder 0.03 0.2"),
+                joint(f"{one}_joint", last, one, f"0 {y} 0.2", "0 1 0", "-1 1 9 1"),
+            ]
+            last, y = one, 0.0
+        palm = f"{side}_palm"
+        parts += [link(palm, 0.3, "box 0.08 0.08 0.02"), joint(f"{side}_mount", last, palm, f"0 {y} 0.2")]
+        for finger, x in (("one", 0.04), ("two", -0.04)):
+            parts += [
+                link(f"{side}_{finger}", 0.05, "box 0.01 0.02 0.08", "0 0 0.04"),
+                joint(f"{side}_{finger}_joint", palm, f"{side}_{finger}", f"{x} 0 0.01", "0 1 0", "-0.5 0.5 3 2"),
+            ]
+    return robot("two_armed", *parts)
+
+
+def test_hands_of_a_robot_are_named_as_roots(tmp_path):
+    whole = load_hand(write(tmp_path, on_a_robot("shoulder", "elbow", "forearm", "wrist")))
+    (note,) = (note for note in whole.notes if note.startswith(ON_ROOT))
+    assert {"left_palm", "right_palm"} == set(note.split("root= ")[1].split(" or "))
+    hand = load_hand(whole.source, root="left_palm")
+    assert not any(note.startswith(ON_ROOT) for note in hand.notes) and hand.palm == "left_palm"
+    wrist = load_hand(whole.source, root="left_shoulder")  # three joints before the palm may be a wrist's
+    assert not any(note.startswith(ON_ROOT) for note in wrist.notes)
+
+
+def test_an_arm_before_the_palm_is_noted_with_the_root_to_give(tmp_path):
+    limbs = ["shoulder", "upper", "elbow", "forearm", "wrist"]
+    arm = load_hand(write(tmp_path, on_a_robot(*limbs)), root="left_shoulder")
+    assert "root: 4 joints come before the palm 'left_palm', an arm's: root='left_palm' is the hand alone" in arm.notes
+
+
+def test_motors_of_an_arm_alone_leave_the_fingers_one_each(tmp_path):
+    driven = "".join(
+        f'<transmission name="{one}"><joint name="{one}"><hardwareInterface>EffortJointInterface</hardwareInterface>'
+        f'</joint><actuator name="m_{one}"/></transmission>'
+        for one in ("left_shoulder_joint", "right_shoulder_joint")
+    )
+    hand = load_hand(write(tmp_path, on_a_robot("shoulder").replace("</robot>", driven + "</robot>")), palm="left_palm")
+    assert any("no motor of a finger is named" in note for note in hand.notes)
+    drives = {drive.joints[0]: drive for drive in hand.drives}
+    assert drives["left_one_joint"].limit == 3.0 and drives["left_shoulder_joint"].name == "m_left_shoulder_joint"
+    assert hand.passive_joints == ("right_one_joint", "right_two_joint")

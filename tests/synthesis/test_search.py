@@ -465,3 +465,19 @@ def test_fingers_that_are_not_mirror_images_hold_a_box():
     search = find_grasps(load_hand("sake_left"), body, count=32, seed=4, jobs=1, **SETTINGS)
     q = np.array([grasp.closure.q for grasp in search.grasps if grasp.bears])
     assert len(q) and (np.abs(q[:, 0] - q[:, 1]) > 0.3).any()
+
+
+def test_what_in_a_description_is_in_the_way_is_said(tmp_path):
+    """Fingers that cannot touch are refused; joints that no motor moves are named where nothing is found."""
+    path = tmp_path / "gripper.urdf"
+    path.write_text(own_hands.PLANAR_GRIPPER)
+    gripper = load_hand(path)
+    bare = gripper.geometry.copy()
+    for one in list(bare.geometryObjects):
+        if one.parentJoint:
+            bare.removeGeometryObject(one.name)
+    with pytest.raises(InvalidInput, match="no finger has collision geometry"):
+        find_grasps(replace(gripper, geometry=bare), Sphere(radius=0.02, mass=0.05), count=4, **SETTINGS)
+    limp = gripper.with_drives([])
+    nothing = find_grasps(limp, Sphere(radius=0.3, mass=0.05), count=4, jobs=1, **SETTINGS)
+    assert not nothing.grasps and "No motor moves the finger joints left_hinge" in nothing.explain()
