@@ -16,10 +16,12 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.errors import HandNotLoaded
+from pinograsp.hands.coupling import Coupling
 from pinograsp.hands.drives import Actuation
-from pinograsp.hands.elements import written
+from pinograsp.hands.elements import drop, written
 from pinograsp.hands.geometry import PRIMITIVES, read_mesh, solid
-from pinograsp.hands.mjcf_drives import actuation_of, couplings_of, effort_limits
+from pinograsp.hands.mjcf_drives import actuation_of, couplings_of, effort_limits, rests_of
+from pinograsp.hands.mjcf_loops import Loop, close
 from pinograsp.hands.mjcf_source import Source, turned_to
 from pinograsp.spatial import Array
 
@@ -81,7 +83,12 @@ class _Reader:
         while waiting:
             body, childclass, parent, at = waiting.pop()
             waiting += reversed(self._jointed_body(body, childclass, parent, at))
-        couplings = couplings_of(self.source, self.joints, self.links, self.notes)
+        couplings, loops, opened = couplings_of(self.source, self.joints, self.links)
+        if loops and not self.source.problems:
+            couplings, left = self._closed(couplings, loops)
+            opened += [loop.name for loop in left]
+        if opened:
+            self.notes.append(f"constraints are left out, loops that they close move as if open: {', '.join(opened)}")
         for coupled, coupling in couplings.items():
             mimic = ElementTree.SubElement(self.joint_elements[coupled], "mimic", joint=coupling.followed)
             mimic.attrib.update(multiplier=repr(coupling.factor), offset=repr(coupling.offset))
@@ -96,6 +103,15 @@ class _Reader:
         for setting in ("settotalmass", "balanceinertia"):
             if self.source.compiler.get(setting, "false") not in ("false", "-1"):
                 self.notes.append(f"the compiler's {setting} is not applied")
+
+    def _closed(self, couplings: dict[str, Coupling], loops: list[Loop]) -> tuple[dict[str, Coupling], list[Loop]]:
+        """The couplings with those that loops bring about, and the loops that stay open."""
+        driven = {joint for motor in actuation_of(self.source, self.joints).motors for joint in motor.arms}
+        rests = rests_of(self.source, self.joints)
+        found, left = close(self.robot, loops, rests, couplings, driven & rests.keys(), self.notes)
+        for joint in found:  # its motor's limits bound it
+            drop(self.joint_elements[joint], "limit")
+        return couplings | found, left
 
     def _sub_tree(self, name: str, worlds: list[ElementTree.Element], root: str) -> list[_Body]:
         """Read the body ``root``, its frame as the origin; its children are returned."""

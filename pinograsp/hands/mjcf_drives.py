@@ -9,20 +9,25 @@ import numpy as np
 
 from pinograsp.hands.coupling import Coupling, resolve
 from pinograsp.hands.drives import ON_DRIVES, Actuation, Control, Motor, Spring
+from pinograsp.hands.mjcf_loops import Loop, Rest
 from pinograsp.hands.mjcf_source import Source
 
 
 def couplings_of(
-    source: Source, joints: dict[str, dict[str, str]], bodies: list[str], notes: list[str]
-) -> dict[str, Coupling]:
+    source: Source, joints: dict[str, dict[str, str]], bodies: list[str]
+) -> tuple[dict[str, Coupling], list[Loop], list[str]]:
     """Equality constraints between two joints as couplings, where they are linear; problems go to ``source``.
 
     Args:
         joints: attributes of the hand's joints, by name.
         bodies: of the hand.
+
+    Returns:
+        The couplings, loops that other constraints close, and the constraints that are neither, in words.
     """
     refs = {name: _reference(source, joint) for name, joint in joints.items()}
     couplings: dict[str, Coupling] = {}
+    loops: list[Loop] = []
     opened: list[str] = []
     for constraint in source.element.findall("equality/*"):
         given = source.attributes(constraint, tag="equality")
@@ -31,8 +36,12 @@ def couplings_of(
         one, other = given.get("joint1", ""), given.get("joint2")
         if constraint.tag != "joint":
             ends = [given[key] for key in ("body1", "body2", "site1", "site2", "tendon1", "tendon2") if key in given]
-            if not any(key.startswith("body") for key in given) or any(end in bodies for end in ends):
-                opened.append(f"{constraint.tag} {' and '.join(ends)}".strip())
+            text = f"{constraint.tag} {' and '.join(ends)}".strip()
+            links = given.get("body1", ""), given.get("body2", "")
+            if constraint.tag == "connect" and "anchor" in given and all(link in bodies for link in links):
+                loops.append(Loop(links=links, anchor=source.numbers(given, "anchor", "0 0 0", 3), name=text))
+            elif not any(key.startswith("body") for key in given) or any(end in bodies for end in ends):
+                opened.append(text)
             continue
         if one not in joints:
             continue  # elsewhere on the robot
@@ -47,9 +56,22 @@ def couplings_of(
             coupling = Coupling(followed=other, factor=float(c1), offset=float(c0 + refs[one] - c1 * refs[other]))
             if not _couple(couplings, one, coupling):
                 source.problem(f"equality constraints contradict each other at joint '{one}'")
-    if opened:
-        notes.append(f"constraints are left out, loops that they close move as if open: {', '.join(opened)}")
-    return couplings
+    return couplings, loops, opened
+
+
+def rests_of(source: Source, joints: dict[str, dict[str, str]]) -> dict[str, Rest]:
+    """Reference positions and springs of hinges and slides, by name."""
+    found: dict[str, Rest] = {}
+    for name, given in joints.items():
+        kind = given.get("type", "hinge")
+        if kind not in ("hinge", "slide"):
+            continue
+        unit = np.pi / 180 if kind == "hinge" and source.degrees else 1.0
+        (stiffness,), (relaxed,) = source.numbers(given, "stiffness", "0"), source.numbers(given, "springref", "0")
+        found[name] = Rest(
+            reference=_reference(source, given), stiffness=max(0.0, float(stiffness)), relaxed=float(relaxed) * unit
+        )
+    return found
 
 
 def _couple(couplings: dict[str, Coupling], joint: str, coupling: Coupling) -> bool:
