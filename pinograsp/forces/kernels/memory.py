@@ -28,7 +28,10 @@ from pinograsp.spatial import Array, IntArray
 
 
 def tick_in(memory: Array) -> Tick:
-    """The parts of an array of :func:`tick_memory`, which begins with its settings."""
+    """The parts of an array of :func:`tick_memory`, which begins with its settings.
+
+    Long, since the whole layout stands here.
+    """
     s = TickSettings(
         int(memory[0]),
         int(memory[1]),
