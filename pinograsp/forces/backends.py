@@ -16,7 +16,7 @@ from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
-from pinograsp.forces.solvers import SolverName, compiled_installed, compiled_solvers
+from pinograsp.forces.solvers import SolverName, compiled_installed, need_compiled_solvers
 from pinograsp.forces.template import Template
 
 _USEFUL = 1e-3  # relative to the load: forces that miss their limits by more are not recorded
@@ -103,7 +103,7 @@ class Backends:
         if name in COMPILED:
             if not self.takes(name):
                 return None
-            compiled_solvers()
+            need_compiled_solvers()
             from pinograsp.forces.compiled import solve_program
 
             return solve_program(program, self.template, name)

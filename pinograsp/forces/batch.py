@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,11 +33,14 @@ from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.backends import Backends
 from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
+from pinograsp.forces.kernels.layouts import CONVERGED, INFEASIBLE, STALLED, Bulk, BulkModel, BulkResults
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, weights_of
-from pinograsp.forces.solvers import compiled_solvers
+from pinograsp.forces.solvers import need_compiled_solvers
 from pinograsp.spatial import Array, BoolArray, IntArray
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 _AT_ONCE = 256  # problems per compiled call: an interruption waits for the end of one call, about a millisecond
 _MOST_THREADS = 1024
@@ -288,7 +291,9 @@ def solve_batch(
         ExtraMissing: numba is not installed.
     """
     started = time.perf_counter()
-    kernels = compiled_solvers()
+    need_compiled_solvers()
+    from pinograsp.forces.kernels.bulk import solve_many
+
     instance_of("batch (see ForceBatch.of)", batch, ForceBatch)
     threads = _cores() if threads is None else integer("threads", threads, at_least=1, at_most=_MOST_THREADS)
     weights = weights_of(objective, _problem(batch, 0))
@@ -302,29 +307,29 @@ def solve_batch(
     terms = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0, 2))
     squares = weights.get("least_squares", 0.0)
     takes = friction.separates and not weights.get("peak") and not (friction.model == "soft" and squares)
-    forces, torsion, answers = np.zeros((n, k, 3)), np.zeros((n, k)), np.zeros((n, 4))
-    codes = np.full(n, kernels.STALLED)
-    arguments = (
-        batch.points,
-        batch.rotations,
-        batch.counts,
-        batch.loads,
-        batch.mu / friction.safety,
-        float(friction.torsion / friction.safety),
-        batch.low,
-        batch.high,
-        batch.moment_lengths,
-        6 if batch.balance == "wrench" else 3,
-        float(squares),
-        terms,
-        friction.radii,
-        friction.round_dimensions,
+    results = BulkResults.of(n, k)
+    # All arrays that go in are read-only: for writable ones the code would be compiled once more.
+    bulk = Bulk(
+        points=_read_only(batch.points),
+        rotations=_read_only(batch.rotations),
+        counts=_read_only(batch.counts),
+        loads=_read_only(batch.loads),
+        mu=_read_only(batch.mu / friction.safety),
+        low=_read_only(batch.low),
+        high=_read_only(batch.high),
+        arms=_read_only(batch.moment_lengths),
+        terms=_read_only(terms),
     )
-    # All arrays are read-only: for writable ones the code would be compiled once more.
-    inputs = [frozen(np.ascontiguousarray(one).view()) if isinstance(one, np.ndarray) else one for one in arguments]
+    model = BulkModel(
+        rows=6 if batch.balance == "wrench" else 3,
+        torsion=float(friction.torsion / friction.safety),
+        squares=float(squares),
+        radii=_read_only(friction.radii),
+        n_round=friction.round_dimensions,
+    )
 
     def solve(start: int) -> None:
-        kernels.solve_many(start, min(start + _AT_ONCE, n), *inputs, forces, torsion, answers, codes)
+        solve_many(start, min(start + _AT_ONCE, n), bulk, model, results)
 
     starts = range(0, n if takes else 0, _AT_ONCE)
     if threads == 1 or len(starts) < 2:
@@ -335,26 +340,23 @@ def solve_batch(
             for _ in pool.map(solve, starts):  # the compiled code releases Python's lock
                 pass
     kinds = np.empty(3, dtype=object)  # filled one by one: np.array would turn statuses into texts
-    kinds[kernels.CONVERGED], kinds[kernels.STALLED] = Status.OK, Status.INACCURATE
-    kinds[kernels.INFEASIBLE] = Status.INFEASIBLE
-    found = _solution(batch, kinds[codes], forces, torsion, answers, started)
-    left = np.flatnonzero((codes == kernels.STALLED) | (found.ok & ~found.is_optimal()))
+    kinds[CONVERGED], kinds[STALLED], kinds[INFEASIBLE] = Status.OK, Status.INACCURATE, Status.INFEASIBLE
+    found = _solution(batch, kinds[results.codes], results, started)
+    left = np.flatnonzero((results.codes == STALLED) | (found.ok & ~found.is_optimal()))
     if not len(left):
         return found
     for i in left:
-        found.status[i] = _solve_by_general_methods(batch, int(i), weights, forces, torsion, answers)
-    return replace(_solution(batch, found.status, forces, torsion, answers, started), general=len(left))
+        found.status[i] = _solve_by_general_methods(batch, int(i), weights, results)
+    return replace(_solution(batch, found.status, results, started), general=len(left))
 
 
-def _solution(
-    batch: ForceBatch,
-    status: NDArray[Any],
-    forces: Array,
-    torsion: Array,
-    answers: Array,
-    started: float,
-) -> BatchSolution:
-    """The record of forces (N, k, 3), torsion (N, k) and answers (N, 4); see ``kernels.solve_many``."""
+def _read_only(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """A view that is contiguous and read-only."""
+    return frozen(np.ascontiguousarray(values).view())
+
+
+def _solution(batch: ForceBatch, status: NDArray[Any], results: BulkResults, started: float) -> BatchSolution:
+    """The record of the compiled code's results."""
     used = np.arange(batch.mu.shape[1]) < batch.counts[:, None]
     scaled = batch.loads.copy()
     scaled[:, 3:] = scaled[:, 3:] / batch.moment_lengths[:, None] if batch.balance == "wrench" else 0.0
@@ -363,14 +365,14 @@ def _solution(
     load_size = np.where(size > 0, size, np.where(least > 0, least, 1.0))
     return BatchSolution(
         status=status,
-        forces_c=forces,
-        torsion=torsion,
-        objective=answers[:, 0],
-        lower_bound=answers[:, 1],
-        residual_norm=answers[:, 2],
-        violation=answers[:, 3],
+        forces_c=results.forces,
+        torsion=results.moments,
+        objective=results.objective,
+        lower_bound=results.lower_bound,
+        residual_norm=results.residual,
+        violation=results.violation,
         load_size=load_size,
-        force_size=np.maximum(load_size, forces[:, :, 2].max(axis=1)),
+        force_size=np.maximum(load_size, results.forces[:, :, 2].max(axis=1)),
         general=0,
         elapsed=time.perf_counter() - started,
     )
@@ -405,19 +407,13 @@ def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple
     return problem, assemble(matrices, problem.scaled_load, terms, batch.low[i, :own], batch.high[i, :own])
 
 
-def _solve_by_general_methods(
-    batch: ForceBatch, i: int, weights: Mapping[str, float], forces: Array, torsion: Array, answers: Array
-) -> Status:
-    """The status of problem ``i``, whose rows of forces, torsion and answers are filled."""
+def _solve_by_general_methods(batch: ForceBatch, i: int, weights: Mapping[str, float], results: BulkResults) -> Status:
+    """The status of problem ``i``, whose entries of the results are filled."""
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
     found = Backends(program.matrices, "auto").solve(problem, program)
     if found.status is Status.OK and found.forces is not None:
         certificate = found.forces.certificate
-        forces[i, :own], torsion[i, :own] = found.forces.forces_c, found.forces.torsion
-        answers[i] = (
-            certificate.objective,
-            certificate.lower_bound,
-            certificate.residual_norm,
-            certificate.violation,
-        )
+        results.forces[i, :own], results.moments[i, :own] = found.forces.forces_c, found.forces.torsion
+        results.objective[i], results.lower_bound[i] = certificate.objective, certificate.lower_bound
+        results.residual[i], results.violation[i] = certificate.residual_norm, certificate.violation
     return found.status

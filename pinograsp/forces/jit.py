@@ -1,17 +1,25 @@
 """How numba (extra ``fast``) compiles the kernels: with a cache on disk where one can be written, and with one message,
 because compiling takes a minute or two.
+
+A function's code contains that of the functions that it calls. Numba takes it from the cache as long as the function's
+own file is as it was; here, as long as all Python files of its folder, and this one, are.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import logging
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypedDict, TypeVar
 
 import numba
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.options import DefaultOptions
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -29,16 +37,22 @@ class Flags(TypedDict, total=False):
     fastmath: set[str]
     error_model: Literal["python", "numpy"]
     nogil: bool
+    inline: Literal["always"]
+    counted: bool  # False: without counting references to arrays, where numba can
 
 
 def jit(**flags: Unpack[Flags]) -> Callable[[Callable[_Parameters, _Result]], Callable[_Parameters, _Result]]:
     """``numba.njit`` with a cache on disk; a cache that cannot be read or written is no error."""
+    options: dict[str, Any] = {**flags}
+    counted = options.pop("counted", True)
+    if hasattr(DefaultOptions, "_nrt"):  # it has no public name; without it everything counts, which is slower
+        options["_nrt"] = counted
 
     def decorate(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
-        dispatcher: Any = numba.njit(**flags)(function)  # more than a function, and of older numba without types
+        dispatcher: Any = numba.njit(**options)(function)  # more than a function, and of older numba without types
         try:
             dispatcher._cache = _Cache(function)
-        except RuntimeError:  # neither the package's folder nor the user's can be written
+        except RuntimeError:  # neither the package's folder nor the user's can be written, or there are no sources
             _Announcer.kept = False
         compiled: Callable[_Parameters, _Result] = dispatcher
         return compiled
@@ -46,8 +60,26 @@ def jit(**flags: Unpack[Flags]) -> Callable[[Callable[_Parameters, _Result]], Ca
     return decorate
 
 
+@functools.cache
+def _digest(times: tuple[tuple[Path, int], ...]) -> str:
+    """Of the contents of files; their times of change are there so that a file that has changed is read again."""
+    digest = hashlib.sha256()
+    for source, _ in times:
+        digest.update(source.name.encode() + hashlib.sha256(source.read_bytes()).digest())
+    return digest.hexdigest()
+
+
 class _Cache(FunctionCache):
     """A function that cannot be read is compiled again; one that cannot be written is not kept."""
+
+    def __init__(self, function: Callable[..., object]):
+        super().__init__(function)
+        sources = sorted(Path(function.__code__.co_filename).parent.glob("*.py"))
+        if not sources and not getattr(sys, "frozen", False):  # frozen programs are one file, which numba looks at
+            raise RuntimeError(f"no sources beside {function.__code__.co_filename}")
+        sources += [Path(__file__)] if sources else []
+        times = tuple((source, source.stat().st_mtime_ns) for source in sources)
+        self._cache_file._source_stamp = self._cache_file._source_stamp, _digest(times)
 
     def load_overload(self, sig: object, target_context: object) -> object:
         try:

@@ -19,7 +19,7 @@ from pinograsp.checks import array_of, brief, frozen, instance_of, one_of, read_
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solvers import SOLVERS, compiled_solvers, solve_qp
+from pinograsp.forces.solvers import SOLVERS, need_compiled_solvers, solve_qp
 from pinograsp.spatial import Array
 
 # Weight of ||k||^2 against ||r||^2 (normalised by the largest column): selects the least-norm multipliers. Below 1e-10
@@ -157,20 +157,22 @@ class MultiplierQP:
             InvalidInput: normal forces that are negative, or all zero.
             ExtraMissing: numba is not installed.
         """
-        kernels = compiled_solvers()
+        need_compiled_solvers()
+        from pinograsp.forces.kernels.boxes import box_least_squares, box_memory
+
         instance_of("problem", problem, ForceProblem)
         normal = array_of("normal forces", normal_forces, (problem.k,))
         if np.any(normal < 0) or not normal.any():
             raise InvalidInput(f"normal forces: expected values >= 0 [N], not all zero, got {shown(normal.tolist())}")
         columns = problem.scaled_columns
         H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
-        self.problem, self.normal_forces, self._solve = problem, normal, kernels.box_least_squares
+        self.problem, self.normal_forces, self._solve = problem, normal, box_least_squares
         scale = float(np.linalg.norm(H, axis=0).max()) or 1.0
-        self._memory, settings, self._load, row, fixed, scaled, k = kernels.box_memory(*H.shape)
-        settings[2], scaled[:], fixed[:] = _LEAST_NORM, H / scale, columns[:, :, 2] @ normal / scale
-        row[:] = 1 / scale
-        row[3:] /= problem.moment_length
-        self.multipliers: Array = k.reshape(-1, 2)
+        self._memory, box = box_memory(*H.shape, _LEAST_NORM)
+        box.H[:], box.fixed[:], box.row[:] = H / scale, columns[:, :, 2] @ normal / scale, 1 / scale
+        box.row[3:] /= problem.moment_length
+        self._load: Array = box.load
+        self.multipliers: Array = box.k.reshape(-1, 2)
         self.solve(np.zeros(6))
 
     def solve(self, load: ArrayLike) -> Array:

@@ -9,7 +9,7 @@ from time import perf_counter
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import ConvexSolution
 from pinograsp.forces.solver import ForceSolver
-from pinograsp.forces.solvers import compiled_solvers
+from pinograsp.forces.solvers import need_compiled_solvers
 
 
 def optimize_forces(
@@ -60,7 +60,7 @@ def warm_up() -> None:
     Raises:
         ExtraMissing: numba is not installed.
     """
-    compiled_solvers()
+    need_compiled_solvers()
     from pinograsp.forces import compiled
 
     compiled.compile_now()

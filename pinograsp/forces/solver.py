@@ -14,7 +14,7 @@ from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
-from pinograsp.forces.solvers import compiled_solvers
+from pinograsp.forces.solvers import need_compiled_solvers
 
 
 class ForceSolver:
@@ -62,7 +62,7 @@ class ForceSolver:
         self._compiled = None
         method = self.backends[0]
         if method in COMPILED and self._backends.takes(method):
-            compiled_solvers()
+            need_compiled_solvers()
             from pinograsp.forces.compiled import Prepared
 
             self._compiled = Prepared(problem, self._backends.template, method, self.impact_time, self._terms)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import importlib.util
 import warnings
-from types import ModuleType
 from typing import Any, Literal, get_args
 
 import daqp
@@ -45,18 +44,17 @@ def compiled_installed() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-def compiled_solvers() -> ModuleType:
-    """The module :mod:`pinograsp.forces.kernels`: its first import takes seconds, compiling it, once per machine, a
-    minute or two.
+def need_compiled_solvers() -> None:
+    """Make sure that :mod:`pinograsp.forces.kernels` can be imported, which the first time takes seconds. Compiling
+    it takes a minute or two, once per machine.
 
     Raises:
         ExtraMissing: numba is not installed.
     """
     try:
-        from pinograsp.forces import kernels
+        from pinograsp.forces.kernels import flags  # noqa: F401
     except ImportError as error:
         raise ExtraMissing(f"the compiled solvers need numba: pip install 'pinograsp[fast]' ({error})") from error
-    return kernels
 
 
 def solve_qp(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -23,14 +22,16 @@ from pinograsp.checks import (
 from pinograsp.contacts import PALM
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem
-from pinograsp.forces.solvers import compiled_solvers
+from pinograsp.forces.kernels.layouts import CONVERGED, INFEASIBLE, STALLED, TickSettings, TorqueRows
+from pinograsp.forces.solvers import need_compiled_solvers
 from pinograsp.hands import HandModel
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 
 Invalid: TypeAlias = Literal["raise", "keep"]
 
 _HUGE, _FAR = 1e12, 1e6  # loads [N, N m]; positions [rad, m] and friction: beyond them numbers mean nothing
 _MOST = 50  # Newton steps of one try; a warm start needs one to five
+_STATUS = {CONVERGED: Status.OK, INFEASIBLE: Status.INFEASIBLE, STALLED: Status.INACCURATE}
 
 
 class OnlineForces:
@@ -97,7 +98,10 @@ class OnlineForces:
             InvalidInput: what cannot be used, with the reason.
             ExtraMissing: numba (extra ``fast``) is not installed.
         """
-        kernels = compiled_solvers()
+        need_compiled_solvers()
+        from pinograsp.forces.kernels.memory import pack_chains, tick_memory
+        from pinograsp.forces.kernels.tick import online
+
         instance_of("problem", problem, ForceProblem)
         instance_of("hand", hand, HandModel, type(None))
         friction, k = problem.friction, problem.k
@@ -111,43 +115,46 @@ class OnlineForces:
         self.period = number("period", period, above=0, unit="s")
         ramp = number("ramp", ramp, at_least=0, unit="s")
         self._rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
-        self._share(kernels.online_memory(friction.d, k, 0 if hand is None else hand.n))
-        self.status, self.steps, self._started = Status.OK, 0, False
-        self._com = np.array(problem.contacts.com_o)
-        self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
-        self._frames[:, 12] = problem.mu
-        self._limits[2:] = 1.0
-        self._limits[:2] = self._range(normal_forces)
         steps = integer("most steps", max_steps, at_least=1, at_most=10_000)
-        self._settings[:] = (
-            problem.rows,
-            friction.round_dimensions,
-            friction.torsion,
-            problem.moment_length,
-            friction.safety,
-            steps,
-            np.inf,
-            min(1.0, self.period / ramp) if ramp else 1.0,
-            *self._com,
-            k,
+        self._memory, tick = tick_memory(
+            TickSettings(
+                contacts=k,
+                components=friction.d,
+                joints=0 if hand is None else hand.n,
+                rows=problem.rows,
+                n_round=friction.round_dimensions,
+                torsion=friction.torsion,
+                arm=problem.moment_length,
+                safety=friction.safety,
+                steps=steps,
+                ramp=min(1.0, self.period / ramp) if ramp else 1.0,
+            )
         )
-        self._chains = np.zeros(1, dtype=np.int64)
+        self._inputs, self._multipliers = tick.inputs, tick.room.multipliers
+        self._load, self._change = tick.inputs.wrench, tick.inputs.rate
+        self.forces, self.moments, self.residual, self.torques = tick.outputs
+        self.status, self.steps, self._started = Status.OK, 0, False
+        self._inputs.com[:] = problem.contacts.com_o
+        self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
+        self._inputs.mu[:] = problem.mu
+        self._inputs.share[:] = self._inputs.target[:] = 1.0
+        self._inputs.least[:], self._inputs.largest[:] = self._range(normal_forces)
         self._jacobian, self._gravity = np.zeros(0), np.zeros(0)
-        self._codes = {
-            kernels.CONVERGED: Status.OK,
-            kernels.INFEASIBLE: Status.INFEASIBLE,
-            kernels.STALLED: Status.INACCURATE,
-        }
+        links: IntArray = np.zeros((0, 3), dtype=np.int64)
+        rows = None
         if hand is not None:
-            self._attach(hand, q)
+            links = self._attach(hand, q)
+            rows = self._torque_rows(links)
         elif q is not None:
             raise InvalidInput("OnlineForces: q is a posture of the hand: give hand=..., too")
-        self._tick = kernels.online
+        self._chains, self._tick = pack_chains(links, rows), online
         self._keeps = one_of("invalid", invalid, get_args(Invalid)) == "keep"
         self._give = self._servos(stiffness)
         self.positions = np.zeros(self._give.size)
         self.step(np.zeros(6))  # compiles, and must not count
-        self._state[:6], self._out[:], self._started = 0.0, 0.0, False
+        for one in (self._multipliers, *tick.outputs):
+            one[:] = 0.0
+        self._started = False
         if self._give.size:
             self.positions[:] = self._posture
 
@@ -161,22 +168,6 @@ class OnlineForces:
         if given.min() <= 0:
             raise InvalidInput(f"stiffness: expected values above 0 [N m/rad or N/m], got {shown(given.tolist())}")
         return 1.0 / given
-
-    def _share(self, memory: Sequence[Array]) -> None:
-        """Name the parts of the memory that the compiled code works in."""
-        k = self.problem.k
-        (
-            self._memory,
-            self._settings,
-            self._load,
-            self._frames,
-            self._limits,
-            self._torque_limit,
-            self._out,
-            self._state,
-        ) = memory
-        self.forces, self.moments = self._out[: 3 * k].reshape(k, 3), self._out[3 * k : 4 * k]
-        self.residual, self.torques = self._out[4 * k : 4 * k + 6], self._out[4 * k + 6 :]
 
     def _range(self, given: tuple[ArrayLike, ArrayLike] | None) -> Array:
         """Least and largest F_n of the contacts (2, k) [N]."""
@@ -201,10 +192,12 @@ class OnlineForces:
             )
         return both
 
-    def _attach(self, hand: HandModel, q: ArrayLike | None) -> None:
-        """Take in the hand's model, at its posture q (n,)."""
+    def _attach(self, hand: HandModel, q: ArrayLike | None) -> IntArray:
+        """Take in the hand's model, at its posture q (n,); contact, column of the Jacobian and joint of each joint that
+        moves a contact (p, 3).
+        """
         contacts = self.problem.contacts
-        chains: list[int] = []  # three for each joint that moves a contact: contact, column of the Jacobian, joint
+        links: list[tuple[int, int, int]] = []
         self._model = hand.model.copy()
         self._model.gravity.linear = np.array(self.problem.gravity_o)
         self._data = self._model.createData()
@@ -217,25 +210,25 @@ class OnlineForces:
             joint = finger.joint_of(contact.link)
             while joint:
                 # A joint that follows others has a column of its own, which counts for the one that it follows.
-                chains += (i, self._model.joints[joint].idx_vExtended, self._model.joints[joint].idx_v)
+                links.append((i, self._model.joints[joint].idx_vExtended, self._model.joints[joint].idx_v))
                 joint = self._model.parents[joint]
-        self._chains = np.array([len(chains), *chains, *self._torque_rows(chains)], dtype=np.int64)
         posture = contacts.posture if q is None else q
         if posture is None:
             raise InvalidInput("OnlineForces: these contacts have no posture: give q=..., the hand's joint positions")
         self._posture = np.zeros(hand.n)
         self._move(array_of("q", posture, (hand.n,)))
         self._jacobian = self._data.J.T.reshape(-1)  # Pinocchio's own memory: it follows the posture
+        return np.array(links, dtype=np.int64).reshape(-1, 3)
 
-    def _torque_rows(self, chains: Sequence[int]) -> list[int]:
-        """Which torque limits concern which contacts, as the compiled code takes it; nothing where there are none."""
+    def _torque_rows(self, links: IntArray) -> TorqueRows | None:
+        """Which torque limits concern which contacts, as the compiled code takes it; None where there are none."""
         problem, torques = self.problem, self.problem.torques
         if torques is None or not torques.limited.any():
-            return []
-        self._torque_limit[:] = torques.usable
+            return None
+        self._inputs.torque_limit[:] = torques.usable
         k, m, friction = problem.k, problem.rows, problem.friction
         enters = np.zeros((len(torques.limit), k), dtype=bool)
-        for contact, joint in zip(chains[::3], chains[2::3]):
+        for contact, _, joint in links:
             enters[joint, contact] = torques.limited[joint]
         count = enters.sum(axis=1)
         order = np.concatenate([np.flatnonzero(count > 1), np.flatnonzero(count == 1)])
@@ -255,7 +248,7 @@ class OnlineForces:
         used = np.ones((2 * (e - rounded) + 1 + most, d), dtype=int)
         used[: 2 * (e - rounded) + 1, :e] = 0
         used[np.arange(2 * (e - rounded)), rounded + np.arange(2 * (e - rounded)) // 2] = 1
-        return [rows, shared, most, *row_of, *own.ravel(), *touched.ravel(), *counts.ravel(), *used.ravel()]
+        return TorqueRows(shared, row_of, own, touched, counts, used)
 
     def _move(self, q: Array) -> None:
         self._posture[:] = q
@@ -263,8 +256,8 @@ class OnlineForces:
         self._gravity = pin.computeGeneralizedGravity(self._model, self._data, q)
 
     def _place(self, points: Array, rotations: Array) -> None:
-        self._frames[:, :3] = points - self._com
-        self._frames[:, 3:12] = np.reshape(rotations, (-1, 9))
+        self._inputs.points[:] = points - self._inputs.com
+        self._inputs.rotations[:] = rotations
 
     def engage(self, contact: str | int, touches: bool = True) -> None:
         """A contact (name or number) is gained or lost: the limits of its force go there in the time of ``ramp``,
@@ -273,13 +266,13 @@ class OnlineForces:
         if isinstance(contact, str):
             contact = self.names.index(one_of("contact", contact, self.names))
         contact = integer("contact", contact, at_least=-len(self.names), at_most=len(self.names) - 1)
-        self._limits[3, contact] = float(flag("touches", touches))
+        self._inputs.target[contact] = float(flag("touches", touches))
         if not self._started:
-            self._limits[2, contact] = self._limits[3, contact]
+            self._inputs.share[contact] = self._inputs.target[contact]
 
     def reset(self) -> None:
         """Forget the last tick: the next one starts cold, and its forces at any rate."""
-        self._started, self._state[:6] = False, 0.0
+        self._started, self._multipliers[:] = False, 0.0
 
     def step(
         self,
@@ -314,19 +307,19 @@ class OnlineForces:
         if q is not None or poses is not None or mu is not None:
             self._update(q, poses, mu)
         self._load[:] = load
-        self._settings[6] = self._rate if self._started else np.inf
+        self._change[0] = self._rate if self._started else np.inf
         code, self.steps, _ = self._tick(self._memory, self._jacobian, self._gravity, self._chains)
         if code < 0:
             raise InvalidInput(f"OnlineForces: expected contacts and gravity torques below {_HUGE:g}")
         self._started = True
-        self.status = self._codes[code]
+        self.status = _STATUS[code]
         if self._give.size:
             np.multiply(self.torques, self._give, out=self.positions)
             self.positions += self._posture
 
     def _update(self, q: ArrayLike | None, poses: ArrayLike | None, mu: ArrayLike | None) -> None:
         # All checked before anything changes.
-        k = len(self._frames)
+        k = self.problem.k
         posture = frames = None
         if q is not None:
             if self.hand is None:
@@ -340,7 +333,7 @@ class OnlineForces:
             each = _checked("mu", each_of("mu", mu, k), (k,), _FAR)
             if each.min() < 0:
                 raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(each.tolist())}")
-            self._frames[:, 12] = each
+            self._inputs.mu[:] = each
         if frames is not None:
             self._place(frames[:, :3, 3], frames[:, :3, :3])
         if posture is not None:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import builtins
 import gc
+import importlib
 import json
 import os
 import pickle
+import pkgutil
+import re
 import runpy
 import shutil
 import subprocess
 import sys
 import tracemalloc
+import typing
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -215,7 +219,9 @@ def test_infeasible_loads_are_proven(contact_set):
 
 def test_interior_points_recognise_infeasible_loads(contact_set):
     """Mostly without the general methods' help: the multipliers end as a certificate, and never as anything else."""
-    from pinograsp.forces.kernels import CONVERGED, INFEASIBLE, interior_point, powers_of
+    from pinograsp.forces.compiled import problem_of
+    from pinograsp.forces.kernels.interior import interior_point
+    from pinograsp.forces.kernels.layouts import CONVERGED, INFEASIBLE
     from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble
     from pinograsp.forces.template import Template
@@ -228,28 +234,8 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
             program = assemble(
                 matrices_of(problem, {"work": 1.0}), problem.scaled_load, terms, *problem.normal_force_range(0.85)
             )
-            fixed = Template(program.matrices)
             x, y = np.empty((4, program.d)), np.empty(6)
-            code, _ = interior_point(
-                *fixed.components,
-                fixed.rows,
-                fixed.touched,
-                fixed.counts,
-                fixed.schur,
-                program.b,
-                fixed.P,
-                fixed.q,
-                *powers_of(np.array(program.powers), 1.0, 1.0),
-                program.lo,
-                program.hi,
-                fixed.n_round,
-                fixed.vertices,
-                np.zeros(0),
-                np.zeros(0),
-                0.0,
-                x,
-                y,
-            )
+            code, _ = interior_point(problem_of(program, Template(program.matrices)), 0.0, x, y)
             assert code != CONVERGED
             if code == INFEASIBLE:
                 proven += 1
@@ -259,7 +245,9 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
 
 def test_dual_newton_recognises_infeasible_loads(contact_set):
     """By itself: its ray is a certificate, whoever checks it, and there is none where there are forces."""
-    from pinograsp.forces.kernels import CONVERGED, INFEASIBLE, dual_newton, newton_scratch, powers_of
+    from pinograsp.forces.kernels.layouts import CONVERGED, INFEASIBLE, Balance, Cones, Costs
+    from pinograsp.forces.kernels.newton import dual_newton, newton_scratch
+    from pinograsp.forces.kernels.powers import powers_of
     from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble
     from pinograsp.forces.template import Template
@@ -277,20 +265,10 @@ def test_dual_newton_recognises_infeasible_loads(contact_set):
                 if not program.matrices.separates:
                     continue
                 x, y, q = np.full((d, 4), 0.1), np.zeros(6), np.zeros((d, 4))
-                code, _ = dual_newton(
-                    fixed.components[0],
-                    program.b,
-                    q,
-                    q,
-                    *powers_of(np.array(program.powers), 1.0, 1.0),
-                    program.lo,
-                    program.hi,
-                    fixed.radii,
-                    fixed.n_round,
-                    x,
-                    y,
-                    np.empty(newton_scratch(d, 4)),
-                )
+                costs = Costs(q, q, powers_of(np.array(program.powers), 1.0, 1.0))
+                cones = Cones(program.lo, program.hi, fixed.friction.radii, fixed.friction.n_round)
+                balance, work = Balance(fixed.rows.A, program.b, 0.0), np.empty(newton_scratch(d, 4))
+                code, _ = dual_newton(balance, costs, cones, x, y, work)
                 expected = codes[optimize_forces(problem, 0.85, objective="work", backend="daqp").status]
                 assert code == expected, name
                 assert (program.excluded(y, np.zeros(0)) > 0) == (expected == INFEASIBLE)
@@ -309,22 +287,70 @@ def test_every_kernel_is_compiled():
     """A decorator that is lost changes no result, only the time."""
     from numba.core.registry import CPUDispatcher
 
+    plain = {
+        name for name, one in kernel_functions() if not isinstance(one, CPUDispatcher) and not isinstance(one, type)
+    }
+    assert plain == {
+        "tick_in",  # for Python; compiled it has another name
+        "tick_memory",
+        "box_in",  # as well
+        "box_memory",
+        "pack_grasp",
+        "pack_stage",
+        "pack_chains",
+        "results_in",  # as well
+        "room_for_results",
+        "_joined",
+    }
+
+
+def kernel_functions():
+    """Names and values of what the files of the kernels define and may be called."""
     from pinograsp.forces import kernels
 
-    plain = [
-        name
-        for name, one in vars(kernels).items()
-        if callable(one) and getattr(one, "__module__", "") == kernels.__name__
-    ]
-    assert [name for name in plain if not isinstance(getattr(kernels, name), CPUDispatcher)] == [
-        "online_memory",
-        "box_memory",
-    ]
+    for found in pkgutil.iter_modules(kernels.__path__, f"{kernels.__name__}."):
+        module = importlib.import_module(found.name)
+        for name, one in vars(module).items():
+            if callable(one) and getattr(one, "__module__", "") == found.name and not name.startswith("__"):
+                yield name, one
+
+
+def holds_arrays(hint):
+    """Whether values of a type of an annotation hold arrays."""
+    if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
+        return any(map(holds_arrays, typing.get_type_hints(hint).values()))
+    return typing.get_origin(hint) is np.ndarray or any(map(holds_arrays, typing.get_args(hint)))
+
+
+def test_arrays_are_returned_among_functions_that_count_references_alike():
+    """An array that is handed from a function that counts none to one that does would be given back too often.
+
+    Functions that become part of their caller are of its kind."""
+    from numba.core.registry import CPUDispatcher
+
+    functions = [one for _, one in kernel_functions() if isinstance(one, CPUDispatcher)]
+    inlined = [one for one in functions if one.targetoptions.get("inline") == "always"]
+    counts = {one: one.targetoptions.get("_nrt", True) for one in functions}
+    called = {one: [one.py_func.__globals__.get(name) for name in one.py_func.__code__.co_names] for one in functions}
+    called = {one: [name for name in names if isinstance(name, CPUDispatcher)] for one, names in called.items()}
+    compared = 0
+    for one in functions:
+        if one in inlined:
+            continue
+        known = list(called[one])
+        for other in known:
+            known += called[other] if other in inlined else []
+        for other in known:
+            if other not in inlined and holds_arrays(typing.get_type_hints(other.py_func)["return"]):
+                compared += 1
+                assert counts[other] == counts[one], (one, other)
+    assert compared >= 8
 
 
 def test_missing_numba_names_the_extra(monkeypatch):
-    for name in ("compiled", "kernels"):
-        monkeypatch.delitem(sys.modules, f"pinograsp.forces.{name}", raising=False)
+    for name in [name for name in sys.modules if re.match(r"pinograsp\.forces\.(compiled|kernels|jit)\b", name)]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in ("compiled", "kernels", "jit"):
         monkeypatch.delattr(f"pinograsp.forces.{name}", raising=False)
     plain = builtins.__import__
 
@@ -342,8 +368,8 @@ def test_missing_numba_names_the_extra(monkeypatch):
 @pytest.mark.parametrize("limited", [False, True])
 def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
     """Bound and Farkas bound of the compiled certificate, at points and multipliers that are far from any optimum."""
-    from pinograsp.forces.compiled import solve_program
-    from pinograsp.forces.kernels import bound_of, excluded, powers_of
+    from pinograsp.forces.compiled import problem_of, solve_program
+    from pinograsp.forces.kernels.bounds import bound_of, excluded
     from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble, weights_of
     from pinograsp.forces.template import Template
@@ -359,7 +385,7 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
                 matrices_of(problem, weights), problem.scaled_load, terms, *problem.normal_force_range(0.85)
             )
             fixed, k, d, r = Template(program.matrices), program.k, program.d, len(program.R)
-            force, unit = program.force_scale, program.objective_scale
+            compiled_problem, scratch = problem_of(program, fixed), np.empty(d)
             answer = solve_program(program, Template(program.matrices), "interior")
             if answer is None:  # infeasible
                 continue
@@ -373,13 +399,8 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
                 x, y, w = rng.normal(size=(k, d)), rng.normal(size=6), rng.normal(size=r)
                 x[:, -1] = np.clip(np.exp(rng.normal(size=k)), program.lo, program.hi)
                 both = np.concatenate([y, w[fixed.order]])
-                limits = fixed.n_round, fixed.vertices, fixed.R_lo / force, fixed.R_hi / force, np.empty(d)
-                rows = fixed.rows, fixed.touched, fixed.counts, program.b
-                proof = excluded(both, *rows, program.lo, program.hi, *limits)
-                assert proof == pytest.approx(program.excluded(y, w), rel=1e-9)
-                quadratic = fixed.P * (force**2 / unit), fixed.q * (force / unit)
-                powers = powers_of(np.array(program.powers).reshape(-1, 2), 1.0, 1.0)
-                bound, _ = bound_of(both, x, *rows, *quadratic, *powers, program.lo, program.hi, *limits)
+                assert excluded(compiled_problem, both, scratch) == pytest.approx(program.excluded(y, w), rel=1e-9)
+                bound, _ = bound_of(compiled_problem, x, both, scratch)
                 if not program.powers:  # with them the tangents are each method's own choice
                     assert bound == pytest.approx(program.lower_bound(x.ravel(), y, w), rel=1e-9)
                 for _ in range(20):
@@ -464,11 +485,12 @@ def test_problems_go_to_other_processes(contact_set):
 
 COMPILING = """
 import numpy as np
-from pinograsp.forces.solvers import compiled_solvers
-kernels = compiled_solvers()
+from pinograsp.forces.kernels.layouts import Balance, Cones
+from pinograsp.forces.kernels.powers import phi
+from pinograsp.forces.kernels.rows import judge
 for _ in range(2):
-    assert kernels.phi(1.0, np.ones(1), np.ones(2))[0] == 0.5
-    kernels.support(np.ones(3), 2, np.ones((0, 2)))
+    assert phi(1.0, np.ones(1), np.ones(2))[0] == 0.5
+    judge(Balance(np.ones((3, 3)), np.ones(3), 0.0), Cones(np.ones(1), np.ones(1), np.ones(2), 2), np.ones((3, 1)))
 """
 
 
@@ -515,11 +537,55 @@ def test_damaged_caches_are_made_again(tmp_path):
             assert [from_cache(), from_cache()] == [0, 1]
 
 
+def test_caches_notice_what_other_files_of_the_folder_say(tmp_path):
+    """A function's code contains that of the functions that it calls: numba alone would look at its own file."""
+    (tmp_path / "inner.py").write_text(
+        "from pinograsp.forces.jit import jit\n\n\n@jit()\ndef inner(x):\n    return 2.0 * x\n"
+    )
+    (tmp_path / "outer.py").write_text(
+        "from inner import inner\nfrom pinograsp.forces.jit import jit\n\n\n@jit()\ndef outer(x):\n    return inner(x) + 1.0\n"
+    )
+    script = "from outer import outer; print(outer(1.5), sum(outer.stats.cache_hits.values()))"
+    environment = {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]), "PYTHONDONTWRITEBYTECODE": "1"}
+
+    def told():
+        return run_python(script, tmp_path, **environment).stdout.split()
+
+    assert [told(), told()] == [["4.0", "0"], ["4.0", "1"]]
+    text = (tmp_path / "inner.py").read_text()
+    (tmp_path / "inner.py").write_text(text.replace("2.0", "4.0"))
+    assert [told(), told()] == [["7.0", "0"], ["7.0", "1"]]
+    (tmp_path / "inner.py").write_text(text)
+    assert told() == ["4.0", "0"]
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("k, joints, rows", [(1, 0, 3), (3, 16, 6), (15, 2, 6)])
+def test_parts_of_a_loop_memory_fill_it(model, k, joints, rows):
+    """Side by side, none within another, and scratch is as large as Newton's method needs."""
+    from pinograsp.forces.kernels.layouts import TickSettings
+    from pinograsp.forces.kernels.memory import tick_memory
+    from pinograsp.forces.kernels.newton import newton_scratch
+
+    d, n_round = MODELS[model].d, MODELS[model].round_dimensions
+    memory, tick = tick_memory(TickSettings(k, d, joints, rows, n_round, 0.0, 1.0, 1.0, 9, 0.5))
+    room = tick.room
+    parts = [*tick.inputs, *tick.outputs, room.multipliers, *room.balance[:2], *room.quadratic, *room.cones[:3]]
+    parts += [room.x, room.y, room.widths, room.slip, room.work]
+    assert tick.settings == (k, d, joints, rows, n_round, 0.0, 1.0, 1.0, 9, 0.5)
+    for number, part in enumerate(parts, 1):
+        assert np.shares_memory(part, memory) or not part.size
+        assert not part.any()
+        part[:] = number
+    assert all((part == number).all() for number, part in enumerate(parts, 1))
+    assert len(room.work) == newton_scratch(d, k)
+
+
 def test_nowhere_to_keep_compiled_code(tmp_path):
     """Neither the package's folder nor the user's can be written, not even by root: their places are taken by files."""
     package = tmp_path / "pinograsp"
     shutil.copytree(Path(pg.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    (package / "forces" / "__pycache__").write_text("")
+    (package / "forces" / "kernels" / "__pycache__").write_text("")
     (tmp_path / "home").write_text("")
     places = {name: str(tmp_path / "home") for name in ("HOME", "XDG_CACHE_HOME", "IPYTHONDIR")}
     done = run_python(
