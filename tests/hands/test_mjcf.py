@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -708,3 +710,62 @@ def test_bombs_do_not_go_off(tmp_path, text, message):
     with pytest.raises(HandNotLoaded, match=message) as caught:
         load_hand(write(tmp_path, text))
     assert len(str(caught.value)) < 2000
+
+
+# A finger on a crank, held by a bar from the palm: at 0 the bar's upper end is at the finger's `anchor`.
+FOUR_BARS = """<mujoco><worldbody><body name="palm"><geom type="box" size="0.03 0.02 0.01" pos="0 0 -0.02"/>
+<body name="crank"><joint name="motor" axis="0 1 0" limited="true" range="-34 34"/>
+<geom type="capsule" fromto="0 0 0 0 0 0.04" size="0.004"/>
+<body name="finger" pos="0 0 0.04"><joint name="upright" axis="0 1 0" limited="true" range="-60 60"/>
+<geom type="box" size="0.015 0.01 0.03" pos="0.01 0 0.025"/></body></body>
+<body name="bar" pos="{bar}"><joint name="pivot" axis="0 1 0" limited="true" range="-60 60"/>
+<geom type="capsule" fromto="0 0 0 0 0 {length}" size="0.003"/>{more}</body>
+</body></worldbody><equality><connect body1="finger" body2="{end}" anchor="0.02 0 0"/></equality>
+<actuator><motor joint="motor" ctrllimited="true" ctrlrange="-1 1"/>{motor}</actuator></mujoco>"""
+
+
+def four_bars(tmp_path, bar, *, more="", end="bar", motor=""):
+    return load_hand(
+        write(tmp_path, FOUR_BARS.format(bar=bar, length=0.02 if more else 0.04, more=more, end=end, motor=motor))
+    )
+
+
+def test_a_parallelogram_keeps_the_finger_upright(tmp_path):
+    hand = four_bars(tmp_path, "0.02 0 0")
+    assert hand.joint_names == ("motor",) and [finger.name for finger in hand.fingers] == ["finger"]
+    assert hand.couplings["upright"].factor == pytest.approx(-1.0, abs=1e-6)
+    assert hand.couplings["pivot"].factor == pytest.approx(1.0, abs=1e-6)
+    assert any("upright, pivot follow motor in proportion" in note for note in hand.notes)
+    assert (hand.lower[0], hand.upper[0]) == pytest.approx((np.radians(-34), np.radians(34)))
+
+
+def test_loops_are_closed_as_well_as_is_told(tmp_path):
+    """Bars of other lengths: the gap at the shared point, measured by the hand's own kinematics."""
+    hand = four_bars(tmp_path, "0.021 0 0.003")
+    told = next(float(re.search(r"off by at most ([\d.e-]+) mm", note)[1]) for note in hand.notes if "loops" in note)
+    gaps = []
+    for q in np.linspace(hand.lower[0], hand.upper[0], 9):
+        finger, bar = (pin.SE3(pose) for pose in hand.frame_placements([q], ["finger", "bar"]))
+        gaps.append(1e3 * np.linalg.norm(finger.act(np.array([0.02, 0, 0])) - bar.act(np.array([-0.001, 0, 0.037]))))
+    assert max(gaps) == pytest.approx(told, rel=0.06) and 0.01 < told < 2.0
+
+
+def test_a_spring_decides_where_the_bars_leave_a_choice(tmp_path):
+    """A fifth bar between bar and finger, which its spring keeps at its stop: as if it were not there."""
+    knee = (
+        '<body name="knee" pos="0 0 0.02"><joint name="knee" axis="0 1 0" limited="true" range="0 40" stiffness="0.1" '
+        'springref="-90"/><geom type="capsule" fromto="0 0 0 0 0 0.02" size="0.003"/></body>'
+    )
+    hand = four_bars(tmp_path, "0.02 0 0", more=knee, end="knee")
+    assert hand.joint_names == ("motor",) and "joints without a way to go are fixed: knee" in hand.notes
+    assert hand.couplings["upright"].factor == pytest.approx(-1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("bar", "motor"),
+    [("0.05 0 0.03", ""), ("0.02 0 0", '<motor joint="pivot" ctrllimited="true" ctrlrange="-1 1"/>')],
+    ids=["far from a line", "two motors"],
+)
+def test_other_loops_stay_open(tmp_path, bar, motor):
+    hand = four_bars(tmp_path, bar, motor=motor)
+    assert hand.n == 3 and any("connect finger and bar" in note for note in hand.notes)
