@@ -171,7 +171,7 @@ def _tree_problems(robot: ElementTree.Element, root: str | None) -> list[str]:
     links = [name for name, _ in named(robot, "link")]
     joints = robot.findall("joint")
     if not links:
-        return ["no <link> found: expected a <robot> with links and joints"]
+        return ["no <link> found: expected a <robot> with links and joints (a file of macros is for others to include)"]
     problems = []
     for kind, names in (("link", links), ("joint", [name for name, _ in named(robot, "joint")])):
         if not all(names):

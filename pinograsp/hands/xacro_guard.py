@@ -3,8 +3,8 @@
 Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes other files, and reads environment
 variables. Unless the caller trusts the file, a copy of xacro expands it that can do none of this: for every expression,
 every ``$(...)`` and every file, wherever and whenever it meets them, it calls this module. That evaluates arithmetic
-(never by Python's ``eval``), knows ``$(arg ...)``, and gives it files of the description's own folder, which are read
-and checked once, before the expansion.
+(never by Python's ``eval``), knows ``$(arg ...)`` and ``$(find ...)``, and gives it files of the description's own
+folder and of the packages that it finds, which are read and checked once, before the expansion.
 """
 
 from __future__ import annotations
@@ -25,9 +25,11 @@ from typing import Any, TypeAlias
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import arithmetic
 from pinograsp.hands.elements import parse_xml, read_bytes
+from pinograsp.hands.ros_packages import find_package
 
 _SUBSTITUTION = re.compile(r"\$\{([^}]*)\}|\$\(([^)]*)\)|(\$)")
-_ARGUMENT = re.compile(r"\s*arg\s+(\w+)\s*")
+_ARGUMENT, _PACKAGE = re.compile(r"\s*arg\s+(\w+)\s*"), re.compile(r"\s*find\s+([\w.-]+)\s*")
+_IN_PACKAGE = re.compile(r"\$\(\s*find\s+([\w.-]+)\s*\)/(.*)")
 # One parameter of a macro: xacro's own pattern takes hours for some.
 _PARAMETER = re.compile(
     r"""\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{[^}]*\}|\$\([^)]*\)|(?:'[^']*'|"[^"]*"|[^\s'"])+|)(?:\s+|$)(.*)""",
@@ -40,7 +42,8 @@ def expand_xacro(path: str | Path, mappings: Mapping[str, object] | None = None,
     """The URDF text that xacro makes of the file at ``path``.
 
     ``mappings`` fills ``<xacro:arg>``. With ``trusted=False`` (default) a file that asks for more than arithmetic and
-    includes of its own folder is refused with :class:`HandNotLoaded`, which lists every such place. ``trusted=True``
+    includes of its own folder, or of packages in the folders above it and where ROS looks, is refused with
+    :class:`HandNotLoaded`, which lists every such place. ``trusted=True``
     hands the file to xacro as it is: it can then read any file and run any program the user can, so use it for your own
     files only.
     """
@@ -110,6 +113,7 @@ class _Files:
         self.folder = path.resolve().parent
         self.problems: list[str] = []
         self._documents: dict[Path, minidom.Document] = {}
+        self._packages: dict[str, Path | None] = {}
         waiting = [path.resolve()]
         while waiting:
             one = waiting.pop()
@@ -121,6 +125,12 @@ class _Files:
                 waiting += self._look_through(one)
             except ValueError as error:
                 raise ValueError(f"{one.name}: {error}") from error
+
+    def package(self, name: str) -> Path | None:
+        """The folder of a package; None where there is none."""
+        if name not in self._packages:
+            self._packages[name] = find_package(name, self.folder)
+        return self._packages[name]
 
     def document(self, name: str) -> minidom.Document:
         """A copy of the parsed file; :class:`_Refused` where it is not one that was checked."""
@@ -150,21 +160,25 @@ class _Files:
                     # Comments, which can make xacro evaluate.
                     parent.removeChild(node)  # type: ignore[type-var]  # no type covers the children of both parents
                     continue
-                self.problems += [f"{path.name}: {problem}" for text in texts for problem in _forbidden_text(text)]
+                forbidden = (problem for text in texts for problem in _forbidden_text(text, self.package))
+                self.problems += [f"{path.name}: {problem}" for problem in forbidden]
         return included
 
     def _included(self, name: str, path: Path) -> list[Path]:
-        if "$" in name or re.search(r"[*?\[]", name):
+        start, inside = path.parent, name
+        if (found := _IN_PACKAGE.fullmatch(name)) and (package := self.package(found[1])) is not None:
+            start, inside = package, found[2]
+        if "$" in inside or re.search(r"[*?\[]", inside):
             self.problems.append(f"{path.name}: include of '{name}': only plain file names are allowed")
             return []
-        target = (path.parent / name).resolve()
-        if not target.is_relative_to(self.folder):
-            self.problems.append(f"{path.name}: include of '{name}': outside the file's own folder")
+        target = (start / inside).resolve()
+        if not any(target.is_relative_to(one) for one in (self.folder, *self._packages.values()) if one is not None):
+            self.problems.append(f"{path.name}: include of '{name}': outside the file's own folder and its packages")
             return []
         return [target] if os.path.isfile(target) else []  # xacro says which are missing, where they are not optional
 
 
-def _forbidden_text(text: str) -> list[str]:
+def _forbidden_text(text: str, package: Callable[[str], Path | None]) -> list[str]:
     problems: list[str] = []
     if "$" in text and len(text) > arithmetic.MOST_TEXT:
         return [f"a text with expressions has more than {arithmetic.MOST_TEXT} characters"]
@@ -173,8 +187,12 @@ def _forbidden_text(text: str) -> list[str]:
         if dollar:
             problems.append(f"stray '$' in '{text.strip()}'")
         elif extension is not None:
-            if not _ARGUMENT.fullmatch(extension):
-                problems.append(f"'$({extension})': only $(arg name) is allowed")
+            if (found := _PACKAGE.fullmatch(extension)) and package(found[1]) is None:
+                problems.append(
+                    f"'$({extension})': no package.xml of that name in the folders above or in ROS_PACKAGE_PATH"
+                )
+            elif not found and not _ARGUMENT.fullmatch(extension):
+                problems.append(f"'$({extension})': only $(arg name) and $(find package) are allowed")
         else:
             try:
                 tree = arithmetic.parsed(expression)
@@ -270,9 +288,11 @@ class _Guard:
 
     def argument(self, text: str) -> str:
         self.charge(1)
+        if (package := _PACKAGE.fullmatch(text[2:-1])) and (folder := self.files.package(package[1])) is not None:
+            return str(folder)
         found = _ARGUMENT.fullmatch(text[2:-1])
         if not found:
-            raise _Refused(f"'{text}': only $(arg name) is allowed")
+            raise _Refused(f"'{text}': only $(arg name) and $(find package) are allowed")
         arguments: dict[str, str] = self.module.substitution_args_context["arg"]
         if found[1] not in arguments:
             raise NameError(f"undefined argument '{found[1]}': give it a value, or a default")

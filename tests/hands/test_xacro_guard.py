@@ -347,3 +347,76 @@ def test_a_trusted_file_may_do_all_that_xacro_does(tmp_path, monkeypatch):
 def test_broken_files_are_named(tmp_path, body):
     with pytest.raises(HandNotLoaded):
         expand_xacro(write(tmp_path, body))
+
+
+# -- packages without ROS ----------------------------------------------------------------------------------------------
+
+
+def package(folder, name, **files):
+    """A ROS package of that name with the given files."""
+    folder.mkdir(parents=True)
+    (folder / "package.xml").write_text(f"<package format='3'><name>{name}</name></package>")
+    for file, text in files.items():
+        (folder / f"{file}.xacro").write_text(text)
+    return folder
+
+
+def including(name):
+    return f'<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="{name}"/></robot>'
+
+
+LINK = '<robot xmlns:xacro="http://ros.org/wiki/xacro"><link name="from_the_package"/></robot>'
+
+
+@pytest.mark.parametrize("where", ["around it", "beside it", "on ROS_PACKAGE_PATH", "on AMENT_PREFIX_PATH"])
+def test_packages_are_found_without_ros(tmp_path, monkeypatch, where):
+    own = tmp_path / "ws" / "one"
+    places = {
+        "around it": own,
+        "beside it": tmp_path / "ws" / "hand_description",
+        "on ROS_PACKAGE_PATH": tmp_path / "elsewhere" / "hand_description",
+        "on AMENT_PREFIX_PATH": tmp_path / "elsewhere" / "share" / "hand_description",
+    }
+    package(places[where], "hand_description", part=LINK)
+    if "PATH" in where:
+        monkeypatch.setenv(where.removeprefix("on "), os.pathsep.join(["", "/none", str(tmp_path / "elsewhere")]))
+    (own / "urdf").mkdir(parents=True, exist_ok=True)
+    path = own / "urdf" / "hand.xacro"
+    path.write_text(including("$(find hand_description)/part.xacro"))
+    assert 'link name="from_the_package"' in expand_xacro(path)
+    # In attributes the folder stands for it, as in ROS.
+    path.write_text('<robot name="r"><mesh filename="file://$(find hand_description)/a.stl"/></robot>')
+    assert f"file://{places[where]}/a.stl" in expand_xacro(path)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "$(find hand_description)/../../secret.xacro",
+        "$(find hand_description)/$(find hand_description)/part.xacro",
+        "$(find hand_description)/*.xacro",
+        "$(find ..)/secret.xacro",
+        "$(find other)/part.xacro",
+        "$(find hand_description)/$(arg a).xacro",
+    ],
+)
+def test_nothing_outside_of_a_package_is_read(tmp_path, name):
+    (tmp_path / "secret.xacro").write_text(LINK)
+    (tmp_path / "ws").mkdir()
+    package(tmp_path / "ws" / "hand_description", "hand_description", part=LINK)
+    package(tmp_path / "ws" / "other", "not_other", part=LINK)  # its package.xml says who it is
+    path = tmp_path / "ws" / "hand_description" / "hand.xacro"
+    path.write_text(including(name))
+    with pytest.raises(HandNotLoaded, match="trusted=True"):
+        expand_xacro(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"<package><name>", b"\xff\xfe\x00", b"<!DOCTYPE a><package/>", b"<package/>"]
+)
+def test_broken_package_files_name_no_package(tmp_path, content):
+    (tmp_path / "package.xml").write_bytes(content)
+    path = tmp_path / "hand.xacro"
+    path.write_text(including("$(find hand_description)/part.xacro"))
+    with pytest.raises(HandNotLoaded, match=r"no package.xml of that name"):
+        expand_xacro(path)
