@@ -48,7 +48,7 @@ TRIALS = {
 }
 COLUMNS = (
     *("hand", "object", "width_mm", "mass_g", "tried", "found", "status", "closure", "quality", "contacts", "force_N"),
-    *("push_N", "hit_N", "error", *TRIALS, "search_s", "plan_s", "good", "why"),
+    *("push_N", "hit_N", "error", "foreseen", *TRIALS, "search_s", "plan_s", "good", "why"),
 )
 
 
@@ -139,6 +139,7 @@ def _row(hand: pg.HandModel, shape: str, samples: int, seed: int, found: dict) -
             before = seen.times < plan.forces.impact_time - 5e-3
             found["hit_N"] = f"{seen.normal_forces[before].max():.3g}"
             found["error"] = f"{seen.verdict.force_error:.3g}"
+            found["foreseen"] = f"{seen.verdict.settled_error:.3g}"
             found["why"] = "; ".join(filter(None, [found["why"], seen.verdict.reason]))[:300]
     good = plan.status == "ok" and margins.force_closure and all(found[trial] for trial in TRIALS)
     return found | {"good": good}

@@ -204,7 +204,10 @@ def _description(record: dict[str, Any]) -> str:
                 inertial = ElementTree.SubElement(link, "inertial")
                 ElementTree.SubElement(inertial, "mass", value="0")
                 ElementTree.SubElement(inertial, "inertia", dict.fromkeys(_MOMENTS, "0"))
+        types = [joint.get("type") for joint in robot.findall("joint")]
         prepare(source, robot, Path())
+        if [joint.get("type") for joint in robot.findall("joint")] != types:
+            raise HandNotLoaded(source, "a joint without a way to go: make it fixed, as in every record")
     except RecursionError:
         raise HandNotLoaded(source, "expected a description, got elements nested without end") from None
     return same

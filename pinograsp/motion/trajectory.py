@@ -329,6 +329,7 @@ class _Planning:
             for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
             if 0 < limit < peak
         ]
+        planned = self.problem.compliance.normal_force(self.profile.final_depth)
         status = Status.OK if self.clear else Status.EARLY_CONTACT
         status = status if self.within_limits else Status.JOINT_LIMIT
         return Motion(
@@ -341,6 +342,7 @@ class _Planning:
             ddq=frozen(path.ddq),
             torques=frozen(total),
             holding_torques=frozen(holding),
+            settled_forces=frozen(np.array(planned if self.pressed is None else self.pressed.rest.normal)),
             forces_o=frozen(np.concatenate([np.zeros((self.impact, self.problem.k, 3)), self.forces_o])),
             contact_velocities=frozen(self.velocities),
             tracking_error=frozen(self.tracking),

@@ -23,6 +23,8 @@ class Motion:
         ddq: joint accelerations (m, n) [rad/s^2 or m/s^2].
         torques: (m, n) [N m or N].
         holding_torques: torques that hold still after t_F (n,) [N m or N].
+        settled_forces: normal forces once the object is let go (k,) [N], as foreseen: the planned ones, and of a closed
+            hand what friction that built up while it pressed leaves of them.
         forces_o: contact forces on the object, world axes (m, k, 3) [N].
         contact_velocities: velocities of the contact points J dq, zero before the impact (m, k, 3) [m/s].
         tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the
@@ -42,6 +44,7 @@ class Motion:
     ddq: Array
     torques: Array
     holding_torques: Array
+    settled_forces: Array
     forces_o: Array
     contact_velocities: Array
     tracking_error: Array

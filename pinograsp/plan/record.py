@@ -194,6 +194,7 @@ class PlanRecord:
             "ddq": motion.ddq,
             "torques": motion.torques,
             "holding_torques": motion.holding_torques,
+            "settled_forces": motion.settled_forces,
             "forces_o": motion.forces_o,
             "contact_velocities": motion.contact_velocities,
             "slip": motion.slip,

@@ -25,6 +25,8 @@ class Verdict:
         force_error: largest |F_n - planned| / planned at the end, by part of the hand that should touch (planned: a
             twentieth of the largest at least).
         force_errors: each.
+        settled_error: as ``force_error``, of the forces that the plan foresees once the object is let go; None where it
+            never was.
         penetration_error: largest |depth - planned| in the last tenth of the hold, as for the forces [m].
         slipped: parts that slipped by more than 0.1 mm after the release.
         unplanned: parts that touch without being planned.
@@ -49,6 +51,7 @@ class Verdict:
     limit_hits: tuple[str, ...]
     saturated: tuple[str, ...]
     energy_error: float | None
+    settled_error: float | None = None
     causes: tuple[str, ...] = ()
     remedies: tuple[str, ...] = ()
 
@@ -66,6 +69,7 @@ class Verdict:
             "turn_deg": self.turn,
             "force_error": self.force_error,
             "force_errors": dict(self.force_errors),
+            "settled_error": self.settled_error,
             "penetration_error_mm": 1e3 * self.penetration_error,
             "slipped": list(self.slipped),
             "unplanned_contacts": list(self.unplanned),
@@ -197,6 +201,8 @@ class Simulation:
             f"  drift {1e3 * v.drift:.3f} mm, tilt {v.tilt:.3f} deg, turn {v.turn:.3f} deg",
             f"  largest force error {100 * v.force_error:.2f} %, penetration error {1e3 * v.penetration_error:.4f} mm",
         ]
+        if v.settled_error is not None and v.settled_error < 0.5 * v.force_error:
+            lines.append(f"  {100 * v.settled_error:.2f} % off what the plan foresees once the object is let go")
         for i, part in enumerate(self.parts):
             lines.append(
                 f"  {part}: F_n {self.normal_forces[-1, i]:.3f} N (planned {self.planned_forces[i]:.3f} N), "

@@ -279,8 +279,9 @@ def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float)
     if schedule.disturbance.stiffness > 1.0:
         light = light.replace("a light object swings", "a light or hard object swings")
     joints = [task.joint_of(link) for link in task.links]
-    planned = np.zeros(trial.engine.parts)
+    planned, settled = np.zeros((2, trial.engine.parts))
     np.add.at(planned, joints, task.normal_forces)
+    np.add.at(settled, joints, task.settled_forces)
 
     def column(name: str) -> Array:
         return np.array([getattr(sample, name) for sample in samples])
@@ -316,6 +317,7 @@ def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float)
         task,
         history,
         np.array(depths),
+        settled[shown],
         released,
         gone=trial.gone,
         shaken=period,

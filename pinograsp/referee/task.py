@@ -36,6 +36,7 @@ class Task:
         points_o: contact points (k, 3) [m].
         forces_o: planned at the end, on the object (k, 3) [N].
         normal_forces: planned at the end (k,) [N].
+        settled_forces: foreseen once the object is let go (k,) [N].
         depths: planned penetration at the end (k,) [m].
         mu: friction coefficients (k,).
         torsion: largest moment about a normal per newton [m].
@@ -59,6 +60,7 @@ class Task:
     points_o: Array
     forces_o: Array
     normal_forces: Array
+    settled_forces: Array
     depths: Array
     mu: Array
     torsion: float
@@ -107,6 +109,7 @@ class Task:
             points_o=contacts.points_o,
             forces_o=motion.forces_o[-1],
             normal_forces=forces.normal_history[-1],
+            settled_forces=motion.settled_forces,
             depths=forces.final_depths,
             mu=record.friction.mu,
             torsion=record.friction.torsion,

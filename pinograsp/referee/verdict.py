@@ -23,6 +23,7 @@ def verdict_of(
     task: Task,
     history: History,
     depths: Array,
+    settled: Array,
     release: float | None,
     *,
     gone: bool,
@@ -36,6 +37,7 @@ def verdict_of(
         task: what was simulated.
         history: the samples.
         depths: planned penetration of the history's parts (p,) [m].
+        settled: their normal forces (p,) [N] once the object is let go, as the plan foresees them.
         release: when the object was let go [s]; None: never.
         gone: whether the object was so far away that the simulation ended early.
         support: of the object until it was let go.
@@ -60,10 +62,8 @@ def verdict_of(
     last = slice(min(times.size - 1, times.size - max(1, (times.size - complete) // 10)), None)
     should = planned > 0
     # Errors of small forces are relative to a twentieth of the largest force.
-    errors = (
-        np.abs(normal[last].mean(axis=0) - planned)[should]
-        / np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
-    )
+    size = np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
+    errors, foreseen = (np.abs(normal[last].mean(axis=0) - one)[should] / size for one in (planned, settled))
     labels = [name for name, wanted in zip(parts, should) if wanted]
     missed = np.abs(history.depths[last].mean(axis=0) - depths)[should]
     slipped = history.slips[-1] - history.slips[complete] > SLIPPED
@@ -79,6 +79,7 @@ def verdict_of(
         turn=turn,
         force_error=float(errors.max(initial=0.0)),
         force_errors=dict(zip(labels, errors.tolist())),
+        settled_error=None if release is None else float(foreseen.max(initial=0.0)),
         penetration_error=float(missed.max(initial=0.0)),
         slipped=tuple(name for name, yes in zip(parts, slipped) if yes),
         unplanned=tuple(name for name, wanted, found in zip(parts, should, touched) if found and not wanted),

@@ -233,6 +233,7 @@ class CheckDocument(Part):
     joint_limit_hits: Texts
     saturated: Texts
     energy_error: Number | None
+    settled_error: Number | None = None
     causes: Texts = []
     remedies: Texts = []
     engine: StrictStr

@@ -58,6 +58,7 @@ def read_simulation(folder: Path) -> Simulation:
         limit_hits=tuple(found.joint_limit_hits),
         saturated=tuple(found.saturated),
         energy_error=found.energy_error,
+        settled_error=found.settled_error,
         causes=tuple(found.causes),
         remedies=tuple(found.remedies),
     )

@@ -10,6 +10,7 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.objects import Box
+from pinograsp.planner import plan_best
 from pinograsp.referee import simulate
 from pinograsp.referee.sample import History
 from pinograsp.referee.task import Task
@@ -32,7 +33,7 @@ def judged():
         poses[:] = poses[seen.complete]
         poses[:, 0, 3] += course(since)
         moved = replace(history, object_poses=poses)
-        return verdict_of(task, moved, depths, plan.forces.final_time, gone=False, shaken=shaken)
+        return verdict_of(task, moved, depths, task.settled_forces, plan.forces.final_time, gone=False, shaken=shaken)
 
     return verdict
 
@@ -67,3 +68,19 @@ def test_light_objects_get_steps_that_resolve_their_swings(mass):
     assert any("a light object swings fast" in note for note in seen.notes)
     fixed = simulate(plan, hold=0.1, time_step=1e-3, release=False)
     assert fixed.time_step == 1e-3 and not any("light" in note for note in fixed.notes)
+
+
+@pytest.mark.slow
+def test_what_the_plan_foresees_after_letting_go_is_compared_too():
+    """Friction that builds up while coupled fingers press changes the forces; the plan says by how much."""
+    hand, conditions = pg.load_hand("psyonic_left"), pg.GraspConditions(mu=0.6)
+    body = pg.Cylinder(radius=0.024, height=0.12, mass=0.06)
+    plan = plan_best(pg.find_grasps(hand, body, conditions, count=8, seed=3, jobs=1, progress=False), conditions)
+    simulation = simulate(plan, hold=0.6, time_step=5e-4)
+    planned, settled = plan.forces.normal_forces, plan.motion.settled_forces
+    order = [simulation.parts.index(name) for name in plan.contacts.names]
+    end = simulation.normal_forces[simulation.times > simulation.times[-1] - 0.05][:, order].mean(axis=0)
+    off = np.abs(end - settled) / np.maximum(planned, 0.05 * planned.max())
+    assert simulation.verdict.settled_error == pytest.approx(off.max(), abs=0.02)
+    assert np.abs(end - settled).sum() < max(np.abs(end - planned).sum(), 0.03 * planned.sum())
+    assert simulate(plan, release=False, hold=0.0, time_step=5e-4).verdict.settled_error is None
