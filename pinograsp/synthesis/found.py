@@ -31,8 +31,9 @@ from pinograsp.spatial import Array
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
 SOUND = 2  # rank of a grasp that bears the reserve on contacts that are sure
-# What a squeeze of the first rank may sum up to: times the weight, or newtons per contact.
-_CRUSHING, _CRUMB = 15.0, 0.15
+# What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
+# contact.
+_CRUSHING, _GENTLE, _CRUMB = 15.0, 8.0, 0.15
 DOUBTFUL = 0.05  # share of the normal forces that a grasp of the first rank may have there
 
 
@@ -73,10 +74,17 @@ class FoundGrasp:
     @property
     def sound(self) -> int:
         """2: bears the reserve; 1: with doubtful contacts or a squeeze that crushes; 0: does not bear it."""
+        return int(self.bears) * (SOUND if self._within(_CRUSHING) and self.doubtful <= DOUBTFUL else 1)
+
+    @property
+    def gentle(self) -> bool:
+        """Sound, with a squeeze that more of a search would hardly make less."""
+        return self.sound == SOUND and self._within(_GENTLE)
+
+    def _within(self, times: float) -> bool:
+        """Whether the squeeze sums up to no more than so many times the weight, or to next to nothing."""
         problem = self.forces.problem
-        weight = float(np.linalg.norm(problem.load[:3]))
-        gentle = self.squeeze <= max(_CRUSHING * weight, _CRUMB * problem.k)
-        return int(self.bears) * (SOUND if gentle and self.doubtful <= DOUBTFUL else 1)
+        return self.squeeze <= max(times * float(np.linalg.norm(problem.load[:3])), _CRUMB * problem.k)
 
     @property
     def worth(self) -> tuple[int, float, float, float]:

@@ -19,7 +19,7 @@ from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hulls
 from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import Array
-from pinograsp.synthesis.found import SOUND, FoundGrasp, hold
+from pinograsp.synthesis.found import FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centred
 from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refined
 from pinograsp.synthesis.seeds import Pairs, pairs_of
@@ -33,7 +33,7 @@ _ENOUGH = 24  # of them
 _NEAREST = 12  # preshapes nearest in width to a pair, of which one is taken
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
-_TRIES, _MOST_TRIES = 5, 20  # motions that are tried of the best of a batch, and as long as it is not sound
+_TRIES, _MOST_TRIES = 5, 20  # motions that are tried of the best of a batch, and as long as it is not gentle
 _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of the object's radius, of ranges; angle
 
 
@@ -122,7 +122,7 @@ def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
         return Batch(outcomes, None)
     posed, tried = best
     for attempt in range(_MOST_TRIES):
-        if attempt >= _TRIES and tried.grasp is not None and tried.grasp.sound == SOUND:
+        if attempt >= _TRIES and tried.grasp is not None and tried.grasp.gentle:
             break
         moved = _moved(case, posed, rng, 1.0 - attempt % _TRIES / _TRIES)
         other = _closed(case, moved)
