@@ -20,6 +20,7 @@ class Status(str, Enum):
     NOT_TRACKED = "not_tracked"
     JOINT_LIMIT = "joint_limit"
     EARLY_CONTACT = "early_contact"
+    DOUBTFUL = "doubtful"
     INFEASIBLE = "infeasible"
     INACCURATE = "inaccurate"
     NOT_REACHED = "not_reached"
@@ -165,6 +166,10 @@ _MEANINGS = {
     Status.EARLY_CONTACT: _Meaning(
         0,
         "A link hits the object, or another link, before it is grasped: the motion's remedy names it. Start elsewhere.",
+    ),
+    Status.DOUBTFUL: _Meaning(
+        0,
+        "Forces act on edges of the object, or where links are hollow: a small error turns them. Take another grasp.",
     ),
     Status.INFEASIBLE: _Meaning(
         3,

@@ -165,6 +165,12 @@ def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run, simula
         ),
         (not_tracked, "held", "caution", "Smaller steps. Held in simulation."),
         (not_tracked, "lost", "no", "No. Lost in simulation: it fell."),
+        (
+            ended(plain, Status.DOUBTFUL, "On edges"),
+            None,
+            "caution",
+            "Not certain: the contact forces hold the load, but",
+        ),
     ):
         told = does_it_hold(changed, simulated[check])
         assert told.level == level and words in told.text and told.text.startswith("Yes. ") == (level == "yes")

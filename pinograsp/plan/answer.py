@@ -49,6 +49,8 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     if status is Status.NOT_TRACKED:
         text = f"Not certain: {_LOAD}, but the hand cannot follow their paths. {plan.remedy}{tried}"
         return Answer("caution", text)
+    if status is Status.DOUBTFUL:
+        return Answer("caution", f"Not certain: {_LOAD}, but {plan.remedy}.{tried}")
     if status is Status.UNBALANCED:
         left = f"{number(plan.forces.residual_force, 3)} N and {number(plan.forces.residual_moment, 3)} N m"
         return Answer("caution", f"Almost: {_LOAD} but for {left}.{tried}")

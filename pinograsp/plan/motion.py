@@ -14,7 +14,8 @@ class Motion:
     """Joint trajectory and torques from t = 0 to t_F.
 
     Attributes:
-        status: ``OK``, ``JOINT_LIMIT`` or ``NOT_TRACKED``.
+        status: ``OK``, ``JOINT_LIMIT``, ``NOT_TRACKED`` or ``EARLY_CONTACT``; ``DOUBTFUL`` where a reserve hangs on
+            contacts that a small error changes.
         notes: position and effort limits met or exceeded, by joint.
         times: (m,) [s].
         impact: the sample at t_I, the last of the approach and the first of the grasp phase.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -11,8 +12,9 @@ import numpy as np
 from pinograsp.checks import instance_of, read_only
 from pinograsp.contacts import PALM, Closure
 from pinograsp.contacts.clearance import HOLLOW, behind_hulls
+from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
 from pinograsp.contacts.quality import on_edges
-from pinograsp.errors import SearchFailed
+from pinograsp.errors import SearchFailed, Status
 from pinograsp.forces import ConvexSolution, ForceSolution, GlobalSolution, GridSolution, Reserve, RobustForces
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -50,6 +52,8 @@ def assembled(
     """The plan of a hand that is to bring these forces about by this motion."""
     problem, contacts, friction = solution.problem, solution.problem.contacts, solution.problem.friction
     compliance = problem.compliance
+    if closure is not None and reserve is not None:
+        motion = _in_doubt(hand, solution, motion)
     closed = () if closure is None else closure.notes
     return GraspPlan(
         layout=Layout(
@@ -91,6 +95,19 @@ def assembled(
         solution=solution,
         closure=closure,
     )
+
+
+def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion) -> Motion:
+    """The motion with its status, where the reserve hangs on contacts that a small error changes."""
+    problem = solution.problem
+    if motion.status is not Status.OK or problem.object is None:
+        return motion
+    share = doubtful_share(hand, problem.object, problem.contacts, solution.normal_forces)
+    if share <= DOUBTFUL:
+        return motion
+    where = f"{100 * share:.0f} % of the normal forces act on edges of the object or where links are hollow"
+    remedy = f"{where}: a small error turns them. Take another grasp, or more samples"
+    return replace(motion, status=Status.DOUBTFUL, remedy=remedy)
 
 
 def reserve_of(reserve: Reserve, squeeze: RobustForces, tried: int, unrestricted: float) -> PlanReserve:

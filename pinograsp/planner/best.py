@@ -13,10 +13,10 @@ from pinograsp.forces import GraspConditions
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.planning import Search, plan_grasp_on
 from pinograsp.synthesis import GraspSearch
-from pinograsp.synthesis.found import DOUBTFUL, SOUND, doubtful_share
+from pinograsp.synthesis.found import SOUND
 
 _FAR = 0.02  # slip of a contact while it presses, relative to the object's size
-_TRIES = 4  # plans with such a slip, or that rely on doubtful contacts, before the first of them is taken
+_TRIES = 4  # plans with such a slip before the first of them is taken
 
 
 def plan_best(
@@ -30,8 +30,7 @@ def plan_best(
 ) -> GraspPlan:
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
-    Those whose contacts slide far while they press, or bear on edges of the object and on hollow links more than the
-    search saw, come after the others.
+    Those whose contacts slide far while they press come after the others.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -43,7 +42,7 @@ def plan_best(
 
     Returns:
         The first plan that is ``OK``; where none is, that of the best grasp that could be planned, with its status.
-        Of each only those that slide or bear so, if the first few are all like that.
+        One whose contacts slide far only if the first few all do.
 
     Raises:
         GraspNotFound: the search found no grasp.
@@ -81,8 +80,6 @@ def plan_best(
 
 
 def _firm(plan: GraspPlan, closure: Closure) -> bool:
-    """Whether the contacts stay where they press, and bear on surfaces that are sure."""
-    body, slip = closure.object, np.asarray(plan.motion.slip)
-    if slip.size and slip.max() > _FAR * body.bounding_radius:
-        return False
-    return doubtful_share(closure.hand, body, plan.problem.contacts, plan.forces.normal_forces) <= DOUBTFUL
+    """Whether the contacts stay where they press."""
+    slip = np.asarray(plan.motion.slip)
+    return not slip.size or float(slip.max()) <= _FAR * closure.object.bounding_radius

@@ -12,8 +12,8 @@ from pinograsp.contacts import (
     Closure,
     ContactSet,
 )
-from pinograsp.contacts.clearance import HOLLOW, behind_hulls
-from pinograsp.contacts.quality import ferrari_canny, on_edges
+from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
+from pinograsp.contacts.quality import ferrari_canny
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     ForceProblem,
@@ -34,7 +34,6 @@ SOUND = 2  # rank of a grasp that bears the reserve on contacts that are sure
 # What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
 # contact.
 _CRUSHING, _GENTLE, _CRUMB = 15.0, 8.0, 0.15
-DOUBTFUL = 0.05  # share of the normal forces that a grasp of the first rank may have there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,12 +129,6 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
         energy=forces.certificate.objective,
         load_factor=load_factor(problem, impact_time=impact_time),
     )
-
-
-def doubtful_share(hand: HandModel, body: Body, contacts: ContactSet, normal_forces: Array) -> float:
-    """Share [-] of normal forces (k,) that act where a small error turns them, or where a link is hollow."""
-    doubtful = on_edges(body, contacts) | (behind_hulls(hand, contacts) > HOLLOW)
-    return float(normal_forces[doubtful].sum() / normal_forces.sum())
 
 
 def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve) -> Array | None:
