@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -44,16 +46,16 @@ class SelfCollisions:
         ]
         if coupled:
             linked = self._linked(hand, coupled)
-            kept = np.array([tuple(pair) not in linked for pair in self.pairs.tolist()])
+            kept = np.array([(self.links[a], self.links[b]) not in linked for b, a in self.pairs.tolist()])
             self.pairs, self.reach = self.pairs[kept], self.reach[kept]
 
-    def _linked(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[int, int]]:
-        """The pairs that overlap over half of the hand's range or more."""
-        overlaps = np.zeros(len(coupled), dtype=int)
+    def _linked(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[str, str]]:
+        """Names of the links that overlap over half of the hand's range or more."""
+        overlaps: Counter[tuple[str, str]] = Counter()
         for share in np.linspace(0.0, 1.0, _LOOKS):
             pin.forwardKinematics(self.model, self.data, hand.lower + share * (hand.upper - hand.lower))
-            overlaps += [self._collide(*pair) for pair in coupled]
-        return {pair for pair, count in zip(coupled, overlaps) if 2 * count >= _LOOKS}
+            overlaps.update({(self.links[a], self.links[b]) for b, a in coupled if self._collide(b, a)})
+        return {names for names, count in overlaps.items() if 2 * count >= _LOOKS}
 
     def at(self, q: Array) -> set[tuple[str, str]]:
         """Names of the links that overlap at a posture q (n,), pair by pair."""

@@ -1007,6 +1007,7 @@ def test_bars_of_a_linkage_are_no_fingers(tmp_path):
     # The bars overlap the fingers that they carry, which no motion of the one motor can change.
     for share in np.linspace(0, 1, 5):
         assert not SelfCollisions(hand).at(hand.lower + share * (hand.upper - hand.lower))
+    assert not any(SelfCollisions(load_hand("baxter_left")).at(np.array([q])) for q in (0.0, 0.01, 0.02))  # by design
     named = load_hand(path, fingers={"left": "left_finger", "bar": "left_inner_knuckle"})
     assert [finger.name for finger in named.fingers] == ["left", "bar"]
 
