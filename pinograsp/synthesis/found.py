@@ -47,7 +47,8 @@ class FoundGrasp:
         quality: what the contacts withstand in their weakest direction per newton of squeeze [-], moments over the
             reserve's arm, with the friction that the reserve relies on; 0 without force closure.
         squeeze: sum of the normal forces [N] of a squeeze that the hand can make, and that bears the reserve within the
-            torque limits; infinity: there is none.
+            torque limits; infinity: there is none. Without a reserve that of ``forces``.
+        reserved: whether there is a reserve to bear.
         doubtful: share of that squeeze [-] that acts on edges of the object, where a small error turns it, or where a
             link is hollow behind its convex hull.
         energy: objective of the forces.
@@ -59,6 +60,7 @@ class FoundGrasp:
     forces: ForceSolution
     quality: float
     squeeze: float
+    reserved: bool
     doubtful: float
     energy: float
     load_factor: float
@@ -87,10 +89,10 @@ class FoundGrasp:
 
     @property
     def worth(self) -> tuple[int, float, float, float]:
-        """Of two grasps the one of which this is larger ranks first: sound ones by the least squeeze that bears the
-        reserve, others by what they withstand in the weakest direction per newton.
+        """Of two grasps the one of which this is larger ranks first: by the least squeeze that bears the reserve;
+        without one, since the cheapest balance is a cradle, by what they withstand in the weakest direction per newton.
         """
-        return self.sound, -self.squeeze, self.quality, self.load_factor
+        return self.sound, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
 
 
 def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, FoundGrasp | None]:
@@ -125,6 +127,7 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
         forces=forces,
         quality=float(quality.lower),
         squeeze=np.inf if squeeze is None else float(squeeze.sum()),
+        reserved=conditions.reserve is not None,
         doubtful=doubtful_share(closure.hand, closure.object, contacts, borne),
         energy=forces.certificate.objective,
         load_factor=load_factor(problem, impact_time=impact_time),

@@ -338,10 +338,10 @@ def test_binary_case_file_and_strange_hands(command, tmp_path):
     code, _, err = command("plan", "case.yaml")
     assert code == 2 and "well-formed" in err
     text = (urdf_folder() / "humanoid_hand.urdf").read_text()
-    start, end = text.index("<inertial>", text.index('"thumb_metacarpal"')), text.index("<visual>")
-    (tmp_path / "broken.urdf").write_text(text[:start] + text[end:])
+    start = text.index("<mass", text.index('"thumb_metacarpal"'))
+    (tmp_path / "broken.urdf").write_text(text[:start] + text[text.index("/>", start) + 2 :])
     code, _, err = command("plan", "case.yaml")
-    assert code == 2 and "has no <inertial>" in err
+    assert code == 2 and "<inertial> needs both" in err
     assert {path.name for path in tmp_path.iterdir()} == {"case.yaml", "broken.urdf"}
 
 

@@ -89,6 +89,7 @@ def run_with(hand, seed: int = 0) -> PlanRecord:
         ddq=np.zeros_like(q),
         torques=0.1 * q,
         holding_torques=0.1 * q[-1],
+        settled_forces=strength[-1],
         forces_o=forces,
         contact_velocities=np.zeros_like(forces),
         tracking_error=np.zeros(k),
