@@ -3,9 +3,10 @@
     python benchmarks/servos.py --seed 7 [--hands NAME ...] [--jobs 2]
 
 Every plan of ``grasps.py`` is played by joint servos of 1, 3, 10 and 50 N m/rad (sliding joints 1 / (30 mm)^2 times as
-stiff) on contacts a fifth, once and 20 times as stiff as planned. Three rules give the positions that are sent:
+stiff) on contacts a fifth, once and 20 times as stiff as planned. Four rules give the positions that are sent:
 
 - ``plan``: q + tau / kp, what ``plan.to_csv(command="position", stiffness=kp)`` hands over: tau are the plan's torques;
+- ``stiffness``: the same of a plan that is to bear these contacts, ``Reserve(softer=5, stiffer=20)``;
 - ``twice``: from t_I on to 2 q_touch - q_before, q_before being the posture on the straight way from the open hand in
   which fingertips still have 10 mm to go: squeeze as far beyond the touch as the fingers were open before it;
 - ``contact``: q_touch + J^T f / kp, the planned forces on the posture of touch, without gravity and depth.
@@ -34,22 +35,48 @@ import pinograsp as pg
 from pinograsp.contacts import fingertips
 from pinograsp.errors import PinograspError
 from pinograsp.planner import plan_best
+from pinograsp.planner.compliance import servo_gains
 from pinograsp.referee.settings import Disturbance, Servo
 
 HERE = Path(__file__).resolve().parent
-GAINS, FACTORS, RULES = (1.0, 3.0, 10.0, 50.0), (0.2, 1.0, 20.0), ("plan", "twice", "contact")
+GAINS, FACTORS, RULES = (1.0, 3.0, 10.0, 50.0), (0.2, 1.0, 20.0), ("plan", "stiffness", "twice", "contact")
 HANDS = ("allegro_left", "psyonic_left", "g1_left", "talos_left", "tiago_pro_left")
+EMPTY = dict.fromkeys(
+    [
+        "hand",
+        "object",
+        "rule",
+        "gain",
+        "factor",
+        "told",
+        "held",
+        "inside",
+        "planned_N",
+        "lowest_N",
+        "highest_N",
+        "simulated_N",
+        "why",
+    ],
+    "",
+)
 BEFORE, HOLD, LEVER, ROUNDING = 0.01, 0.6, 0.03, 0.02  # [m], [s], [m], share of a force
 
 
-def gains_of(hand: pg.HandModel, gain: float) -> np.ndarray:
-    slides = np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names])
-    return np.where(slides, gain / LEVER**2, gain)
+def with_servos(hand: pg.HandModel, gain: float) -> pg.HandModel:
+    """The hand with a position servo at every joint that has a motor of its own."""
+    drives = []
+    for drive in hand.drives:
+        if len(drive.joints) == 1:
+            slides = hand.is_prismatic(hand.model.getJointId(drive.joints[0]))
+            own = gain / LEVER**2 if slides else gain
+            drive = replace(drive, control="position", stiffness=own / drive.arms[0] ** 2)
+        drives.append(drive)
+    return hand.with_drives(drives)
 
 
 def sent(plan: pg.GraspPlan, rule: str, gains: np.ndarray) -> tuple[pg.GraspPlan, Servo]:
     """The plan with the positions that a rule sends, and the servos that follow them."""
-    if rule == "plan":  # q + tau / kp at the motors is the same as servos with tau as feed-forward
+    if rule in ("plan", "stiffness"):  # q + tau / kp at the motors is the same as servos with tau as feed-forward
         return plan, Servo.of(plan.hand, gains)
     motion = plan.motion
     # At rest the torques are J^T f and gravity's.
@@ -73,20 +100,27 @@ def sent(plan: pg.GraspPlan, rule: str, gains: np.ndarray) -> tuple[pg.GraspPlan
 
 def rows(hand_name: str, shape: str, seed: int) -> list[dict]:
     """What came of one hand and one object."""
-    hand = pg.load_hand(hand_name)
-    conditions = pg.GraspConditions(mu=MU)
-    try:
-        body = thing(shape, width(hand))
-        plan = plan_best(
-            pg.find_grasps(hand, body, conditions, count=16, seed=seed, jobs=1, progress=False), conditions
-        )
-    except PinograspError as error:
-        return [{"hand": hand_name, "object": shape, "rule": "", "why": str(error)[:200]}]
-    found = []
+    bare, conditions, found = pg.load_hand(hand_name), pg.GraspConditions(mu=MU), []
+    body = thing(shape, width(bare))
+    bearing = replace(conditions, reserve=pg.Reserve(softer=1 / FACTORS[0], stiffer=FACTORS[-1]))
     for gain in GAINS:
-        gains = gains_of(plan.hand, gain)
-        band, stable = plan.force_band(gains, FACTORS), plan.object_stiffness(gains).is_stable()
+        hand, plans = with_servos(bare, gain), {}
+        gains = servo_gains(hand)
+        try:
+            grasps = pg.find_grasps(hand, body, conditions, count=16, seed=seed, jobs=1, progress=False)
+        except PinograspError as error:
+            found.append(EMPTY | {"hand": hand_name, "object": shape, "gain": gain, "why": str(error)[:200]})
+            continue
         for rule in RULES:
+            try:
+                if rule in ("plan", "stiffness"):
+                    plans[rule] = plan_best(grasps, bearing if rule == "stiffness" else conditions)
+                plan = plans[rule] if rule in plans else plans["plan"]
+            except (PinograspError, KeyError) as error:
+                none = {"hand": hand_name, "object": shape, "rule": rule, "gain": gain, "why": str(error)[:200]}
+                found.append(EMPTY | none)
+                continue
+            band, stable = plan.force_band(gains, FACTORS), plan.object_stiffness(gains).is_stable()
             moved, servo = sent(plan, rule, gains)
             for i, factor in enumerate(FACTORS):
                 seen = pg.simulate(moved, servo=servo, hold=HOLD, disturbance=Disturbance(stiffness=factor))
@@ -126,7 +160,7 @@ def summary(found: list[dict]) -> str:
     ]
     for rule in RULES:
         for gain in (*GAINS, None):
-            own = [one for one in found if one["rule"] == rule and gain in (None, one["gain"])]
+            own = [one for one in found if one["rule"] == rule and gain in (None, one["gain"]) and one["held"] != ""]
             told = [one for one in own if one["told"]]
             if own:
                 inside = np.mean([float(one["inside"]) for one in told]) if told else np.nan

@@ -16,7 +16,7 @@ from pinograsp.actuation.compliant_hand import CompliantHand
 from pinograsp.actuation.squeeze import NEGLIGIBLE, Squeeze
 from pinograsp.checks import array_of, brief, frozen, number, shown
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceSolution
+from pinograsp.forces import ForceSolution, StiffnessScenario
 from pinograsp.spatial import Array, BoolArray
 
 FACTORS = (0.2, 0.5, 1.0, 2.0, 5.0, 20.0)
@@ -129,6 +129,36 @@ def force_band(
             tangential forces on contacts that have no tangential stiffness.
     """
     return _band(Squeeze.of(solution, hand, tangential_ratio), _factors_of(factors))
+
+
+def stiffness_scenarios(
+    solution: ForceSolution, hand: CompliantHand, factors: ArrayLike, *, tangential_ratio: float = 2 / 3
+) -> tuple[StiffnessScenario, ...]:
+    """What the normal forces of a squeeze near ``solution`` become where K is ``factors`` (s,) times that of the plan.
+
+    At the solution itself they are those of :func:`force_band`; around it they follow to first order.
+
+    Raises:
+        InvalidInput: as for :func:`force_band`.
+    """
+    squeeze, found = Squeeze.of(solution, hand, tangential_ratio), []
+    planned, G = squeeze.planned.ravel(), solution.problem.contacts.G
+    back = np.linalg.pinv(G, rcond=_EQUAL)
+    for factor in _factors_of(factors).tolist():
+        settled = squeeze.settled(factor)
+        change = squeeze.response(factor, settled)
+        offset = settled.forces.ravel() - change @ planned
+        # They balance what the planned ones do: of rounding nothing may be left, where contacts leave no choice.
+        change = (change - back @ (G @ change - G))[2::3]
+        offset = (offset - back @ (G @ offset))[2::3]
+        found.append(
+            StiffnessScenario(
+                normal=frozen(np.array(change[:, 2::3])),
+                tangential=frozen(np.delete(change, np.s_[2::3], axis=1)),
+                offset=frozen(np.array(offset)),
+            )
+        )
+    return tuple(found)
 
 
 def gains_within(

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinograsp.actuation.compliant_hand import CompliantHand, yielding_motions
+from pinograsp.actuation.compliant_hand import CompliantHand, inverse_of, yielding_motions
 from pinograsp.actuation.quasistatic import normal_stiffness
 from pinograsp.checks import instance_of, number
 from pinograsp.errors import InvalidInput
@@ -35,11 +35,16 @@ NEGLIGIBLE = 1e-6  # of the largest force: contacts that were not planned to pre
 
 
 class Settled(NamedTuple):
-    """An equilibrium: forces (k, 3) [N], the object's shift (6,) [m, rad], and whether it is one."""
+    """An equilibrium: forces (k, 3) [N], motions (p,) of what yields and of the object, and whether it is one."""
 
     forces: Array
-    shift: Array
+    moved: Array
     balanced: bool
+
+    @property
+    def shift(self) -> Array:
+        """The object's motion (6,), a twist [m, rad]."""
+        return self.moved[-6:]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,7 +155,7 @@ class Squeeze:
                 part /= 2
             v, energy = tried, new
         balanced = bool(np.all(np.abs(gradient) <= TOLERANCE.residual * size))
-        stuck = Settled(forces=f, shift=v[-6:], balanced=balanced)
+        stuck = Settled(forces=f, moved=v, balanced=balanced)
         share, within = self.friction(f)
         if not balanced or within.all():
             return stuck
@@ -210,7 +215,22 @@ class Squeeze:
                 v = tried
         # Whether it got there at larger friction does not matter: contacts that open make that hard, too.
         balanced = bool(np.all(np.abs(left) <= TOLERANCE.residual * size))
-        return Settled(forces=f, shift=v[-6:], balanced=True) if balanced else None
+        return Settled(forces=f, moved=v, balanced=True) if balanced else None
+
+    def response(self, factor: float, settled: Settled) -> Array:
+        """Change of the forces of an equilibrium per change of the planned ones (3k, 3k), to first order.
+
+        As if all contacts stuck, with the tangential stiffness of the forces that were planned before.
+        """
+        law, k, T = self.problem.compliance, self.problem.k, self.motions
+        depth = law.depth(self.planned[:, 2]) + (T @ settled.moved)[2::3]
+        stiff = np.diag(self.stiffness(factor)).copy()
+        stiff[2::3] = factor * law.exponent * law.stiffness * np.maximum(depth, 0.0) ** (law.exponent - 1) * (depth > 0)
+        normal = normal_stiffness(law, np.maximum(self.planned[:, 2], NEGLIGIBLE * self.planned[:, 2].max()))
+        assumed = np.column_stack([self.ratio * normal, self.ratio * normal, normal]).ravel()
+        kept = np.diag(np.divide(stiff, assumed, out=np.zeros(3 * k), where=assumed > 0))
+        yielded = inverse_of((T.T * stiff) @ T + self.yielding) @ T.T @ (np.eye(3 * k) - kept)
+        return np.asarray(kept + stiff[:, None] * (T @ yielded))
 
     @property
     def torsion_share(self) -> Array:

@@ -27,6 +27,7 @@ from pinograsp.spatial import pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
 Share = Annotated[float, Field(ge=0, lt=1)]
+Times = Annotated[float, Field(ge=1, le=1000)]
 
 
 def _pose(at: tuple[float, ...]) -> tuple[float, ...]:
@@ -44,6 +45,8 @@ class ReserveSection(Section):
     friction: Share = Reserve().friction
     normal_force: NotNegative = Reserve().normal_force
     torque: Share = Reserve().torque
+    softer: Times = Reserve().softer
+    stiffer: Times = Reserve().stiffer
 
 
 def _reserve(given: object) -> object:

@@ -77,7 +77,8 @@ def plan(
         str | None,
         typer.Option(
             help="With --hand and --object, what to bear besides the weight: none, default, or some of disturbance, "
-            "moment_arm, mass, friction, normal_force, torque: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m])."
+            "moment_arm, mass, friction, normal_force, torque, softer, stiffer: disturbance=0.5,mass=0.2 (shares; "
+            "moment_arm \\[m]; softer, stiffer: factors on the contacts' stiffness)."
         ),
     ] = None,
     solver: Annotated[str | None, typer.Option(help="auto, daqp, proxqp, osqp, quadprog, piqp or clarabel.")] = None,

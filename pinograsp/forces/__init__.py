@@ -31,7 +31,7 @@ from pinograsp.forces.reserve import (
     search_reserve,
 )
 from pinograsp.forces.robust import optimize_robust
-from pinograsp.forces.robust_forces import Reaction, RobustForces
+from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario
 from pinograsp.forces.search import SEARCHES, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
 from pinograsp.forces.solution import (
@@ -79,6 +79,7 @@ __all__ = [
     "Reserve",
     "RobustForces",
     "Sensitivity",
+    "StiffnessScenario",
     "Tolerance",
     "TorqueLimit",
     "TorqueLimits",

@@ -95,17 +95,28 @@ class Triplets:
             self._put(rows + self.height, columns + left, block[rows, columns])
         self.height += len(blocks[0][0])
 
-    def of_every_load(self, block: Array, loads: int) -> None:
-        """Append rows on x = (u, F) of one load, once for each load."""
+    def of_every_load(self, block: Array, loads: int, shares: tuple[Array, Array] | None = None) -> None:
+        """Append rows on x = (u, F) of one load, once for each load.
+
+        ``shares``: matrices (loads, k, k) and (loads, k, per_load) of the common F and of the first load's u in the F
+        of each load; None: the common F is that of all.
+        """
         if not len(block):
             return
         split = block.reshape(len(block), self._k, -1)
+        normal, across = split[:, :, -1], split[:, :, :-1].reshape(len(block), -1)
         at = self.height + len(block) * np.arange(loads)[:, None]
-        for part, left, step in ((split[:, :, -1], 0, 0), (split[:, :, :-1], self._k, self._per_load)):
-            flat = part.reshape(len(block), -1)
-            rows, columns = np.nonzero(flat)
+        parts = [(across, self._k, self._per_load)]
+        if shares is None:
+            parts.append((normal, 0, 0))
+        for part, left, step in parts:
+            rows, columns = np.nonzero(part)
             shift = left + step * np.arange(loads)[:, None]
-            self._put((rows + at).ravel(), (columns + shift).ravel(), np.tile(flat[rows, columns], loads))
+            self._put((rows + at).ravel(), (columns + shift).ravel(), np.tile(part[rows, columns], loads))
+        for share, left in zip(shares or (), (0, self._k)):
+            each = normal @ share
+            load, rows, columns = np.nonzero(each)
+            self._put(self.height + load * len(block) + rows, left + columns, each[load, rows, columns])
         self.height += loads * len(block)
 
     def _put(self, rows: IntArray, columns: IntArray, values: Array) -> None:

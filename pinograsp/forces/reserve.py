@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -14,7 +14,8 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.robust import optimize_robust, robust_at, robust_weights
-from pinograsp.forces.robust_forces import RobustForces
+from pinograsp.forces.robust_forces import RobustForces, StiffnessScenario
+from pinograsp.forces.solution import ConvexSolution
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
@@ -26,6 +27,10 @@ LEAST_FORCE = 0.05  # [N] below, the friction of drives and joints decides, not 
 _NARROW, _MOST_TRIED = 5e-3, 16
 # Rounds of linearised depths, the share of the largest force at which they are linearised at least, and what is left.
 _MADE_ROUNDS, _LITTLE, _MADE, _OTHER_TIMES = 12, 1e-3, 1e-7, 4
+# Share of the largest force by which forces may still change from one round to the next: what is linearised about them
+# is off by the square of it.
+_AGAIN = 1e-2
+_FARTHEST_OFF = 1e3  # [-] of contact stiffness
 _GOLDEN = (3 - np.sqrt(5)) / 2
 
 
@@ -43,6 +48,9 @@ class Reserve:
         normal_force: least normal force of each contact, as share of the weight [-]; where it is not 0, at least
             :data:`LEAST_FORCE`.
         torque: share of each torque limit that is kept free [-].
+        softer: the contacts may be softer than assumed by this factor, and all of the above is borne there, too [-]; 1:
+            as assumed. What a squeeze becomes there depends on the stiffness of the hand's servos.
+        stiffer: or stiffer by this factor [-].
     """
 
     disturbance: float = 0.5
@@ -51,6 +59,8 @@ class Reserve:
     friction: float = 0.2
     normal_force: float = 0.05
     torque: float = 0.1
+    softer: float = 1.0
+    stiffer: float = 1.0
 
     def __post_init__(self) -> None:
         def put(name: str, value: float | None) -> None:
@@ -63,11 +73,18 @@ class Reserve:
         put("friction", share_of("reserve: friction", self.friction))
         put("normal_force", number("reserve: normal force", self.normal_force, at_least=0))
         put("torque", share_of("reserve: torque", self.torque))
+        put("softer", number("reserve: softer", self.softer, at_least=1, at_most=_FARTHEST_OFF))
+        put("stiffer", number("reserve: stiffer", self.stiffer, at_least=1, at_most=_FARTHEST_OFF))
 
     @classmethod
     def none(cls) -> Reserve:
         """No reserve: the weight alone, all of the friction and of the torques."""
         return cls(disturbance=0.0, moment_arm=0.0, mass=0.0, friction=0.0, normal_force=0.0, torque=0.0)
+
+    @property
+    def stiffness_factors(self) -> tuple[float, ...]:
+        """Real over assumed stiffness of the contacts at both ends of what is borne, without 1 [-]."""
+        return tuple(factor for factor in (1.0 / self.softer, self.stiffer) if factor != 1)
 
     def arm(self, body: Body) -> float:
         """The arm of the moments for a body [m]."""
@@ -134,6 +151,8 @@ class Reserve:
             "friction": self.friction,
             "normal_force": self.normal_force,
             "torque": self.torque,
+            "softer": self.softer,
+            "stiffer": self.stiffer,
         }
 
 
@@ -257,11 +276,13 @@ def producible_reserve(
     rows: ArrayLike,
     *,
     objective: str | Mapping[str, float] | None = None,
+    scenarios: Callable[[ConvexSolution], Sequence[StiffnessScenario]] | None = None,
 ) -> RobustForces:
     """The least-cost squeeze with depths that the hand can press to, at or near the impact time of ``squeeze``.
 
     ``rows`` times the depths are zero. As F_n = K delta^rho is not linear, these equations are linearised, at even
-    forces first and then at the forces found, until these keep to them.
+    forces first and then at the forces found, until these keep to them. So is what the squeeze becomes on contacts of
+    another stiffness.
 
     Args:
         problem: of holding an object, without the reserve.
@@ -269,6 +290,8 @@ def producible_reserve(
         squeeze: :func:`search_reserve`'s, with any depths.
         rows: combinations (p, k) of the depths that the hand cannot change [-].
         objective: as for :func:`~pinograsp.forces.optimize_robust`.
+        scenarios: what the forces under the problem's load become on contacts of another stiffness, to first order
+            about them; None: contacts are as stiff as assumed.
 
     Returns:
         The squeeze; ``INACCURATE``: none was found.
@@ -281,7 +304,7 @@ def producible_reserve(
     rows = array_of("rows", rows, (None, problem.k))
     if not len(squeeze.normal_forces):
         raise InvalidInput(f"squeeze: expected one with forces, got status '{squeeze.status}'")
-    if not len(rows):
+    if not len(rows) and scenarios is None:
         return squeeze
     started, weights = time.perf_counter(), robust_weights(objective, problem)
     loads, kept = _kept_back(problem, reserve)
@@ -289,21 +312,27 @@ def producible_reserve(
     times = [squeeze.impact_time, *np.linspace(*problem.impact_time_range, _OTHER_TIMES)[::-1].tolist()]
     found = replace(squeeze, status=Status.INACCURATE)
     for t in times:
-        F = np.full(problem.k, squeeze.normal_forces.mean())
+        F = np.full(problem.k, squeeze.normal_forces.mean()) if len(rows) else squeeze.normal_forces
+        about = squeeze.under(problem.load)
         for _ in range(_MADE_ROUNDS):
             least = np.maximum(F, _LITTLE * F.max())
             depths = law.depth(least)
             slopes = depths / (law.exponent * least)
             size = float(slopes.max())
             equations = rows * slopes / size, rows @ (slopes * F - depths) / size
-            found = robust_at(kept, loads, t, weights, reaction="elastic", fixed=equations, proven=False)
+            others = () if scenarios is None else scenarios(about)
+            found = robust_at(
+                kept, loads, t, weights, reaction="elastic", fixed=equations, scenarios=others, proven=False
+            )
             tried += 1
             if found.status is not Status.OK:
                 break
-            F = found.normal_forces
+            before, F = F, found.normal_forces
             depths = law.depth(F)
-            if np.abs(rows @ depths).max() <= _MADE * depths.max():
+            made = np.abs(rows @ depths).max(initial=0.0) <= _MADE * depths.max()
+            if made and (scenarios is None or np.abs(F - before).max() <= _AGAIN * F.max()):
                 return replace(found, tried=tried, elapsed=time.perf_counter() - started)
+            about = about if scenarios is None else found.under(problem.load)
     return replace(found, status=Status.INACCURATE, tried=tried, elapsed=time.perf_counter() - started)
 
 
@@ -313,7 +342,8 @@ def parts_in_the_way(
     """Names of the parts of a reserve without which, one at a time, a squeeze is found where there is none with all."""
     found = []
     for part, value in asdict(reserve).items():
-        if value == 0 or (part == "moment_arm" and reserve.disturbance == 0):
+        # The programs that are tried here have contacts as stiff as assumed.
+        if part in ("softer", "stiffer") or value == 0 or (part == "moment_arm" and reserve.disturbance == 0):
             continue
         found += [part] if _holds(problem, replace(reserve, **{part: 0.0}), objective) else []
     return tuple(found)

@@ -17,7 +17,7 @@ For friction coefficients within a range the least is the worst case, since ever
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -31,7 +31,7 @@ from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.matrices import elastic_reaction, matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import assemble, energy_terms_at, weights_of
-from pinograsp.forces.robust_forces import Reaction, RobustForces, scaled_wrenches
+from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario, scaled_wrenches
 from pinograsp.forces.robust_program import ReactedLoads, RobustProgram
 from pinograsp.spatial import Array
 
@@ -104,6 +104,7 @@ def robust_at(
     reaction: Reaction = "friction",
     bounds: tuple[Array, Array] | None = None,
     fixed: tuple[Array, Array] | None = None,
+    scenarios: Sequence[StiffnessScenario] = (),
     proven: bool = True,
 ) -> RobustForces:
     """:func:`optimize_robust` without its checks of the arguments.
@@ -116,6 +117,7 @@ def robust_at(
         reaction: as for :func:`optimize_robust`.
         bounds: least and largest F_n (k,), (k,) [N]; None: the problem's at t_I.
         fixed: rows (p, k) and values (p,) [N] of equations on F_n, at the problem's load; None: none.
+        scenarios: of other contact stiffness, on which all loads are held, too; not with a ball.
         proven: whether to look for a proof where there are no forces; without one they are ``INACCURATE``.
     """
     terms = energy_terms_at(problem, weights, impact_time)
@@ -123,7 +125,9 @@ def robust_at(
     # In force balance loads may differ by moments alone.
     scaled = np.unique(scaled_wrenches(problem, load_set.loads), axis=0)
     matrices, own = matrices_of(problem, weights), None
-    if matrices.fixed:  # the planned forces, under the problem's own load, keep to the torques that the drives make
+    if (
+        matrices.fixed or scenarios
+    ):  # the planned forces, under the problem's own load, keep to the torques that the drives make
         scaled = np.vstack([scaled_wrenches(problem, problem.load), scaled])
         own = 0
     changes = np.zeros((len(scaled), problem.k))
@@ -142,4 +146,29 @@ def robust_at(
         fixed=fixed or (np.zeros((0, problem.k)), np.zeros(0)),
         own=own,
     )
+    if scenarios:
+        reacted = _on_other_contacts(problem, reacted, scenarios)
     return RobustProgram(problem, program, reacted, load_set, impact_time).solved(proven)
+
+
+def _on_other_contacts(
+    problem: ForceProblem, reacted: ReactedLoads, scenarios: Sequence[StiffnessScenario]
+) -> ReactedLoads:
+    """The loads, and once more for each scenario of contact stiffness."""
+    k, width = problem.k, problem.friction.scale(problem.mu)
+    count, e = len(reacted.loads), width.shape[1]
+    common, across = [np.broadcast_to(np.eye(k), (count, k, k))], [np.zeros((count, k, k * e))]
+    changes = [reacted.changes]
+    for one in scenarios:
+        by_u = np.zeros((k, k, e))
+        by_u[:, :, :2] = one.tangential.reshape(k, k, 2) * width[:, :2]
+        common.append(np.broadcast_to(one.normal, (count, k, k)))
+        across.append(np.broadcast_to(by_u.reshape(k, -1), (count, k, k * e)))
+        changes.append(reacted.changes + one.offset)
+    return replace(
+        reacted,
+        loads=np.tile(reacted.loads, (1 + len(scenarios), 1)),
+        changes=np.concatenate(changes),
+        shares=(np.concatenate(common), np.concatenate(across)),
+        first=count,
+    )

@@ -27,6 +27,25 @@ _SAME = 1e-12  # share of the largest load by which loads that are the same may 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StiffnessScenario:
+    """Normal forces that come of a squeeze on contacts which are softer or stiffer than assumed, to first order.
+
+    F = ``normal`` @ F_n + ``tangential`` @ t + ``offset``, of what was planned under the problem's own load.
+
+    Attributes:
+        normal: (k, k), by the planned normal forces [-].
+        tangential: (k, 2k), by the planned tangential forces, two for each contact [-].
+        offset: (k,) [N].
+    """
+
+    normal: Array
+    tangential: Array
+    offset: Array
+
+    __repr__ = brief()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RobustForces:
     """Normal forces that hold every load of a set, and friction's reactions.
 

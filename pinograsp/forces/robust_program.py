@@ -31,6 +31,9 @@ class ReactedLoads:
         reaction: of the contacts.
         loads: as scaled wrenches (s, rows) [N].
         changes: of the normal forces by each load (s, k) [N].
+        shares: of the common F_n (s, k, k), and of the scaled tangential forces of the first load (s, k, k (d - 1)), in
+            the normal forces of each load, where contacts are softer or stiffer than planned; None: F_n is common.
+        first: number of loads on contacts as stiff as planned, which come first.
         fixed: rows (p, k) and values (p,) [N] of equations on the normal forces.
         own: index of the problem's own load among them, whose forces keep to the equations of an underactuated hand;
             None: there are no such equations.
@@ -41,6 +44,8 @@ class ReactedLoads:
     changes: Array
     fixed: tuple[Array, Array]
     own: int | None = None
+    shares: tuple[Array, Array] | None = None
+    first: int | None = None
 
 
 class RobustProgram:
@@ -54,6 +59,7 @@ class RobustProgram:
         self.targets, self.changes = -reacted.loads / program.force_scale, reacted.changes / program.force_scale
         self.fixed, self.values = reacted.fixed[0], reacted.fixed[1] / program.force_scale
         self.k, self.e, self.s = program.k, program.d - 1, len(reacted.loads)
+        self.shares, self.first = reacted.shares, self.s if reacted.first is None else reacted.first
         self.rows = len(program.b)
         self.radius = load_set.ball / program.force_scale
         self.per_load = self.k * self.e
@@ -133,9 +139,9 @@ class RobustProgram:
     def constraints(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
         """Rows A, right-hand side b and cones of A x + s = b."""
         p, k, s = self.program, self.k, self.s
-        _, facets, second, sizes = cone_rows(p.matrices)
+        self.select, facets, second, sizes = cone_rows(p.matrices)
         rows = Triplets(self.k, self.per_load)
-        rows.of_every_load(p.A, s)
+        rows.of_every_load(p.A, s, self.shares)
         b = [(self.targets - self.reacting(p.A)).ravel()]
         if self.radius:
             tangential = p.A.reshape(self.rows, k, p.d)[:, :, :-1].reshape(self.rows, -1)
@@ -154,13 +160,18 @@ class RobustProgram:
         linear = np.concatenate([facets, p.R, -p.R])
         limits = np.hstack([np.zeros((s, len(facets))), self.R_hi, -self.R_lo])
         if not self.radius:
-            rows.of_every_load(linear, s)
+            rows.of_every_load(linear, s, self.shares)
             b.append((limits - self.reacting(linear)).ravel())
+        self.caps_at, caps = rows.height, self.problem.max_normal_force
+        if self.first < s and caps is not None:
+            rows.of_every_load(self.select, s, self.shares)
+            b.append((caps / p.force_scale - self.changes).ravel())
+        self.caps_end = rows.height
         if p.peak > 0:
             rows.add((np.eye(k), 0), (-np.ones((k, 1)), self.peak))
             b.append(np.zeros(k))
         inequalities = rows.height - self.equalities
-        rows.of_every_load(second, s)
+        rows.of_every_load(second, s, self.shares)
         b.append(-self.reacting(second).ravel())
         sizes = sizes * s
         if self.radius:
@@ -199,25 +210,49 @@ class RobustProgram:
                 b.append(np.concatenate([[limit], np.zeros(self.rows)]))
         return [self.rows + 1] * (self.s * len(linear))
 
-    def multipliers(self, dual: Array) -> tuple[Array, Array, Array]:
-        """Multipliers of balance (s, rows), torque (s, m) and equations (p,) of a solution without a ball."""
+    def normal(self, F: Array, u: Array) -> Array:
+        """The normal forces under every load (s, k), of the common ones (k,) and of the first load's u (k, d - 1)."""
+        if self.shares is None:
+            return np.asarray(F + self.changes)
+        common, across = self.shares
+        return np.asarray(common @ F + across @ u.ravel() + self.changes)
+
+    def multipliers(self, dual: Array) -> tuple[Array, Array, Array, Array]:
+        """Multipliers of balance (s, rows), torque (s, m), equations (p,) and caps (s, k) of a solution without a
+        ball.
+        """
         m = len(self.program.R)
         y = dual[: self.s * self.rows].reshape(self.s, self.rows)
         per_load = dual[self.torque_at : self.torque_at + self.s * (self.facets + 2 * m)].reshape(
             self.s, self.facets + 2 * m
         )
         torque = per_load[:, self.facets :]
-        return y, torque[:, :m] - torque[:, m:], dual[self.fixed_at : self.equalities]
+        caps = np.zeros((self.s, self.k))
+        if self.caps_end > self.caps_at:
+            caps = np.maximum(dual[self.caps_at : self.caps_end], 0.0).reshape(self.s, self.k)
+        return y, torque[:, :m] - torque[:, m:], dual[self.fixed_at : self.equalities], caps
 
-    def shared(self, y: Array, w: Array, v: Array) -> tuple[Array, float]:
-        """The sum over all loads of their duals' slopes in F_n (k,), which is common to them, and of the constants."""
-        p = self.program
+    def shared(self, y: Array, w: Array, v: Array, caps: Array | None = None) -> tuple[Array, float]:
+        """The sum over all loads of their duals' slopes in F_n (k,), which is common to them, and of the constants.
+
+        Where contacts are softer or stiffer than planned, a load's slope is one in F_n and in the first load's u.
+        """
+        p, most = self.program, self.problem.max_normal_force
         c = (y @ p.A + w @ p.R).reshape(self.s, self.k, p.d)
-        slopes: Array = c[:, :, -1] - p.friction.support(c[:, :, :-1])
+        along, across, limited = c[:, :, -1], c[:, :, :-1], 0.0
+        if caps is not None and most is not None:
+            along = along + caps
+            limited = float(caps.sum(axis=0) @ most) / p.force_scale
+        slopes: Array = along - p.friction.support(across)
+        if self.shares is not None:
+            first = across[0] + np.einsum("sk,ska->a", slopes[1:], self.shares[1][1:]).reshape(self.k, self.e)
+            slopes[0] = along[0] - p.friction.support(first)
         at_limits = float(np.maximum(w * self.R_hi, w * self.R_lo).sum())
-        reacting = float(np.vdot(slopes, self.changes))
+        reacting = float(np.vdot(slopes, self.changes)) - limited
         constant = reacting - float(np.vdot(y, self.targets)) - float(v @ self.values) - at_limits
-        return slopes.sum(axis=0) + v @ self.fixed, constant
+        if self.shares is None:
+            return slopes.sum(axis=0) + v @ self.fixed, constant
+        return np.einsum("sk,skj->j", slopes, self.shares[0]) + v @ self.fixed, constant
 
     def lower_bound(self, z: Array, dual: Array) -> float:
         """Proven bound of the objective: as in :mod:`pinograsp.forces.program`, with F_n shared by all loads."""
@@ -235,7 +270,7 @@ class RobustProgram:
         if z is not None:
             F = z[: self.k]
             u = self.settled(z[self.k : self.L].reshape(self.s, self.k, self.e), F)
-            x = np.concatenate([u, (F + self.changes)[:, :, None]], axis=2)
+            x = np.concatenate([u, self.normal(F, u[0])[:, :, None]], axis=2)
             if self.radius:
                 response = z[self.L : self.extra].reshape(self.k, self.e, self.rows)
             certificate = self.certificate(F, x.reshape(self.s, -1), bound, response)
@@ -244,9 +279,11 @@ class RobustProgram:
             scale = problem.friction.scale(problem.mu) * p.force_scale
             forces = np.concatenate([u[:, :, :2] * scale[:, :2], x[:, :, -1:] * p.force_scale], axis=2)
             torsion = u[:, :, 2] * scale[:, 2] if self.e == 3 else np.zeros((self.s, self.k))
+            forces, torsion = forces[: self.first], torsion[: self.first]
             normal = F * p.force_scale
         elif status is Status.INFEASIBLE:
-            low, high = p.lo + self.changes.min(axis=0), p.hi + self.changes.max(axis=0)
+            planned = self.changes[: self.first]
+            low, high = p.lo + planned.min(axis=0), p.hi + planned.max(axis=0)
             for single in self.suspects():
                 proof = prove(single, feasibility(single, np.maximum(low, 0.0) * p.force_scale, high * p.force_scale))
                 if proof is not None:
@@ -258,7 +295,7 @@ class RobustProgram:
             impact_time=self.t,
             reaction=self.reacted.reaction,
             normal_forces=read_only(normal),
-            balanced=read_only(-self.targets * p.force_scale),
+            balanced=read_only(-self.targets[: self.first] * p.force_scale),
             forces_c=read_only(forces),
             torsion=read_only(torsion),
             response=None if response is None else read_only(response),
@@ -272,8 +309,12 @@ class RobustProgram:
         """u (s, k, d - 1) with the balance residuals removed by the least changes of the tangential forces."""
         columns = self.program.A.reshape(self.rows, self.k, -1)
         tangential = columns[:, :, :-1].reshape(self.rows, -1)
-        residual = u.reshape(self.s, -1) @ tangential.T + (F + self.changes) @ columns[:, :, -1].T - self.targets
-        settled: Array = u - (residual @ np.linalg.pinv(tangential, rcond=1e-10).T).reshape(u.shape)
+        inverse, settled = np.linalg.pinv(tangential, rcond=1e-10).T, u
+        # Twice where the normal forces of other loads follow the first one's tangential forces.
+        for _ in range(1 if self.shares is None else 2):
+            normal = self.normal(F, settled[0])
+            residual = settled.reshape(self.s, -1) @ tangential.T + normal @ columns[:, :, -1].T - self.targets
+            settled = settled - (residual @ inverse).reshape(u.shape)
         return settled
 
     def certificate(self, F: Array, x: Array, bound: float, response: Array | None) -> Certificate:
@@ -287,14 +328,16 @@ class RobustProgram:
         worst, residual = int(np.argmax(norms)), np.zeros(6)
         residual[: self.rows] = residuals[worst] * force
         residual[3:] *= self.problem.moment_length
-        u = x.reshape(self.s, self.k, p.d)[:, :, :-1]
-        slack = (F + self.changes - p.friction.gauge(u)).min(axis=0)
+        u, normal = x.reshape(self.s, self.k, p.d)[:, :, :-1], x[:, p.d - 1 :: p.d]
+        slack = (normal - p.friction.gauge(u)).min(axis=0)
         torque = x @ p.R.T
         violation = max(0.0, float(np.maximum(np.maximum(-slack, p.lo - F), F - p.hi).max()))
         if len(p.R):
             violation = max(violation, float(np.maximum(torque - self.R_hi, self.R_lo - torque).max()))
         if len(self.fixed):
             violation = max(violation, float(np.abs(self.fixed @ F - self.values).max()))
+        if self.first < self.s and self.problem.max_normal_force is not None:
+            violation = max(violation, float((normal - self.problem.max_normal_force / force).max()))
         if response is not None:
             violation = max(violation, self.ball_violation(u, F, response))
         meets = np.zeros(0, dtype=bool)

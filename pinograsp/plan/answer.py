@@ -150,6 +150,8 @@ def planned_reserve(reserve: PlanReserve | None) -> str:
         (reserve.friction, f"{_percent(reserve.friction)} of the friction"),
         (reserve.normal_force, f"at least {number(reserve.normal_force, 3)} N at each contact"),
         (reserve.torque, f"{_percent(reserve.torque)} of each torque limit"),
+        (reserve.softer > 1, f"contacts {reserve.softer:g} times as soft"),
+        (reserve.stiffer > 1, f"contacts {reserve.stiffer:g} times as stiff"),
     ]
     return ", ".join(text for share, text in parts if share) or "none: planned for the weight alone"
 

@@ -116,6 +116,8 @@ class PlanReserve:
         friction: share of friction that is not relied on [-]; part of the friction's safety factor.
         normal_force: least normal force of each contact [N].
         torque: share of each torque limit that is kept free [-].
+        softer: the contacts may be softer by this factor [-], with the hand's own servos.
+        stiffer: or stiffer by this factor [-].
         loads: number of loads that stand for all of these.
         impact_times: that a search tried; the forces are the proven optimum at the one that it took.
         above_unrestricted: share [-] by which the objective is above the proven least of a hand whose every contact
@@ -132,6 +134,8 @@ class PlanReserve:
     loads: int
     impact_times: int
     above_unrestricted: float = 0.0
+    softer: float = 1.0
+    stiffer: float = 1.0
 
     __repr__ = brief()
 
@@ -145,6 +149,8 @@ class PlanReserve:
             "friction": self.friction,
             "normal_force_N": self.normal_force,
             "torque": self.torque,
+            "softer": self.softer,
+            "stiffer": self.stiffer,
             "loads": self.loads,
             "impact_times": self.impact_times,
             "above_unrestricted": self.above_unrestricted,

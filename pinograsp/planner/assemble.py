@@ -126,6 +126,8 @@ def reserve_of(reserve: Reserve, squeeze: RobustForces, tried: int, unrestricted
         friction=reserve.friction,
         normal_force=reserve.normal_force * weight,
         torque=reserve.torque,
+        softer=reserve.softer,
+        stiffer=reserve.stiffer,
         loads=len(squeeze.load_set.loads),
         impact_times=tried,
         above_unrestricted=max(0.0, squeeze_cost(squeeze) / unrestricted - 1.0) if unrestricted > 0 else 0.0,

@@ -16,7 +16,7 @@ from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
 _FAR = 0.02  # slip of a contact while it presses, relative to the object's size
-_TRIES = 4  # plans with such a slip before the first of them is taken
+_TRIES = 4  # plans with such a slip, or unstable ones, before the first of them is taken
 
 
 def plan_best(
@@ -30,7 +30,8 @@ def plan_best(
 ) -> GraspPlan:
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
-    Those whose contacts slide far while they press come after the others.
+    Those whose contacts slide far while they press, and those that the hand's own servos let go of
+    (:meth:`GraspPlan.object_stiffness`), come after the others.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -42,7 +43,7 @@ def plan_best(
 
     Returns:
         The first plan that is ``OK``; where none is, that of the best grasp that could be planned, with its status.
-        One whose contacts slide far only if the first few all do.
+        One whose contacts slide far, or that is unstable, only if the first few all are so.
 
     Raises:
         GraspNotFound: the search found no grasp.
@@ -80,6 +81,7 @@ def plan_best(
 
 
 def _firm(plan: GraspPlan, closure: Closure) -> bool:
-    """Whether the contacts stay where they press."""
+    """Whether the contacts stay where they press, and the servos keep the object there."""
     slip = np.asarray(plan.motion.slip)
-    return not slip.size or float(slip.max()) <= _FAR * closure.object.bounding_radius
+    stays = not slip.size or float(slip.max()) <= _FAR * closure.object.bounding_radius
+    return stays and plan.object_stiffness().is_stable()

@@ -17,11 +17,12 @@ from pinograsp.actuation import (
     force_band,
     gains_within,
     object_stiffness,
+    stiffness_scenarios,
 )
 from pinograsp.checks import each_of, shown
 from pinograsp.contacts.quality import on_edges
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceSolution
+from pinograsp.forces import ForceSolution, StiffnessScenario
 from pinograsp.hands import HandModel
 from pinograsp.motion import preload_slope, torque_limits
 from pinograsp.plan import StiffnessBand
@@ -73,6 +74,13 @@ def told_band(hand: HandModel, solution: ForceSolution, q: Array) -> StiffnessBa
 def band_of(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, factors: ArrayLike) -> ForceBand:
     """The forces that come on contacts ``factors`` (s,) times as stiff as planned, with servos of ``gains`` (n,)."""
     return force_band(solution, compliant_hand(hand, solution, q, gains), factors)
+
+
+def scenarios_of(
+    hand: HandModel, solution: ForceSolution, q: Array, factors: ArrayLike
+) -> tuple[StiffnessScenario, ...]:
+    """What a squeeze becomes on contacts ``factors`` (s,) times as stiff as assumed, with the hand's own servos."""
+    return stiffness_scenarios(solution, compliant_hand(hand, solution, q, servo_gains(hand)), factors)
 
 
 def gains_of(hand: HandModel, solution: ForceSolution, q: Array, tolerance: float, factors: ArrayLike) -> GainLimit:

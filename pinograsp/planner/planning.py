@@ -10,7 +10,7 @@ from typing import Literal, TypeVar, get_args
 import numpy as np
 
 from pinograsp.checks import instance_of, one_of
-from pinograsp.contacts import Closure, ContactSet, close_hand
+from pinograsp.contacts import Closure, close_hand
 from pinograsp.contacts.support_plane import SupportPlane
 from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchInterrupted, Status
 from pinograsp.forces import (
@@ -22,6 +22,7 @@ from pinograsp.forces import (
     GridSpec,
     Reserve,
     RobustForces,
+    StiffnessScenario,
     TorqueLimit,
     diagnose,
     grid_search,
@@ -43,6 +44,7 @@ from pinograsp.motion import (
 from pinograsp.objects.body import Body
 from pinograsp.plan import Motion, PlanReserve
 from pinograsp.planner.assemble import assembled, reserve_of
+from pinograsp.planner.compliance import scenarios_of, servo_gains
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.spatial import Array
 
@@ -274,9 +276,10 @@ def _by_reserve(
         limit = None
     spent = {"forces": 0.0, "motion": 0.0}
     searched, start, tried = problem, None, 0
-    together = None
-    if problem.contacts.posture is not None:
-        together = pressing_together(hand, problem.contacts, problem.contacts.posture)
+    together: PressingTogether | None = None
+    posture = problem.contacts.posture
+    if posture is not None:
+        together = pressing_together(hand, problem.contacts, posture)
     for _ in range(_TORQUE_ROUNDS):
         started = time.perf_counter()
         squeeze = search_reserve(searched, reserve, objective=choices.objective, start=start)
@@ -286,14 +289,19 @@ def _by_reserve(
         if _underactuated(searched):
             any_hand = search_reserve(_freed(searched), reserve, objective=choices.objective)
             least = any_hand.certificate.lower_bound if any_hand.certificate is not None else 0.0
-        if together is not None and len(together.rows):
-            squeeze = producible_reserve(searched, reserve, squeeze, together.rows, objective=choices.objective)
+        rows = np.zeros((0, problem.k)) if together is None else together.rows
+        if len(rows) or reserve.stiffness_factors:
+            scenarios = _on_other_contacts(hand, reserve, posture)
+            squeeze = producible_reserve(
+                searched, reserve, squeeze, rows, objective=choices.objective, scenarios=scenarios
+            )
             tried += squeeze.tried
             if squeeze.status is not Status.OK:
-                raise GraspUndecided(_not_made(hand, searched.contacts, together), _no_forces(squeeze))
+                raise GraspUndecided(_not_made(hand, searched, reserve, together), _no_forces(squeeze))
         forces = squeeze.under(problem.load)
         found = time.perf_counter()
         motion = plan_motion(hand, forces, choices.motion)
+        posture = motion.q[-1]
         spent["forces"] += found - started
         spent["motion"] += time.perf_counter() - found
         if limit is None:
@@ -311,6 +319,19 @@ def _by_reserve(
             break
         searched, start = replace(problem, torques=limits), squeeze.impact_time
     return forces, motion, spent, reserve_of(reserve, squeeze, tried, least)
+
+
+def _on_other_contacts(
+    hand: HandModel, reserve: Reserve, posture: Array | None
+) -> Callable[[ForceSolution], tuple[StiffnessScenario, ...]] | None:
+    """What a squeeze becomes on contacts of another stiffness in a posture (n,), about that of touch at first; None
+    where the reserve has no such contacts.
+    """
+    factors = reserve.stiffness_factors
+    if not factors:
+        return None
+    q = instance_of("posture of the contacts", posture, np.ndarray)
+    return lambda solution: scenarios_of(hand, solution, q, factors)
 
 
 def _underactuated(problem: ForceProblem) -> tuple[str, ...]:
@@ -382,12 +403,21 @@ def _no_forces(squeeze: RobustForces) -> ConvexSolution:
     )
 
 
-def _not_made(hand: HandModel, contacts: ContactSet, together: PressingTogether) -> str:
+def _not_made(hand: HandModel, problem: ForceProblem, reserve: Reserve, together: PressingTogether | None) -> str:
     """Why the hand cannot make the forces that would hold the object."""
-    driving = [name for name, column in zip(hand.joint_names, together.moves.T) if np.any(column)]
+    if reserve.stiffness_factors:
+        gains = servo_gains(hand)
+        return (
+            "no grasp found that holds on contacts as soft and as stiff as the reserve has them (softer="
+            f"{reserve.softer:g}, stiffer={reserve.stiffer:g}), though forces hold the object on those assumed: what "
+            f"servos of {gains.min():.3g} to {gains.max():.3g} N m/rad (sliding joints: N/m) make of them there does "
+            "not; give the hand softer servos (drives=), take another grasp, or ask for less reserve"
+        )
+    moves = np.zeros((0, hand.n)) if together is None else together.moves
+    driving = [name for name, column in zip(hand.joint_names, moves.T) if np.any(column)]
     return (
         "no grasp found that this hand can make: forces hold the object with its reserve, but "
-        f"{', '.join(driving)} press {len(contacts)} contacts together, and none of the depths that they can give do; "
+        f"{', '.join(driving)} press {problem.k} contacts together, and none of the depths that they can give do; "
         "take another grasp, or ask for less reserve"
     )
 

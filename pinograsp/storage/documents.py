@@ -59,6 +59,8 @@ class ReservePart(Part):
     friction: Annotated[float, Field(ge=0, lt=1)]
     normal_force_N: NotNegative
     torque: Annotated[float, Field(ge=0, lt=1)]
+    softer: Annotated[float, Field(ge=1)] = 1.0
+    stiffer: Annotated[float, Field(ge=1)] = 1.0
     loads: Annotated[StrictInt, Field(ge=1, le=10**6)]
     impact_times: Annotated[StrictInt, Field(ge=1, le=10**6)]
     above_unrestricted: NotNegative = 0.0

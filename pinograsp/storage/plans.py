@@ -329,6 +329,8 @@ def _reserve(kept: ReservePart | None) -> PlanReserve | None:
         loads=kept.loads,
         impact_times=kept.impact_times,
         above_unrestricted=kept.above_unrestricted,
+        softer=kept.softer,
+        stiffer=kept.stiffer,
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 import pinograsp as pg
-from pinograsp.actuation import CompliantHand, contact_stiffness, force_band, gains_within
+from pinograsp.actuation import CompliantHand, contact_stiffness, force_band, gains_within, stiffness_scenarios
 from pinograsp.contacts import Compliance, Contact, ContactSet
 from pinograsp.forces import ForceProblem, ForceSolution, TorqueLimits
 from pinograsp.motion import torque_limits
@@ -316,3 +316,33 @@ def test_a_solution_without_forces_is_refused(make_problem):
     assert not none.found
     with pytest.raises(pg.PinograspError, match="expected one with forces"):
         force_band(none, CompliantHand(jacobian=np.ones((9, 2)), gains=[1, 1]))
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.0, 8.0])
+@pytest.mark.parametrize(("law", "off"), [(LINEAR, 1e-6), (Compliance(), 0.2)])
+def test_scenarios_follow_the_band_to_first_order(paper, factor, law, off):
+    """They are the band's forces at the solution, and near it: exactly on linear contacts, which stick here; on others
+    but for the tangential stiffness, which stays that of the solution.
+    """
+    contacts, planned, jacobian = paper[0].problem.contacts, np.array(paper[0].forces_c), paper[1]
+    hand = CompliantHand.at(contacts, jacobian, gains=np.full(jacobian.shape[2], 5.0))
+    (one,) = stiffness_scenarios(solution_of(contacts, planned, compliance=law, mu=20.0), hand, [factor])
+
+    def missed(forces):
+        band = force_band(solution_of(contacts, forces, compliance=law, mu=20.0), hand, [factor])
+        said = one.normal @ forces[:, 2] + one.tangential @ forces[:, :2].ravel() + one.offset
+        return np.abs(said - band.normal_forces[0]).max()
+
+    inner = np.random.default_rng(3).normal(size=planned.size)
+    inner -= np.linalg.pinv(contacts.G) @ (contacts.G @ inner)
+    inner *= 0.01 * planned[:, 2].min() / np.abs(inner).max()
+    assert missed(planned) < 1e-7
+    assert missed(planned + inner.reshape(planned.shape)) < off * np.abs(inner).max()
+
+
+def test_scenarios_of_a_servo_in_series_with_both_jaws():
+    """Springs c of either contact and 1/g of the drive: F' = F* (2c + 1/g) / (2c/s + 1/g) on both sides."""
+    hand = CompliantHand(jacobian=PRESSING, gains=[800.0, np.inf])
+    for one, factor in zip(stiffness_scenarios(jaws(), hand, [0.25, 4.0]), (0.25, 4.0)):
+        share = (2 / 4000.0 + 1 / 800.0) / (2 / (factor * 4000.0) + 1 / 800.0)
+        assert one.normal.sum(axis=1) == pytest.approx([share, share]) and np.abs(one.offset).max() < 1e-6

@@ -13,10 +13,13 @@ from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     LoadSet,
+    StiffnessScenario,
     TorqueLimits,
     disturbance_margin,
     optimize_forces,
+    optimize_reserve,
     optimize_robust,
+    producible_reserve,
     robust_program as robust_room,
 )
 from pinograsp.motion import MotionSpec, plan_motion
@@ -340,3 +343,63 @@ def test_caps_count_for_the_reaction_too(contact_set):
     for cap, status in ((1.001 * needed, Status.OK), (0.999 * needed, Status.INFEASIBLE)):
         capped = replace(problem, max_normal_force=np.full(2, cap))
         assert optimize_robust(capped, loads, 0.85, reaction="elastic").status is status
+
+
+@pytest.mark.parametrize("capped", [False, True])
+def test_squeezes_on_contacts_of_other_stiffness_are_optimal_for_another_solver(contact_set, capped):
+    """Loads on contacts as assumed, and on two others whose normal forces follow the planned forces."""
+    body = pg.Sphere(radius=0.03, mass=0.3)
+    directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
+    free = pg.ForceProblem.holding(body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0))
+    reserve = pg.Reserve(friction=0.0, torque=0.0, normal_force=0.0)
+    rng, k = np.random.default_rng(5), free.k
+    G = np.array(contacts.G)
+    G[3:] /= free.moment_length
+    inner = np.eye(3 * k) - np.linalg.pinv(G) @ G
+    scenarios = []
+    for share in (0.5, 3.0):  # as a hand that gives way: internal forces change in proportion, and a little otherwise
+        change = (np.eye(3 * k) + (share - 1) * inner + 0.05 * inner @ rng.normal(size=(3 * k, 3 * k)) @ inner)[2::3]
+        offset = (0.02 * inner @ rng.normal(size=3 * k))[2::3]
+        scenarios.append(
+            StiffnessScenario(
+                normal=change[:, 2::3], tangential=np.delete(change, np.s_[2::3], axis=1), offset=np.array(offset)
+            )
+        )
+
+    def squeezed(problem):
+        start = optimize_reserve(problem, reserve, 0.85)
+        return producible_reserve(problem, reserve, start, np.zeros((0, k)), scenarios=lambda _: scenarios)
+
+    problem = free
+    if capped:  # only the stiffest contacts meet the cap
+        most = max((one.normal @ squeezed(free).normal_forces).max() for one in scenarios)
+        problem = replace(free, max_normal_force=np.full(k, 0.97 * most))
+    found = squeezed(problem)
+
+    loads = reserve.load_set(body).loads
+    scaled = (loads - problem.load) / np.repeat([1.0, problem.moment_length], 3)
+    changes = -(np.linalg.pinv(G) @ scaled.T).T[:, 2::3]
+    low, high = problem.normal_force_range(0.85)
+    F, own, columns = cp.Variable(k), cp.Variable((k, 2)), G.reshape(6, k, 3)
+    rows = [low <= F, high >= F]
+    across = cp.reshape(own, (2 * k,), order="C")
+    under = [F, *(one.normal @ F + one.tangential @ across + one.offset for one in scenarios)]
+    for i, normal in enumerate(under):
+        for wrench, change in zip([problem.load, *loads], [np.zeros(k), *changes]):
+            u = own if i == 0 and wrench is problem.load else cp.Variable((k, 2))
+            pressed = normal + change
+            net = sum(columns[:, j, :2] @ u[j] + columns[:, j, 2] * pressed[j] for j in range(k))
+            rows += [net + np.append(wrench[:3], wrench[3:] / problem.moment_length) == 0]
+            rows += [cp.norm(u, axis=1) <= cp.multiply(problem.mu, pressed)]
+            rows += [pressed <= problem.max_normal_force] if capped else []
+    terms = problem.energy_terms(found.impact_time)
+    cost = sum(c / terms[0][0] * cp.sum(cp.power(F, e)) for c, e in terms)
+    expected = cp.Problem(cp.Minimize(cost), rows)
+    expected.solve(solver="CLARABEL")
+    assert found.status is Status.OK and found.certificate.is_optimal() and found.impact_time == 0.85
+    assert found.certificate.objective == pytest.approx(expected.value * terms[0][0], rel=1e-6)
+    assert found.certificate.objective > 1.05 * optimize_reserve(problem, reserve, 0.85).certificate.objective
+    if capped:
+        assert found.certificate.objective > (1 + 1e-6) * squeezed(free).certificate.objective

@@ -1,0 +1,89 @@
+"""Squeezes that hold on contacts softer and stiffer than assumed, with the servos that the hand has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinograsp as pg
+from pinograsp.cases.object_case import ObjectCase
+from pinograsp.errors import GraspUndecided, InvalidInput, Status
+from pinograsp.forces import disturbance_margin
+from pinograsp.planner import load_run, save_run
+from pinograsp.referee import Disturbance, Servo
+from pinograsp.report import answer
+
+FACTORS = [0.2, 1.0, 5.0]
+RESERVE = pg.Reserve(softer=5.0, stiffer=5.0)
+
+
+def planned(gain, reserve):
+    """An Allegro hand with servos of this gain [N m/rad] around a ball."""
+    closure = ObjectCase.of(
+        hand="allegro_right", object="sphere:radius=0.035,mass=0.1", at=(0.06, 0.0, 0.06), wrap=True
+    ).closure()
+    servos = [replace(drive, control="position", stiffness=gain) for drive in closure.hand.drives]
+    closure = replace(closure, hand=closure.hand.with_drives(servos))
+    return pg.plan_grasp_on(closure.hand, closure, pg.GraspConditions(mu=0.7, reserve=reserve))
+
+
+@pytest.fixture(scope="module")
+def bare():
+    return planned(10.0, pg.Reserve())
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return planned(10.0, RESERVE)
+
+
+def least_margin(plan, normal_forces):
+    """The push that these normal forces withstand in six directions, as share of the reserve's."""
+    problem = replace(plan.searched().problem, torques=None, min_normal_force=None)
+    push = plan.reserve.force * np.hstack([np.vstack([np.eye(3), -np.eye(3)]), np.zeros((6, 3))])
+    return min(disturbance_margin(problem, one, normal_forces=normal_forces, reaction="elastic") for one in push)
+
+
+def test_the_reserve_is_borne_at_both_ends(bare, plan):
+    """On softer contacts the default squeeze lacks its reserve; that which is planned for them has it."""
+    assert plan.status is Status.OK and plan.forces.certificate.relative_gap <= 1e-6
+    ours, default = (one.force_band(factors=FACTORS).normal_forces for one in (plan, bare))
+    assert [least_margin(bare, forces) > 0.99 for forces in default] == [False, True, True]
+    assert all(least_margin(plan, forces) > 0.98 for forces in ours)
+    assert plan.forces.normal_forces.sum() > 1.2 * bare.forces.normal_forces.sum()
+
+
+def test_it_is_kept_and_shown(plan, tmp_path):
+    assert "contacts 5 times as soft, contacts 5 times as stiff" in str(dict(answer(plan.with_margins())))
+    kept = load_run(save_run(plan, tmp_path / "run")).reserve
+    assert (kept.softer, kept.stiffer) == (5.0, 5.0)
+    assert (
+        ObjectCase.of(hand="allegro_right", object="sphere:radius=0.03,mass=0.1", reserve="softer=5").reserve.softer
+        == 5.0
+    )
+    for wrong in ({"softer": 0.5}, {"stiffer": 0.0}, {"softer": np.nan}):
+        with pytest.raises(InvalidInput, match="reserve: "):
+            pg.Reserve(**wrong)
+
+
+def test_torque_control_needs_no_more_on_other_contacts():
+    """Torques give the planned forces on contacts of any stiffness."""
+    bare, plan = (planned(1e-3, reserve) for reserve in (pg.Reserve(), RESERVE))
+    assert plan.forces.normal_forces == pytest.approx(bare.forces.normal_forces, rel=0.01)
+
+
+def test_stiffness_that_no_squeeze_bears_is_told():
+    with pytest.raises(GraspUndecided, match="servos of 500 to 500 N m/rad .* softer servos"):
+        planned(500.0, pg.Reserve(softer=1.0, stiffer=1000.0))
+
+
+@pytest.mark.slow
+def test_simulated_on_softer_contacts(plan):
+    servo = Servo.of(plan.hand, 10.0)
+    seen = pg.simulate(plan, servo=servo, disturbance=Disturbance(stiffness=0.2))
+    order = [seen.parts.index(name) for name in plan.contacts.names]
+    told = plan.force_band(factors=[0.2]).normal_forces[0]
+    assert seen.verdict.held
+    assert seen.normal_forces[-1][order] == pytest.approx(told, rel=0.15, abs=0.05 * told.max())
