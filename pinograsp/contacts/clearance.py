@@ -267,6 +267,17 @@ def behind_hulls(hand: HandModel, contacts: ContactSet) -> Array:
     return gaps
 
 
+def meeting(hand: HandModel, body: Body, contacts: ContactSet, q: ArrayLike, *, allowed: float) -> tuple[str, ...]:
+    """Links without a contact that are deeper in ``body`` than ``allowed`` [m] at q (n,)."""
+    distances = Distances(hand, instance_of("body", body, Body))
+    distances.put(array_of("q", q, (hand.n,)))
+    own, found = {contact.link for contact in contacts}, list[str]()
+    for part in parts_of(hand):
+        if part.link not in own and distances.rough(part) < -allowed and distances.of(part)[0] < -allowed:
+            found.append(part.link)
+    return tuple(dict.fromkeys(found))
+
+
 class Hit(NamedTuple):
     """Where a hand on its way is deepest in an object.
 

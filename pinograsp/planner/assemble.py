@@ -11,7 +11,7 @@ import numpy as np
 
 from pinograsp.checks import instance_of, read_only
 from pinograsp.contacts import PALM, Closure
-from pinograsp.contacts.clearance import HOLLOW, behind_hulls
+from pinograsp.contacts.clearance import HOLLOW, behind_hulls, meeting
 from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
 from pinograsp.contacts.quality import on_edges
 from pinograsp.errors import SearchFailed, Status
@@ -33,8 +33,10 @@ from pinograsp.plan import (
 )
 from pinograsp.planner.compliance import instability, servo_gains
 from pinograsp.planner.grasp_plan import GraspPlan
+from pinograsp.spatial import Array
 
 _SLIDES, _LABOURS = 1e-4, 0.9  # [m] across the normal, share of a torque limit: worth a caution
+_GRAZES = 0.1  # of the largest depth: a link that is less deep presses with less than 3 % of the force there
 _ROUNDING = 1e-3  # forces lie on their limits
 _SHARED = 0.05  # share of the largest torque by which motors that joints share may miss one
 
@@ -221,9 +223,23 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple
         for name, gap in zip(contacts.names, behind_hulls(hand, contacts))
         if gap > HOLLOW
     ]
+    if problem.object is not None:
+        cautions += [
+            f"{name} meets the object as the hand presses, where no contact is planned: it bears a part of the force"
+            for name in pressing_too(hand, solution, motion.q[-1])
+        ]
     if unstable := instability(hand, solution, motion.q[-1], servo_gains(hand)):
         cautions.append(unstable)
     return (*cautions, *_beyond_drives(hand, solution, motion), *_near_limits(hand, solution, motion))
+
+
+def pressing_too(hand: HandModel, solution: ForceSolution, q: Array) -> tuple[str, ...]:
+    """Links without a contact that press on the object at q (n,), where the hand has closed to the planned depths."""
+    body = solution.problem.object
+    if body is None or not hand.geometry.geometryObjects:
+        return ()
+    allowed = _GRAZES * float(np.max(solution.profile.final_depth))
+    return meeting(hand, body, solution.problem.contacts, q, allowed=allowed)
 
 
 def _beyond_drives(hand: HandModel, solution: ForceSolution, motion: Motion) -> Iterator[str]:

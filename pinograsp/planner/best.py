@@ -8,15 +8,17 @@ import numpy as np
 
 from pinograsp.checks import instance_of
 from pinograsp.contacts import Closure
+from pinograsp.contacts.doubt import doubtful_share
 from pinograsp.errors import NoGrasp, Status
 from pinograsp.forces import GraspConditions
+from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.planning import Search, plan_grasp_on
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
 _FAR = 0.02  # slip of a contact while it presses, relative to the object's size
-_TRIES = 4  # plans with such a slip, or unstable ones, before the first of them is taken
+_TRIES = 4  # plans that are not firm, before the first of them is taken
 
 
 def plan_best(
@@ -30,8 +32,8 @@ def plan_best(
 ) -> GraspPlan:
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
-    Those whose contacts slide far while they press, and those that the hand's own servos let go of
-    (:meth:`GraspPlan.object_stiffness`), come after the others.
+    Those whose contacts slide far while they press or lie on edges, those in which other links press on the object, too, and those
+    that the hand's own servos let go of (:meth:`GraspPlan.object_stiffness`), come after the others.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -43,7 +45,7 @@ def plan_best(
 
     Returns:
         The first plan that is ``OK``; where none is, that of the best grasp that could be planned, with its status.
-        One whose contacts slide far, or that is unstable, only if the first few all are so.
+        One of those that come last only if the first few all are so.
 
     Raises:
         GraspNotFound: the search found no grasp.
@@ -81,7 +83,12 @@ def plan_best(
 
 
 def _firm(plan: GraspPlan, closure: Closure) -> bool:
-    """Whether the contacts stay where they press, and the servos keep the object there."""
-    slip = np.asarray(plan.motion.slip)
-    stays = not slip.size or float(slip.max()) <= _FAR * closure.object.bounding_radius
-    return stays and plan.object_stiffness().is_stable()
+    """Whether the contacts stay where they press, none on an edge, no other link presses, and the servos keep the
+    object there.
+    """
+    slip, solution = np.asarray(plan.motion.slip), plan.searched()
+    if slip.size and float(slip.max()) > _FAR * closure.object.bounding_radius:
+        return False
+    if doubtful_share(plan.hand, closure.object, solution.problem.contacts, plan.forces.normal_forces) > 0:
+        return False
+    return not pressing_too(plan.hand, solution, plan.motion.q[-1]) and plan.object_stiffness().is_stable()

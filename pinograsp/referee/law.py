@@ -8,7 +8,8 @@ of the hand's surface relative to the object's. The normal force at point i is
 
 The weights w_i divide the plan's contacts among the points that the physics engine finds; they sum to the number of the
 part's planned contacts. Where one contact is planned they are those of the deepest points: the law of a contact means
-its largest depth, however many shallower points an engine finds around it. The part's tangential spring has a
+its largest depth, however many shallower points an engine finds around it. Where several are, each counts at the points
+around its own place on the object, the deepest of them first. The part's tangential spring has a
 displacement z and a rotation phi about the normal, and is divided among the points by their shares g_i of the pressure,
 which sum to the same number; c is their centre by these. The friction force at point i is
 kt g_i (z + phi n x (p_i - c)), limited to mu F_i. Where the limit acts, the point slips, and z and phi are reset to
@@ -17,6 +18,7 @@ match the remaining forces. The moment of a soft finger about the normal uses th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -25,7 +27,9 @@ import numpy as np
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _GRAZING = 0.1  # share of the part's largest depth, below which a point counts less
-_POINTED = 16  # power of that share by which a point counts where one contact is planned
+_POINTED = 16  # power of that share by which a point counts where one contact is planned...
+_AROUND = 4  # ...and where several are, of the points around the place of one
+_REACH, _LEAST_REACH = 0.25, 1e-4  # of that place, as share of the distance to the next one; [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,29 @@ class _PartSpeeds(NamedTuple):
     spin: Array
 
 
+class _Places(NamedTuple):
+    """Where several contacts of one part are planned: points (q, 3) in the object's frame [m], and half of their
+    inverse squared reach (q,) [1/m^2].
+    """
+
+    points: Array
+    sharpness: Array
+
+    @classmethod
+    def of(cls, points: Array) -> _Places:
+        apart = np.linalg.norm(points[:, None] - points, axis=2)
+        np.fill_diagonal(apart, np.inf)
+        return cls(np.array(points), 0.5 / np.maximum(_REACH * apart.min(axis=1), _LEAST_REACH) ** 2)
+
+    def weights(self, points: Array, depth: Array) -> Array:
+        """Weights (c,), which sum to one, of points (c, 3) in the object's frame with relative depths (c,)."""
+        away = points - self.points[:, None]
+        off = self.sharpness[:, None] * (away * away).sum(axis=2)
+        near = np.exp(off.min(axis=1)[:, None] - off) * depth**_AROUND
+        found: Array = (near / near.sum(axis=1)[:, None]).mean(axis=0)
+        return found
+
+
 class ContactLaw:
     """Normal and tangential forces, the state of the tangential springs, and the energies.
 
@@ -120,6 +147,7 @@ class ContactLaw:
         torsion: float,
         tangential: float,
         counts: IntArray,
+        places: Sequence[Array] = (),
     ):
         """The law of p parts.
 
@@ -131,11 +159,13 @@ class ContactLaw:
             torsion: largest moment about a normal per newton [m].
             tangential: stiffness kt of the tangential springs [N/m].
             counts: planned contacts of each part (p,).
+            places: of these on the object, in its frame (counts[i], 3) [m]; none: all points of a part count alike.
         """
         self.K, self.lam, self.rho = stiffness, damping, exponent
         self.mu, self.torsion, self.kt = np.asarray(mu, dtype=float), torsion, tangential
         self.single: BoolArray = np.asarray(counts) == 1
         self.counts: Array = np.maximum(np.asarray(counts, dtype=float), 1.0)
+        self.places = {i: _Places.of(own) for i, own in enumerate(places) if len(own) > 1}
         p = len(self.counts)
         self.z, self.phi = np.zeros((p, 3)), np.zeros(p)
         self.elastic = self.damped = self.slipped = self.normal_work = 0.0
@@ -154,8 +184,10 @@ class ContactLaw:
             keep[own] = touches.geometry[own] == touches.geometry[own[touches.depth[own].argmax()]]
         return Touches(*(getattr(touches, field.name)[keep] for field in fields(Touches)))
 
-    def press(self, touches: Touches, dt: float) -> Pressing:
-        """Forces after the springs have followed the surfaces for ``dt`` [s]."""
+    def press(self, touches: Touches, dt: float, pose: Array | None = None) -> Pressing:
+        """Forces after the springs have followed the surfaces for ``dt`` [s]; ``pose`` (4, 4) of the object, where the
+        places of contacts are known.
+        """
         if not touches.part.size:
             self._release()
             return Pressing(_NO_VECTORS, _NO_VECTORS, _NO_VALUES)
@@ -169,6 +201,12 @@ class ContactLaw:
         counted = np.minimum(1.0, depth / (_GRAZING * deepest[which]))
         counted = np.where(self.single[part], (depth / deepest[which]) ** _POINTED, counted)
         weights = of * (counted * (1.0 / (of @ counted))[which])  # (h, c): the weights of a part sum to one
+        if pose is not None:
+            for row, one in enumerate(here.tolist()):
+                if one in self.places and (mine := np.flatnonzero(of[row])).size > 1:
+                    weights[row, mine] = self.places[one].weights(
+                        (touches.point_o[mine] - pose[:3, 3]) @ pose[:3, :3], depth[mine] / deepest[row]
+                    )
         share = counts[which] * weights.sum(axis=0)
 
         rate = _dot(touches.velocity_o, n)

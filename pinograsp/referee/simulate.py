@@ -270,7 +270,10 @@ def _law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
     # At one force F, the normal stiffness rho K^(1/rho) F^(1 - 1/rho) grows with factor^(1/rho), and the damping
     # coefficient lambda F / K is to grow with its root.
     tangential, damping = TANGENTIAL * factor ** (1 / rho), damping * factor ** (1 + 1 / (2 * rho))
-    return ContactLaw(factor * K, damping, rho, each, task.torsion, tangential, counts)
+    inverse = np.linalg.inv(task.body.pose)
+    points = task.points_o @ inverse[:3, :3].T + inverse[:3, 3]
+    places = [points[joints == joint] for joint in range(parts)]
+    return ContactLaw(factor * K, damping, rho, each, task.torsion, tangential, counts, places)
 
 
 def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float) -> Simulation:

@@ -232,7 +232,7 @@ class Trial:
         """One step; returns a sample of the state before it where one is due, without its kinetic energy."""
         engine, course, law, dt = self.engine, self.course, self.law, self.schedule.time_step
         potential = engine.potential_energy()
-        pressing = law.press(touches, dt)
+        pressing = law.press(touches, dt, engine.object_pose)
         speeds, object_speed = engine.dq, engine.object_twist
         wrench, fixed, now = self._wrench(i, touches, pressing), self._is_fixed(i), course.at(i)
         due = i % self.schedule.every == 0 or i in (course.steps, course.let_go)

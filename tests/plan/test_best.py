@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pinograsp.contacts import Friction
+from pinograsp.contacts.clearance import meeting
 from pinograsp.errors import GraspInfeasible, GraspNotFound, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import load_hand
@@ -43,3 +44,14 @@ def test_where_none_can_be_planned_the_best_ones_failure_says_why(found):
         plan_best(weak, CONDITIONS, progress=False)
     with pytest.raises(GraspNotFound, match="no grasp of 16 samples"):
         plan_best(replace(found, grasps=()), CONDITIONS, progress=False)
+
+
+def test_links_that_press_without_a_contact_are_told(found):
+    """One jaw's contacts left out of the set: its link is deep in the object, and no other is."""
+    plan = plan_best(found, CONDITIONS, progress=False)
+    contacts, q = plan.solution.problem.contacts, plan.motion.q[-1]
+    links = sorted({contact.link for contact in contacts})
+    assert len(links) == 2 and meeting(plan.hand, plan.body, contacts, q, allowed=1e-5) == ()
+    left = replace(contacts, contacts=tuple(one for one in contacts if one.link == links[0]))
+    assert meeting(plan.hand, plan.body, left, q, allowed=1e-5) == (links[1],)
+    assert meeting(plan.hand, plan.body, left, plan.closure.q, allowed=1e-5) == ()

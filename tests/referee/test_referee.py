@@ -289,6 +289,26 @@ def test_points_of_an_area_share_what_the_plan_counts():
     assert law.press(four, 1e-4).normal.sum() == pytest.approx(3 * 5e4 * 1e-3**1.5, rel=1e-12)
 
 
+def test_of_several_contacts_each_counts_where_it_was_planned():
+    """Two corners planned, the engine finds two more that are shallower, the object may be anywhere: the forces are
+    those of the law at the planned corners, whether they are equally deep or not.
+    """
+    places = np.array([[0.0, 0, 0], [0.02, 0, 0]])
+    law = ContactLaw(5e4, 0.0, 1.5, [0.5], 0.0, 2e4, [2], [places])
+    pose = pg.spatial.pose_of([0.1, 0.2, 0.3], pg.spatial.rotation_rpy(0.3, -0.2, 0.5))
+    found = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.0, 0.01, 0], [0.02, 0.01, 0]])
+    points = found @ pose[:3, :3].T + pose[:3, 3]
+    none, up = np.zeros(4, dtype=int), np.tile(pose[:3, 2], (4, 1))
+    for depths in ([1.0, 1.0, 0.6, 0.6], [1.0, 0.7, 0.5, 0.3], [1.0, 1.0, 1e-9, 1e-9]):
+        depths = 1e-3 * np.array(depths)
+        pressing = law.press(Touches(none, none, points, up, depths, np.zeros((4, 3)), np.zeros(4)), 1e-4, pose)
+        assert pressing.normal[:2] == pytest.approx(5e4 * depths[:2] ** 1.5, rel=0.05)
+        assert pressing.normal[2:].sum() < 0.02 * pressing.normal.sum()
+    # Where the engine finds one point alone, it bears what both would.
+    one = Touches(none[:1], none[:1], points[:1], up[:1], np.full(1, 1e-3), np.zeros((1, 3)), np.zeros(1))
+    assert law.press(one, 1e-4, pose).normal.sum() == pytest.approx(2 * 5e4 * 1e-3**1.5)
+
+
 def test_of_a_link_with_one_contact_its_deepest_body_presses():
     """A second body of the same link that comes to touch, less deep, changes nothing; where more is planned all points
     count.
