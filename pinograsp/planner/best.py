@@ -32,8 +32,8 @@ def plan_best(
 ) -> GraspPlan:
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
-    Those whose contacts slide far while they press or lie on edges, those in which other links press on the object, too, and those
-    that the hand's own servos let go of (:meth:`GraspPlan.object_stiffness`), come after the others.
+    Those whose contacts slide far while they press or lie on edges, those in which other links press on the object,
+    too, and those that the hand's own servos let go of (:meth:`GraspPlan.object_stiffness`), come after the others.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
