@@ -49,13 +49,15 @@ def rows(name: str, hold: float) -> Iterator[dict]:
         for factor, forces, holds in zip(FACTORS, band.forces_c, band.holds):
             law = replace(solution.problem.compliance, stiffness=factor * solution.problem.compliance.stiffness)
             forces_o = np.einsum("kxc,kc->kx", contacts.rotations_oc, forces)
+            stiff = contact_stiffness(law, forces[:, 2])
             stiffness = object_stiffness(
                 contacts.G,
-                contact_stiffness(law, forces[:, 2]),
+                stiff,
                 servos,
                 forces,
                 object_curvature=curvature,
                 hand_curvature=TIP,
+                torsional_stiffness=solution.problem.friction.torsion**2 * stiff.diagonal()[2::3],
                 joint_preload=preload_slope(hand, contacts, q, forces_o, depth=depth),
             )
             real = replace(plan, law=replace(plan.law, stiffness=law.stiffness))

@@ -43,8 +43,9 @@ class OnlineForces:
     Newton's method on the dual (:mod:`pinograsp.forces.kernels`), in a bounded number of steps. What cannot be balanced
     leaves the least that any forces within the limits leave, to 1e-8 of the load (1e-6 with torque limits), by a bound
     that proves it. Where a joint would bear more than its limit the tick is solved again by interior points, with rows
-    for the joints: a tenth of a millisecond more for a dozen contacts, half of one where the load cannot be held. Where
-    no forces at all keep the joints within their limits, these do not count.
+    for the joints: a tenth of a millisecond more for a dozen contacts, half of one where the load cannot be held. So it
+    is, at every tick, where fewer drives than joints make the torques (``TorqueLimits.underactuation``). Where no
+    forces at all keep the joints within their limits, these do not count.
 
     Attributes:
         forces: (k, 3) in the contacts' axes [N].
@@ -81,7 +82,8 @@ class OnlineForces:
 
         Args:
             problem: contacts, friction (a cone, soft fingers or a 4-edge pyramid), balance, gravity, and the limits of
-                its ``torques``, which hold at the posture of the tick. Its load is not used.
+                its ``torques``, which hold at the posture of the tick, with the couplings of an underactuated hand.
+                Its load is not used.
             hand: whose torques are wanted; None: forces alone.
             q: its posture (n,) [rad]; default: the contacts' own.
             normal_forces: least and largest F_n [N], numbers or (k,); default: up to what the problem's largest depth
@@ -116,6 +118,7 @@ class OnlineForces:
         ramp = number("ramp", ramp, at_least=0, unit="s")
         self._rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
         steps = integer("most steps", max_steps, at_least=1, at_most=10_000)
+        under = None if problem.torques is None else problem.torques.underactuation
         self._memory, tick = tick_memory(
             TickSettings(
                 contacts=k,
@@ -128,6 +131,7 @@ class OnlineForces:
                 safety=friction.safety,
                 steps=steps,
                 ramp=min(1.0, self.period / ramp) if ramp else 1.0,
+                couplings=0 if under is None else len(under.rows),
             )
         )
         self._inputs, self._multipliers = tick.inputs, tick.room.multipliers
@@ -223,13 +227,18 @@ class OnlineForces:
     def _torque_rows(self, links: IntArray) -> TorqueRows | None:
         """Which torque limits concern which contacts, as the compiled code takes it; None where there are none."""
         problem, torques = self.problem, self.problem.torques
-        if torques is None or not torques.limited.any():
+        under = None if torques is None else torques.underactuation
+        if torques is None or (under is None and not torques.limited.any()):
             return None
         self._inputs.torque_limit[:] = torques.usable
         k, m, friction = problem.k, problem.rows, problem.friction
-        enters = np.zeros((len(torques.limit), k), dtype=bool)
-        for contact, _, joint in links:
-            enters[joint, contact] = torques.limited[joint]
+        moves = np.zeros((len(torques.limit), k), dtype=bool)
+        moves[links[:, 2], links[:, 0]] = True
+        enters = moves & torques.limited[:, None]
+        if under is not None:
+            self._inputs.couplings[:], self._inputs.coupled[:] = under.rows, under.torques
+            self._inputs.borne[:] = under.friction
+            enters = np.concatenate([enters, np.repeat((under.rows != 0) @ moves, 2, axis=0)])
         count = enters.sum(axis=1)
         order = np.concatenate([np.flatnonzero(count > 1), np.flatnonzero(count == 1)])
         rows, shared = len(order), int((count > 1).sum())
@@ -248,7 +257,8 @@ class OnlineForces:
         used = np.ones((2 * (e - rounded) + 1 + most, d), dtype=int)
         used[: 2 * (e - rounded) + 1, :e] = 0
         used[np.arange(2 * (e - rounded)), rounded + np.arange(2 * (e - rounded)) // 2] = 1
-        return TorqueRows(shared, row_of, own, touched, counts, used)
+        joints = len(torques.limit)
+        return TorqueRows(shared, row_of[:joints], own, touched, counts, used, row_of[joints:].reshape(-1, 2))
 
     def _move(self, q: Array) -> None:
         self._posture[:] = q

@@ -16,6 +16,7 @@ from conftest import around_cylinder
 import pinograsp as pg
 from pinograsp.contacts import Contact, ContactSet
 from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces import Underactuation
 from pinograsp.spatial import rotation_rpy, tangent_frame
 
 MODELS = {
@@ -62,6 +63,9 @@ class Oracle:
             moments = [contact.normal_o * self.m[i] for i, contact in enumerate(problem.contacts)]
             tau = torques.bias + sum(J[:3].T @ f + J[3:].T @ m for J, f, m in zip(torques.jacobian, world, moments))
             limits.append(cp.abs(tau[torques.limited]) <= torques.limit[torques.limited])
+            if (under := torques.underactuation) is not None:
+                arms = np.array([[np.linalg.norm(row @ J[:3].T) for J in torques.jacobian] for row in under.rows])
+                limits.append(cp.abs(under.rows @ tau - under.torques) <= under.friction * arms @ self.f[:, 2])
         scale = np.append(np.ones(3), np.full(3, 1 / arm))
         wrench = problem.contacts.G @ cp.reshape(self.f, (3 * k,), order="C") + self.load
         turn = problem.contacts.rotations_oc[:, :, 2].T @ self.m
@@ -378,6 +382,50 @@ def test_torque_limits(name):
             assert status is Status.OK and left <= 1e-8 * np.linalg.norm(asked)
             assert forces == pytest.approx(best, abs=1e-4 * np.abs(best).max())
     assert min(counts.values()) >= 2, counts
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
+@pytest.mark.parametrize("name", MODELS)
+def test_couplings_of_drives(name):
+    """Torques in the ratios of a motor's arms, to what friction bears: the best forces that have them, or the closest."""
+    hand, q, problem = hand_of_many(MODELS[name])
+    rng, counts = np.random.default_rng(4), {"held": 0, "missed": 0}
+    load, limit = np.array(problem.load), np.full(hand.n, np.inf)
+    usual = pg.OnlineForces(problem, hand=hand, q=q, normal_forces=(0.02, 30.0)).step(load)[1].copy()
+    loaded = np.flatnonzero(np.abs(pg.torque_limits(hand, problem.contacts, q, limit=1.0).jacobian).max(axis=(0, 1)))
+    for share, friction in ((0.0, 0.0), (0.5, 0.1), (300.0, 0.05)):
+        limit[loaded[::4]] = 0.7 * np.maximum(np.abs(usual[loaded[::4]]), 0.05) if friction else np.inf
+        rows = np.zeros((2, hand.n))
+        for row in rows:  # one motor at two joints, which one or several contacts load
+            row[rng.choice(loaded, 2, replace=False)] = rng.uniform(0.5, 1.0, 2) * [1, -1]
+            row /= np.linalg.norm(row)
+        value = rows @ usual + share * 0.01 * rng.normal(size=2)
+        under = Underactuation(rows=rows, torques=value, why=("one motor",) * 2, friction=friction)
+
+        def torques_at(posture, limit=limit, under=under):
+            found = pg.torque_limits(hand, problem.contacts, posture, limit=limit)
+            return replace(found, underactuation=under)
+
+        online = pg.OnlineForces(replace(problem, torques=torques_at(q)), hand=hand, q=q, normal_forces=(0.02, 30.0))
+        for _ in range(3):
+            other = q + 0.03 * rng.normal(size=hand.n)
+            asked = load * rng.uniform(0.8, 1.2, 6)
+            forces, torques, status = online.step(asked, q=other)
+            missing, best = Oracle(problem, 0.02, 30.0, torques_at(other))(asked)
+            left = problem.scaled_norm(online.residual)
+            if missing == np.inf:
+                continue  # no forces at all have such torques
+            if best is None:
+                counts["missed"] += 1
+                assert status is Status.INFEASIBLE and left == pytest.approx(missing, rel=1e-4, abs=1e-5)
+                continue
+            counts["held"] += 1
+            assert status is Status.OK and left <= 1e-8 * np.linalg.norm(asked)
+            assert forces == pytest.approx(best, abs=1e-3 * np.abs(best).max())
+            arms = np.linalg.norm(np.einsum("pn,kxn->pkx", rows, torques_at(other).jacobian[:, :3]), axis=2)
+            off = np.abs(rows @ torques - value) - friction * arms @ forces[:, 2]
+            assert off.max() <= 1e-5 * np.linalg.norm(asked)
+    assert counts["held"] >= 4, counts
 
 
 def test_torque_limits_that_gravity_alone_breaks():

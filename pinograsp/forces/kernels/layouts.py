@@ -264,7 +264,7 @@ class BulkResults(NamedTuple):
 
 class TickSettings(NamedTuple):
     """Of a loop: numbers of contacts, components, joints, rows of the balance and round components; torsion [m], moment
-    length [m], safety factor, Newton steps of one try, change of shares per tick.
+    length [m], safety factor, Newton steps of one try, change of shares per tick; number of couplings.
     """
 
     contacts: int
@@ -277,6 +277,7 @@ class TickSettings(NamedTuple):
     safety: float
     steps: int
     ramp: float
+    couplings: int = 0
 
 
 class TickInputs(NamedTuple):
@@ -294,6 +295,9 @@ class TickInputs(NamedTuple):
         share: of these that holds now (k,).
         target: what the share moves to (k,).
         torque_limit: of the joints (n,).
+        couplings: combinations of the torques that no drive makes (p, n).
+        coupled: what springs make of them (p,).
+        borne: share of the contacts' torques on them that friction bears (1,).
     """
 
     com: Array
@@ -307,6 +311,9 @@ class TickInputs(NamedTuple):
     share: Array
     target: Array
     torque_limit: Array
+    couplings: Array
+    coupled: Array
+    borne: Array
 
 
 class TickOutputs(NamedTuple):
@@ -344,7 +351,7 @@ class Tick(NamedTuple):
 
 
 class TorqueRows(NamedTuple):
-    """Which torque rows there are: of the joints, the first ``shared`` of them of joints that several contacts load.
+    """Which torque rows there are: of joints and couplings, the first ``shared`` of them those that several contacts load.
 
     Attributes:
         shared: number of these.
@@ -353,6 +360,7 @@ class TorqueRows(NamedTuple):
         touched: as of :class:`Rows`.
         counts: as of :class:`Rows`.
         used: as of :class:`Limits`.
+        pair_of: rows of a coupling, one for either side, -1 for none (p, 2).
     """
 
     shared: int
@@ -361,6 +369,7 @@ class TorqueRows(NamedTuple):
     touched: IntArray
     counts: IntArray
     used: IntArray
+    pair_of: IntArray
 
 
 class Hand(NamedTuple):

@@ -43,9 +43,10 @@ def tick_in(memory: Array) -> Tick:
         memory[7],
         int(memory[8]),
         memory[9],
+        int(memory[10]),
     )
-    k, d, n, m = s.contacts, s.components, s.joints, s.rows
-    i = 10
+    k, d, n, m, p = s.contacts, s.components, s.joints, s.rows, s.couplings
+    i = 11
     com, rate, wrench = memory[i : i + 3], memory[i + 3 : i + 4], memory[i + 4 : i + 10]
     i += 10
     points, rotations, mu = memory[i : i + 3 * k], memory[i + 3 * k : i + 12 * k], memory[i + 12 * k : i + 13 * k]
@@ -55,6 +56,8 @@ def tick_in(memory: Array) -> Tick:
     i += 4 * k
     torque_limit, torques = memory[i : i + n], memory[i + n : i + 2 * n]
     i += 2 * n
+    couplings, coupled, borne = memory[i : i + p * n], memory[i + p * n :][:p], memory[i + p * n + p :][:1]
+    i += p * n + p + 1
     forces, moments, unbalanced = memory[i : i + 3 * k], memory[i + 3 * k : i + 4 * k], memory[i + 4 * k :][:6]
     i += 4 * k + 6
     multipliers, b, y, radii = memory[i : i + m], memory[i + 6 :][:m], memory[i + 12 :][:m], memory[i + 18 :][: d - 1]
@@ -83,6 +86,9 @@ def tick_in(memory: Array) -> Tick:
             share,
             target,
             torque_limit,
+            couplings.reshape((p, n)),
+            coupled,
+            borne,
         ),
         TickOutputs(forces.reshape((k, 3)), moments, unbalanced, torques),
         TickRoom(
@@ -104,10 +110,10 @@ compiled_tick_in = jit(**FLAGS)(tick_in)
 
 def tick_memory(settings: TickSettings) -> tuple[Array, Tick]:
     """Memory for a loop, and its parts, which are views of it."""
-    k, d, n, m = settings.contacts, settings.components, settings.joints, settings.rows
-    before = 10 + 10 + 17 * k + 2 * n + 4 * k + 6 + 21 + 3 * k
+    k, d, n, m, p = settings.contacts, settings.components, settings.joints, settings.rows, settings.couplings
+    before = 11 + 10 + 17 * k + 2 * n + p * n + p + 1 + 4 * k + 6 + 21 + 3 * k
     memory = np.zeros(before + (4 + m) * d * k + newton_scratch(d, k))
-    memory[:10] = settings
+    memory[:11] = settings
     return memory, tick_in(memory)
 
 
@@ -120,7 +126,7 @@ def pack_chains(links: IntArray, rows: TorqueRows | None) -> IntArray:
     if rows is None:
         return np.array([len(links), -1, 0, 0, *links.ravel()], dtype=np.int64)
     sizes = len(links), rows.touched.shape[1], rows.shared, len(rows.own)
-    parts = sizes, links, rows.row_of, rows.own, rows.touched, rows.counts, rows.used
+    parts = sizes, links, rows.row_of, rows.own, rows.touched, rows.counts, rows.used, rows.pair_of
     return np.concatenate([np.asarray(one, dtype=np.int64).ravel() for one in parts])
 
 
@@ -147,4 +153,5 @@ def torque_rows_in(chains: IntArray, settings: TickSettings) -> TorqueRows:
     touched, i = part(chains, i, (k, all_rows))
     counts, i = part(chains, i, (k, 2))
     used, i = part(chains, i, (limits + alone, d))
-    return TorqueRows(chains[2], row_of, own, touched, counts, used)
+    pair_of, i = part(chains, i, (settings.couplings, 2))
+    return TorqueRows(chains[2], row_of, own, touched, counts, used, pair_of)

@@ -158,7 +158,7 @@ def online(memory: Array, jacobian: Array, gravity: Array, chains: IntArray) -> 
     code, steps = _solve(room, scale, settings.steps)
     _write_out(inputs, outputs, room.x, room.widths, scale, hand)
     limit, torques = inputs.torque_limit, outputs.torques
-    beyond = False
+    beyond = settings.couplings > 0
     for j in range(len(limit) if has_torque_rows(chains) else 0):
         beyond = beyond or abs(torques[j]) > limit[j]
     if beyond:

@@ -34,6 +34,7 @@ from pinograsp.spatial import Array, IntArray
 # Forces are the closest where what they leave of the balance is this near to its proven least value, relative to the
 # load.
 _CLOSEST_WITHIN = 1e-6
+TRACE = 1e-6  # of the load, by which a coupling may be missed: programs without any room are hard to solve
 
 
 @jit(**PIECE)
@@ -58,16 +59,69 @@ def _torques_by_force(inputs: TickInputs, widths: Array, row_of: IntArray, rows:
 
 
 @jit(**PIECE)
-def _ranges_of(R: Array, tick: Tick, row_of: IntArray, scale: float, gravity: Array) -> Ranges:
-    """|gravity + J'f| <= limit over ``scale``; the rows of R are brought to length one."""
+def _add_couplings(R: Array, inputs: TickInputs, widths: Array, pair_of: IntArray, hand: Hand) -> None:
+    """Rows of the couplings in R (rows, d, k) [N m]: less what friction bears, and with it."""
+    com, points, (jacobian, _, links), E = inputs.com, inputs.points, hand, inputs.couplings
+    d, k = widths.shape
+    n = E.shape[1]
+    every = _torques_by_force(inputs, widths, np.arange(n), n, hand)
+    for c in range(E.shape[0]):
+        low, high = pair_of[c, 0], pair_of[c, 1]
+        if low < 0:
+            continue
+        arms = np.zeros((k, 3))
+        for p in range(links.shape[0]):
+            i, share, J = links[p, 0], E[c, links[p, 2]], jacobian[6 * links[p, 1] :][:6]
+            f, g, h = points[i, 0] + com[0], points[i, 1] + com[1], points[i, 2] + com[2]
+            arms[i, 0] += share * (J[0] + J[4] * h - J[5] * g)
+            arms[i, 1] += share * (J[1] + J[5] * f - J[3] * h)
+            arms[i, 2] += share * (J[2] + J[3] * g - J[4] * f)
+        for i in range(k):
+            for j in range(d):
+                own = 0.0
+                for joint in range(n):
+                    own += E[c, joint] * every[joint, j, i]
+                R[low, j, i], R[high, j, i] = own, own
+            arm = inputs.borne[0] * np.sqrt((arms[i] * arms[i]).sum())
+            R[low, d - 1, i] -= arm
+            R[high, d - 1, i] += arm
+
+
+@jit(**PIECE)
+def _to_unit(R: Array, r: int) -> float:
+    """Brings a row of R to length one; what it was."""
+    size = max(np.sqrt((R[r] * R[r]).sum()), 1e-12)
+    R[r] /= size
+    return size
+
+
+@jit(**PIECE)
+def _ranges_of(R: Array, tick: Tick, torques: TorqueRows, scale: float, gravity: Array) -> Ranges:
+    """|gravity + J'f| <= limit over ``scale``, and either side of the couplings; the rows of R are brought to length
+    one.
+    """
     lo, hi, limit, rows = tick.room.cones.lo, tick.room.cones.hi, tick.inputs.torque_limit, R.shape[0]
     R_lo, R_hi = np.empty(rows), np.empty(rows)
     for j in range(len(limit)):
-        r = row_of[j]
+        r = torques.row_of[j]
         if r >= 0:
-            size = max(np.sqrt((R[r] * R[r]).sum()), 1e-12)
-            R[r] /= size
+            size = _to_unit(R, r)
             R_lo[r], R_hi[r] = (-limit[j] - gravity[j]) / (size * scale), (limit[j] - gravity[j]) / (size * scale)
+    E, coupled = tick.inputs.couplings, tick.inputs.coupled
+    for c in range(E.shape[0]):
+        value = coupled[c]
+        for j in range(E.shape[1]):
+            value -= E[c, j] * gravity[j]
+        for side in range(2):
+            r = torques.pair_of[c, side]
+            if r < 0:
+                continue
+            bound, reach = value / (_to_unit(R, r) * scale), 1.0
+            for i in range(R.shape[2]):
+                for j in range(R.shape[1]):
+                    reach += 2.0 * abs(R[r, j, i]) * hi[i]
+            reach += abs(bound)
+            R_lo[r], R_hi[r] = (bound - reach, bound + TRACE) if side == 0 else (bound - TRACE, bound + reach)
     return Ranges(lo, np.maximum(hi, lo + 1e-9), R_lo, R_hi)
 
 
@@ -104,7 +158,9 @@ def _problem_within(tick: Tick, scale: float, hand: Hand, torques: TorqueRows) -
     w, radii, n_round = room.quadratic.w, room.cones.radii, room.cones.n_round
     d, k = w.shape
     R = _torques_by_force(tick.inputs, room.widths, torques.row_of, rows, hand)
-    ranges = _ranges_of(R, tick, torques.row_of, scale, hand.gravity)
+    if tick.inputs.couplings.shape[0] > 0:
+        _add_couplings(R, tick.inputs, room.widths, torques.pair_of, hand)
+    ranges = _ranges_of(R, tick, torques, scale, hand.gravity)
     every, limits = _rows_and_limits(room.balance.A, R, torques, room.cones)
     vertices = np.empty((0 if n_round else 4, 2))
     for a in range(len(vertices)):
