@@ -178,7 +178,7 @@ def compile_now() -> None:
     )
     stage = pack_stage(Stage(False, 0.1 * one, one, np.ones((1, 2))))
     solve_one(whole, numbers, stage, frozen(np.zeros(6)), *room_for_results(k, 0))
-    memory, tick = tick_memory(TickSettings(k, d, 0, m, 2, 0.0, 1.0, 1.0, 1, 1.0))
+    memory, tick = tick_memory(TickSettings(k, d, 0, m, 2, 0.0, 1.0, 1.0, 1, 1.0, 0))
     tick.inputs.rotations[:], tick.inputs.largest[:] = np.eye(3), 1.0
     online(memory, none, none, pack_chains(np.zeros((0, 3), dtype=np.int64), None))
     memory, box = box_memory(m, 2, 1.0)

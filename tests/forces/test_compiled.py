@@ -568,11 +568,11 @@ def test_parts_of_a_loop_memory_fill_it(model, k, joints, rows):
     from pinograsp.forces.kernels.newton import newton_scratch
 
     d, n_round = MODELS[model].d, MODELS[model].round_dimensions
-    memory, tick = tick_memory(TickSettings(k, d, joints, rows, n_round, 0.0, 1.0, 1.0, 9, 0.5))
+    memory, tick = tick_memory(TickSettings(k, d, joints, rows, n_round, 0.0, 1.0, 1.0, 9, 0.5, joints // 8))
     room = tick.room
     parts = [*tick.inputs, *tick.outputs, room.multipliers, *room.balance[:2], *room.quadratic, *room.cones[:3]]
     parts += [room.x, room.y, room.widths, room.slip, room.work]
-    assert tick.settings == (k, d, joints, rows, n_round, 0.0, 1.0, 1.0, 9, 0.5)
+    assert tick.settings == (k, d, joints, rows, n_round, 0.0, 1.0, 1.0, 9, 0.5, joints // 8)
     for number, part in enumerate(parts, 1):
         assert np.shares_memory(part, memory) or not part.size
         assert not part.any()

@@ -277,7 +277,7 @@ class TickSettings(NamedTuple):
     safety: float
     steps: int
     ramp: float
-    couplings: int = 0
+    couplings: int
 
 
 class TickInputs(NamedTuple):
@@ -351,7 +351,7 @@ class Tick(NamedTuple):
 
 
 class TorqueRows(NamedTuple):
-    """Which torque rows there are: of joints and couplings, the first ``shared`` of them those that several contacts load.
+    """Which torque rows there are, of joints and couplings: the first ``shared`` of them are loaded by several contacts.
 
     Attributes:
         shared: number of these.

@@ -90,7 +90,7 @@ def _add_couplings(R: Array, inputs: TickInputs, widths: Array, pair_of: IntArra
 @jit(**PIECE)
 def _to_unit(R: Array, r: int) -> float:
     """Brings a row of R to length one; what it was."""
-    size = max(np.sqrt((R[r] * R[r]).sum()), 1e-12)
+    size: float = max(np.sqrt((R[r] * R[r]).sum()), 1e-12)
     R[r] /= size
     return size
 
