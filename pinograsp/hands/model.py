@@ -269,6 +269,17 @@ class HandModel:
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         return replace(self, model=model, notes=tuple(notes))
 
+    @property
+    def servo_stiffness(self) -> Array:
+        """Stiffness of the joints' own position servos (n,) [N m/rad or N/m]; NaN where none is known, or where a drive
+        moves several joints.
+        """
+        known = np.full(self.n, np.nan)
+        for drive in self.drives:
+            if drive.stiffness is not None and len(drive.joints) == 1:
+                known[self.joint_names.index(drive.joints[0])] = drive.arms[0] ** 2 * drive.stiffness
+        return known
+
     def with_drives(self, drives: Iterable[Drive], springs: Iterable[Spring] | None = None) -> HandModel:
         """The same hand with these motors, and these springs (None: those it has); what they leave open is noted.
 

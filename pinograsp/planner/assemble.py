@@ -89,7 +89,7 @@ def assembled(
         torque_limit=read_only(hand.effort_or_infinity if problem.torques is None else problem.torques.limit),
         forces=_forces(solution, motion),
         motion=motion,
-        cautions=_cautions(hand, solution, motion),
+        cautions=_cautions(hand, solution, motion, 0.0 if reserve is None else reserve.force),
         notes=(*motion.notes, *closed, *notes),
         closing=None if closure is None else closure.summary(),
         elapsed=elapsed,
@@ -189,8 +189,8 @@ def _certificate(solution: ForceSolution) -> PlanCertificate | None:
     )
 
 
-def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple[str, ...]:
-    """What the plan's promise does not cover, in words."""
+def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, push: float) -> tuple[str, ...]:
+    """What the plan's promise does not cover, in words; ``push`` of the reserve [N]."""
     problem, contacts, cautions = solution.problem, solution.problem.contacts, list[str]()
     if problem.balance == "force":
         cautions.append("forces are balanced, moments are not: a free object turns (balance='wrench')")
@@ -228,7 +228,7 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> tuple
             f"{name} meets the object as the hand presses, where no contact is planned: it bears a part of the force"
             for name in pressing_too(hand, solution, motion.q[-1])
         ]
-    if unstable := instability(hand, solution, motion.q[-1], servo_gains(hand)):
+    if unstable := instability(hand, solution, motion.q[-1], servo_gains(hand), push):
         cautions.append(unstable)
     return (*cautions, *_beyond_drives(hand, solution, motion), *_near_limits(hand, solution, motion))
 

@@ -30,6 +30,7 @@ from pinograsp.spatial import Array
 
 SERVO = 50.0  # [N m/rad] stiffness of a small servo; at a sliding joint that of the same, 30 mm from its axis
 _LEVER = 0.03  # [m]
+_AWAY = 2e-3  # [m] by which the object may give way to the push of a reserve
 _FINGERTIP = 0.008  # [m] radius of curvature of links where they touch
 
 
@@ -41,11 +42,8 @@ def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
     """
     if stiffness is None:
         slides = np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names])
-        gains = np.where(slides, SERVO / _LEVER**2, SERVO)
-        for drive in hand.drives:
-            if drive.stiffness is not None and len(drive.joints) == 1:
-                gains[hand.joint_names.index(drive.joints[0])] = drive.arms[0] ** 2 * drive.stiffness
-        return gains
+        known = hand.servo_stiffness
+        return np.where(np.isnan(known), np.where(slides, SERVO / _LEVER**2, SERVO), known)
     gains = each_of("servo stiffness", stiffness, hand.n)
     if gains.min() < 0:
         raise InvalidInput(f"servo stiffness: expected values from 0 on (torque control), got {shown(gains.tolist())}")
@@ -129,11 +127,19 @@ def _curvatures(solution: ForceSolution) -> tuple[Array, Array]:
     return own, other
 
 
-def instability(hand: HandModel, solution: ForceSolution, q: Array, gains: Array) -> str | None:
-    """How the object would leave by itself, in words; None where servos of ``gains`` (n,) keep it."""
+def instability(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, push: float = 0.0) -> str | None:
+    """How the object would leave by itself, or how far it would give way to a ``push`` [N], in words; None where
+    servos of ``gains`` (n,) keep it.
+    """
     held = stiffness_of(hand, solution, q, gains)
     if held.is_stable():
-        return None
+        away = push * float(np.linalg.norm(np.linalg.pinv(held.matrix)[:3, :3], 2))
+        if away <= _AWAY:
+            return None
+        return (
+            f"with servos of {_in_words(hand, gains)} the object gives way by {1e3 * away:.2g} mm to a push of "
+            f"{push:.2g} N, and may creep where it is shaken: take stiffer servos, or another grasp"
+        )
     servos = f"the equilibrium is unstable: with servos of {_in_words(hand, gains)}"
     if held.margin >= 0:
         return f"{servos} the fingers give way by themselves"

@@ -94,8 +94,8 @@ class Servo:
 
         Args:
             hand: whose joints the servos move.
-            stiffness: kp, one number or (n,); default: 50 N m/rad, 55.6 kN/m for sliding joints; none with torque
-                control.
+            stiffness: kp, one number or (n,); default: those of the hand's own drives, else 50 N m/rad, 55.6 kN/m for
+                sliding joints; none with torque control.
             damping: one number or (n,); default: 10 ms times the stiffness, with torque control times a tenth of the
                 default stiffness.
             control: of the joints, see :class:`Servo`.
@@ -106,7 +106,8 @@ class Servo:
         model = instance_of("hand", hand, HandModel).model
         slides = np.array([hand.is_prismatic(model.getJointId(name)) for name in hand.joint_names])
         torque = one_of("servo control", control, CONTROLS) == "torque"
-        chosen = np.where(slides, _SLIDING, _TURNING)
+        known = hand.servo_stiffness
+        chosen = np.where(np.isnan(known), np.where(slides, _SLIDING, _TURNING), known)
         if stiffness is not None and torque:
             raise InvalidInput(
                 f"servo stiffness: expected none with control='torque', got {shown(stiffness)}: leave it out, or take "

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import get_args
 
+import mujoco
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
@@ -392,6 +393,33 @@ def test_help_and_version():
     assert builtin_cases() == ["paper"]
 
 
+def test_plans_are_exported(command, tmp_path):
+    """Each kind of file is what the same call in Python writes, or a reason is given."""
+    assert command("plan", "paper", "--out", "run", *LIGHT)[0] == 0
+    plan = load_run(tmp_path / "run")
+    code, out, _ = command("export", "run", "drives.csv", "--command", "position", "--stiffness", "5", "--rate", "200")
+    assert code == 0 and "written to drives.csv" in out
+    plan.to_csv(tmp_path / "same.csv", command="position", stiffness=5.0, rate=200.0)
+    assert (tmp_path / "drives.csv").read_text() == (tmp_path / "same.csv").read_text()
+    assert command("export", "run", "goal.json", "--goal", "--rate", "200")[0] == 0
+    told = json.loads((tmp_path / "goal.json").read_text())
+    assert told["trajectory"]["joint_names"] == list(plan.layout.joints)
+    assert command("export", "run", "scene.xml", "--scene", "--rate", "200")[0] == 0
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml")).nu >= plan.hand.n
+    for arguments, message in (
+        (["drives.csv"], "already exists"),
+        (["drives.txt"], "ends in .csv"),
+        (["x.csv", "--scene"], "--scene: expected with"),
+        (["x.xml", "--goal"], "--goal: expected with"),
+        (["x.csv", "--command", "push"], "--command"),
+        (["x.csv", "--command", "jaw"], "expected drives with control 'jaw'"),
+        (["x.csv", "--command", "position"], "stiffness"),
+    ):
+        code, _, err = command("export", "run", *arguments)
+        assert code == 2 and message in err and not (tmp_path / "x.csv").exists()
+    assert command("export", "run", "drives.csv", "--force")[0] == 0
+
+
 def test_module_runs_as_a_script(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "pinograsp.cli", "plan", "nothing"],
@@ -545,7 +573,7 @@ def test_quiet_and_verbose_after_the_command(command):
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["plan"], ["close"], ["check"], ["hands"], ["sweep"], ["view"], ["report"], ["bench"]]
+    "arguments", [[], ["plan"], ["close"], ["check"], ["hands"], ["sweep"], ["view"], ["report"], ["bench"], ["export"]]
 )
 def test_short_help(command, arguments):
     code, out, _ = command(*arguments, "-h")

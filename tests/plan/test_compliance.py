@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,22 @@ def test_stiff_servos_keep_the_object_and_soft_ones_let_it_tip(plan):
     assert told is not None and told.startswith("the equilibrium is unstable: with servos of 0.2 N m/rad the object ")
     margins = [plan.object_stiffness(servo).margin for servo in (1.0, 5.0, 50.0, 1e6)]
     assert margins == sorted(margins)
+
+
+def test_servos_of_ones_own_are_taken_and_soft_ones_told(plan):
+    """Gains that a hand's drives have, at a joint of its own with the arm squared; those of others are the usual ones."""
+    hand = plan.hand
+    first, *others = hand.drives
+    soft = hand.with_drives([replace(first, arms=(2.0,), control="position", stiffness=0.75), *others])
+    assert soft.servo_stiffness[0] == 3.0 and np.isnan(soft.servo_stiffness[1:]).all()
+    for gains in (servo_gains(soft), Servo.of(soft).stiffness):
+        assert gains[0] == 3.0 and np.all(gains[1:] == servo_gains(hand)[1:])
+    solution, q = plan.searched(), plan.motion.q[-1]
+    gains = servo_gains(hand, 2.0)
+    told = instability(hand, solution, q, gains, push=5.0)
+    away = 5.0 * np.linalg.norm(np.linalg.inv(plan.object_stiffness(2.0).matrix)[:3, :3], 2)
+    assert plan.object_stiffness(2.0).is_stable() and f"gives way by {1e3 * away:.2g} mm" in told
+    assert instability(hand, solution, q, gains, push=1e-3) is None
 
 
 @pytest.mark.slow

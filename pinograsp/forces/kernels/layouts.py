@@ -351,7 +351,7 @@ class Tick(NamedTuple):
 
 
 class TorqueRows(NamedTuple):
-    """Which torque rows there are, of joints and couplings: the first ``shared`` of them are loaded by several contacts.
+    """Which torque rows there are, of joints and couplings; several contacts load the first ``shared`` of them.
 
     Attributes:
         shared: number of these.
