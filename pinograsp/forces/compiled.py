@@ -72,7 +72,7 @@ def solve_program(program: Program, fixed: Template, name: str) -> Answer | None
     )
     if code != CONVERGED or not math.isfinite(value + bound + violation):
         return None
-    w = np.empty(len(program.R))
+    w = np.zeros(len(program.R))
     w[fixed.order] = found.y[m:]
     return Answer(found.x.ravel(), found.y[:m], w, Checks(violation, found.gauge, found.residual, value, bound))
 

@@ -77,11 +77,7 @@ class Matrices:
     @property
     def decoupled(self) -> bool:
         """Whether the objective couples no two contacts: what the compiled interior-point method takes."""
-        return (
-            not self.peak
-            and not self.fixed
-            and (self.P is None or np.count_nonzero(self.P) == np.count_nonzero(self.blocks()))
-        )
+        return not self.peak and (self.P is None or np.count_nonzero(self.P) == np.count_nonzero(self.blocks()))
 
     @property
     def separates(self) -> bool:

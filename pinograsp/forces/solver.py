@@ -61,7 +61,8 @@ class ForceSolver:
         self._least, self._largest = problem.normal_force_range(self.impact_time)
         self._compiled = None
         method = self.backends[0]
-        if method in COMPILED and self._backends.takes(method):
+        # Equations of an underactuated hand have one side each: as programs alone their other side is set.
+        if method in COMPILED and self._backends.takes(method) and not self._matrices.fixed:
             need_compiled_solvers()
             from pinograsp.forces.compiled import Prepared
 

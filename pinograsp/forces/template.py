@@ -15,7 +15,8 @@ class Template:
 
     Attributes:
         matrices: in the general layout.
-        order: indices of the torque rows in the matrices: those of several contacts, then those of one.
+        order: indices of the torque rows in the matrices: those of several contacts, then those of one. Rows that no
+            contact enters are left out where they hold.
         rows: balance and torque rows.
         limits: of single contacts.
         friction: the cone.
@@ -30,10 +31,15 @@ class Template:
         k, d, friction, m = matrices.k, matrices.d, matrices.friction, matrices.rows
         self.matrices = matrices
         enters = np.abs(matrices.R.reshape(-1, k, d)).max(axis=2) > 0
-        alone = enters.sum(axis=1) <= 1
-        self.order = np.concatenate([np.flatnonzero(~alone), np.flatnonzero(alone)])
+        entered = enters.sum(axis=1)
+        # Joints that no contact loads count where gravity alone is too much for them: then there are no forces.
+        alone = (entered == 1) | ((entered == 0) & ((matrices.R_lo > 0) | (matrices.R_hi < 0)))
+        self.order = np.concatenate([np.flatnonzero(entered > 1), np.flatnonzero(alone)])
         rows = np.vstack([matrices.A, matrices.R[self.order]])
-        B, shared = np.ascontiguousarray(rows.reshape(-1, k, d).transpose(1, 2, 0)), m + int(np.count_nonzero(~alone))
+        B, shared = (
+            np.ascontiguousarray(rows.reshape(-1, k, d).transpose(1, 2, 0)),
+            m + int(np.count_nonzero(entered > 1)),
+        )
         enters = np.vstack([np.ones((m, k), dtype=bool), enters[self.order]])
         touched, counts = np.zeros((k, len(rows)), dtype=np.int64), np.empty((k, 2), dtype=np.int64)
         for i, entered in enumerate(enters.T):

@@ -626,6 +626,21 @@ def test_a_torque_limit_that_binds_is_met_and_named(make_problem, limits):
     assert named in str(diagnose(none.problem, 0.9))
 
 
+@pytest.mark.parametrize("model", ["pyramid", "cone"])
+def test_joints_that_no_contact_loads_are_no_hindrance(make_problem, limits, model):
+    """The compiled method solves the problem of a hand that uses some of its fingers; gravity alone may be too much."""
+    assert np.any(np.abs(limits.jacobian).max(axis=(0, 1)) == 0)
+    problem = make_problem(balance="wrench", friction=Friction(model=model), torques=limits)
+    ours, other = (optimize_forces(problem, 0.85, objective="work", backend=name) for name in ("interior", "clarabel"))
+    assert ours.backend == "interior" and ours.certificate.is_optimal()
+    assert ours.certificate.objective == pytest.approx(other.certificate.objective, rel=1e-6)
+    idle = int(np.flatnonzero(np.abs(limits.jacobian).max(axis=(0, 1)) == 0)[0])
+    bias = limits.bias.copy()
+    bias[idle] = 2 * limits.limit[idle]
+    heavy = replace(problem, torques=replace(limits, bias=bias))
+    assert optimize_forces(heavy, 0.85, objective="work", backend="interior").status is Status.INFEASIBLE
+
+
 def test_motor_heat_is_the_sum_of_squared_torques(make_problem, limits):
     problem = make_problem(torques=limits)
     found = optimize_forces(problem, 0.9, objective="motor_heat")

@@ -126,10 +126,14 @@ def test_one_squeeze_for_several_loads_keeps_to_them_under_its_own(seed):
     assert np.abs(own.forces_c[:, 2] - found.normal_forces).max() < 1e-9 * found.normal_forces.max()
 
 
-def test_compiled_methods_leave_them_to_others():
-    problem = underactuated(0, 1)
-    found = optimize_forces(problem, IMPACT, objective="least_squares")
-    assert found.backend in ("daqp", "clarabel")
+@pytest.mark.parametrize("seed", range(4))
+def test_compiled_and_general_methods_agree(seed):
+    problem = underactuated(seed, 2, friction=0.01)
+    ours, other = (
+        optimize_forces(problem, IMPACT, objective="least_squares", backend=name) for name in ("interior", "clarabel")
+    )
+    assert (ours.status, ours.backend) == (Status.OK, "interior") and other.backend == "clarabel"
+    assert ours.forces_c == pytest.approx(other.forces_c, rel=1e-3, abs=1e-4 * np.abs(other.forces_c).max())
 
 
 def test_equations_of_the_wrong_size_are_refused():
