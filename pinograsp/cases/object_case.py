@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import os
 import re
 from dataclasses import replace
@@ -20,12 +21,14 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, GraspConditions, Reserve
 from pinograsp.forces.conditions import SOFT
 from pinograsp.hands import HandModel, load_hand
+from pinograsp.hands.load import Masses
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
 from pinograsp.planner import GraspPlan, Search, plan_best, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
+_OF_THE_HAND = {"root", "palm", "fingers", "packages", "xacro_args", "trusted", "masses", "hulls"}
 Share = Annotated[float, Field(ge=0, lt=1)]
 Times = Annotated[float, Field(ge=1, le=1000)]
 
@@ -86,6 +89,12 @@ class ObjectCase(Section):
     wrap: bool = False
     table: bool = False
     hulls: bool = True
+    palm: str | None = None
+    fingers: dict[str, str] | None = None
+    packages: dict[str, str] = Field(default_factory=dict)
+    xacro_args: dict[str, Any] = Field(default_factory=dict)
+    trusted: bool = False
+    masses: Masses = "estimate"
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Measure = "impulse"
@@ -110,7 +119,9 @@ class ObjectCase(Section):
     def load_hand(self) -> HandModel:
         """The hand at the world's origin; hands that were loaded before are reused."""
         beside = self.folder / self.hand
-        return _hand(str(beside) if os.path.isfile(beside) else self.hand, self.root, self.hulls)
+        settings = self.model_dump(include=_OF_THE_HAND)
+        settings["packages"] = {name: str(self.folder / folder) for name, folder in self.packages.items()}
+        return _hand(str(beside) if os.path.isfile(beside) else self.hand, json.dumps(settings, sort_keys=True))
 
     def make_object(self) -> Body:
         """The object at the world's origin."""
@@ -226,5 +237,7 @@ def _text(value: object) -> str:
 
 
 @functools.lru_cache(maxsize=4)
-def _hand(source: str, root: str | None, hulls: bool) -> HandModel:
-    return load_hand(source, root=root, hulls=hulls)
+def _hand(source: str, settings: str) -> HandModel:
+    """A hand by arguments of :func:`load_hand` as JSON, which has an order."""
+    chosen = json.loads(settings)
+    return load_hand(source, **chosen.pop("xacro_args"), **chosen)

@@ -6,9 +6,11 @@ import contextlib
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,6 +27,24 @@ app = typer.Typer(
 
 # Options that commands share.
 Root = Annotated[str | None, typer.Option(help="Link whose sub-tree is the hand, on an arm or a robot.")]
+Palm = Annotated[str | None, typer.Option(help="Link that the fingers start from; default: where chains part.")]
+Fingers = Annotated[
+    list[str] | None,
+    typer.Option("--finger", metavar="NAME=LINK", help="A finger's name and its last link; repeatable: these alone."),
+]
+Packages = Annotated[
+    list[str] | None,
+    typer.Option("--package", metavar="NAME=DIR", help="Folder of a ROS package, for the hand's file; repeatable."),
+]
+Arguments = Annotated[
+    list[str] | None, typer.Option("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
+]
+Trusted = Annotated[
+    bool, typer.Option("--trusted", help="Let the hand's xacro run code and read any file: for your own files only.")
+]
+Masses = Annotated[
+    str, typer.Option(help="Of links without any: estimate (from their shapes) or file (massless).", show_default=True)
+]
 At = Annotated[
     str | None, typer.Option(help="Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched.")
 ]
@@ -45,6 +65,37 @@ Hulls = Annotated[
     typer.Option("--hulls/--no-hulls", help="Take the convex hulls of the hand's meshes, as physics engines do."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+
+def loading(
+    palm: str | None,
+    fingers: list[str] | None,
+    packages: list[str] | None,
+    arguments: list[str] | None,
+    trusted: bool,
+    masses: str,
+) -> dict[str, Any]:
+    """How a hand's file is to be read, by the names of :func:`~pinograsp.hands.load_hand`; :class:`InvalidInput` for
+    texts that are not NAME=VALUE, and for names given twice.
+    """
+
+    def pairs(option: str, given: list[str] | None) -> dict[str, str]:
+        found: dict[str, str] = {}
+        for one in given or []:
+            name, _, value = one.partition("=")
+            if not name or not value or name in found:
+                raise InvalidInput(f"{option}: expected NAME=VALUE, each name once, got '{one}'")
+            found[name] = value
+        return found
+
+    return {
+        "palm": palm,
+        "fingers": pairs("--finger", fingers) or None,
+        "packages": {name: os.path.expanduser(folder) for name, folder in pairs("--package", packages).items()},
+        "xacro_args": pairs("--arg", arguments),
+        "trusted": trusted,
+        "masses": masses,
+    }
 
 
 given = {"quiet": False, "verbose": False}  # options that may stand before the command or after it

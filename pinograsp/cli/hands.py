@@ -7,7 +7,21 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Root, Verbose, app, console
+from pinograsp.cli.app import (
+    Arguments,
+    Fingers,
+    Json,
+    Masses,
+    Packages,
+    Palm,
+    Quiet,
+    Root,
+    Trusted,
+    Verbose,
+    app,
+    console,
+    loading,
+)
 from pinograsp.errors import InvalidInput
 
 _WIDE = 120  # columns of a terminal that are enough for titles and names of fingers
@@ -19,6 +33,12 @@ def hands(
         str | None, typer.Argument(help="A hand of the catalogue, or a URDF, xacro or MJCF file; none: the catalogue.")
     ] = None,
     root: Root = None,
+    palm: Palm = None,
+    fingers: Fingers = None,
+    packages: Packages = None,
+    arguments: Arguments = None,
+    trusted: Trusted = False,
+    masses: Masses = "estimate",
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -31,6 +51,8 @@ def hands(
       pinograsp hands psyonic_left
 
       pinograsp hands my_robot.urdf --root palm_link --json
+
+      pinograsp hands gripper.urdf.xacro --package robotiq_description=~/ws/src/robotiq_description --arg name=gripper
     """
     from pinograsp.hands import load_hand
     from pinograsp.hands.summary import record
@@ -40,7 +62,8 @@ def hands(
             raise InvalidInput("--root needs the NAME of a hand or file")
         _list_hands(as_json)
         return
-    hand = load_hand(name, root=root)
+    settings = loading(palm, fingers, packages, arguments, trusted, masses)
+    hand = load_hand(name, root=root, **settings.pop("xacro_args"), **settings)
     typer.echo(json.dumps(record(hand), allow_nan=False) if as_json else hand.describe())
 
 

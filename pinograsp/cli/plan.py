@@ -10,21 +10,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pinograsp.cli.app import (
+    Arguments,
     At,
+    Fingers,
     FrictionModel,
     Hulls,
     Json,
+    Masses,
     Mu,
+    Packages,
+    Palm,
     Quiet,
     Root,
     Safety,
     Samples,
     Seed,
+    Trusted,
     Verbose,
     Wrap,
     app,
     bar,
     console,
+    loading,
     new_folder,
 )
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
@@ -65,6 +72,12 @@ def plan(
         bool, typer.Option("--table", help="The object stands on a table: the hand keeps above it.")
     ] = False,
     hulls: Hulls = True,
+    palm: Palm = None,
+    fingers: Fingers = None,
+    packages: Packages = None,
+    arguments: Arguments = None,
+    trusted: Trusted = False,
+    masses: Masses = "estimate",
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
@@ -120,6 +133,7 @@ def plan(
             "wrap": wrap,
             "table": table,
             "hulls": hulls,
+            **loading(palm, fingers, packages, arguments, trusted, masses),
         }
         chosen = {key: value for key, value in {**options, "reserve": reserve}.items() if value is not None}
         _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
@@ -202,6 +216,12 @@ def close(
     seed: Seed = 0,
     wrap: Wrap = False,
     hulls: Hulls = True,
+    palm: Palm = None,
+    fingers: Fingers = None,
+    packages: Packages = None,
+    arguments: Arguments = None,
+    trusted: Trusted = False,
+    masses: Masses = "estimate",
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -221,6 +241,7 @@ def close(
         "seed": seed,
         "wrap": wrap,
         "hulls": hulls,
+        **loading(palm, fingers, packages, arguments, trusted, masses),
     }
     case = _object_case(hand, object, root, at, **placing)
     found = _found(case, as_json)

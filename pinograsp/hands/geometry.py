@@ -197,20 +197,14 @@ def hulls(geometry: pin.GeometryModel) -> pin.GeometryModel:
     return replaced
 
 
-def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[str], notes: list[str]) -> list[str]:
+def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[str], notes: list[str]) -> None:
     """Give links without inertia the mass of their collision geometry; noted, and so are those that have none.
 
     These are those moved by the joints ``unweighed``, and those that have no mass, nor any link beyond them.
-
-    Returns the actuated joints that move no mass at all.
     """
-
-    def moved(joint: int) -> float:
-        return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
-
     wanted = {model.getJointId(joint) for joint in unweighed}
     for j in range(1, model.njoints):
-        if moved(j) <= 0:
+        if _moved(model, j) <= 0:
             wanted.update(model.subtrees[j])
     filled = []
     for j in sorted(wanted):
@@ -223,12 +217,21 @@ def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[s
         notes.append(f"no masses given, taken from the geometry at {_DENSITY:g} kg/m^3: {', '.join(filled)}")
     if massless := [name for name in unweighed if model.inertias[model.getJointId(name)].mass <= 0]:
         notes.append(f"neither masses nor shapes to take them from, so massless: {', '.join(massless)}")
+
+
+def _moved(model: pin.Model, joint: int) -> float:
+    """The mass that a joint moves [kg]."""
+    return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
+
+
+def moving_nothing(model: pin.Model) -> list[str]:
+    """The actuated joints that move no mass at all."""
     data = model.createData()
     inertia = pin.crba(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2).diagonal()
     together: dict[int, float] = {}  # what a motor moves, by its position in q
     for j in range(1, model.njoints):
         i = model.joints[j].idx_v
-        together[i] = together.get(i, 0.0) + moved(j)
+        together[i] = together.get(i, 0.0) + _moved(model, j)
     return [
         model.names[j]
         for j in range(1, model.njoints)

@@ -6,15 +6,16 @@ import codecs
 import difflib
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import flag, instance_of, mapping_of, path_of, text_of
+from pinograsp.checks import flag, instance_of, mapping_of, one_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, mjcf, urdf_drives
 from pinograsp.hands.catalogue import CATALOGUE, file_of
@@ -30,13 +31,17 @@ from pinograsp.hands.drives import (
     springs_of,
 )
 from pinograsp.hands.elements import parse, read_bytes
-from pinograsp.hands.geometry import collision_geometry, fill_masses
+from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing
 from pinograsp.hands.linkage import without_levers
+from pinograsp.hands.mesh_file import LFS_POINTER
 from pinograsp.hands.model import Finger, HandModel
+from pinograsp.hands.ros_packages import packages_of
 from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
 from pinograsp.spatial import FARTHEST
+
+Masses = Literal["estimate", "file"]
 
 ON_ROOT = "root: "
 _ARM = 4  # joints before a palm; wrists have up to three
@@ -57,6 +62,8 @@ def load_hand(
     springs: Sequence[Spring] | None = None,
     hulls: bool = True,
     trusted: bool = False,
+    packages: Mapping[str, str | Path] | None = None,
+    masses: Masses = "estimate",
     **xacro_args: object,
 ) -> HandModel:
     """Load a hand by name or from a file.
@@ -82,6 +89,10 @@ def load_hand(
             told by the plan. False: the meshes as they are, for which plans are slower, and simulations differ.
         trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_guard`), and an MJCF file
             include files from outside its own folder.
+        packages: folders of ROS packages, ``{name: folder}``, for ``$(find name)`` and ``package://name/``. Others are
+            looked for in the folders above the file, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH; ROS is not needed.
+        masses: of links without any: ``"estimate"`` takes them from their shapes, noted; ``"file"`` leaves such links
+            massless.
         **xacro_args: values of the xacro file's arguments.
 
     Raises:
@@ -92,6 +103,8 @@ def load_hand(
         instance_of(argument, value, str, type(None))
     flag("hulls", hulls)
     flag("trusted", trusted)
+    one_of("masses", masses, get_args(Masses))
+    folders = packages_of(packages)
     if fingers is not None:
         fingers = {
             text_of("name of a finger", finger): text_of(f"link of finger '{finger}'", link)
@@ -106,7 +119,7 @@ def load_hand(
     else:
         path = _file(name)
     if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, xacro_args, trusted=trusted)
+        text = expand_xacro(path, xacro_args, trusted=trusted, packages=folders)
     elif xacro_args:
         raise HandNotLoaded(name, f"arguments {', '.join(xacro_args)} given, but only xacro files take arguments")
     else:
@@ -119,8 +132,8 @@ def load_hand(
     else:
         problems = []
         found = urdf_drives.actuation_of(robot, problems)
-        prepared = prepare(name, robot, folder, root, problems)
-    hand = _driven(_hand_model(name, prepared, palm, fingers), found, known, drives, springs)
+        prepared = prepare(name, robot, folder, root, problems, packages=folders)
+    hand = _driven(_hand_model(name, prepared, palm, fingers, masses), found, known, drives, springs)
     if limits is not None:
         hand = hand.with_limits(limits)
     if hulls:
@@ -150,6 +163,8 @@ def _text(name: str, path: Path) -> str:
     """Text of an XML file, in the encoding that it declares."""
     try:
         content = read_bytes(path)
+        if content.startswith(LFS_POINTER):
+            raise LookupError("it is a pointer of Git LFS to the file: run 'git lfs pull' where it was cloned")
         if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return content.decode("utf-16")
         declared = re.match(rb"\s*<\?xml[^>]*encoding=[\"']([A-Za-z0-9._-]+)", content)
@@ -161,7 +176,9 @@ def _text(name: str, path: Path) -> str:
         raise HandNotLoaded(name, f"cannot be read as text: {error}") from error
 
 
-def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[str, str] | None) -> HandModel:
+def _hand_model(
+    source: str, prepared: Prepared, palm: str | None, names: dict[str, str] | None, masses: Masses
+) -> HandModel:
     notes = list(prepared.notes)
     try:
         model = pin.buildModelFromXML(prepared.text, True)
@@ -180,9 +197,14 @@ def _hand_model(source: str, prepared: Prepared, palm: str | None, names: dict[s
     geometry = collision_geometry(model, prepared.shapes, notes)
     if not geometry.ngeoms:
         notes.append("no collision geometry: nothing of this hand can touch")
-    if massless := fill_masses(model, geometry, prepared.unweighed, notes):
-        problems = [f"joint '{joint}' moves no mass at all: give its links a mass" for joint in massless]
-        raise HandNotLoaded(source, problems)
+    if masses == "estimate":
+        fill_masses(model, geometry, prepared.unweighed, notes)
+    elif prepared.unweighed:
+        notes.append(f"no masses given, so massless: {', '.join(prepared.unweighed)}")
+    if massless := moving_nothing(model):
+        hint = "" if masses == "estimate" else ", or take masses='estimate'"
+        problems = [f"joint '{joint}' moves no mass at all: give its links a mass{hint}" for joint in massless]
+        raise HandNotLoaded(source, [*problems, *(note for note in notes if "mesh" in note)])
     solid = {model.frames[one.parentFrame].name for one in geometry.geometryObjects}
     palm, chains = find_fingers(
         source,

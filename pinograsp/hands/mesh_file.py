@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import coal
 
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".off", ".dae")
+LFS_POINTER = b"version https://git-lfs.github.com/"
 MOST_BYTES, MOST_TRIANGLES = 200_000_000, 2_000_000
 
 _SILENT = logging.NullHandler()
@@ -41,6 +42,8 @@ def read_triangles(path: Path) -> tuple[Array, IntArray]:
     if kind not in FORMATS:
         raise ValueError(f"expected a mesh file that ends in one of {', '.join(FORMATS)}, got '{path.name}'")
     content = read_bytes(path, MOST_BYTES)
+    if content.startswith(LFS_POINTER):
+        raise ValueError("expected a mesh, got a pointer of Git LFS to one: run 'git lfs pull' where it was cloned")
     try:
         if kind == ".glb":
             _check_glb(content)

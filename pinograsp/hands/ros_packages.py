@@ -4,19 +4,44 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TypeAlias
 
+from pinograsp.checks import mapping_of, path_of, shown, text_of
+from pinograsp.errors import InvalidInput
 from pinograsp.hands.elements import parse_xml, read_bytes
 
 NAME = re.compile(r"[A-Za-z][\w.-]*")
 
 
-def find_package(name: str, folder: Path) -> Path | None:
-    """The folder of a package, or None: one that ``folder`` is in, one beside it, or where ROS looks for them.
+Packages: TypeAlias = Mapping[str, Path]  # folders by the names of the packages
+
+
+def packages_of(given: Mapping[str, str | Path] | None) -> Packages:
+    """Packages and their folders as a user gives them.
+
+    Raises:
+        InvalidInput: names that no package has, and folders that do not exist.
+    """
+    found: dict[str, Path] = {}
+    for name, folder in mapping_of("packages", {} if given is None else given, "{name: folder}").items():
+        if not NAME.fullmatch(text_of("name of a package", name)):
+            raise InvalidInput(f"packages: expected the name of a ROS package, got {shown(name)}")
+        path = path_of(f"folder of package '{name}'", folder).expanduser()
+        if not path.is_dir():
+            raise InvalidInput(f"packages: expected the folder of package '{name}', got '{folder}', which is none")
+        found[name] = path.resolve()
+    return found
+
+
+def find_package(name: str, folder: Path, packages: Packages) -> Path | None:
+    """The folder of a package, or None: a given one, one that ``folder`` is in, one beside it, or where ROS looks.
 
     ``ROS_PACKAGE_PATH`` lists folders that hold packages, ``AMENT_PREFIX_PATH`` ROS 2's installations.
     """
+    if name in packages:
+        return packages[name]
     if not NAME.fullmatch(name):
         return None
     for place in _places(name, folder.resolve()):

@@ -12,6 +12,7 @@ import numpy as np
 from pinograsp.checks import one_of
 from pinograsp.hands.elements import named, numbers, placement_of
 from pinograsp.hands.geometry import Kind, Shape, read_mesh
+from pinograsp.hands.ros_packages import Packages
 from pinograsp.spatial import FARTHEST
 
 _LEAST = 1e-9  # [m] of sizes
@@ -27,7 +28,7 @@ _SIZES: dict[Kind, dict[str, int]] = {
 }
 
 
-def shapes_of(robot: ElementTree.Element, folder: Path, notes: list[str]) -> list[Shape]:
+def shapes_of(robot: ElementTree.Element, folder: Path, packages: Packages, notes: list[str]) -> list[Shape]:
     """Collision shapes; those without size and those whose file is missing are left out and noted.
 
     URDF has no ellipsoid. A mesh called ``unit_sphere.stl`` with a scale stands for one and becomes the exact shape.
@@ -56,7 +57,7 @@ def shapes_of(robot: ElementTree.Element, folder: Path, notes: list[str]) -> lis
                 continue
             if kind == "mesh":
                 filename = element.get("filename", "")
-                file = mesh_path(filename, folder)
+                file = mesh_path(filename, folder, packages)
                 path = str(file or "")
                 called = filename.replace("\\", "/").split("/")[-1]
                 if called == _UNIT_SPHERE and (file is None or _is_unit_sphere(file)):
@@ -69,7 +70,10 @@ def shapes_of(robot: ElementTree.Element, folder: Path, notes: list[str]) -> lis
                     continue
             shapes.append(Shape(link=name, placement=placement_of(collision), kind=kind, size=size, path=path))
     if missing:
-        notes.append(f"meshes not found, so these links cannot touch anything: {', '.join(missing)}")
+        notes.append(
+            f"meshes not found, so these links cannot touch anything (packages= gives the folders of ROS packages): "
+            f"{', '.join(missing)}"
+        )
     if void:
         notes.append(f"shapes left out: {', '.join(void)}")
     return shapes
@@ -83,26 +87,28 @@ def _is_unit_sphere(path: Path) -> bool:
     return bool(np.all(np.abs(np.linalg.norm(vertices, axis=1) - 1.0) < 1e-3))
 
 
-def mesh_path(name: str, folder: Path) -> Path | None:
+def mesh_path(name: str, folder: Path, packages: Packages) -> Path | None:
     """The file that ``package://``, ``file://``, absolute or relative ``name`` means, or None."""
     name = name.replace("\\", "/")
     spellings = [name, plain] if (plain := urllib.parse.unquote(name)) != name else [name]
     for one in spellings:
-        for place in _places(one, folder):
+        for place in _places(one, folder, packages):
             if os.path.isfile(place):
                 return place.resolve()
     return None
 
 
-def _places(name: str, folder: Path) -> list[Path]:
+def _places(name: str, folder: Path, given: Packages) -> list[Path]:
     if name.startswith("file://"):
         name = name[len("file://") :]
     if "://" not in name:
         return [Path(name) if Path(name).is_absolute() else folder / name]
     name = name.split("://", 1)[1].lstrip("/")
     packages = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+    package, _, inside = name.partition("/")
+    places = [given[package] / inside] if package in given else []
     # Beside the file's own package, then where ROS looks, then the package's folder under another name.
-    places = [*(above / name for above in (folder, *folder.parents)), *(p / name for p in packages)]
-    inside = name.split("/", 1)[-1]
+    places += [*(above / name for above in (folder, *folder.parents)), *(p / name for p in packages)]
+    inside = inside or name
     places += [above / inside for above in (folder, *list(folder.parents)[:3])]
     return [*places, *(p.parent / name for p in packages)]

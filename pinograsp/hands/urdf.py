@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +17,7 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrowed, resolve
 from pinograsp.hands.elements import drop, end_of, named, numbers, written
 from pinograsp.hands.geometry import Shape
+from pinograsp.hands.ros_packages import Packages
 from pinograsp.hands.shapes import shapes_of
 from pinograsp.hands.tree import JOINT_TYPES, MOVING, Joint
 from pinograsp.spatial import FARTHEST
@@ -72,6 +74,7 @@ def prepare(
     root: str | None = None,
     problems: Iterable[str] = (),
     notes: Iterable[str] = (),
+    packages: Packages = MappingProxyType({}),
 ) -> Prepared:
     """Check and complete a URDF; ``robot`` is changed.
 
@@ -81,6 +84,7 @@ def prepare(
         folder: relative mesh paths start there.
         root: link whose sub-tree is the hand; None: everything.
         problems, notes: found before, to be listed with the others.
+        packages: folders of ROS packages, by name.
 
     Raises:
         HandNotLoaded: with all problems found.
@@ -121,7 +125,7 @@ def prepare(
     notes += [f"joint {joint.name} follows {couplings[joint.name]}" for joint in joints if joint.name in couplings]
     prepared = Prepared(name=robot.get("name") or Path(source).stem, joints=joints, notes=notes)
     prepared.links = [name for name, _ in named(robot, "link")]
-    prepared.shapes = shapes_of(robot, folder, notes)
+    prepared.shapes = shapes_of(robot, folder, packages, notes)
     prepared.unweighed = unweighed
     prepared.armatures = _armatures(robot, couplings)
     prepared.aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}

@@ -20,12 +20,13 @@ import time
 import xml.dom.minidom as minidom
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import arithmetic
 from pinograsp.hands.elements import parse_xml, read_bytes
-from pinograsp.hands.ros_packages import find_package
+from pinograsp.hands.ros_packages import Packages, find_package
 
 _SUBSTITUTION = re.compile(r"\$\{([^}]*)\}|\$\(([^)]*)\)|(\$)")
 _ARGUMENT, _PACKAGE = re.compile(r"\s*arg\s+(\w+)\s*"), re.compile(r"\s*find\s+([\w.-]+)\s*")
@@ -38,21 +39,28 @@ _PARAMETER = re.compile(
 _MOST_FILES, _MOST_WORK, _MOST_TIME = 100, 100_000, 10.0  # files, elements and expressions together, and [s]
 
 
-def expand_xacro(path: str | Path, mappings: Mapping[str, object] | None = None, *, trusted: bool = False) -> str:
+def expand_xacro(
+    path: str | Path,
+    mappings: Mapping[str, object] | None = None,
+    *,
+    trusted: bool = False,
+    packages: Packages = MappingProxyType({}),
+) -> str:
     """The URDF text that xacro makes of the file at ``path``.
 
     ``mappings`` fills ``<xacro:arg>``. With ``trusted=False`` (default) a file that asks for more than arithmetic and
     includes of its own folder, or of packages in the folders above it and where ROS looks, is refused with
     :class:`HandNotLoaded`, which lists every such place. ``trusted=True``
     hands the file to xacro as it is: it can then read any file and run any program the user can, so use it for your own
-    files only.
+    files only. ``packages`` gives the folders of ROS packages by name, which are looked for first; neither way needs an
+    installation of ROS.
     """
     path = Path(path)
     texts = {name: str(value) for name, value in (mappings or {}).items()}
     complaints = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaints):  # xacro prints its warnings; they belong in the error, if any
-            document = _trusted(path, texts) if trusted else _guarded(path, texts)
+            document = _trusted(path, texts, packages) if trusted else _guarded(path, texts, packages)
         for node in list(document.childNodes):  # xacro's banner carries the path it was given: not reproducible
             if node.nodeType == node.COMMENT_NODE:
                 document.removeChild(node)
@@ -65,15 +73,23 @@ def expand_xacro(path: str | Path, mappings: Mapping[str, object] | None = None,
     return "\n".join(line for line in lines if line.strip()) + "\n"
 
 
-def _trusted(path: Path, mappings: dict[str, str]) -> minidom.Document:
-    import xacro
+def _trusted(path: Path, mappings: dict[str, str], packages: Packages) -> minidom.Document:
+    with _ONE_AT_A_TIME:  # xacro keeps its state in its module
+        module = _copy_of_xacro()
+        extended = module.eval_extension
 
-    document: minidom.Document = xacro.process_file(str(path), mappings=mappings)
-    return document
+        def with_packages(text: str) -> Any:  # what xacro makes of it
+            found = _PACKAGE.fullmatch(text[2:-1])
+            folder = find_package(found[1], path.resolve().parent, packages) if found else None
+            return extended(text) if folder is None else str(folder)
+
+        module.eval_extension = with_packages
+        document: minidom.Document = module.process_file(str(path), mappings=mappings)
+        return document
 
 
-def _guarded(path: Path, mappings: dict[str, str]) -> minidom.Document:
-    files = _Files(path)
+def _guarded(path: Path, mappings: dict[str, str], packages: Packages) -> minidom.Document:
+    files = _Files(path, packages)
     if files.problems:
         raise HandNotLoaded(path, [*files.problems, "pass trusted=True to load_hand if you trust this file"])
     with _ONE_AT_A_TIME:  # xacro keeps its state in its module
@@ -109,10 +125,11 @@ class _Files:
         problems: everything that goes beyond arithmetic and the file's own folder.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, packages: Packages):
         self.folder = path.resolve().parent
         self.problems: list[str] = []
         self._documents: dict[Path, minidom.Document] = {}
+        self._given = packages
         self._packages: dict[str, Path | None] = {}
         waiting = [path.resolve()]
         while waiting:
@@ -129,7 +146,7 @@ class _Files:
     def package(self, name: str) -> Path | None:
         """The folder of a package; None where there is none."""
         if name not in self._packages:
-            self._packages[name] = find_package(name, self.folder)
+            self._packages[name] = find_package(name, self.folder, self._given)
         return self._packages[name]
 
     def document(self, name: str) -> minidom.Document:
@@ -189,7 +206,8 @@ def _forbidden_text(text: str, package: Callable[[str], Path | None]) -> list[st
         elif extension is not None:
             if (found := _PACKAGE.fullmatch(extension)) and package(found[1]) is None:
                 problems.append(
-                    f"'$({extension})': no package.xml of that name in the folders above or in ROS_PACKAGE_PATH"
+                    f"'$({extension})': no package.xml of that name in the folders above or in ROS_PACKAGE_PATH: give "
+                    "its folder (packages=, --package NAME=DIR)"
                 )
             elif not found and not _ARGUMENT.fullmatch(extension):
                 problems.append(f"'$({extension})': only $(arg name) and $(find package) are allowed")
@@ -232,12 +250,18 @@ _REPLACED = (
 _DISABLED = ("eval", "exec", "compile", "open", "glob")
 
 
-@functools.cache
-def _harmless_xacro() -> Any:  # xacro has no types
-    """A second copy of the module xacro, which asks its ``guard`` instead of evaluating, opening or including."""
+def _copy_of_xacro() -> Any:  # xacro has no types
+    """A second copy of the module xacro."""
     spec: Any = importlib.util.find_spec("xacro")  # never None: the package depends on it
     module: Any = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    return module
+
+
+@functools.cache
+def _harmless_xacro() -> Any:  # xacro has no types
+    """A copy of the module xacro, which asks its ``guard`` instead of evaluating, opening or including."""
+    module = _copy_of_xacro()
     if lacking := [name for name in _REPLACED if name not in vars(module)]:
         raise RuntimeError(
             f"this version of xacro cannot be guarded (it has no {', '.join(lacking)}): pass trusted=True, or use 2.x"

@@ -167,8 +167,8 @@ def test_what_was_looked_through_is_what_is_used(tmp_path, monkeypatch):
     part = write(tmp_path, '<link name="seen"/>', "part.xacro")
 
     class Changing(xacro_guard._Files):
-        def __init__(self, path):
-            super().__init__(path)
+        def __init__(self, path, packages):
+            super().__init__(path, packages)
             part.write_text("no longer XML")
 
     monkeypatch.setattr(xacro_guard, "_Files", Changing)
