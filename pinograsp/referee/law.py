@@ -27,9 +27,8 @@ import numpy as np
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _GRAZING = 0.1  # share of the part's largest depth, below which a point counts less
-_POINTED = 16  # power of that share by which a point counts where one contact is planned...
-_AROUND = 4  # ...and where several are, of the points around the place of one
-_REACH, _LEAST_REACH = 0.25, 1e-4  # of that place, as share of the distance to the next one; [m]
+_POINTED = 16  # power of that share by which a point counts where one contact is planned, or around its place
+_REACH, _LEAST_REACH = 0.125, 1e-4  # of such a place, as share of the distance to the next one; [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +121,7 @@ class _Places(NamedTuple):
         """Weights (c,), which sum to one, of points (c, 3) in the object's frame with relative depths (c,)."""
         away = points - self.points[:, None]
         off = self.sharpness[:, None] * (away * away).sum(axis=2)
-        near = np.exp(off.min(axis=1)[:, None] - off) * depth**_AROUND
+        near = np.exp(off.min(axis=1)[:, None] - off) * depth**_POINTED
         found: Array = (near / near.sum(axis=1)[:, None]).mean(axis=0)
         return found
 
