@@ -9,9 +9,9 @@ of the hand's surface relative to the object's. The normal force at point i is
 The weights w_i divide the plan's contacts among the points that the physics engine finds; they sum to the number of the
 part's planned contacts. Where one contact is planned they are those of the deepest points: the law of a contact means
 its largest depth, however many shallower points an engine finds around it. Where several are, each counts at the points
-around its own place on the object, the deepest of them first, and those that no point is near do not press. The part's tangential spring has a
-displacement z and a rotation phi about the normal, and is divided among the points by their shares g_i of the pressure,
-which sum to the same number; c is their centre by these. The friction force at point i is
+around its own place on the object, the deepest of them first, and those that no point is near do not press. The part's
+tangential spring has a displacement z and a rotation phi about the normal, and is divided among the points by their
+shares g_i of the pressure, which sum to the same number; c is their centre by these. The friction force at point i is
 kt g_i (z + phi n x (p_i - c)), limited to mu F_i. Where the limit acts, the point slips, and z and phi are reset to
 match the remaining forces. The moment of a soft finger about the normal uses the same phi and is limited to e F.
 """

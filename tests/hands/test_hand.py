@@ -241,6 +241,36 @@ def test_allegro_loads_from_its_plain_urdf(side):
     assert sorted(j for finger in hand.fingers for j in finger.joint_ids) == list(range(1, 17))
 
 
+@pytest.mark.parametrize(
+    ("links", "called"),
+    [
+        # Words that people use, in links or joints; a phalanx may be called as a finger is.
+        (("rh_ffknuckle rh_ffmiddle", "rh_mfknuckle rh_mfmiddle", "rh_thbase rh_thdistal"), ("index", "middle", "thumb")),
+        (("right_thumb_link right_thumb_tip", "right_index_link right_index_tip"), ("thumb", "index")),
+        (("LThumb1 LThumb2", "LIndexFinger1 LIndexFinger2"), ("thumb", "index")),
+        (("index_proximal index_middle", "middle_proximal middle_middle"), ("index", "middle")),
+        # Else what is a finger's own.
+        (("fr3_leftfinger", "fr3_rightfinger"), ("left", "right")),
+        (("hand_link_1_a hand_link_1_b", "hand_link_2_a hand_link_2_b"), ("finger 1", "finger 2")),
+        (("F1_L1 F1_L2", "F2_L1 F2_L2"), ("F1", "F2")),
+        # Two that say the same, and one that says nothing.
+        (("thumb_a_1 thumb_a_2", "thumb_b_1 thumb_b_2"), ("a", "b")),
+        (("thumb_1 thumb_2", "claw_1 claw_2"), ("thumb", "claw")),
+    ],
+)
+def test_fingers_are_called_what_people_call_them(links, called, tmp_path):
+    parts = [link("base", 0.3, "box 0.1 0.05 0.02")]
+    for number, chain in enumerate(links):
+        before = "base"
+        for one in chain.split():
+            parts.append(link(one, 0.02, "box 0.01 0.01 0.03"))
+            parts.append(joint(f"j_{one}", before, one, f"{0.02 * number} 0 0.03", "0 1 0", "0 1 1 1"))
+            before = one
+    file = tmp_path / "hand.urdf"
+    file.write_text(robot("h", *parts))
+    assert tuple(finger.name for finger in load_hand(file).fingers) == called
+
+
 def test_finger_names_and_palm_can_be_given():
     hand = load_hand(allegro("right"), fingers={"index": "link_3.0_tip", "thumb": "link_15.0"}, palm="palm_link")
     assert [finger.name for finger in hand.fingers] == ["index", "thumb"]

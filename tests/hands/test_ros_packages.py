@@ -48,7 +48,7 @@ def gripper(tmp_path):
 def test_packages_are_found_where_they_are_said_to_be(gripper, trusted):
     file, packages = gripper
     hand = load_hand(file, packages=packages, trusted=trusted)
-    assert {finger.name for finger in hand.fingers} == {"left_finger", "right_finger"} and hand.geometry.ngeoms == 3
+    assert {finger.name for finger in hand.fingers} == {"left", "right"} and hand.geometry.ngeoms == 3
     case = ObjectCase.of(
         hand=str(file), object="sphere:radius=0.02,mass=0.1", packages={k: str(v) for k, v in packages.items()},
         trusted=trusted, xacro_args={"size": "0.12"},
