@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, frozen, number, one_of, read_only, shown
+from pinograsp.checks import array_of, brief, flag, frozen, items_of, number, one_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
-from pinograsp.objects.mesh_checks import closed_surface, convex_surface
+from pinograsp.objects.mesh_checks import PartsMeet, closed_surface, convex_surface
+from pinograsp.objects.mesh_union import parts_of, united
 from pinograsp.objects.triangles import TriangleSurface
 from pinograsp.spatial import Array, IntArray
 
@@ -43,9 +45,10 @@ class Mesh(Body):
     The body frame is moved to the centre of mass and keeps the axes in which the vertices were given. To put the frame
     of the file at oMf: ``mesh.placed(oMf @ np.linalg.inv(mesh.file_frame_b))``.
 
-    Vertices within 1e-8 m are merged; a mesh that is inside out is turned round, and ``notes`` say so. Surfaces that
-    are open, wound both ways, without volume, or of parts that meet are refused, unless the hull is asked for. A part
-    that crosses itself is not noticed.
+    Vertices within 1e-8 m are merged; a mesh that is inside out is turned round, and ``notes`` say so. Parts that meet,
+    as those of a convex decomposition, become one solid, their union (needs the extra ``mesh``), noted. Surfaces that
+    are open, wound both ways or without volume are refused, unless the hull is asked for. A part that crosses itself
+    is not noticed.
 
     :meth:`project`: on a face the normal is the face's. On an edge or a corner it is the direction between the point
     and its nearest surface point, and for a point on the edge itself the mean of the faces' that meet there (weighted
@@ -73,7 +76,7 @@ class Mesh(Body):
     @classmethod
     def load(
         cls,
-        path: str | Path,
+        path: str | Path | Sequence[str | Path],
         *,
         scale: float = 1.0,
         mass: float | None = None,
@@ -84,32 +87,29 @@ class Mesh(Body):
         """The mesh in a file: STL, OBJ, PLY, GLB, OFF or DAE; the parts of a scene make one solid.
 
         Args:
-            path: the file.
+            path: the file, or those of the parts of one object, in the same frame.
             scale: metres per unit of the file (0.001 for millimetres).
             mass, density, convex, pose: see the class.
 
         Raises:
             InvalidInput: no such file, not a mesh, or one that is refused (see the class).
         """
-        from pinograsp.hands.mesh_file import FORMATS, read_triangles  # with Pinocchio, slow to import
-
-        if not isinstance(path, str | Path):
-            raise InvalidInput(f"mesh file: expected a path, got {shown(path)}")
-        path = Path(path)
         scale = number("mesh scale", scale, above=0)
-        if not os.path.isfile(path):
-            raise InvalidInput(f"mesh file: expected an existing file, got '{path}': check the path")
-        one_of(f"format of mesh file '{path}'", path.suffix.lower(), FORMATS)
-        try:
-            vertices, faces = read_triangles(path)
-        except (ValueError, OSError) as error:
-            raise InvalidInput(f"mesh file '{path}': {error}") from error
+        several = (path,) if isinstance(path, str | Path) else items_of("mesh files", path, str, Path)
+        if not several:
+            raise InvalidInput("mesh files: expected one or more, got none")
+        paths = [Path(str(one)) for one in several]
+        read = [_read(one) for one in paths]
+        starts = np.cumsum([0, *(len(vertices) for vertices, _ in read[:-1])])
+        vertices = np.concatenate([vertices for vertices, _ in read])
+        faces = np.concatenate([faces + start for (_, faces), start in zip(read, starts)])
+        names = str(paths[0]) if len(paths) == 1 else ", ".join(one.name for one in paths[:3])
         given: dict[str, Any] = {"mass": mass, "density": density, "pose": pose}
         given = {name: value for name, value in given.items() if value is not None}
         try:
             return cls(vertices=scale * vertices, faces=faces, convex=convex, **given)
         except InvalidInput as error:
-            raise InvalidInput(f"mesh file '{path}': {error}") from None
+            raise InvalidInput(f"mesh file '{names}': {error}") from None
 
     def _check_shape(self) -> None:
         from trimesh.triangles import mass_properties
@@ -119,7 +119,7 @@ class Mesh(Body):
         if self.convex:
             vertices, faces = convex_surface(self.vertices, self.faces)
         else:
-            vertices, faces, notes = closed_surface(self.vertices, self.faces)
+            vertices, faces, notes = _one_solid(self.vertices, self.faces)
         # Integrals over a far-off origin would lose digits: first to the middle, then to the centre of mass.
         middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
         centre = middle + mass_properties((vertices - middle)[faces], skip_inertia=True).center_mass
@@ -210,3 +210,35 @@ class Mesh(Body):
             "a point between two opposite sides of the mesh has no nearest surface point: move it to the surface",
         )
         return surface, outward, distance
+
+
+def _read(path: Path) -> tuple[Array, IntArray]:
+    """Vertices and faces in a file."""
+    from pinograsp.hands.mesh_file import FORMATS, read_triangles  # with Pinocchio, slow to import
+
+    if not os.path.isfile(path):
+        raise InvalidInput(f"mesh file: expected an existing file, got '{path}': check the path")
+    one_of(f"format of mesh file '{path}'", path.suffix.lower(), FORMATS)
+    try:
+        return read_triangles(path)
+    except (ValueError, OSError) as error:
+        raise InvalidInput(f"mesh file '{path}': {error}") from error
+
+
+def _one_solid(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray, tuple[str, ...]]:
+    """As :func:`closed_surface`; what is none for its parts that meet becomes their union."""
+    try:
+        return closed_surface(vertices, faces)
+    except PartsMeet as error:
+        parts = parts_of(np.asarray(faces, dtype=np.int64))
+        if len(parts) < 2:
+            raise
+        refused = error
+    try:
+        vertices, faces = united(np.asarray(vertices, dtype=float), parts)
+    except ImportError:
+        raise InvalidInput(f"{refused}; pip install 'pinograsp[mesh]' unites the {len(parts)} parts") from None
+    except ValueError as error:
+        raise InvalidInput(f"{refused}; not united, since {error}") from None
+    vertices, faces, notes = closed_surface(vertices, faces)
+    return vertices, faces, (*notes, f"{len(parts)} parts that meet were united")

@@ -31,15 +31,20 @@ def convex_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArr
     return np.array(hull.vertices), np.array(hull.faces)
 
 
+class PartsMeet(InvalidInput):
+    """A surface whose parts touch or overlap."""
+
+
 def closed_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray, tuple[str, ...]]:
     """Vertices, faces wound outwards, and notes of what was changed.
 
     Raises:
-        InvalidInput: holes, edges with more than two faces, faces wound both ways, no volume, overlapping parts.
+        PartsMeet: edges with more than two faces, overlapping parts.
+        InvalidInput: holes, faces wound both ways, no volume.
     """
     vertices, faces = _merged(vertices, faces)
     _check_edges(vertices, faces)
-    label = _parts(len(vertices), faces)
+    label = part_labels(len(vertices), faces)
     count = label.max() + 1
     volumes = np.array([_volume(vertices, faces[label[faces[:, 0]] == part]) for part in range(count)])
     outward = np.where(_depths(vertices, faces, label, count) % 2 == 0, volumes > 0, volumes < 0)
@@ -116,7 +121,7 @@ def _check_edges(vertices: Array, faces: IntArray) -> None:
             f"{first(counts == 1)}): close the holes (trimesh.repair.fill_holes, MeshLab, Blender), {_HULL}"
         )
     if np.any(counts != 2):
-        raise InvalidInput(
+        raise PartsMeet(
             f"mesh: expected two faces at every edge, got {np.sum(counts != 2)} edges with more (the first at "
             f"{first(counts != 2)}): remove double and internal faces (MeshLab, Blender; trimesh: "
             f"mesh.update_faces(mesh.unique_faces())), {_HULL}"
@@ -145,7 +150,7 @@ def _volume(vertices: Array, faces: IntArray) -> float:
     return volume
 
 
-def _parts(count: int, faces: IntArray) -> IntArray:
+def part_labels(count: int, faces: IntArray) -> IntArray:
     """Number (n,) of the connected part each vertex belongs to."""
     from scipy.sparse import coo_array  # slow to import, and only meshes need it
     from scipy.sparse.csgraph import connected_components
@@ -185,7 +190,7 @@ def _depths(vertices: Array, faces: IntArray, label: IntArray, count: int) -> In
         result = coal.CollisionResult()
         if coal.collide(models[i], here, models[j], here, coal.CollisionRequest(), result):
             where = result.getContact(0).pos
-            raise InvalidInput(
+            raise PartsMeet(
                 f"mesh: expected parts that do not touch each other, got parts {i + 1} and {j + 1} of {count} meeting "
                 f"at {_place(where)}: unite them (trimesh.boolean.union, Blender), {_HULL}"
             )

@@ -245,7 +245,10 @@ def test_allegro_loads_from_its_plain_urdf(side):
     ("links", "called"),
     [
         # Words that people use, in links or joints; a phalanx may be called as a finger is.
-        (("rh_ffknuckle rh_ffmiddle", "rh_mfknuckle rh_mfmiddle", "rh_thbase rh_thdistal"), ("index", "middle", "thumb")),
+        (
+            ("rh_ffknuckle rh_ffmiddle", "rh_mfknuckle rh_mfmiddle", "rh_thbase rh_thdistal"),
+            ("index", "middle", "thumb"),
+        ),
         (("right_thumb_link right_thumb_tip", "right_index_link right_index_tip"), ("thumb", "index")),
         (("LThumb1 LThumb2", "LIndexFinger1 LIndexFinger2"), ("thumb", "index")),
         (("index_proximal index_middle", "middle_proximal middle_middle"), ("index", "middle")),
