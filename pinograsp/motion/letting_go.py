@@ -20,6 +20,7 @@ TANGENTIAL = 2e4
 _PARTS = 4  # steps of the sliding between two known depths
 _STAGES, _STEPS, _HALVINGS = 4, 30, 5  # of the support as it fades; Newton steps in each
 _BALANCED = 1e-6  # share of the forces
+_NEARLY = 1e-2  # share of them that a rest may leave
 _LEAST_ARM = 1e-3  # [m]
 _KEPT = 1e-3  # share of its stiffness that a slipping contact keeps in the Newton steps
 
@@ -33,6 +34,7 @@ class LetGo(NamedTuple):
         friction: forces across the normals, world axes, and moments about the normals (k, 4) [N, N m].
         stiffness: of all contacts against twists of the object (6, 6).
         gripping: the part of it that is friction's (6, 6).
+        balanced: whether it is a rest: where none is found, the object was still on its way.
     """
 
     shift: Array
@@ -40,6 +42,7 @@ class LetGo(NamedTuple):
     friction: Array
     stiffness: Array
     gripping: Array
+    balanced: bool
 
 
 def friction_built_up(problem: ForceProblem, depths: Array, slid: Array) -> Array:
@@ -80,7 +83,8 @@ def let_go(problem: ForceProblem, depths: Array, friction: Array) -> LetGo:
                 share /= 2
             shift = shift + share * step
         stretched, since = now.stretched, shift
-    return LetGo(shift, now.normal, now.friction, now.stiffness, now.gripping)
+    balanced = contacts.size(now.wrench + load) < _NEARLY * float(now.normal.sum())
+    return LetGo(shift, now.normal, now.friction, now.stiffness, now.gripping, balanced)
 
 
 def _normal(problem: ForceProblem, depths: Array) -> Array:

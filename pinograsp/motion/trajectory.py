@@ -145,6 +145,12 @@ class _Planning:
                 f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it"
             )
         planned, rest = self.problem.compliance.normal_force(self.profile.final_depth), pressed.rest.normal
+        if not pressed.rest.balanced:
+            self.notes.append(
+                "where the object comes to rest as it is let go could not be foreseen, friction is nearly used up then: "
+                "simulate the plan"
+            )
+            return pressed
         others = [
             f"{name} {force:.2g} N (planned {asked:.2g} N)"
             for name, force, asked in zip(self.problem.contacts.names, rest, planned)
@@ -155,6 +161,10 @@ class _Planning:
                 f"friction that builds up while the hand presses leaves other forces: {', '.join(others)}"
             )
         return pressed
+
+    def settled(self, planned: Array) -> Array:
+        """Normal forces (k,) [N] once the object is let go, as far as they are foreseen; else the planned ones."""
+        return planned if self.pressed is None or not self.pressed.rest.balanced else self.pressed.rest.normal
 
     def move(self, finger: Finger, which: Sequence[int], found: ContactPostures) -> None:
         """Move a finger, from its best posture ``found``, as its contacts ``which`` ask for."""
@@ -342,7 +352,7 @@ class _Planning:
             ddq=frozen(path.ddq),
             torques=frozen(total),
             holding_torques=frozen(holding),
-            settled_forces=frozen(np.array(planned if self.pressed is None else self.pressed.rest.normal)),
+            settled_forces=frozen(np.array(self.settled(planned))),
             forces_o=frozen(np.concatenate([np.zeros((self.impact, self.problem.k, 3)), self.forces_o])),
             contact_velocities=frozen(self.velocities),
             tracking_error=frozen(self.tracking),

@@ -49,6 +49,13 @@ def test_an_object_between_two_fingers_sinks_on_its_springs():
     )
 
 
+def test_what_cannot_rest_is_told():
+    """A squeeze that holds no more than half the weight: whatever forces are left over, they are no rest."""
+    problem = pinched()
+    held, lost = (let_go(problem, problem.compliance.depth(np.full(2, F)), np.zeros((2, 4))) for F in (2.1, 1.0))
+    assert held.balanced and not lost.balanced
+
+
 def test_unequal_depths_give_each_other_way():
     """Two springs in series: delta_1 + delta_2 stays, and the forces are equal."""
     problem = pinched()
