@@ -147,8 +147,8 @@ class _Planning:
         planned, rest = self.problem.compliance.normal_force(self.profile.final_depth), pressed.rest.normal
         if not pressed.rest.balanced:
             self.notes.append(
-                "where the object comes to rest as it is let go could not be foreseen, since friction is nearly used up "
-                "then: simulate the plan"
+                "where the object comes to rest as it is let go could not be foreseen, since friction is nearly used "
+                "up then: simulate the plan"
             )
             return pressed
         others = [

@@ -9,11 +9,11 @@ of the hand's surface relative to the object's. The normal force at point i is
 The weights w_i divide the plan's contacts among the points that the physics engine finds; they sum to the number of the
 part's planned contacts. Where one contact is planned they are those of the deepest points: the law of a contact means
 its largest depth, however many shallower points an engine finds around it. Where several are, each counts at the points
-around its own place on the object, the deepest of them first, and those that no point is near do not press. The part's
-tangential spring has a displacement z and a rotation phi about the normal, and is divided among the points by their
-shares g_i of the pressure, which sum to the same number; c is their centre by these. The friction force at point i is
-kt g_i (z + phi n x (p_i - c)), limited to mu F_i. Where the limit acts, the point slips, and z and phi are reset to
-match the remaining forces. The moment of a soft finger about the normal uses the same phi and is limited to e F.
+around its own place on the object, the deepest of them first. The part's tangential spring has a displacement z and a
+rotation phi about the normal, and is divided among the points by their shares g_i of the pressure, which sum to the
+same number; c is their centre by these. The friction force at point i is kt g_i (z + phi n x (p_i - c)), limited to mu
+F_i. Where the limit acts, the point slips, and z and phi are reset to match the remaining forces. The moment of a soft
+finger about the normal uses the same phi and is limited to e F.
 """
 
 from __future__ import annotations
@@ -28,9 +28,7 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 
 _GRAZING = 0.1  # share of the part's largest depth, below which a point counts less
 _POINTED = 16  # power of that share by which a point counts where one contact is planned, or around its place
-# Reach of such a place, as share of the distance to the next one: within it a point is at this place; points without
-# any within the wider one leave it clear. [m]
-_OWN, _NEAR, _LEAST_REACH = 1 / 16, 1 / 4, 1e-4
+_REACH, _LEAST_REACH = 0.125, 1e-4  # of such a place, as share of the distance to the next one; [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,31 +105,24 @@ class _PartSpeeds(NamedTuple):
 
 class _Places(NamedTuple):
     """Where several contacts of one part are planned: points (q, 3) in the object's frame [m], and half of their
-    inverse squared reaches (q,) [1/m^2], the shorter and the longer one.
+    inverse squared reach (q,) [1/m^2].
     """
 
     points: Array
-    own: Array
-    near: Array
+    sharpness: Array
 
     @classmethod
     def of(cls, points: Array) -> _Places:
         apart = np.linalg.norm(points[:, None] - points, axis=2)
         np.fill_diagonal(apart, np.inf)
-        own, near = (np.maximum(reach * apart.min(axis=1), _LEAST_REACH) for reach in (_OWN, _NEAR))
-        return cls(np.array(points), 0.5 / own**2, 0.5 / near**2)
+        return cls(np.array(points), 0.5 / np.maximum(_REACH * apart.min(axis=1), _LEAST_REACH) ** 2)
 
     def weights(self, points: Array, depth: Array) -> Array:
-        """Weights (c,) of points (c, 3) in the object's frame with relative depths (c,): they sum to the share of the
-        places that have a point near, one where none has.
-        """
+        """Weights (c,), which sum to one, of points (c, 3) in the object's frame with relative depths (c,)."""
         away = points - self.points[:, None]
-        squared = (away * away).sum(axis=2)
-        off = self.own[:, None] * squared
-        own = np.exp(off.min(axis=1)[:, None] - off) * depth**_POINTED
-        off = self.near[:, None] * squared
-        near = (np.exp(off.min() - off) * np.minimum(1.0, depth / _GRAZING)).max(axis=1)
-        found: Array = (near / near.max() / own.sum(axis=1)) @ own / len(near)
+        off = self.sharpness[:, None] * (away * away).sum(axis=2)
+        near = np.exp(off.min(axis=1)[:, None] - off) * depth**_POINTED
+        found: Array = (near / near.sum(axis=1)[:, None]).mean(axis=0)
         return found
 
 
@@ -211,8 +202,7 @@ class ContactLaw:
         weights = of * (counted * (1.0 / (of @ counted))[which])  # (h, c): the weights of a part sum to one
         if pose is not None:
             for row, one in enumerate(here.tolist()):
-                if one in self.places:
-                    mine = np.flatnonzero(of[row])
+                if one in self.places and (mine := np.flatnonzero(of[row])).size > 1:
                     weights[row, mine] = self.places[one].weights(
                         (touches.point_o[mine] - pose[:3, 3]) @ pose[:3, :3], depth[mine] / deepest[row]
                     )
