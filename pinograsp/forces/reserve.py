@@ -313,14 +313,14 @@ def producible_reserve(
     found = replace(squeeze, status=Status.INACCURATE)
     for t in times:
         F = np.full(problem.k, squeeze.normal_forces.mean()) if len(rows) else squeeze.normal_forces
-        about = squeeze.under(problem.load)
+        last = squeeze
         for _ in range(_MADE_ROUNDS):
             least = np.maximum(F, _LITTLE * F.max())
             depths = law.depth(least)
             slopes = depths / (law.exponent * least)
             size = float(slopes.max())
             equations = rows * slopes / size, rows @ (slopes * F - depths) / size
-            others = () if scenarios is None else scenarios(about)
+            others = () if scenarios is None else scenarios(last.under(problem.load))
             found = robust_at(
                 kept, loads, t, weights, reaction="elastic", fixed=equations, scenarios=others, proven=False
             )
@@ -332,7 +332,7 @@ def producible_reserve(
             made = np.abs(rows @ depths).max(initial=0.0) <= _MADE * depths.max()
             if made and (scenarios is None or np.abs(F - before).max() <= _AGAIN * F.max()):
                 return replace(found, tried=tried, elapsed=time.perf_counter() - started)
-            about = about if scenarios is None else found.under(problem.load)
+            last = found
     return replace(found, status=Status.INACCURATE, tried=tried, elapsed=time.perf_counter() - started)
 
 
