@@ -220,9 +220,13 @@ def _read(path: Path) -> tuple[Array, IntArray]:
         raise InvalidInput(f"mesh file: expected an existing file, got '{path}': check the path")
     one_of(f"format of mesh file '{path}'", path.suffix.lower(), FORMATS)
     try:
-        return read_triangles(path)
+        vertices, faces = read_triangles(path)
     except (ValueError, OSError) as error:
         raise InvalidInput(f"mesh file '{path}': {error}") from error
+    if len(vertices) == 3 * len(faces):  # of triangles without common corners, as in STL, nobody could tell the parts
+        vertices, which = np.unique(vertices, axis=0, return_inverse=True)
+        faces = which.reshape(-1)[faces]
+    return vertices, faces
 
 
 def _one_solid(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray, tuple[str, ...]]:

@@ -724,6 +724,10 @@ def test_parts_that_meet_are_one_solid(tmp_path, monkeypatch):
     ):
         assert loaded.volume == pytest.approx(touching.volume, rel=1e-6)
         assert loaded.project([[0.021, 0.0, 0.2]])[2].size == 1
+    box.export(tmp_path / "box.stl")
+    assert Mesh.load([tmp_path / "box.stl", tmp_path / "peg.stl"], mass=1).volume == pytest.approx(
+        touching.volume, rel=1e-6
+    )
     open_part = trimesh.Trimesh(peg.vertices, peg.faces[1:])
     with pytest.raises(InvalidInput, match="open edges"):
         Mesh(**joined(box, open_part), mass=1.0)
