@@ -57,13 +57,17 @@ def hands(
     from pinograsp.hands import load_hand
     from pinograsp.hands.summary import record
 
+    settings = {"root": root, **loading(palm, fingers, packages, arguments, trusted, masses)}
     if name is None:
         if root is not None:
             raise InvalidInput("--root needs the NAME of a hand or file")
+        if settings != {"root": None, **loading(None, None, None, None, False, "estimate")}:
+            raise InvalidInput(
+                "--palm, --finger, --package, --arg, --trusted, --masses need the NAME of a hand or file"
+            )
         _list_hands(as_json)
         return
-    settings = loading(palm, fingers, packages, arguments, trusted, masses)
-    hand = load_hand(name, root=root, **settings.pop("xacro_args"), **settings)
+    hand = load_hand(name, **settings.pop("xacro_args"), **settings)
     typer.echo(json.dumps(record(hand), allow_nan=False) if as_json else hand.describe())
 
 

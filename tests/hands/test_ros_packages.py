@@ -106,6 +106,8 @@ def test_on_the_command_line(command, gripper):
         "hands", str(file), *chosen, "--palm", "base", "--finger", "one=left_finger", "--arg", "size=0.2"
     )
     assert code == 0 and "1 finger on 'base'" in out and "one:" in out
+    code, _, err = command("hands", "--trusted")
+    assert code == 2 and "need the NAME" in err
     code, _, err = command("hands", str(file), "--package", "parts")
     assert code == 2 and "--package: expected NAME=VALUE" in err
     code, _, err = command("close", "--hand", str(file), "--object", "sphere:radius=0.02,mass=0.1", "--masses", "none")
