@@ -213,6 +213,8 @@ class Squeeze:
                         break
                     part /= 2
                 v = tried
+                if part < 0.5 ** (_SLIP_HALVINGS - 1):
+                    break  # at a standstill: further steps would only be halved as often
         # Whether it got there at larger friction does not matter: contacts that open make that hard, too.
         balanced = bool(np.all(np.abs(left) <= TOLERANCE.residual * size))
         return Settled(forces=f, moved=v, balanced=True) if balanced else None

@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -86,11 +88,17 @@ def _parse_yaml(text: str, what: str) -> Any:
     if opened.max() > 2 * _DEEPEST:  # the reader would take many seconds; quoted texts may contain brackets as well
         raise CaseRejected(f"{what}: expected at most {_DEEPEST} nested lists and mappings")
     try:
-        return YAML(typ="safe", pure=True).load(text)
+        return deepcopy(_loaded(text))
     except RecursionError:
         raise CaseRejected(f"{what}: expected at most {_DEEPEST} nested lists and mappings") from None
     except Exception as error:  # numbers, dates, keys and tags that cannot be built raise errors of many kinds
         raise CaseRejected(f"{what}: not valid YAML: {' '.join(str(error).split())}") from error
+
+
+@lru_cache(maxsize=4)
+def _loaded(text: str) -> Any:
+    """What YAML says; kept, since sweeps read the same case for each of thousands of rows."""
+    return YAML(typ="safe", pure=True).load(text)
 
 
 def changes_of(changes: Mapping[str, Any] | Iterable[str] | None) -> dict[str, Any]:
