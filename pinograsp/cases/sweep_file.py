@@ -9,9 +9,9 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
@@ -21,6 +21,7 @@ from pinograsp.cases.case import Case, NotNegative, Number, Objective, Positive,
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.cases.reading import check_extent, line_of, place_of, put_value, read_mapping
 from pinograsp.checks import mapping_of, path_of, shown
+from pinograsp.contacts import ContactSet
 from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import HandModel
@@ -335,16 +336,19 @@ class Base(Section):
 
 
 class HeldCase(Case):
-    """A case that loads each hand once for all rows that use it."""
+    """A case that loads each hand, and finds where it touches, once for all rows that have these in common."""
 
     def load_hand(self) -> HandModel:
         """The hand, placed, with the case's limits."""
-        key = (self.folder, self.hand.model_dump_json())
-        if key not in _HANDS:
-            if len(_HANDS) == _HANDS_KEPT:
-                _HANDS.clear()
-            _HANDS[key] = super().load_hand()
-        return _HANDS[key]
+        return _held(_HANDS, (self.folder, self.hand.model_dump_json()), super().load_hand)
+
+    def make_contacts(self, hand: HandModel) -> ContactSet:
+        """The contacts of ``hand``, this case's own, on the object, whatever its mass."""
+        touched = self.object.model_dump_json(exclude={"mass"})
+        motion = self.motion.model_dump_json(include={"touch", "posture_deg"})
+        contacts = tuple(contact.model_dump_json() for contact in self.contacts)
+        key = (self.folder, self.hand.model_dump_json(), touched, motion, contacts, self.gravity)
+        return _held(_CONTACTS, key, lambda: super(HeldCase, self).make_contacts(hand))
 
     def problem(self) -> ForceProblem:
         """The force problem, without torque limits.
@@ -362,8 +366,19 @@ class HeldCase(Case):
         return self.forces.objective
 
 
-_HANDS: dict[tuple[Path, str], HandModel] = {}
-_HANDS_KEPT = 4
+_HANDS: dict[Hashable, HandModel] = {}
+_CONTACTS: dict[Hashable, ContactSet] = {}
+_KEPT = 4
+_Held = TypeVar("_Held")
+
+
+def _held(kept: dict[Hashable, _Held], key: Hashable, make: Callable[[], _Held]) -> _Held:
+    """What is kept under ``key``, made now where it is not; a few are kept."""
+    if key not in kept:
+        if len(kept) == _KEPT:
+            kept.clear()
+        kept[key] = make()
+    return kept[key]
 
 
 def load_sweep(source: str | Path | dict[str, Any]) -> SweepSpec:

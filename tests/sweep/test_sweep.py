@@ -18,7 +18,7 @@ from killing import start_and_kill
 from ruamel.yaml import YAML
 
 import pinograsp as pg
-from pinograsp.cases import load_case
+from pinograsp.cases import case as case_module, load_case
 from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten, Status, status_of
 from pinograsp.forces import optimize_forces
 from pinograsp.sweep import load_sweep, read_sweep, rows as rows_module, run, sweep
@@ -255,6 +255,31 @@ def test_forces_alone_in_bulk(tmp_path):
             assert row["normal_forces_N"] == pytest.approx(alone.normal_forces.tolist(), rel=1e-2)
         else:
             assert row["work_J"] is None and row["message"]
+
+
+def test_where_the_hand_touches_is_found_once_for_rows_that_have_it_in_common(tmp_path, monkeypatch):
+    found = []
+    touching = case_module.touching
+    monkeypatch.setattr(case_module, "touching", lambda *given: found.append(given) or touching(*given))
+    spec = {
+        "case": "paper",
+        "what": "forces",
+        "set": {"impact_time": 0.9, "object.rpy_deg": [0.0, 0.0, 1.25]},
+        "over": {
+            "object.radius_mm": [9.95, 10.05],
+            "gravity": [[0.0, 0.0, -9.81], [0.0, -1.0, -9.7]],
+            "object.mass": [0.5, 0.6],
+            "friction.mu": [0.7, 0.8],
+        },
+    }
+    rows = sweep(spec, tmp_path / "out", jobs=1, progress=False).table().to_pylist()
+    assert len(rows) == 16 and len(found) == 4
+    for row in rows[::3]:
+        inputs = {key: row[key] for key in spec["over"]}
+        case = load_case("paper", {"object.rpy_deg": [0.0, 0.0, 1.25], **inputs})
+        alone = optimize_forces(case.make_problem(case.load_hand()), 0.9)
+        assert row["status"] == str(alone.status) == "ok"
+        assert row["normal_forces_N"] == pytest.approx(alone.normal_forces.tolist(), rel=1e-2)
 
 
 def test_forces_that_cannot_be_asked_for_are_rows(tmp_path):
