@@ -25,6 +25,9 @@ from pinograsp.spatial import Array, IntArray
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _ALIKE = 1e-7  # [rad] normals this close are the same
+# [rad] ... and these, where they come no closer: of curved bodies coal's nearest points are no better. A depth changes
+# with the square of it, by less than 1e-10 m.
+_ROUGHLY = 1e-4
 _ROUNDS = 20
 _REACHED = 1e-9  # [m]
 _STEPS, _PROBE, _LARGEST = 60, 1e-6, 0.3  # Newton steps; finite difference and largest step [rad or m]
@@ -73,7 +76,7 @@ class Penetration:
 
     def _deepest(self, part: HandPart, normal: Array) -> tuple[float, Array, Array]:
         distances, pose, off = self.distances, self.distances.pose, 2 * _CLEAR
-        further = _CLEAR
+        further, turned = _CLEAR, np.inf
         last: tuple[float, Array, Array] | None = None
         for _ in range(_ROUNDS):
             moved = coal.Transform3s(pose.getRotation(), pose.getTranslation() + off * normal)
@@ -87,7 +90,8 @@ class Penetration:
             other = np.array(distances.result.getNearestPoint2())
             direction = (other - mine) / gap
             # Farther off than need be, the nearest points are others than those that overlap.
-            alike, spare = np.linalg.norm(direction - normal) < _ALIKE, gap - _CLEAR
+            before, turned, spare = turned, float(np.linalg.norm(direction - normal)), gap - _CLEAR
+            alike = turned < _ALIKE or 0.5 * before < turned < _ROUGHLY
             surface = other - off * normal
             depth = float((mine - surface) @ normal)
             if alike and abs(spare) <= 0.5 * _CLEAR:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from importlib.metadata import version
 from typing import Any
 
@@ -307,4 +308,7 @@ def failure_of(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> P
 
 def _versions(solver: str) -> dict[str, str]:
     packages = ("pinograsp", "pin", "qpsolvers", "numpy", *((solver,) if solver in ("daqp", "clarabel") else ()))
-    return {name: version(name) for name in packages}
+    return {name: _version(name) for name in packages}
+
+
+_version = lru_cache(version)  # reads files
