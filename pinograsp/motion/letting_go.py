@@ -18,7 +18,9 @@ from pinograsp.spatial import Array
 # [N/m] stiffness of a contact along the surface: above that along the normal, at the depths of a few newtons.
 TANGENTIAL = 2e4
 _PARTS = 4  # steps of the sliding between two known depths
-_STAGES, _STEPS, _HALVINGS = 4, 30, 5  # of the support as it fades; Newton steps in each
+_STAGES = 4  # of the support as it fades
+_ROUNDS, _STEPS, _HALVINGS = 20, 30, 25  # in each: cones of other sizes, Newton steps to the least energy, and halvings
+_FULL_STEPS, _LEFT = 6, 0.5  # Newton steps with all that changes, and the share of the imbalance that one may leave
 _BALANCED = 1e-6  # share of the forces
 _NEARLY = 1e-2  # share of them that a rest may leave
 _LEAST_ARM = 1e-3  # [m]
@@ -70,21 +72,54 @@ def let_go(problem: ForceProblem, depths: Array, friction: Array) -> LetGo:
     support, enough = -(now.wrench + load), _BALANCED * max(float(now.normal.sum()), _BALANCED)
     for stage in range(1, _STAGES + 1):
         held = load + support * (1 - stage / _STAGES)
-        for _ in range(_STEPS):
-            left = now.wrench + held
-            off = contacts.size(left)
-            if off < enough:
+        for _ in range(_ROUNDS):
+            # As if normal forces gave the cones their size, but no more: a convex energy, whose least is always found.
+            shift = _least_energy(contacts, held, shift, since, stretched, now.normal, enough)
+            shift, now = _balanced(contacts, held, shift, since, stretched, enough)
+            if contacts.size(now.wrench + held) < enough:
                 break
-            step, share = contacts.twist(now.stiffness, left), 1.0
-            for _ in range(_HALVINGS):
-                now = contacts.at(shift + share * step, since, stretched)
-                if contacts.size(now.wrench + held) < off:
-                    break
-                share /= 2
-            shift = shift + share * step
         stretched, since = now.stretched, shift
     balanced = contacts.size(now.wrench + load) < _NEARLY * float(now.normal.sum())
     return LetGo(shift, now.normal, now.friction, now.stiffness, now.gripping, balanced)
+
+
+def _least_energy(
+    contacts: OnObject, held: Array, shift: Array, since: Array, stretched: Array, normal: Array, enough: float
+) -> Array:
+    """The object's shift (6,) under the wrench ``held`` (6,), with the cones of the forces ``normal`` (k,) [N]."""
+    now = contacts.capped(shift, since, stretched, normal)
+    for _ in range(_STEPS):
+        left = now.wrench + held
+        if contacts.size(left) < enough:
+            break
+        step, share = contacts.twist(now.stiffness, left), 1.0
+        for _ in range(_HALVINGS):
+            tried = contacts.capped(shift + share * step, since, stretched, normal)
+            if tried.energy - now.energy - share * (held @ step) <= -1e-4 * share * (left @ step):
+                break
+            share /= 2
+        else:
+            break
+        shift, now = shift + share * step, tried
+    return shift
+
+
+def _balanced(
+    contacts: OnObject, held: Array, shift: Array, since: Array, stretched: Array, enough: float
+) -> tuple[Array, _Now]:
+    """Newton's method for the balance with the wrench ``held`` (6,), as long as it leads there."""
+    now = contacts.at(shift, since, stretched)
+    for _ in range(_FULL_STEPS):
+        left = now.wrench + held
+        off = contacts.size(left)
+        if off < enough:
+            break
+        step = contacts.twist(now.stiffness, left)
+        tried = contacts.at(shift + step, since, stretched)
+        if contacts.size(tried.wrench + held) > _LEFT * off:
+            break
+        shift, now = shift + step, tried
+    return shift, now
 
 
 def _normal(problem: ForceProblem, depths: Array) -> Array:
@@ -124,6 +159,14 @@ class _Now(NamedTuple):
     gripping: Array
 
 
+class _Capped(NamedTuple):
+    """k contacts whose friction has fixed limits: their ``energy`` [J], wrench (6,) on the object, stiffness (6, 6)."""
+
+    energy: float
+    wrench: Array
+    stiffness: Array
+
+
 class OnObject:
     """k contacts with ``depths`` (k,) [m] as the object sees them, to first order of its motion."""
 
@@ -150,6 +193,38 @@ class OnObject:
         scaled = self.units[:, None] * stiffness * self.units
         return np.asarray(self.units * np.linalg.lstsq(scaled, self.units * wrench, rcond=1e-9)[0])
 
+    def capped(self, shift: Array, since: Array, stretched: Array, normal: Array) -> _Capped:
+        """As :meth:`at`, where friction is limited as by the normal forces ``normal`` (k,) [N], not by those there."""
+        law, springs = self.problem.compliance, self.springs
+        deep = np.maximum(self.depths - self.into @ shift, 0.0)
+        pressing, steep = law.normal_force(deep), law.exponent * law.stiffness * deep ** (law.exponent - 1)
+        asked = stretched - self.moves @ (shift - since)
+        grips = _grips(self.problem, asked, normal)
+        friction = grips.stretched * springs
+        pull = np.column_stack([np.linalg.norm(asked[:, :3], axis=1), np.abs(asked[:, 3])])
+        # As springs up to the limit, then in proportion.
+        stored = springs[[0, 3]] * grips.left * (1 - 0.5 * grips.left) * pull**2
+        energy = float((pressing * deep).sum() / (law.exponent + 1) + stored.sum())
+        wrench = self.into.T @ pressing + np.einsum("kij,ki->j", self.moves, friction)
+        grip = self._grip(grips, friction)
+        stiffness = (steep[:, None] * self.into).T @ self.into + np.einsum(
+            "kia,kij,kjb->ab", self.moves, grip, self.moves
+        )
+        return _Capped(energy, wrench, stiffness)
+
+    def _grip(self, grips: _Grips, friction: Array) -> Array:
+        """Stiffness of friction's springs (k, 4, 4).
+
+        One that slips keeps its own in proportion to what is left, but for the way that it slips.
+        """
+        left, slips = np.maximum(grips.left, _KEPT), grips.left < 1.0
+        lost = np.where(slips, np.maximum(grips.left - _KEPT, 0.0), 0.0)
+        direction = friction[:, :3] / np.maximum(np.linalg.norm(friction[:, :3], axis=1, keepdims=True), 1e-300)
+        along = np.zeros((len(friction), 4, 4))
+        along[:, :3, :3] = lost[:, :1, None] * np.einsum("ki,kj->kij", direction, direction)
+        along[:, 3, 3] = lost[:, 1]
+        return np.asarray(self.springs[:, None] * (left[:, [0, 0, 0, 1], None] * np.eye(4) - along))
+
     def at(self, shift: Array, since: Array, stretched: Array) -> _Now:
         """After the object's ``shift`` (6,), where friction's springs were ``stretched`` (k, 4) at ``since``."""
         law, mu = self.problem.compliance, self.problem.mu
@@ -158,16 +233,10 @@ class OnObject:
         grips = _grips(self.problem, stretched - self.moves @ (shift - since), normal)
         friction = grips.stretched * self.springs
         wrench = self.into.T @ normal + np.einsum("kij,ki->j", self.moves, friction)
-        # A spring that slips keeps its stiffness in proportion to what is left, but for the way that it slips;
-        # and friction falls with the normal force.
-        left, slips = np.maximum(grips.left, _KEPT), grips.left < 1.0
-        lost = np.where(slips, np.maximum(grips.left - _KEPT, 0.0), 0.0)
+        gripping = np.einsum("kia,kij,kjb->ab", self.moves, self._grip(grips, friction), self.moves)
+        # Friction falls with the normal force.
+        slips = grips.left < 1.0
         direction = friction[:, :3] / np.maximum(np.linalg.norm(friction[:, :3], axis=1, keepdims=True), 1e-300)
-        along = np.zeros((len(deep), 4, 4))
-        along[:, :3, :3] = lost[:, :1, None] * np.einsum("ki,kj->kij", direction, direction)
-        along[:, 3, 3] = lost[:, 1]
-        grip = self.springs[:, None] * (left[:, [0, 0, 0, 1], None] * np.eye(4) - along)
-        gripping = np.einsum("kia,kij,kjb->ab", self.moves, grip, self.moves)
         pressed = self.into + (slips[:, 0] * mu)[:, None] * np.einsum("kij,ki->kj", self.moves[:, :3], direction)
         return _Now(
             normal, friction, grips.stretched, wrench, gripping + (steep[:, None] * pressed).T @ self.into, gripping
