@@ -34,8 +34,8 @@ from tqdm import tqdm
 import pinograsp as pg
 from pinograsp.contacts import fingertips
 from pinograsp.errors import PinograspError
+from pinograsp.hands import servo_gains
 from pinograsp.planner import plan_best
-from pinograsp.planner.compliance import servo_gains
 from pinograsp.referee.settings import Disturbance, Servo
 
 HERE = Path(__file__).resolve().parent

@@ -28,6 +28,7 @@ from pinograsp.forces.reserve import (
     optimize_reserve,
     parts_in_the_way,
     producible_reserve,
+    reserve_along,
     search_reserve,
 )
 from pinograsp.forces.robust import optimize_robust
@@ -103,6 +104,7 @@ __all__ = [
     "parts_in_the_way",
     "producible_reserve",
     "refine_multipliers",
+    "reserve_along",
     "search_reserve",
     "solve_batch",
     "warm_up",

@@ -336,6 +336,50 @@ def producible_reserve(
     return replace(found, status=Status.INACCURATE, tried=tried, elapsed=time.perf_counter() - started)
 
 
+def reserve_along(
+    problem: ForceProblem,
+    reserve: Reserve,
+    squeeze: RobustForces,
+    start: ArrayLike,
+    direction: ArrayLike,
+    *,
+    objective: str | Mapping[str, float] | None = None,
+) -> RobustForces:
+    """The least-cost squeeze among those whose normal forces are ``start`` plus a multiple of ``direction``.
+
+    Args:
+        problem: of holding an object, without the reserve.
+        reserve: what to bear besides the weight.
+        squeeze: :func:`search_reserve`'s, at whose impact time or near it this one is.
+        start: normal forces (k,) [N].
+        direction: of their change (k,), not all 0.
+        objective: as for :func:`~pinograsp.forces.optimize_robust`.
+
+    Returns:
+        The squeeze; ``INACCURATE``: none was found.
+
+    Raises:
+        InvalidInput: a problem without an object, forces that cannot be used, or another objective.
+    """
+    instance_of("problem", problem, ForceProblem)
+    instance_of("reserve", reserve, Reserve)
+    start, direction = array_of("start", start, (problem.k,)), array_of("direction", direction, (problem.k,))
+    size = float(np.linalg.norm(direction))
+    if not size > 0:
+        raise InvalidInput("direction: expected one in which a normal force changes, got zeros")
+    began, weights = time.perf_counter(), robust_weights(objective, problem)
+    loads, kept = _kept_back(problem, reserve)
+    across = np.eye(problem.k) - np.outer(direction, direction) / size**2
+    found, tried = replace(squeeze, status=Status.INACCURATE), 0
+    for t in [squeeze.impact_time, *np.linspace(*problem.impact_time_range, _OTHER_TIMES)[::-1].tolist()]:
+        fixed = across, across @ start
+        found = robust_at(kept, loads, t, weights, reaction="elastic", fixed=fixed, proven=False)
+        tried += 1
+        if found.status is Status.OK:
+            break
+    return replace(found, tried=tried, elapsed=time.perf_counter() - began)
+
+
 def parts_in_the_way(
     problem: ForceProblem, reserve: Reserve, *, objective: str | Mapping[str, float] | None = None
 ) -> tuple[str, ...]:

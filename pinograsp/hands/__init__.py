@@ -3,5 +3,6 @@
 from pinograsp.hands.drives import Drive, Spring, ratios_of
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import Finger, HandModel
+from pinograsp.hands.servos import servo_gains
 
-__all__ = ["Drive", "Finger", "HandModel", "Spring", "load_hand", "ratios_of"]
+__all__ = ["Drive", "Finger", "HandModel", "Spring", "load_hand", "ratios_of", "servo_gains"]

@@ -3,6 +3,7 @@
 from pinograsp.motion.contact_ik import ContactPostures, contact_postures
 from pinograsp.motion.online import OnlineForces
 from pinograsp.motion.producible import PressingTogether, pressing_together
+from pinograsp.motion.surfaces import normal_at_rest
 from pinograsp.motion.torques import effort_of, preload_slope, torque_limits, torques_matter
 from pinograsp.motion.trajectory import MotionSpec, plan_motion
 
@@ -13,6 +14,7 @@ __all__ = [
     "PressingTogether",
     "contact_postures",
     "effort_of",
+    "normal_at_rest",
     "plan_motion",
     "preload_slope",
     "pressing_together",

@@ -20,12 +20,12 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from pinograsp.checks import frozen
 from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
 from pinograsp.contacts.penetration import Penetration
-from pinograsp.forces import ForceProblem
-from pinograsp.hands import Finger, HandModel
+from pinograsp.forces import ForceSolution
+from pinograsp.hands import Finger, HandModel, servo_gains
 from pinograsp.motion.contact_ik import ContactPostures
 from pinograsp.motion.grasp_ik import FingerMotion, points_along
 from pinograsp.motion.jacobian import contact_jacobian
-from pinograsp.motion.letting_go import LetGo, friction_built_up, let_go
+from pinograsp.motion.letting_go import LetGo, Servos, friction_built_up, let_go
 from pinograsp.spatial import Array
 
 # Contact points must follow their path to this [m]; a thousandth of a typical penetration.
@@ -39,6 +39,7 @@ _ROUNDS, _HALVINGS = 15, 3
 # that it moves the object, in shifts that cost 1, and how much shorter the next step is where one led astray.
 _LETTING_GO, _AS_PLANNED, _GAIN, _FURTHEST, _SHORTER = 6, 0.01, 0.1, 10.0, 3.0
 _AT_LIMIT = 1e-9  # [rad or m]
+_ROUNDED = 0.1  # share of its depth that a contact keeps where others need less of it
 # What the joints' freedom is used for: contacts that slide by 1 mm cost as much as joints that turn by 1 rad (or slide
 # by 30 mm), and as an object that shifts by 0.1 mm. Depths come first: they are off by 0.1 um at that cost.
 _SLIDING, _SHIFTING, _DEPTH, _STROKE = 1e-3, 1e-4, 1e-7, 0.03
@@ -71,18 +72,19 @@ class ClosedPress(NamedTuple):
         return float(np.abs(self.rest.normal / planned - 1.0).max())
 
 
-def press_closed(hand: HandModel, problem: ForceProblem, profile: PenetrationProfile, posture: Array) -> ClosedPress:
+def press_closed(hand: HandModel, solution: ForceSolution, posture: Array, gains: Array | None = None) -> ClosedPress:
     """Joint positions at which the surfaces of a closed hand are as deep as planned, once the object has shifted.
 
     Args:
         hand: the hand.
-        problem: k contacts, their law and friction, the load, and what is held; where that is not known, the points
-            that touched first go in.
-        profile: penetration of all contacts.
+        solution: forces of k contacts; where it is not known what is held, the points that touched first go in.
         posture: of the closed hand (n,) [rad or m].
+        gains: of the servos that follow the joint positions, sent the torques of the planned forces besides (n,)
+            [N m/rad or N/m]; None: joints do not give way.
     """
-    solver, planned = _Solver(hand, problem, posture), problem.compliance.normal_force(profile.final_depth)
-    best = _press(solver, profile.final_depth, np.zeros(6))
+    solver, final = _Solver(hand, solution, posture, gains), solution.profile.final_depth
+    planned = solution.problem.compliance.normal_force(final)
+    best = _press(solver, final, np.zeros(6))
     off, share = best.off(planned), 1.0
     for _ in range(_LETTING_GO):
         if off < _AS_PLANNED:
@@ -93,11 +95,40 @@ def press_closed(hand: HandModel, problem: ForceProblem, profile: PenetrationPro
         grip = units[:, None] * (rest.gripping + _STIFF * rest.stiffness) * units
         step = units * np.linalg.lstsq(grip, units * (rest.stiffness @ (rest.shift - shift)), rcond=1e-9)[0]
         share *= min(1.0, _FURTHEST / max(float(np.linalg.norm(share * step / units)), 1e-300))
-        tried = _press(solver, profile.final_depth, shift + share * step)
+        tried = _press(solver, final, shift + share * step)
         if tried.off(planned) < off:
             gained, best, off, share = off - tried.off(planned), tried, tried.off(planned), 1.0
             if gained < _GAIN * off:
                 break
+        else:
+            share /= _SHORTER
+    return _corrected(solver, final, planned, best)
+
+
+def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
+    """Normal forces (k,) [N] that a closed hand leaves of a solution once the object is let go, with the hand's own
+    servos; None where that is not foreseen.
+    """
+    posture = solution.problem.contacts.posture
+    if posture is None:
+        return None
+    rest = press_closed(hand, solution, posture, servo_gains(hand)).rest
+    return rest.normal if rest.balanced else None
+
+
+def _corrected(solver: _Solver, final: Array, planned: Array, best: ClosedPress) -> ClosedPress:
+    """A press to other depths than ``final`` (k,) [m], with forces at rest that are nearer the ``planned`` (k,) [N]."""
+    law, further, share = solver.problem.compliance, np.zeros(len(final)), 1.0
+    reached = max(TRACKED, float(np.abs(best.missing).max()))
+    for _ in range(_LETTING_GO):
+        off = best.off(planned)
+        if off < _AS_PLANNED or not best.rest.balanced:
+            break
+        lacking = final - law.depth(best.rest.normal)
+        step = np.linalg.lstsq(best.rest.response, lacking, rcond=_STIFF)[0]
+        tried = _press(solver, np.maximum(final + further + share * step, _ROUNDED * final), best.shift[-1])
+        if tried.rest.balanced and tried.off(planned) < off and np.abs(tried.missing).max() <= reached:
+            best, further = tried, further + share * step
         else:
             share /= _SHORTER
     return best
@@ -111,6 +142,7 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
     slid = np.zeros((_KNOTS, len(final), 4))
     limited: set[int] = set()
     now = solver.at(solver.posture)
+    on_the_way = [now]
     for i in range(1, _KNOTS):
         # On from where the last steps led.
         ahead = 2 * q[i - 1] - q[i - 2] if i > 1 else q[0]
@@ -122,7 +154,10 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
         slid[i], depths[i] = before.slid_at(q[i], now.across), now.depth
         missing[i] = course[i] * final + solver.shifts @ shift[i] - now.depth
         limited |= stopped
-    rest = let_go(solver.problem, depths[-1], friction_built_up(solver.problem, depths, slid))
+        on_the_way.append(now)
+    servos = solver.servos(on_the_way, course)
+    pressed = friction_built_up(solver.problem, depths, slid, servos)
+    rest = let_go(solver.problem, depths[-1], pressed, None if servos is None else servos[-1])
     return ClosedPress(course, q, shift, depths, missing, frozenset(limited), rest)
 
 
@@ -157,9 +192,9 @@ class _Before(NamedTuple):
 class _Solver:
     """Depths of a closed hand's contacts as functions of its joints and of the object's shift, and their solution."""
 
-    def __init__(self, hand: HandModel, problem: ForceProblem, posture: Array):
-        self.hand, self.problem, self.posture = hand, problem, np.array(posture)
-        contacts, body = problem.contacts, problem.object
+    def __init__(self, hand: HandModel, solution: ForceSolution, posture: Array, gains: Array | None):
+        self.hand, self.problem, self.posture, self.gains = hand, solution.problem, np.array(posture), gains
+        contacts, body = self.problem.contacts, self.problem.object
         self.data = hand.model.createData()
         self.surfaces = None if body is None or contacts.posture is None else Penetration(hand, body, contacts)
         self.normals = np.array([contact.normal_o for contact in contacts])
@@ -175,6 +210,7 @@ class _Solver:
         self.joint_costs = np.where(slides, 1.0 / _STROKE, 1.0)
         self.shift_costs = np.repeat([1.0, arm], 3) / _SHIFTING
         # Joints of no finger, of a wrist, stay.
+        self.planned = solution
         self.moving = np.zeros(hand.n, dtype=bool)
         self.moving[np.concatenate([finger.dofs for finger in hand.fingers])] = True
         self.lower, self.upper = np.minimum(hand.lower, posture), np.maximum(hand.upper, posture)
@@ -198,6 +234,22 @@ class _Solver:
                 across[i, :3] = J[:3] - np.outer(normals[i], deepening[i])
                 across[i, 3] = normals[i] @ J[3:]
         return _Pressed(depth, deepening, across)
+
+    def servos(self, on_the_way: Sequence[_Pressed], course: Array) -> tuple[Servos, ...] | None:
+        """Of the joints where the contacts are so far on their ``course`` (c,); None where they do not give way."""
+        if self.gains is None:
+            return None
+        forces_o = np.einsum("kij,kj->ki", self.problem.contacts.rotations_oc, self.planned.forces_c)
+        normal = (forces_o * self.normals).sum(axis=1)
+        turning = self.planned.torsion if self.planned.torsion.size else np.zeros(len(normal))
+        across = np.column_stack([forces_o - normal[:, None] * self.normals, turning])
+        found = []
+        for now, share in zip(on_the_way, course**self.problem.compliance.exponent):
+            torques = now.deepening.T @ normal + np.einsum("kin,ki->n", now.across, across)
+            found.append(
+                Servos(deepening=now.deepening, across=now.across, stiffness=self.gains, torques=share * torques)
+            )
+        return tuple(found)
 
     def solve(
         self, q: Array, shift: Array, wanted: Array, towards: Array, before: _Before

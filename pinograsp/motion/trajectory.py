@@ -18,7 +18,7 @@ from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution, RobustForces
-from pinograsp.hands import Finger, HandModel
+from pinograsp.hands import Finger, HandModel, servo_gains
 from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach, gentle_approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
@@ -134,11 +134,11 @@ class _Planning:
         self.closing: list[tuple[Finger, FingerMotion]] = []
         self.pressed: ClosedPress | None = None
         if self.problem.contacts.posture is not None:
-            self.pressed = self.closed(self.problem.contacts.posture)
+            self.pressed = self.closed(solution, self.problem.contacts.posture)
 
-    def closed(self, q: Array) -> ClosedPress:
+    def closed(self, solution: ForceSolution, q: Array) -> ClosedPress:
         """How all joints of the hand that is closed at ``q`` (n,) press, and the object gives way when it is let go."""
-        pressed = press_closed(self.hand, self.problem, self.profile, q)
+        pressed = press_closed(self.hand, solution, q, servo_gains(self.hand))
         size = float(np.linalg.norm(pressed.shift[-1, :3]))
         if size > _SHIFTED:
             self.notes.append(

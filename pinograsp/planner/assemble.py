@@ -17,7 +17,7 @@ from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
 from pinograsp.contacts.quality import on_edges
 from pinograsp.errors import SearchFailed, Status
 from pinograsp.forces import ConvexSolution, ForceSolution, GlobalSolution, GridSolution, Reserve, RobustForces
-from pinograsp.hands import HandModel
+from pinograsp.hands import HandModel, servo_gains
 from pinograsp.objects.body import Body
 from pinograsp.plan import (
     ContactLaw,
@@ -32,7 +32,7 @@ from pinograsp.plan import (
     PlanReserve,
     Proof,
 )
-from pinograsp.planner.compliance import instability, servo_gains
+from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.spatial import Array
 

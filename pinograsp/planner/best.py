@@ -18,7 +18,8 @@ from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
 _FAR = 0.02  # slip of a contact while it presses, relative to the object's size
-_TRIES = 4  # plans that are not firm, before the first of them is taken
+_OTHER = 0.1  # share by which a force at rest is another one than planned
+_TRIES = 4  # plans that are not firm, before the firmest of them is taken
 
 
 def plan_best(
@@ -33,7 +34,8 @@ def plan_best(
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
     Those whose contacts slide far while they press or lie on edges, those in which other links press on the object,
-    too, and those that the hand's own servos let go of (:meth:`GraspPlan.object_stiffness`), come after the others.
+    too, those whose forces come out other than planned, and those that the hand's own servos let go of
+    (:meth:`GraspPlan.object_stiffness`), come after the others.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -45,7 +47,7 @@ def plan_best(
 
     Returns:
         The first plan that is ``OK``; where none is, that of the best grasp that could be planned, with its status.
-        One of those that come last only if the first few all are so.
+        One of those that come last only if the first few all are so: that of which least is to be said.
 
     Raises:
         GraspNotFound: the search found no grasp.
@@ -53,6 +55,7 @@ def plan_best(
     """
     instance_of("search", found, GraspSearch)
     best: GraspPlan | None = None
+    fewest = 0
     failure: NoGrasp | None = None
     tried = 0
     for grasp in found.grasps or (found.best,):
@@ -70,10 +73,11 @@ def plan_best(
         except NoGrasp as error:
             failure = failure or error
             continue
-        if plan.status is Status.INTERRUPTED or (plan.status is Status.OK and _firm(plan, closure)):
+        faults = _faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
+        if plan.status is Status.INTERRUPTED or not faults:
             return plan
-        if best is None or (plan.status is Status.OK and best.status is not Status.OK):
-            best = plan
+        if best is None or faults < fewest:
+            best, fewest = plan, faults
         tried += plan.status is Status.OK
         if tried == _TRIES or (best.status is Status.OK and grasp.sound < SOUND):
             break
@@ -82,13 +86,21 @@ def plan_best(
     raise failure or NoGrasp("no grasp of the search could be planned")
 
 
-def _firm(plan: GraspPlan, closure: Closure) -> bool:
-    """Whether the contacts stay where they press, none on an edge, no other link presses, and the servos keep the
-    object there.
+_MOST_FAULTS = 5
+
+
+def _faults(plan: GraspPlan, closure: Closure) -> int:
+    """How much speaks against a plan: contacts that slide, or lie on edges, forces that come out other than planned,
+    other links that press, servos that let go of the object.
     """
     slip, solution = np.asarray(plan.motion.slip), plan.searched()
-    if slip.size and float(slip.max()) > _FAR * closure.object.bounding_radius:
-        return False
-    if doubtful_share(plan.hand, closure.object, solution.problem.contacts, plan.forces.normal_forces) > 0:
-        return False
-    return not pressing_too(plan.hand, solution, plan.motion.q[-1]) and plan.object_stiffness().is_stable()
+    planned = plan.forces.normal_forces
+    return sum(
+        (
+            bool(slip.size) and float(slip.max()) > _FAR * closure.object.bounding_radius,
+            doubtful_share(plan.hand, closure.object, solution.problem.contacts, planned) > 0,
+            float(np.abs(plan.motion.settled_forces / planned - 1.0).max()) > _OTHER,
+            bool(pressing_too(plan.hand, solution, plan.motion.q[-1])),
+            not plan.object_stiffness().is_stable(),
+        )
+    )

@@ -19,35 +19,16 @@ from pinograsp.actuation import (
     object_stiffness,
     stiffness_scenarios,
 )
-from pinograsp.checks import each_of, shown
 from pinograsp.contacts.quality import on_edges
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceSolution, StiffnessScenario
-from pinograsp.hands import HandModel
+from pinograsp.hands import HandModel, servo_gains
 from pinograsp.motion import preload_slope, torque_limits
 from pinograsp.plan import StiffnessBand
 from pinograsp.spatial import Array
 
-SERVO = 50.0  # [N m/rad] stiffness of a small servo; at a sliding joint that of the same, 30 mm from its axis
-_LEVER = 0.03  # [m]
 _AWAY = 2e-3  # [m] by which the object may give way to the push of a reserve
 _FINGERTIP = 0.008  # [m] radius of curvature of links where they touch
-
-
-def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
-    """Gains of the joints' servos (n,) [N m/rad or N/m]; default: the drives' own, else 50 N m/rad or 55.6 kN/m.
-
-    Raises:
-        InvalidInput: gains that are not numbers from 0 on, one or (n,).
-    """
-    if stiffness is None:
-        slides = np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names])
-        known = hand.servo_stiffness
-        return np.where(np.isnan(known), np.where(slides, SERVO / _LEVER**2, SERVO), known)
-    gains = each_of("servo stiffness", stiffness, hand.n)
-    if gains.min() < 0:
-        raise InvalidInput(f"servo stiffness: expected values from 0 on (torque control), got {shown(gains.tolist())}")
-    return gains
 
 
 def compliant_hand(hand: HandModel, solution: ForceSolution, q: Array, gains: Array) -> CompliantHand:

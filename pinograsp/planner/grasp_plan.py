@@ -17,9 +17,9 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, ForceSolution, Reaction
 from pinograsp.handover import Command, Commanding, JointTrajectory, gripper_message, jaw_commands, write_jaws
 from pinograsp.handover.commands import COMMANDS, SHORTFALL, commanded, write_drive_keyframes
-from pinograsp.hands import HandModel
+from pinograsp.hands import HandModel, servo_gains
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
-from pinograsp.planner.compliance import band_of, gains_of, servo_gains, stiffness_of, told_band
+from pinograsp.planner.compliance import band_of, gains_of, stiffness_of, told_band
 from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run

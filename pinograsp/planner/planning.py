@@ -29,13 +29,15 @@ from pinograsp.forces import (
     optimize_grasp,
     parts_in_the_way,
     producible_reserve,
+    reserve_along,
     search_reserve,
 )
-from pinograsp.hands import HandModel
+from pinograsp.hands import HandModel, servo_gains
 from pinograsp.motion import (
     MotionSpec,
     PressingTogether,
     effort_of,
+    normal_at_rest,
     plan_motion,
     pressing_together,
     torque_limits,
@@ -44,7 +46,7 @@ from pinograsp.motion import (
 from pinograsp.objects.body import Body
 from pinograsp.plan import Motion, PlanReserve
 from pinograsp.planner.assemble import assembled, reserve_of
-from pinograsp.planner.compliance import scenarios_of, servo_gains
+from pinograsp.planner.compliance import scenarios_of
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.spatial import Array
 
@@ -55,6 +57,10 @@ _SEARCHES: tuple[Search, ...] = get_args(Search)
 # Rounds of force search and motion until the holding torques at the posture found are within their limits.
 _TORQUE_ROUNDS = 6
 _SETTLED = 1e-5  # [-, m] of the Jacobians from one round to the next
+# Rounds that plan the forces that friction leaves, the share of a force from which on it is another one, and what a
+# round has to leave of it at most.
+_COMING_ROUNDS, _COMES, _GAINED = 3, 0.03, 0.7
+_FIRMER = 1.2  # times the planned forces
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -318,7 +324,50 @@ def _by_reserve(
         if known is not None and np.abs(limits.jacobian - known.jacobian).max() < _SETTLED:
             break
         searched, start = replace(problem, torques=limits), squeeze.impact_time
+    for _ in range(_COMING_ROUNDS):
+        coming = _as_they_come(hand, searched, choices, reserve, squeeze, motion)
+        if coming is None:
+            break
+        squeeze, forces, motion = coming
+        tried += squeeze.tried
     return forces, motion, spent, reserve_of(reserve, squeeze, tried, least)
+
+
+def _as_they_come(
+    hand: HandModel,
+    problem: ForceProblem,
+    choices: _Choices,
+    reserve: Reserve,
+    squeeze: RobustForces,
+    motion: Motion,
+) -> tuple[RobustForces, ConvexSolution, Motion] | None:
+    """Another squeeze, of the normal forces that the hand leaves once the object is let go, with its motion; None where
+    they come as planned, or no nearer to the plan.
+
+    Where one motor moves many joints, friction and the object's weight share the forces out, whatever was planned. How
+    they go on from there, a firmer grip shows.
+    """
+    left = _other_than(squeeze.normal_forces, motion)
+    if left < _COMES or reserve.stiffness_factors:
+        return None
+    forces = squeeze.under(problem.load)
+    firmer = normal_at_rest(hand, replace(forces, forces_c=_FIRMER * forces.forces_c, torsion=_FIRMER * forces.torsion))
+    if firmer is None:
+        return None
+    come = motion.settled_forces
+    other = reserve_along(problem, reserve, squeeze, come, firmer - come, objective=choices.objective)
+    if other.status is not Status.OK:
+        return None
+    forces = other.under(problem.load)
+    other_motion = plan_motion(hand, forces, choices.motion)
+    if _other_than(other.normal_forces, other_motion) > _GAINED * left or other_motion.status is not motion.status:
+        return None
+    return other, forces, other_motion
+
+
+def _other_than(planned: Array, motion: Motion) -> float:
+    """The largest share by which a normal force comes out other than ``planned`` (k,) [N]."""
+    return float(np.abs(motion.settled_forces / planned - 1.0).max())
 
 
 def _on_other_contacts(

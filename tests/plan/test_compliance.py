@@ -9,7 +9,8 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
-from pinograsp.planner.compliance import instability, servo_gains
+from pinograsp.hands import servo_gains
+from pinograsp.planner.compliance import instability
 from pinograsp.referee import Disturbance, Servo
 
 
