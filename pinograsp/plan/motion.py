@@ -25,7 +25,8 @@ class Motion:
         torques: (m, n) [N m or N].
         holding_torques: torques that hold still after t_F (n,) [N m or N].
         settled_forces: normal forces once the object is let go (k,) [N], as foreseen: the planned ones, and of a closed
-            hand what friction that built up while it pressed leaves of them.
+            hand what is left of them by friction that built up while it pressed, and by joints that give way as their
+            servos do (sent the torques of the planned forces, too).
         forces_o: contact forces on the object, world axes (m, k, 3) [N].
         contact_velocities: velocities of the contact points J dq, zero before the impact (m, k, 3) [m/s].
         tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the

@@ -20,6 +20,7 @@ from pinograsp.forces import (
     optimize_reserve,
     optimize_robust,
     producible_reserve,
+    reserve_along,
     robust_program as robust_room,
 )
 from pinograsp.motion import MotionSpec, plan_motion
@@ -343,6 +344,37 @@ def test_caps_count_for_the_reaction_too(contact_set):
     for cap, status in ((1.001 * needed, Status.OK), (0.999 * needed, Status.INFEASIBLE)):
         capped = replace(problem, max_normal_force=np.full(2, cap))
         assert optimize_robust(capped, loads, 0.85, reaction="elastic").status is status
+
+
+def test_the_best_squeeze_on_a_line_of_normal_forces(contact_set):
+    """Through the best of all squeezes it is that one; on another line it lies on it, with its proof."""
+    body = pg.Sphere(radius=0.03, mass=0.3)
+    directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
+    problem = pg.ForceProblem.holding(body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0))
+    reserve = pg.Reserve(torque=0.0)
+    best = optimize_reserve(problem, reserve, 0.85)
+    along = np.array([1.0, 0.8, 1.1, 0.6])
+    found = reserve_along(problem, reserve, best, best.normal_forces - 0.3 * along, along)
+    assert found.status is Status.OK
+    assert found.certificate.objective == pytest.approx(best.certificate.objective, rel=1e-5)
+    start = best.normal_forces * [1.2, 1.1, 1.3, 1.0]
+    found = reserve_along(problem, reserve, best, start, along)
+    size = (found.normal_forces - start) @ along / (along @ along)
+    assert found.normal_forces == pytest.approx(start + size * along, rel=1e-6)
+    assert found.certificate.objective >= best.certificate.objective
+    assert found.certificate.relative_gap < 1e-6  # proven for the line
+
+
+def test_no_squeeze_on_a_line_that_does_not_press(contact_set):
+    problem = two_jaws(contact_set)
+    best = optimize_reserve(problem, pg.Reserve(torque=0.0), 0.85)
+    start = best.normal_forces + [0.5, 0.0]  # two that face each other press alike
+    found = reserve_along(problem, pg.Reserve(torque=0.0), best, start, np.ones(2))
+    assert found.status is Status.INACCURATE
+    with pytest.raises(InvalidInput, match="direction: expected one in which a normal force changes"):
+        reserve_along(problem, pg.Reserve(), best, start, np.zeros(2))
 
 
 @pytest.mark.parametrize("capped", [False, True])
