@@ -60,7 +60,7 @@ _SETTLED = 1e-5  # [-, m] of the Jacobians from one round to the next
 # Rounds that plan the forces that friction leaves, the share of a force from which on it is another one, and what a
 # round has to leave of it at most.
 _COMING_ROUNDS, _COMES, _GAINED = 3, 0.03, 0.7
-_FIRMER = 1.2  # times the planned forces
+_FIRMER, _FIRMEST = 1.2, 1.5  # times the planned forces: looked at, and worth it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -356,7 +356,7 @@ def _as_they_come(
         return None
     come = motion.settled_forces
     other = reserve_along(problem, reserve, squeeze, come, firmer - come, objective=choices.objective)
-    if other.status is not Status.OK:
+    if other.status is not Status.OK or other.normal_forces.sum() > _FIRMEST * squeeze.normal_forces.sum():
         return None
     forces = other.under(problem.load)
     other_motion = plan_motion(hand, forces, choices.motion)
