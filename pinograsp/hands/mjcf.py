@@ -39,9 +39,9 @@ def to_urdf(
 ) -> tuple[ElementTree.Element, list[str], list[str], Actuation]:
     """URDF of an MJCF file, problems, notes, and the motors and springs at its joints.
 
-    Equality constraints between two joints become mimic joints where they are linear; force ranges of actuators, and
-    control ranges of motors, become effort limits. With ``root``, only that body and what it carries. Files are
-    included from the folder of ``path`` and those below it, with ``trusted`` from anywhere.
+    Equality constraints between two joints become mimic joints, curves by the line nearest to them; force ranges of
+    actuators, and control ranges of motors, become effort limits. With ``root``, only that body and what it carries.
+    Files are included from the folder of ``path`` and those below it, with ``trusted`` from anywhere.
 
     Raises:
         HandNotLoaded: there is no worldbody, or no body called ``root``.
@@ -83,7 +83,7 @@ class _Reader:
         while waiting:
             body, childclass, parent, at = waiting.pop()
             waiting += reversed(self._jointed_body(body, childclass, parent, at))
-        couplings, loops, opened = couplings_of(self.source, self.joints, self.links)
+        couplings, loops, opened = couplings_of(self.source, self.joints, self.links, self.notes)
         if loops and not self.source.problems:
             couplings, left = self._closed(couplings, loops)
             opened += [loop.name for loop in left]

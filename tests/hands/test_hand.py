@@ -522,10 +522,7 @@ def test_a_hand_on_an_arm_is_cut_out(tmp_path):
     path = write(tmp_path, on_an_arm())
     with pytest.raises(HandNotLoaded) as caught:
         load_hand(path)
-    assert len(caught.value.problems) == 2
-    assert "joint 'free' floats freely: give root=" in str(caught.value) and "joint 'slip' is planar" in str(
-        caught.value
-    )
+    assert len(caught.value.problems) == 1 and "joint 'slip' is planar" in str(caught.value)
     hand = load_hand(path, root="palm")
     assert hand.palm == "palm" and hand.joint_names == ("j1", "j2") and hand.mass == pytest.approx(0.7)
     assert hand.frame_placements([0, 0], ["palm", "one"])[:, :3, 3].tolist() == [[0, 0, 0], [0.1, 0, 0]]
