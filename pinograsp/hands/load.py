@@ -233,7 +233,7 @@ def _hand_model(
         names,
     )
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
-    notes += _on_root(model, prepared, solid, palm)
+    notes += _on_root(model, prepared, solid, palm, fingers)
     return HandModel(
         name=prepared.name,
         source=source,
@@ -247,10 +247,16 @@ def _hand_model(
     )
 
 
-def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str) -> list[str]:
+def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, fingers: Sequence[Finger]) -> list[str]:
     """A note where the file has more than a hand, with the root= that takes one alone."""
     if (before := joints_before(prepared.joints, palm)) >= _ARM:
         return [f"{ON_ROOT}{before} joints come before the palm '{palm}', an arm's: root='{palm}' is the hand alone"]
+    if len(fingers) == 1 and len(fingers[0].joints) > _ARM:
+        joints = [joint for joint in prepared.joints if joint.name == fingers[0].joints[-1]]
+        return [
+            f"{ON_ROOT}all {len(fingers[0].joints)} joints are one finger: of an arm with one jaw that moves, "
+            f"root='{joints[0].parent}' takes the last one alone"
+        ]
     data = model.createData()
     pin.framesForwardKinematics(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2)
 

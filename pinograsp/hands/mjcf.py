@@ -184,12 +184,15 @@ class _Reader:
 
     def _joint(self, given: dict[str, str], parent: str, child: str, at: pin.SE3, axis: Array) -> None:
         name, kind = given["name"], given.get("type", "hinge")
-        element = _joint(self.robot, name, _TYPES.get(kind, f"a {kind} joint"), parent, child, at)
+        limited = self.source.limited(given, "limited", "range")
+        endless = kind == "hinge" and not limited and "range" not in given
+        urdf_kind = "continuous" if endless else _TYPES.get(kind, f"a {kind} joint")
+        element = _joint(self.robot, name, urdf_kind, parent, child, at)
         self.joints[name], self.joint_elements[name] = given, element
         if kind not in ("hinge", "slide"):
             return
         ElementTree.SubElement(element, "axis", xyz=written(axis))
-        if self.source.limited(given, "limited", "range"):
+        if limited:
             low, high = self.source.numbers(given, "range", "0 0", 2) * self._unit(kind)
             ElementTree.SubElement(element, "limit", lower=repr(float(low)), upper=repr(float(high)))
         dynamics = {"damping": "damping", "friction": "frictionloss", "armature": "armature"}

@@ -249,6 +249,15 @@ def test_limits_without_autolimits(tmp_path):
             load_hand(write(tmp_path, text.format(left_open)))
 
 
+def test_hinges_without_a_range_turn_without_end(tmp_path):
+    text = """<mujoco><worldbody><body><geom size="0.1"/><joint name="j" {}/></body></worldbody></mujoco>"""
+    hand = load_hand(write(tmp_path, text.format("")))
+    assert [hand.lower[0], hand.upper[0]] == pytest.approx([-np.pi, np.pi])
+    assert any("continuous joints taken as revolute between -180 and 180 deg: j" in note for note in hand.notes)
+    with pytest.raises(HandNotLoaded, match=r"no position limits.*range="):
+        load_hand(write(tmp_path, text.format('type="slide"')))
+
+
 def test_included_files_and_settings(tmp_path):
     (tmp_path / "parts").mkdir()
     write(
