@@ -36,7 +36,7 @@ from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import LFS_POINTER
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.ros_packages import packages_of
-from pinograsp.hands.srdf import disabled_collisions
+from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
@@ -98,7 +98,7 @@ def load_hand(
             massless.
         exclude: links whose shapes take no part in touching, as a cover that gives way, or a coarse shape; noted.
         srdf: file of MoveIt's for this robot: pairs of links whose collisions it disables are not looked at where the
-            hand's own links are checked against each other.
+            hand's own links are checked against each other; nor are those that an MJCF file excludes itself.
         **xacro_args: values of the xacro file's arguments.
 
     Raises:
@@ -141,10 +141,10 @@ def load_hand(
         found = urdf_drives.actuation_of(robot, problems)
         prepared = prepare(name, robot, folder, root, problems, packages=folders)
     hand = _driven(_hand_model(name, prepared, palm, fingers, masses, exclude), found, known, drives, springs)
+    pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
     if srdf is not None:
-        notes = list(hand.notes)
-        pairs = disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, notes)
-        hand = replace(hand, disabled_collisions=pairs, notes=tuple(notes))
+        pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
+    hand = replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(told))
     if limits is not None:
         hand = hand.with_limits(limits)
     if hulls:

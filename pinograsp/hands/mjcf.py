@@ -95,6 +95,9 @@ class _Reader:
         for joint, limit in effort_limits(self.source, self.joints, couplings, self.notes).items():
             if (element := self.joint_elements[joint].find("limit")) is not None:
                 element.set("effort", repr(limit))
+        for pair in self.source.element.findall("contact/exclude"):
+            ends = {"link1": pair.get("body1", ""), "link2": pair.get("body2", "")}
+            ElementTree.SubElement(self.robot, "disable_collisions", ends)
         self.actuation = actuation_of(self.source, self.joints)
         if self.left_out:
             self.notes.append(f"geoms left out: {', '.join(self.left_out)}")

@@ -157,3 +157,14 @@ def test_the_command_line_takes_both(gripper, command):
     path = srdf(gripper.parent, disable("left_jaw", "right_jaw"))
     _, out, _ = command("hands", str(gripper), "--exclude", "palm", "--srdf", str(path))
     assert "exclude=): palm" in out and "the SRDF disables: 1" in out
+
+
+def test_pairs_that_an_mjcf_file_excludes_are_not_looked_at(tmp_path):
+    jaw = """<body name="{0}" pos="{1} 0 0"><joint name="{0}" type="slide" axis="1 0 0" range="-0.1 0.1"/>
+      <geom type="box" size="0.01 0.01 0.05" pos="0 0 0.05"/></body>"""
+    bodies = f"<body name='palm'><geom size='0.01'/>{jaw.format('left', -0.05)}{jaw.format('right', 0.05)}</body>"
+    path = tmp_path / "hand.xml"
+    exclude = '<contact><exclude body1="right" body2="left"/><exclude body1="right" body2="ghost"/></contact>'
+    for contact, found in (("", {("left", "right")}), (exclude, set())):
+        path.write_text(f"<mujoco><worldbody>{bodies}</worldbody>{contact}</mujoco>")
+        assert SelfCollisions(load_hand(path)).at(np.array([0.05, -0.05])) == found
