@@ -28,7 +28,7 @@ from pinograsp.planner import GraspPlan, Search, plan_best, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
-_OF_THE_HAND = {"root", "palm", "fingers", "packages", "xacro_args", "trusted", "masses", "hulls"}
+_OF_THE_HAND = {"root", "palm", "fingers", "packages", "xacro_args", "trusted", "masses", "hulls", "exclude", "srdf"}
 Share = Annotated[float, Field(ge=0, lt=1)]
 Times = Annotated[float, Field(ge=1, le=1000)]
 
@@ -95,6 +95,8 @@ class ObjectCase(Section):
     xacro_args: dict[str, Any] = Field(default_factory=dict)
     trusted: bool = False
     masses: Masses = "estimate"
+    exclude: list[str] = Field(default_factory=list)
+    srdf: str | None = None
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Measure = "impulse"
@@ -121,6 +123,7 @@ class ObjectCase(Section):
         beside = self.folder / self.hand
         settings = self.model_dump(include=_OF_THE_HAND)
         settings["packages"] = {name: str(self.folder / folder) for name, folder in self.packages.items()}
+        settings["srdf"] = self.srdf and str(self.folder / Path(self.srdf).expanduser())
         return _hand(str(beside) if os.path.isfile(beside) else self.hand, json.dumps(settings, sort_keys=True))
 
     def make_object(self) -> Body:

@@ -45,6 +45,10 @@ Trusted = Annotated[
 Masses = Annotated[
     str, typer.Option(help="Of links without any: estimate (from their shapes) or file (massless).", show_default=True)
 ]
+Exclude = Annotated[
+    list[str] | None, typer.Option("--exclude", metavar="LINK", help="Link that is not to touch; repeatable.")
+]
+Srdf = Annotated[str | None, typer.Option("--srdf", metavar="FILE", help="SRDF with pairs of links that may overlap.")]
 At = Annotated[
     str | None, typer.Option(help="Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched.")
 ]
@@ -74,6 +78,8 @@ def loading(
     arguments: list[str] | None,
     trusted: bool,
     masses: str,
+    exclude: list[str] | None,
+    srdf: str | None,
 ) -> dict[str, Any]:
     """How a hand's file is to be read, by the names of :func:`~pinograsp.hands.load_hand`; :class:`InvalidInput` for
     texts that are not NAME=VALUE, and for names given twice.
@@ -95,6 +101,8 @@ def loading(
         "xacro_args": pairs("--arg", arguments),
         "trusted": trusted,
         "masses": masses,
+        "exclude": exclude or [],
+        "srdf": srdf,
     }
 
 

@@ -9,6 +9,7 @@ import typer
 
 from pinograsp.cli.app import (
     Arguments,
+    Exclude,
     Fingers,
     Json,
     Masses,
@@ -16,6 +17,7 @@ from pinograsp.cli.app import (
     Palm,
     Quiet,
     Root,
+    Srdf,
     Trusted,
     Verbose,
     app,
@@ -39,6 +41,8 @@ def hands(
     arguments: Arguments = None,
     trusted: Trusted = False,
     masses: Masses = "estimate",
+    exclude: Exclude = None,
+    srdf: Srdf = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -57,13 +61,14 @@ def hands(
     from pinograsp.hands import load_hand
     from pinograsp.hands.summary import record
 
-    settings = {"root": root, **loading(palm, fingers, packages, arguments, trusted, masses)}
+    settings = {"root": root, **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)}
     if name is None:
         if root is not None:
             raise InvalidInput("--root needs the NAME of a hand or file")
-        if settings != {"root": None, **loading(None, None, None, None, False, "estimate")}:
+        if settings != {"root": None, **loading(None, None, None, None, False, "estimate", None, None)}:
             raise InvalidInput(
-                "--palm, --finger, --package, --arg, --trusted, --masses need the NAME of a hand or file"
+                "--palm, --finger, --package, --arg, --trusted, --masses, --exclude, --srdf need the NAME of a hand or "
+                "file"
             )
         _list_hands(as_json)
         return

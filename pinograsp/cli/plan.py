@@ -12,6 +12,7 @@ import typer
 from pinograsp.cli.app import (
     Arguments,
     At,
+    Exclude,
     Fingers,
     FrictionModel,
     Hulls,
@@ -25,6 +26,7 @@ from pinograsp.cli.app import (
     Safety,
     Samples,
     Seed,
+    Srdf,
     Trusted,
     Verbose,
     Wrap,
@@ -78,6 +80,8 @@ def plan(
     arguments: Arguments = None,
     trusted: Trusted = False,
     masses: Masses = "estimate",
+    exclude: Exclude = None,
+    srdf: Srdf = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
@@ -133,7 +137,7 @@ def plan(
             "wrap": wrap,
             "table": table,
             "hulls": hulls,
-            **loading(palm, fingers, packages, arguments, trusted, masses),
+            **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),
         }
         chosen = {key: value for key, value in {**options, "reserve": reserve}.items() if value is not None}
         _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
@@ -222,6 +226,8 @@ def close(
     arguments: Arguments = None,
     trusted: Trusted = False,
     masses: Masses = "estimate",
+    exclude: Exclude = None,
+    srdf: Srdf = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -241,7 +247,7 @@ def close(
         "seed": seed,
         "wrap": wrap,
         "hulls": hulls,
-        **loading(palm, fingers, packages, arguments, trusted, masses),
+        **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),
     }
     case = _object_case(hand, object, root, at, **placing)
     found = _found(case, as_json)

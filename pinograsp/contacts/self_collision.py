@@ -17,8 +17,8 @@ _LOOKS = 9  # at what one motor moves, over its range
 class SelfCollisions:
     """Which links of a hand overlap at a posture.
 
-    Those within two joints of each other in one chain do by design, and so do bars of a linkage: what one motor moves
-    against each other, and overlaps over half of its range or more.
+    Left out are pairs that the hand's SRDF disables. Those within two joints of each other in one chain do by design,
+    and so do bars of a linkage: what one motor moves against each other, and overlaps over half of its range or more.
     """
 
     def __init__(self, hand: HandModel):
@@ -36,7 +36,10 @@ class SelfCollisions:
         if not self.objects:
             self.pairs = np.zeros((0, 2), dtype=int)
             return
-        self.pairs = np.argwhere(np.tril(apart[np.ix_(self.joints, self.joints)], -1))
+        disabled = {frozenset(pair) for pair in hand.disabled_collisions}
+        pairs = np.argwhere(np.tril(apart[np.ix_(self.joints, self.joints)], -1)).tolist()
+        kept = [(b, a) for b, a in pairs if frozenset((self.links[a], self.links[b])) not in disabled]
+        self.pairs = np.array(kept, dtype=int).reshape(-1, 2)
         self.reach = radii[self.pairs].sum(axis=1)
         supports, joints = [set(support) for support in model.supports], self.joints.tolist()
         coupled = [
@@ -46,8 +49,8 @@ class SelfCollisions:
         ]
         if coupled:
             linked = self._linked(hand, coupled)
-            kept = np.array([(self.links[a], self.links[b]) not in linked for b, a in self.pairs.tolist()])
-            self.pairs, self.reach = self.pairs[kept], self.reach[kept]
+            free = np.array([(self.links[a], self.links[b]) not in linked for b, a in self.pairs.tolist()])
+            self.pairs, self.reach = self.pairs[free], self.reach[free]
 
     def _linked(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[str, str]]:
         """Names of the links that overlap over half of the hand's range or more."""

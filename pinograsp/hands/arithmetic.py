@@ -5,13 +5,15 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
-# A number, a truth value, a text, a list of these, or a function of arithmetic.
+# A number, a truth value, a text, nothing, a list of these, a mapping to these, or a function of arithmetic.
 Value: TypeAlias = Any
 
 MOST_TEXT = 10_000  # characters of a text, and numbers in a list
+MOST_DATA = 20_000  # values and characters of a mapping
 _MOST_BITS = 1024  # of whole numbers: the range of a float
 _BINARY: dict[type[ast.operator], Callable[[Value, Value], Value]] = {
     ast.Add: operator.add,
@@ -81,6 +83,23 @@ FUNCTIONS: dict[str, Value] = {
     "True": True,
     "False": False,
 }
+# Methods that only look at a text or a mapping.
+_METHODS: dict[type, dict[str, Callable[..., Value]]] = {
+    str: {
+        "split": str.split,
+        "strip": str.strip,
+        "lower": str.lower,
+        "upper": str.upper,
+        "startswith": str.startswith,
+        "endswith": str.endswith,
+    },
+    dict: {
+        "get": dict.get,
+        "keys": lambda mapping: list(mapping.keys()),
+        "values": lambda mapping: list(mapping.values()),
+        "items": lambda mapping: [list(pair) for pair in mapping.items()],
+    },
+}
 # Functions whose results grow faster than any other's, and the largest argument they may have.
 _GROWING: dict[Callable[..., int], int] = {math.factorial: 170, math.comb: 1000, math.perm: 170, round: 400}
 
@@ -102,13 +121,13 @@ def parsed(expression: str) -> ast.Expression:
             raise NotArithmetic(f"only arithmetic is allowed, no {type(node).__name__}")
         if isinstance(node, ast.Name) and node.id.startswith("__"):
             raise NotArithmetic(f"the name {node.id} is not allowed")
-        if isinstance(node, ast.Attribute) and not (
-            isinstance(node.value, ast.Name) and node.value.id == "math" and node.attr in _MATH
-        ):
-            raise NotArithmetic("only arithmetic is allowed, no attributes but those of math")
+        if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
+            raise NotArithmetic(f"the name {node.attr} is not allowed")
+        if isinstance(node, ast.Attribute) and _is_math(node.value) and node.attr not in _MATH:
+            raise NotArithmetic(f"math has no {node.attr}")
         if isinstance(node, ast.Call) and node.keywords:
             raise NotArithmetic("only arithmetic is allowed, no named arguments")
-        if isinstance(node, ast.Constant) and not isinstance(node.value, bool | int | float | str):
+        if isinstance(node, ast.Constant) and not isinstance(node.value, bool | int | float | str | None):
             raise NotArithmetic(f"only numbers and texts are allowed, not {node.value!r}")
         # Texts are for comparing and joining; nothing may be assembled that reads like another expression.
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and ("$" in node.value or "%" in node.value):
@@ -116,57 +135,103 @@ def parsed(expression: str) -> ast.Expression:
     return tree
 
 
-def names(tree: ast.AST) -> set[str]:
-    """Names that an expression uses."""
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+def names(tree: ast.AST, known: Container[str] = ()) -> set[str]:
+    """Names that an expression uses, but for calls of the functions ``known``, as ``load`` or ``yaml.load``."""
+    called = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call) and _dotted(node.func) in known]
+    fine = {id(one.value if isinstance(one, ast.Attribute) else one) for one in called}
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in fine}
 
 
-def evaluate(expression: str, names: Mapping[str, Value]) -> Value:
-    """The value of an expression: a number, a truth value, a text, or a list of these.
+def evaluate(
+    expression: str, names: Mapping[str, Value], functions: Mapping[str, Callable[..., Value]] = MappingProxyType({})
+) -> Value:
+    """The value of an expression: a number, a truth value, a text, or a list of or a mapping to these.
 
     Args:
         names: values of the names that it may use, beside Python's and ``math``'s functions.
+        functions: others that it may call, by name, as ``load`` or ``yaml.load``.
 
     Raises:
         NotArithmetic: it asks for more. NameError, TypeError, ZeroDivisionError...: what Python raises for it.
     """
-    return _value(parsed(expression).body, names)
+    return _Evaluation(names, functions).value(parsed(expression).body)
 
 
-def _value(node: ast.expr, names: Mapping[str, Value]) -> Value:
-    if isinstance(node, ast.Constant):
-        return _bounded(node.value)
-    if isinstance(node, ast.Name):
-        return _named(node.id, names)
-    if isinstance(node, ast.Attribute):
-        return _MATH[node.attr]
-    if isinstance(node, ast.UnaryOp):
-        return _bounded(_UNARY[type(node.op)](_value(node.operand, names)))
-    if isinstance(node, ast.BinOp):
-        return _binary(type(node.op), _value(node.left, names), _value(node.right, names))
-    if isinstance(node, ast.BoolOp):
-        for one in node.values:
-            value = _value(one, names)
-            if bool(value) != isinstance(node.op, ast.And):
-                break
-        return value
-    if isinstance(node, ast.Compare):
-        left = _value(node.left, names)
+def _is_math(node: ast.expr) -> bool:
+    return isinstance(node, ast.Name) and node.id == "math"
+
+
+def _dotted(node: ast.expr) -> str:
+    """A name, or a name in a namespace; "" for anything else."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return f"{node.value.id}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+class _Evaluation:
+    """Expressions with the names and functions that they may use."""
+
+    def __init__(self, names: Mapping[str, Value], functions: Mapping[str, Callable[..., Value]]):
+        self.names, self.functions = names, functions
+
+    def value(self, node: ast.expr) -> Value:
+        if isinstance(node, ast.Constant):
+            return _bounded(node.value)
+        if isinstance(node, ast.Name):
+            return _named(node.id, self.names)
+        if isinstance(node, ast.Attribute):
+            return _MATH[node.attr] if _is_math(node.value) else _item(self.value(node.value), node.attr)
+        if isinstance(node, ast.UnaryOp):
+            return _bounded(_UNARY[type(node.op)](self.value(node.operand)))
+        if isinstance(node, ast.BinOp):
+            return _binary(type(node.op), self.value(node.left), self.value(node.right))
+        if isinstance(node, ast.BoolOp):
+            for one in node.values:
+                value = self.value(one)
+                if bool(value) != isinstance(node.op, ast.And):
+                    break
+            return value
+        if isinstance(node, ast.Compare):
+            return self._compared(node)
+        if isinstance(node, ast.IfExp):
+            return self.value(node.body if self.value(node.test) else node.orelse)
+        if isinstance(node, ast.Subscript):
+            return _bounded(self.value(node.value)[self.value(node.slice)])
+        if isinstance(node, ast.List | ast.Tuple):
+            return _bounded([self.value(one) for one in node.elts])
+        if isinstance(node, ast.Call):
+            return self._called(node.func, [self.value(one) for one in node.args])
+        raise NotArithmetic(f"only arithmetic is allowed, no {type(node).__name__}")
+
+    def _compared(self, node: ast.Compare) -> bool:
+        left = self.value(node.left)
         for kind, other in zip(node.ops, node.comparators):
-            right = _value(other, names)
+            right = self.value(other)
             if not _COMPARE[type(kind)](left, right):
                 return False
             left = right
         return True
-    if isinstance(node, ast.IfExp):
-        return _value(node.body if _value(node.test, names) else node.orelse, names)
-    if isinstance(node, ast.Subscript):
-        return _value(node.value, names)[_value(node.slice, names)]
-    if isinstance(node, ast.List | ast.Tuple):
-        return _bounded([_value(one, names) for one in node.elts])
-    if isinstance(node, ast.Call):
-        return _called(_value(node.func, names), [_value(one, names) for one in node.args])
-    raise NotArithmetic(f"only arithmetic is allowed, no {type(node).__name__}")
+
+    def _called(self, function: ast.expr, arguments: list[Value]) -> Value:
+        name = _dotted(function)
+        if name in self.functions and name.split(".")[0] not in self.names:
+            return _bounded(self.functions[name](*arguments))
+        if isinstance(function, ast.Attribute) and not _is_math(function.value):
+            of = self.value(function.value)
+            method = _METHODS.get(type(of), {}).get(function.attr)
+            if method is None:
+                raise NotArithmetic(f"only arithmetic is allowed, no '{function.attr}' of a {type(of).__name__}")
+            return _bounded(method(of, *arguments))
+        return _called(self.value(function), arguments)
+
+
+def _item(mapping: Value, key: str) -> Value:
+    """What a mapping has under a name."""
+    if type(mapping) is not dict:
+        raise NotArithmetic(f"only arithmetic is allowed, no '{key}' of a {type(mapping).__name__}")
+    if key not in mapping:
+        raise KeyError(f"no '{key}' among {', '.join(map(str, mapping))}"[:300])
+    return _bounded(mapping[key])
 
 
 def _named(name: str, names: Mapping[str, Value]) -> Value:
@@ -183,7 +248,7 @@ def _binary(kind: type[ast.operator], left: Value, right: Value) -> Value:
         if kind is not ast.Mult or not isinstance(right if isinstance(left, str | list) else left, int):
             raise TypeError(f"expected numbers, got {type(left).__name__} and {type(right).__name__}")
         count, repeated = (right, left) if isinstance(left, str | list) else (left, right)
-        if count * _size(repeated) > MOST_TEXT:
+        if count * size_of(repeated) > MOST_TEXT:
             raise NotArithmetic(f"a text or list of more than {MOST_TEXT} is too long")
     if isinstance(left, int) and isinstance(right, int):
         bits = right * (left.bit_length() - 1) if kind is ast.Pow else right if kind is ast.LShift else 0
@@ -212,10 +277,13 @@ def _bounded(value: Value) -> Value:
         value = list(value)
     if isinstance(value, int) and not isinstance(value, bool) and value.bit_length() > _MOST_BITS:
         raise _too_large()
-    if isinstance(value, str | list) and _size(value) > MOST_TEXT:
+    if isinstance(value, str | list) and size_of(value) > MOST_TEXT:
         raise NotArithmetic(f"a text or list of more than {MOST_TEXT} is too long")
-    if not isinstance(value, int | float | str | list) and not any(value is one for one in FUNCTIONS.values()):
-        raise NotArithmetic(f"expected a number, a text or a list, got {type(value).__name__}")
+    known = (
+        value is None or isinstance(value, int | float | str | list) or type(value) is dict
+    )  # whose size was bounded
+    if not known and not any(value is one for one in FUNCTIONS.values()):
+        raise NotArithmetic(f"expected a number, a text, a list or a mapping, got {type(value).__name__}")
     return value
 
 
@@ -223,16 +291,21 @@ def _too_large() -> NotArithmetic:
     return NotArithmetic(f"a whole number of more than {_MOST_BITS} bits is too large")
 
 
-def _size(value: Value) -> int:
-    """Characters of a text, or elements of a list and of those in it, counted no further than to beyond the limit."""
+def size_of(value: Value) -> int:
+    """Characters of a text, or values in a list or mapping and in those in it, counted no further than to beyond the
+    limits.
+    """
     if isinstance(value, str):
         return len(value)
     waiting, size = [value], 0
-    while waiting and size <= MOST_TEXT:
+    while waiting and size <= MOST_DATA:
         one = waiting.pop()
         if isinstance(one, list):
             size += 1 + len(one)
-            waiting += one[: MOST_TEXT + 1]
+            waiting += one[: MOST_DATA + 1]
+        elif type(one) is dict:
+            size += 1 + 2 * len(one)
+            waiting += [*one.keys(), *one.values()]
         elif isinstance(one, str):
             size += len(one)
     return size

@@ -78,6 +78,20 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
     return geometry
 
 
+def without_shapes(
+    geometry: pin.GeometryModel, model: pin.Model, links: list[str], notes: list[str]
+) -> pin.GeometryModel:
+    """The same geometry without the shapes of some links; noted."""
+    if not links:
+        return geometry
+    kept = pin.GeometryModel()
+    for one in geometry.geometryObjects:
+        if model.frames[one.parentFrame].name not in links:
+            kept.addGeometryObject(one)
+    notes.append(f"shapes that take no part in touching (exclude=): {', '.join(dict.fromkeys(links))}")
+    return kept
+
+
 def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) -> None:
     """Scale meshes in millimetres down, where all that the hand's joints carry is far too large for their distances."""
     lengths = [float(np.linalg.norm(pose.translation)) for pose in list(model.jointPlacements)[2:]]

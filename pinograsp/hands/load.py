@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import flag, instance_of, mapping_of, one_of, path_of, text_of
+from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, mjcf, urdf_drives
 from pinograsp.hands.catalogue import CATALOGUE, file_of
@@ -31,11 +31,12 @@ from pinograsp.hands.drives import (
     springs_of,
 )
 from pinograsp.hands.elements import parse, read_bytes
-from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing
+from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import LFS_POINTER
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.ros_packages import packages_of
+from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
@@ -64,6 +65,8 @@ def load_hand(
     trusted: bool = False,
     packages: Mapping[str, str | Path] | None = None,
     masses: Masses = "estimate",
+    exclude: Sequence[str] = (),
+    srdf: str | Path | None = None,
     **xacro_args: object,
 ) -> HandModel:
     """Load a hand by name or from a file.
@@ -93,6 +96,9 @@ def load_hand(
             looked for in the folders above the file, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH; ROS is not needed.
         masses: of links without any: ``"estimate"`` takes them from their shapes, noted; ``"file"`` leaves such links
             massless.
+        exclude: links whose shapes take no part in touching, as a cover that gives way, or a coarse shape; noted.
+        srdf: file of MoveIt's for this robot: pairs of links whose collisions it disables are not looked at where the
+            hand's own links are checked against each other; nor are those that an MJCF file excludes itself.
         **xacro_args: values of the xacro file's arguments.
 
     Raises:
@@ -105,6 +111,7 @@ def load_hand(
     flag("trusted", trusted)
     one_of("masses", masses, get_args(Masses))
     folders = packages_of(packages)
+    exclude = items_of("exclude", exclude, str)
     if fingers is not None:
         fingers = {
             text_of("name of a finger", finger): text_of(f"link of finger '{finger}'", link)
@@ -133,7 +140,11 @@ def load_hand(
         problems = []
         found = urdf_drives.actuation_of(robot, problems)
         prepared = prepare(name, robot, folder, root, problems, packages=folders)
-    hand = _driven(_hand_model(name, prepared, palm, fingers, masses), found, known, drives, springs)
+    hand = _driven(_hand_model(name, prepared, palm, fingers, masses, exclude), found, known, drives, springs)
+    pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
+    if srdf is not None:
+        pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
+    hand = replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(told))
     if limits is not None:
         hand = hand.with_limits(limits)
     if hulls:
@@ -177,7 +188,12 @@ def _text(name: str, path: Path) -> str:
 
 
 def _hand_model(
-    source: str, prepared: Prepared, palm: str | None, names: dict[str, str] | None, masses: Masses
+    source: str,
+    prepared: Prepared,
+    palm: str | None,
+    names: dict[str, str] | None,
+    masses: Masses,
+    exclude: Sequence[str],
 ) -> HandModel:
     notes = list(prepared.notes)
     try:
@@ -201,6 +217,7 @@ def _hand_model(
         fill_masses(model, geometry, prepared.unweighed, notes)
     elif prepared.unweighed:
         notes.append(f"no masses given, so massless: {', '.join(prepared.unweighed)}")
+    geometry = without_shapes(geometry, model, [one_of("exclude", link, prepared.links) for link in exclude], notes)
     if massless := moving_nothing(model):
         hint = "" if masses == "estimate" else ", or take masses='estimate'"
         problems = [f"joint '{joint}' moves no mass at all: give its links a mass{hint}" for joint in massless]
@@ -216,7 +233,7 @@ def _hand_model(
         names,
     )
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
-    notes += _on_root(model, prepared, solid, palm)
+    notes += _on_root(model, prepared, solid, palm, fingers)
     return HandModel(
         name=prepared.name,
         source=source,
@@ -230,10 +247,16 @@ def _hand_model(
     )
 
 
-def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str) -> list[str]:
+def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, fingers: Sequence[Finger]) -> list[str]:
     """A note where the file has more than a hand, with the root= that takes one alone."""
     if (before := joints_before(prepared.joints, palm)) >= _ARM:
         return [f"{ON_ROOT}{before} joints come before the palm '{palm}', an arm's: root='{palm}' is the hand alone"]
+    if len(fingers) == 1 and len(fingers[0].joints) > _ARM:
+        joints = [joint for joint in prepared.joints if joint.name == fingers[0].joints[-1]]
+        return [
+            f"{ON_ROOT}all {len(fingers[0].joints)} joints are one finger: of an arm with one jaw that moves, "
+            f"root='{joints[0].parent}' takes the last one alone"
+        ]
     data = model.createData()
     pin.framesForwardKinematics(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2)
 

@@ -39,9 +39,9 @@ def to_urdf(
 ) -> tuple[ElementTree.Element, list[str], list[str], Actuation]:
     """URDF of an MJCF file, problems, notes, and the motors and springs at its joints.
 
-    Equality constraints between two joints become mimic joints where they are linear; force ranges of actuators, and
-    control ranges of motors, become effort limits. With ``root``, only that body and what it carries. Files are
-    included from the folder of ``path`` and those below it, with ``trusted`` from anywhere.
+    Equality constraints between two joints become mimic joints, curves by the line nearest to them; force ranges of
+    actuators, and control ranges of motors, become effort limits. With ``root``, only that body and what it carries.
+    Files are included from the folder of ``path`` and those below it, with ``trusted`` from anywhere.
 
     Raises:
         HandNotLoaded: there is no worldbody, or no body called ``root``.
@@ -83,7 +83,7 @@ class _Reader:
         while waiting:
             body, childclass, parent, at = waiting.pop()
             waiting += reversed(self._jointed_body(body, childclass, parent, at))
-        couplings, loops, opened = couplings_of(self.source, self.joints, self.links)
+        couplings, loops, opened = couplings_of(self.source, self.joints, self.links, self.notes)
         if loops and not self.source.problems:
             couplings, left = self._closed(couplings, loops)
             opened += [loop.name for loop in left]
@@ -95,6 +95,9 @@ class _Reader:
         for joint, limit in effort_limits(self.source, self.joints, couplings, self.notes).items():
             if (element := self.joint_elements[joint].find("limit")) is not None:
                 element.set("effort", repr(limit))
+        for pair in self.source.element.findall("contact/exclude"):
+            ends = {"link1": pair.get("body1", ""), "link2": pair.get("body2", "")}
+            ElementTree.SubElement(self.robot, "disable_collisions", ends)
         self.actuation = actuation_of(self.source, self.joints)
         if self.left_out:
             self.notes.append(f"geoms left out: {', '.join(self.left_out)}")
@@ -184,12 +187,15 @@ class _Reader:
 
     def _joint(self, given: dict[str, str], parent: str, child: str, at: pin.SE3, axis: Array) -> None:
         name, kind = given["name"], given.get("type", "hinge")
-        element = _joint(self.robot, name, _TYPES.get(kind, f"a {kind} joint"), parent, child, at)
+        limited = self.source.limited(given, "limited", "range")
+        endless = kind == "hinge" and not limited and "range" not in given
+        urdf_kind = "continuous" if endless else _TYPES.get(kind, f"a {kind} joint")
+        element = _joint(self.robot, name, urdf_kind, parent, child, at)
         self.joints[name], self.joint_elements[name] = given, element
         if kind not in ("hinge", "slide"):
             return
         ElementTree.SubElement(element, "axis", xyz=written(axis))
-        if self.source.limited(given, "limited", "range"):
+        if limited:
             low, high = self.source.numbers(given, "range", "0 0", 2) * self._unit(kind)
             ElementTree.SubElement(element, "limit", lower=repr(float(low)), upper=repr(float(high)))
         dynamics = {"damping": "damping", "friction": "frictionloss", "armature": "armature"}

@@ -12,11 +12,14 @@ from pinograsp.hands.drives import ON_DRIVES, Actuation, Control, Motor, Spring
 from pinograsp.hands.mjcf_loops import Loop, Rest
 from pinograsp.hands.mjcf_source import Source
 
+_SAMPLES = 101  # of a curve by which a joint follows another
+
 
 def couplings_of(
-    source: Source, joints: dict[str, dict[str, str]], bodies: list[str]
+    source: Source, joints: dict[str, dict[str, str]], bodies: list[str], notes: list[str]
 ) -> tuple[dict[str, Coupling], list[Loop], list[str]]:
-    """Equality constraints between two joints as couplings, where they are linear; problems go to ``source``.
+    """Equality constraints between two joints as couplings: lines, and curves as the lines nearest to them,
+    noted; problems go to ``source``.
 
     Args:
         joints: attributes of the hand's joints, by name.
@@ -48,15 +51,38 @@ def couplings_of(
         c0, c1, *rest = [*source.numbers(given, "polycoef", "0 1 0 0 0", 1, 5), 0.0, 0.0][:5]
         if other is None or (c1 == 0 and not any(rest)):
             source.problem(f"joint '{one}' is held still by an equality constraint: remove the joint")
-        elif any(rest):
-            source.problem(f"joint '{one}' follows '{other}' by a curve, polycoef '{given['polycoef']}': not linear")
         elif other not in joints:
             source.problem(f"joint '{one}' follows '{other}', which is no joint of the hand")
         else:
+            if any(rest):
+                c0, c1 = _line(source, one, other, joints, (c0, c1, *rest), notes)
             coupling = Coupling(followed=other, factor=float(c1), offset=float(c0 + refs[one] - c1 * refs[other]))
             if not _couple(couplings, one, coupling):
                 source.problem(f"equality constraints contradict each other at joint '{one}'")
     return couplings, loops, opened
+
+
+def _line(
+    source: Source, one: str, other: str, joints: dict[str, dict[str, str]], curve: tuple[float, ...], notes: list[str]
+) -> tuple[float, float]:
+    """Offset and factor of the line nearest to a curve by which a joint follows another, over that one's range; noted.
+
+    Both count from the joints' reference positions.
+    """
+    leader, kind = joints[other], joints[other].get("type", "hinge")
+    if not source.limited(leader, "limited", "range"):
+        source.problem(f"joint '{one}' follows '{other}' by a curve: '{other}' needs a range to fit a line to it")
+        return 0.0, 1.0
+    unit = np.pi / 180 if kind == "hinge" and source.degrees else 1.0
+    low, high = source.numbers(leader, "range", "0 0", 2) * unit - _reference(source, leader)
+    x = np.linspace(low, high, _SAMPLES)
+    y = np.polynomial.Polynomial(curve)(x)
+    factor, offset = np.polyfit(x, y, 1).tolist()
+    off = float(np.abs(factor * x + offset - y).max())
+    turns = joints[one].get("type", "hinge") == "hinge"
+    amount = f"{np.degrees(off):.2g} deg" if turns else f"{1e3 * off:.2g} mm"
+    notes.append(f"joint {one} follows {other} by a curve, taken as the line nearest to it: off by at most {amount}")
+    return offset, factor
 
 
 def rests_of(source: Source, joints: dict[str, dict[str, str]]) -> dict[str, Rest]:

@@ -83,6 +83,7 @@ class HandModel:
         own_shapes: the links' shapes as in the file, in the order of ``geometry``, where that has their convex hulls.
         drives: the motors (m), and the joints that each of them moves; a record that plans do not use yet.
         springs: at joints; torques are without them.
+        disabled_collisions: pairs of links that are not looked at for collisions with each other.
     """
 
     name: str
@@ -97,6 +98,7 @@ class HandModel:
     own_shapes: tuple[coal.CollisionGeometry, ...] = ()
     drives: tuple[Drive, ...] = ()
     springs: tuple[Spring, ...] = ()
+    disabled_collisions: tuple[tuple[str, str], ...] = ()
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
 

@@ -86,6 +86,7 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
         "springs": [
             {"joint": spring.joint, "stiffness": spring.stiffness, "rest": spring.rest} for spring in hand.springs
         ],
+        "disabled_collisions": [list(pair) for pair in hand.disabled_collisions],
     }
     try:
         _model(record, _description(record))
@@ -124,6 +125,7 @@ def _hand(record: dict[str, Any]) -> HandModel:
         notes=tuple(_texts(record, "notes")),
         description=description,
         own_shapes=shapes.own if shapes.hulls else (),
+        disabled_collisions=_disabled_collisions(record, links),
     )
     return replace(hand, drives=_drives(record, hand), springs=_springs(record, hand))
 
@@ -283,6 +285,17 @@ def _drives(record: dict[str, Any], hand: HandModel) -> tuple[Drive, ...]:
             )
         )
     return checked_drives(hand.name, hand.joint_names, hand.couplings, drives)
+
+
+def _disabled_collisions(record: dict[str, Any], links: list[str]) -> tuple[tuple[str, str], ...]:
+    """The record's pairs of links; older records have none."""
+    pairs = []
+    for i, one in enumerate(_field(record, "disabled_collisions", list) if "disabled_collisions" in record else []):
+        where = f"hand record: disabled_collisions[{i}]"
+        if not isinstance(one, list) or len(one) != 2:
+            raise InvalidInput(f"{where}: expected two links, got {one!r:.60}")
+        pairs.append((one_of(where, one[0], links), one_of(where, one[1], links)))
+    return tuple(pairs)
 
 
 def _springs(record: dict[str, Any], hand: HandModel) -> tuple[Spring, ...]:

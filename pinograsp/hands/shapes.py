@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pinograsp.checks import one_of
-from pinograsp.hands.elements import named, numbers, placement_of
+from pinograsp.hands.elements import end_of, named, numbers, placement_of
 from pinograsp.hands.geometry import Kind, Shape, read_mesh
 from pinograsp.hands.ros_packages import Packages
 from pinograsp.spatial import FARTHEST
@@ -31,12 +31,17 @@ _SIZES: dict[Kind, dict[str, int]] = {
 def shapes_of(robot: ElementTree.Element, folder: Path, packages: Packages, notes: list[str]) -> list[Shape]:
     """Collision shapes; those without size and those whose file is missing are left out and noted.
 
-    URDF has no ellipsoid. A mesh called ``unit_sphere.stl`` with a scale stands for one and becomes the exact shape.
+    So are coarse shapes for a controller's own checks of self-collision: those of a link that is fixed to another and
+    called as that one and ``_sc``, as Franka's. URDF has no ellipsoid. A mesh called ``unit_sphere.stl`` with a scale
+    stands for one and becomes the exact shape.
     """
     shapes: list[Shape] = []
     missing: list[str] = []
     void: list[str] = []
+    coarse = _coarse(robot)
     for name, link in named(robot, "link"):
+        if name in coarse:
+            continue
         for collision in link.findall("collision"):
             element = next((one for one in collision.findall("geometry/*") if one.tag in _SIZES), None)
             if element is None:
@@ -69,6 +74,8 @@ def shapes_of(robot: ElementTree.Element, folder: Path, packages: Packages, note
                     missing.append(f"{name} ({filename})")
                     continue
             shapes.append(Shape(link=name, placement=placement_of(collision), kind=kind, size=size, path=path))
+    if coarse:
+        notes.append(f"coarse shapes for checks of self-collision are left out: {', '.join(coarse)}")
     if missing:
         notes.append(
             f"meshes not found, so these links cannot touch anything (packages= gives the folders of ROS packages): "
@@ -77,6 +84,18 @@ def shapes_of(robot: ElementTree.Element, folder: Path, packages: Packages, note
     if void:
         notes.append(f"shapes left out: {', '.join(void)}")
     return shapes
+
+
+def _coarse(robot: ElementTree.Element) -> list[str]:
+    """Links with shapes, called as a link with shapes of its own that they are fixed to, and ``_sc``."""
+    shaped = {name for name, link in named(robot, "link") if link.find("collision") is not None}
+    return [
+        end_of(joint, "child")
+        for _, joint in named(robot, "joint")
+        if joint.get("type") == "fixed"
+        and end_of(joint, "child") == f"{end_of(joint, 'parent')}_sc"
+        and {end_of(joint, "child"), end_of(joint, "parent")} <= shaped
+    ]
 
 
 def _is_unit_sphere(path: Path) -> bool:

@@ -20,6 +20,7 @@ _WORDS = {
     "forefinger": "index",
     "pointer": "index",
     "middle": "middle",
+    "medium": "middle",
     "ring": "ring",
     "little": "little",
     "pinky": "pinky",
@@ -223,12 +224,12 @@ class _Tree:
 
 
 def _names(chains: list[list[Part]]) -> list[str]:
-    """What people call the fingers, where joints or links say so; else what is the finger's own in the common prefix
-    of its links, where that tells the fingers apart; else the fingertip's name.
+    """What people call the fingers, where all joints or links say so, or some and none says another; else what is the
+    finger's own in the common prefix of its links, where that tells the fingers apart; else the fingertip's name.
     """
-    words = [_finger_word(chain) for chain in chains]
-    if all(words) and len(set(words)) == len(words):
-        return words
+    for words in ([_finger_word(chain) for chain in chains], [_only_word(chain) for chain in chains]):
+        if all(words) and len(set(words)) == len(words):
+            return words
     return _own_parts(_prefixes(chains)) if len(chains) > 1 else _prefixes(chains)
 
 
@@ -241,6 +242,17 @@ def _finger_word(chain: list[Part]) -> str:
     return next(iter(common)) if common is not None and len(common) == 1 else ""
 
 
+def _only_word(chain: list[Part]) -> str:
+    """The one word for a finger in the names of a chain's links, joints and tip; a finger's middle part is none."""
+    names = [tip_of(chain), *(name for part in chain for name in (part.joint.name, part.joint.child))]
+    found = {_WORDS[word] for name in names for word in _words_of(name)}
+    if len(found) > 1:
+        found.discard("middle")
+    if found == {"little", "pinky"}:  # the same one
+        found.discard("little")
+    return next(iter(found)) if len(found) == 1 else ""
+
+
 def _words_of(name: str) -> list[str]:
     """The words for fingers in a name: parts between signs, digits and capitals, or their beginnings."""
     parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)
@@ -249,7 +261,7 @@ def _words_of(name: str) -> list[str]:
 
 def _own_parts(names: list[str]) -> list[str]:
     """Names without the parts that all of them have at the beginning or at the end, where what is left is a name."""
-    parts = [re.split(r"[_\-./ ]+", name) for name in names]
+    parts = [re.split(r"[_\-./: ]+", name) for name in names]
     while len({one[0] for one in parts}) == 1 and min(map(len, parts)) > 1:
         parts = [one[1:] for one in parts]
     while len({one[-1] for one in parts}) == 1 and min(map(len, parts)) > 1:

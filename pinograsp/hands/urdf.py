@@ -18,21 +18,22 @@ from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_fr
 from pinograsp.hands.elements import drop, end_of, named, numbers, written
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.ros_packages import Packages
+from pinograsp.hands.rotors import rotors
 from pinograsp.hands.shapes import shapes_of
 from pinograsp.hands.tree import JOINT_TYPES, MOVING, Joint
+from pinograsp.hands.urdf_masses import MOMENTS, inertia_problems, unweighed_joints
+from pinograsp.hands.urdf_tree import cut_out, joints_below, leave_out, tree_problems
 from pinograsp.spatial import FARTHEST
 
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 # Of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end.
 _LARGEST = 1e6
-_MENDED = 0.3  # of the largest moment of inertia: a negative one of at most that share was rounded or scaled
 _LEAST = 1e-9  # of ranges, limits and directions, far below those of any robot
 # How many numbers an attribute holds and how large each may be, by element.
 _NUMBERS: dict[str, dict[str, tuple[int, float]]] = {
     "origin": {"xyz": (3, FARTHEST), "rpy": (3, _LARGEST)},
     "axis": {"xyz": (3, _LARGEST)},
     "mass": {"value": (1, _LARGEST)},
-    "inertia": dict.fromkeys(_MOMENTS, (1, _LARGEST)),
+    "inertia": dict.fromkeys(MOMENTS, (1, _LARGEST)),
     "mimic": {"multiplier": (1, _LARGEST), "offset": (1, _LARGEST)},
     "dynamics": {"damping": (1, _LARGEST), "friction": (1, _LARGEST), "armature": (1, _LARGEST)},
 }
@@ -92,7 +93,7 @@ def prepare(
     problems, notes = list(problems), list(notes)
     _check_count(source, "links", len(robot.findall("link")), _MOST_LINKS)
     _check_count(source, "joints", len(robot.findall("joint")), _MOST_LINKS)
-    outside: set[str] = _cut_out(source, robot, root, notes) if root is not None else set()
+    outside: set[str] = cut_out(source, robot, root, notes) if root is not None else set()
     _check_count(source, "collision shapes", len(robot.findall("link/collision")), _MOST_SHAPES)
     moving = sum(joint.get("type") != "fixed" for joint in robot.findall("joint"))
     _check_count(source, "moving joints (root= is the link that a hand on a robot starts from)", moving, _MOST_MOVING)
@@ -101,11 +102,13 @@ def prepare(
             drop(joint, "mimic", "limit", "axis")
     unreadable = _number_problems(robot)
     _lock(robot, notes)
-    broken = _tree_problems(robot, root)
+    broken = tree_problems(robot, root)
+    if not (broken or unreadable):
+        _hold(robot, rotors(robot, folder, packages), notes)
     limits, joint_problems = _limits(robot, notes)
     couplings, mimic_problems = _couplings(robot, outside, notes)
-    unweighed, weightless = ([], []) if broken else _unweighed(robot)
-    problems += broken + unreadable + joint_problems + mimic_problems + _inertia_problems(robot, notes) + weightless
+    unweighed, weightless = ([], []) if broken else unweighed_joints(robot)
+    problems += broken + unreadable + joint_problems + mimic_problems + inertia_problems(robot, notes) + weightless
     if problems:
         raise HandNotLoaded(source, problems)
     joints = [
@@ -136,75 +139,6 @@ def prepare(
 def _check_count(source: str, what: str, count: int, most: int) -> None:
     if count > most:
         raise HandNotLoaded(source, f"expected at most {most} {what}, got {count}")
-
-
-# -- the tree ----------------------------------------------------------------------------------------------------------
-
-
-def _cut_out(source: str, robot: ElementTree.Element, root: str, notes: list[str]) -> set[str]:
-    """Keep the links and joints below ``root`` only; the names of the joints outside."""
-    links = [name for name, _ in named(robot, "link")]
-    if root not in links:
-        raise HandNotLoaded(source, f"root '{root}' is not a link; links: {', '.join(links)}")
-    kept = _reached(robot, root)
-    outside = {name for name, joint in named(robot, "joint") if end_of(joint, "parent") not in kept}
-    for name, link in named(robot, "link"):
-        if name not in kept:
-            robot.remove(link)
-    for _, joint in named(robot, "joint"):
-        if end_of(joint, "parent") not in kept:
-            robot.remove(joint)
-    notes.append(f"the sub-tree of '{root}' is the hand: {len(kept)} of {len(links)} links")
-    return outside
-
-
-def _reached(robot: ElementTree.Element, root: str) -> set[str]:
-    """The links below ``root``, itself included."""
-    below: dict[str, list[str]] = {}
-    for _, joint in named(robot, "joint"):
-        below.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
-    reached, waiting = {root}, [root]
-    while waiting:
-        further = set(below.get(waiting.pop(), [])) - reached
-        reached |= further
-        waiting += further
-    return reached
-
-
-def _tree_problems(robot: ElementTree.Element, root: str | None) -> list[str]:
-    links = [name for name, _ in named(robot, "link")]
-    joints = robot.findall("joint")
-    if not links:
-        return ["no <link> found: expected a <robot> with links and joints (a file of macros is for others to include)"]
-    problems = []
-    for kind, names in (("link", links), ("joint", [name for name, _ in named(robot, "joint")])):
-        if not all(names):
-            problems.append(f"{names.count('')} <{kind}> without a name")
-        repeated = sorted({name for name in names if name and names.count(name) > 1})
-        problems += [f"{kind} '{name}' is defined {names.count(name)} times" for name in repeated]
-        if kind == "joint" and "universe" in names:
-            problems.append("joint 'universe': Pinocchio keeps that name for the world, choose another")
-    children = [end_of(joint, "child") for joint in joints]
-    for joint in joints:
-        problems += [
-            f"joint '{joint.get('name')}' names the unknown link '{link}'"
-            for link in (end_of(joint, "parent"), end_of(joint, "child"))
-            if link not in links
-        ]
-    twice = sorted({name for name in children if children.count(name) > 1})
-    problems += [f"link '{name}' has several parent joints" for name in twice]
-    roots = [name for name in links if name not in children]
-    if len(roots) != 1:
-        found = ", ".join(roots) or "every link has a parent, which is a loop"
-        problems.append(f"expected one root link, found {len(roots)}: {found}")
-    elif not problems:
-        reached = _reached(robot, roots[0])
-        if loose := [name for name in links if name not in reached]:
-            problems.append(f"links that hang on each other in a loop: {', '.join(loose)}")
-    if not any(joint.get("type") in (*MOVING, "continuous") for joint in joints):
-        where = f" beyond root '{root}'" if root else ""
-        problems.append(f"no revolute or prismatic joint{where}: expected a hand that moves")
-    return problems
 
 
 # -- numbers, limits, couplings ----------------------------------------------------------------------------------------
@@ -279,6 +213,28 @@ def _lock(robot: ElementTree.Element, notes: list[str]) -> None:
         _fix(joints[name], value)
     if at:
         notes.append(f"joints without a way to go are fixed: {', '.join(sorted(at))}")
+
+
+def _hold(robot: ElementTree.Element, rotors: list[str], notes: list[str]) -> None:
+    """Fix joints that turn a bar or wheel about its own middle, and one that lets a whole hand float; leave out what
+    floats and does not move by itself, as an object of a scene.
+    """
+    joints = dict(named(robot, "joint"))
+    for name in rotors:
+        _fix(joints[name], 0.0)
+    if rotors:
+        notes.append(f"joints that only turn a bar or wheel about its middle are fixed: {', '.join(rotors)}")
+    moving = {name for name, joint in joints.items() if joint.get("type") in (*MOVING, "continuous")}
+    for name, joint in joints.items():
+        carried = moving & joints_below(robot, end_of(joint, "child"))
+        if joint.get("type") != "floating":
+            continue
+        if not carried:
+            leave_out(robot, end_of(joint, "child"))
+            notes.append(f"'{end_of(joint, 'child')}' floats freely and has no joints: left out")
+        elif carried == moving:
+            _fix(joint, 0.0)
+            notes.append(f"joint '{name}' lets the whole hand float: taken as fixed, pose= places the hand")
 
 
 def _ends(joint: ElementTree.Element) -> tuple[float, float]:
@@ -407,78 +363,6 @@ def _armatures(robot: ElementTree.Element, couplings: dict[str, Coupling]) -> di
             coupling = couplings.get(name, Coupling(followed=name, factor=1.0, offset=0.0))
             found[coupling.followed] = found.get(coupling.followed, 0.0) + coupling.factor**2 * value
     return found
-
-
-# -- masses ------------------------------------------------------------------------------------------------------------
-
-
-def _inertia_problems(robot: ElementTree.Element, notes: list[str]) -> list[str]:
-    """Masses and matrices that cannot be; matrices that are a little off are mended and noted."""
-    problems: list[str] = []
-    mended: list[str] = []
-    for name, link in named(robot, "link"):
-        inertial = link.find("inertial")
-        if inertial is None:
-            continue
-        mass, inertia = inertial.find("mass"), inertial.find("inertia")
-        if mass is None or inertia is None:
-            problems.append(f"link '{name}': <inertial> needs both <mass> and <inertia>")
-            continue
-        wanted = [(mass, "value"), *((inertia, key) for key in _MOMENTS)]
-        if lacking := [key for element, key in wanted if element.get(key) is None]:
-            problems.append(f"link '{name}': <inertial> lacks {', '.join(lacking)}")
-            continue
-        try:
-            value, xx, xy, xz, yy, yz, zz = (numbers(element, key, 1)[0] for element, key in wanted)
-        except ValueError:
-            continue  # listed with the other numbers
-        matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if value < 0:
-            problems.append(f"link '{name}': mass must be >= 0, got {value:g}")
-        moments, axes = np.linalg.eigh(matrix)
-        if moments.min() < -1e-9 * max(np.abs(matrix).max(), 1e-12):
-            if min(xx, yy, zz) < 0 or -moments.min() > _MENDED * moments.max():
-                problems.append(f"link '{name}': inertia matrix is not positive semi-definite")
-                continue
-            matrix = axes * np.maximum(moments, 0.0) @ axes.T
-            for key, (i, j) in zip(_MOMENTS, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
-                inertia.set(key, repr(float(matrix[i, j])))
-            mended.append(name)
-    if mended:
-        notes.append(f"inertia matrices with a negative moment, which is taken as 0: {', '.join(mended)}")
-    return problems
-
-
-def _unweighed(robot: ElementTree.Element) -> tuple[list[str], list[str]]:
-    """Joints that move links without any <inertial>, and problems where masses cannot be taken from shapes.
-
-    Links without mass get that of their shapes. In a description that gives the masses of others, links without shapes
-    are massless.
-    """
-    links = dict(named(robot, "link"))
-    held: dict[str, list[str]] = {}
-    for _, joint in named(robot, "joint"):
-        if joint.get("type") not in MOVING:
-            held.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
-    joints: list[str] = []
-    shapeless: list[str] = []
-    moving = 0
-    for name, joint in named(robot, "joint"):
-        if joint.get("type") not in MOVING:
-            continue
-        moving += 1
-        together = [end_of(joint, "child")]
-        for link in together:
-            together += held.get(link, [])
-        if any(links[link].find("inertial") is not None for link in together):
-            continue
-        joints.append(name)
-        if all(links[link].find("collision") is None for link in together):
-            shapeless.append(together[0])
-    if len(joints) < moving:
-        return joints, []
-    problem = "moves but has no <inertial>, nor <collision> to take it from: torques would be wrong, add one"
-    return joints, [f"link '{one}' {problem}" for one in shapeless]
 
 
 # -- for Pinocchio -----------------------------------------------------------------------------------------------------

@@ -4,7 +4,8 @@ Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes oth
 variables. Unless the caller trusts the file, a copy of xacro expands it that can do none of this: for every expression,
 every ``$(...)`` and every file, wherever and whenever it meets them, it calls this module. That evaluates arithmetic
 (never by Python's ``eval``), knows ``$(arg ...)`` and ``$(find ...)``, and gives it files of the description's own
-folder and of the packages that it finds, which are read and checked once, before the expansion.
+folder and of the packages that it finds: xacro files, which are read and checked once, before the expansion, and YAML
+files, as plain data.
 """
 
 from __future__ import annotations
@@ -25,18 +26,15 @@ from typing import Any, TypeAlias
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import arithmetic
-from pinograsp.hands.elements import parse_xml, read_bytes
 from pinograsp.hands.ros_packages import Packages, find_package
+from pinograsp.hands.xacro_files import ARGUMENT, LOADERS, MESSAGES, PACKAGE, Files, Refused
 
-_SUBSTITUTION = re.compile(r"\$\{([^}]*)\}|\$\(([^)]*)\)|(\$)")
-_ARGUMENT, _PACKAGE = re.compile(r"\s*arg\s+(\w+)\s*"), re.compile(r"\s*find\s+([\w.-]+)\s*")
-_IN_PACKAGE = re.compile(r"\$\(\s*find\s+([\w.-]+)\s*\)/(.*)")
 # One parameter of a macro: xacro's own pattern takes hours for some.
 _PARAMETER = re.compile(
     r"""\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{[^}]*\}|\$\([^)]*\)|(?:'[^']*'|"[^"]*"|[^\s'"])+|)(?:\s+|$)(.*)""",
     re.DOTALL,
 )
-_MOST_FILES, _MOST_WORK, _MOST_TIME = 100, 100_000, 10.0  # files, elements and expressions together, and [s]
+_MOST_WORK, _MOST_TIME = 100_000, 10.0  # elements and expressions together, and [s]
 
 
 def expand_xacro(
@@ -79,7 +77,7 @@ def _trusted(path: Path, mappings: dict[str, str], packages: Packages) -> minido
         extended = module.eval_extension
 
         def with_packages(text: str) -> Any:  # what xacro makes of it
-            found = _PACKAGE.fullmatch(text[2:-1])
+            found = PACKAGE.fullmatch(text[2:-1])
             folder = find_package(found[1], path.resolve().parent, packages) if found else None
             return extended(text) if folder is None else str(folder)
 
@@ -89,7 +87,7 @@ def _trusted(path: Path, mappings: dict[str, str], packages: Packages) -> minido
 
 
 def _guarded(path: Path, mappings: dict[str, str], packages: Packages) -> minidom.Document:
-    files = _Files(path, packages)
+    files = Files(path, packages)
     if files.problems:
         raise HandNotLoaded(path, [*files.problems, "pass trusted=True to load_hand if you trust this file"])
     with _ONE_AT_A_TIME:  # xacro keeps its state in its module
@@ -102,135 +100,13 @@ def _guarded(path: Path, mappings: dict[str, str], packages: Packages) -> minido
             raise
         except Exception as error:
             refused: BaseException | None = error
-            while refused is not None and not isinstance(refused, _Refused | arithmetic.NotArithmetic):
+            while refused is not None and not isinstance(refused, Refused | arithmetic.NotArithmetic):
                 refused = getattr(refused, "exc", None)
             if refused is None:
                 raise
             raise HandNotLoaded(path, [str(error), "pass trusted=True to load_hand if you trust this file"]) from error
         finally:
             module.guard.end()
-
-
-class _Refused(Exception):
-    """The file asks for something that is not allowed."""
-
-
-# -- files -------------------------------------------------------------------------------------------------------------
-
-
-class _Files:
-    """A file and those that it includes, parsed and checked once.
-
-    Attributes:
-        problems: everything that goes beyond arithmetic and the file's own folder.
-    """
-
-    def __init__(self, path: Path, packages: Packages):
-        self.folder = path.resolve().parent
-        self.problems: list[str] = []
-        self._documents: dict[Path, minidom.Document] = {}
-        self._given = packages
-        self._packages: dict[str, Path | None] = {}
-        waiting = [path.resolve()]
-        while waiting:
-            one = waiting.pop()
-            if one in self._documents:
-                continue
-            if len(self._documents) >= _MOST_FILES:
-                raise ValueError(f"it includes more than {_MOST_FILES} files")
-            try:
-                waiting += self._look_through(one)
-            except ValueError as error:
-                raise ValueError(f"{one.name}: {error}") from error
-
-    def package(self, name: str) -> Path | None:
-        """The folder of a package; None where there is none."""
-        if name not in self._packages:
-            self._packages[name] = find_package(name, self.folder, self._given)
-        return self._packages[name]
-
-    def document(self, name: str) -> minidom.Document:
-        """A copy of the parsed file; :class:`_Refused` where it is not one that was checked."""
-        found = self._documents.get(Path(name).resolve())
-        if found is None:
-            raise _Refused(f"the file '{name}' is missing, or may not be included")
-        return found.cloneNode(True)  # type: ignore[return-value]  # None is for shallow copies
-
-    def _look_through(self, path: Path) -> list[Path]:
-        """Parse a file and note its problems; the files that it includes."""
-        content = read_bytes(path)
-        parse_xml(content)  # refuses what is too large, too deep or has a document type
-        document = self._documents[path] = minidom.parseString(content)
-        included: list[Path] = []
-        waiting: list[minidom.Document | minidom.Element] = [document]
-        while waiting:
-            parent = waiting.pop()
-            for node in list(parent.childNodes):
-                if isinstance(node, minidom.Element):
-                    waiting.append(node)
-                    texts = [value for _, value in node.attributes.items()]
-                    if node.tagName.split(":")[-1] == "include":
-                        included += self._included(node.getAttribute("filename"), path)
-                elif isinstance(node, minidom.Text):  # or a CDATA section
-                    texts = [node.data]
-                else:
-                    # Comments, which can make xacro evaluate.
-                    parent.removeChild(node)  # type: ignore[type-var]  # no type covers the children of both parents
-                    continue
-                forbidden = (problem for text in texts for problem in _forbidden_text(text, self.package))
-                self.problems += [f"{path.name}: {problem}" for problem in forbidden]
-        return included
-
-    def _included(self, name: str, path: Path) -> list[Path]:
-        start, inside = path.parent, name
-        if (found := _IN_PACKAGE.fullmatch(name)) and (package := self.package(found[1])) is not None:
-            start, inside = package, found[2]
-        if "$" in inside or re.search(r"[*?\[]", inside):
-            self.problems.append(f"{path.name}: include of '{name}': only plain file names are allowed")
-            return []
-        target = (start / inside).resolve()
-        if not any(target.is_relative_to(one) for one in (self.folder, *self._packages.values()) if one is not None):
-            self.problems.append(f"{path.name}: include of '{name}': outside the file's own folder and its packages")
-            return []
-        return [target] if os.path.isfile(target) else []  # xacro says which are missing, where they are not optional
-
-
-def _forbidden_text(text: str, package: Callable[[str], Path | None]) -> list[str]:
-    problems: list[str] = []
-    if "$" in text and len(text) > arithmetic.MOST_TEXT:
-        return [f"a text with expressions has more than {arithmetic.MOST_TEXT} characters"]
-    for match in _SUBSTITUTION.finditer(text):
-        expression, extension, dollar = match.groups()
-        if dollar:
-            problems.append(f"stray '$' in '{text.strip()}'")
-        elif extension is not None:
-            if (found := _PACKAGE.fullmatch(extension)) and package(found[1]) is None:
-                problems.append(
-                    f"'$({extension})': no package.xml of that name in the folders above or in ROS_PACKAGE_PATH: give "
-                    "its folder (packages=, --package NAME=DIR)"
-                )
-            elif not found and not _ARGUMENT.fullmatch(extension):
-                problems.append(f"'$({extension})': only $(arg name) and $(find package) are allowed")
-        else:
-            try:
-                tree = arithmetic.parsed(expression)
-            except arithmetic.NotArithmetic as error:
-                problems.append(f"expression '${{{expression}}}': only arithmetic is allowed: {error}")
-            else:
-                problems += [
-                    f"expression '${{{expression}}}': only arithmetic is allowed, not {name}"
-                    for name in arithmetic.names(tree)
-                    if name in _beyond_arithmetic()
-                ]
-    return problems
-
-
-@functools.cache
-def _beyond_arithmetic() -> frozenset[str]:
-    """Xacro's own names that are not arithmetic."""
-    import xacro
-
-    return frozenset(xacro._global_symbols) - set(arithmetic.FUNCTIONS) - {"math"}
 
 
 # -- a copy of xacro that calls this module ----------------------------------------------------------------------------
@@ -277,7 +153,7 @@ def _harmless_xacro() -> Any:  # xacro has no types
 
 
 def _disabled(*_: object, **__: object) -> None:
-    raise _Refused("only arithmetic is allowed")
+    raise Refused("only arithmetic is allowed")
 
 
 # What replaces an element: nothing, a node or several.
@@ -289,8 +165,12 @@ class _Guard:
 
     def __init__(self, module: Any):  # the copy of xacro, which has no types
         self.module = module
+        self.functions: dict[str, Callable[..., arithmetic.Value]] = {
+            **dict.fromkeys(LOADERS, self.loaded),
+            **dict.fromkeys(MESSAGES, lambda *_: ""),
+        }
 
-    def begin(self, files: _Files) -> None:
+    def begin(self, files: Files) -> None:
         self.files = files
         self.work, self.until = 0, time.monotonic() + _MOST_TIME
 
@@ -301,22 +181,27 @@ class _Guard:
     def charge(self, work: int) -> None:
         self.work += work
         if self.work > _MOST_WORK:
-            raise _Refused(f"it expands to more than {_MOST_WORK} elements and expressions")
+            raise Refused(f"it expands to more than {_MOST_WORK} elements and expressions")
         if time.monotonic() > self.until:
-            raise _Refused(f"expanding it takes more than {_MOST_TIME:g} s")
+            raise Refused(f"expanding it takes more than {_MOST_TIME:g} s")
 
     def evaluate(self, expression: str, symbols: Mapping[str, arithmetic.Value], _: object = None) -> arithmetic.Value:
-        value = arithmetic.evaluate(expression, symbols)
-        self.charge(1 + (len(value) // 64 if isinstance(value, str | list) else 0))
+        value = arithmetic.evaluate(expression, symbols, self.functions)
+        self.charge(1 + arithmetic.size_of(value) // (16 if isinstance(value, dict) else 64))
         return value
+
+    def loaded(self, name: object) -> arithmetic.Value:
+        return self.files.data(str(self.module.abs_filename_spec(str(name))))
 
     def argument(self, text: str) -> str:
         self.charge(1)
-        if (package := _PACKAGE.fullmatch(text[2:-1])) and (folder := self.files.package(package[1])) is not None:
+        if package := PACKAGE.fullmatch(text[2:-1]):
+            if (folder := self.files.package(package[1])) is None:
+                raise Refused(self.files.without(package[1]))
             return str(folder)
-        found = _ARGUMENT.fullmatch(text[2:-1])
+        found = ARGUMENT.fullmatch(text[2:-1])
         if not found:
-            raise _Refused(f"'{text}': only $(arg name) and $(find package) are allowed")
+            raise Refused(f"'{text}': only $(arg name) and $(find package) are allowed")
         arguments: dict[str, str] = self.module.substitution_args_context["arg"]
         if found[1] not in arguments:
             raise NameError(f"undefined argument '{found[1]}': give it a value, or a default")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
@@ -22,6 +23,7 @@ from pinograsp.hands import Finger, HandModel, servo_gains
 from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach, gentle_approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press
+from pinograsp.motion.jacobian import contact_jacobian
 from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 from pinograsp.plan import Motion
@@ -102,7 +104,9 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
     groups = moving_groups(hand, contacts)
     for finger, which in groups:
         planning.move(finger, which, postures[finger.name])
-    planning.move_idle({int(i) for finger, _ in groups for i in finger.dofs})
+    busy = {int(i) for finger, _ in groups for i in finger.dofs}
+    planning.move_idle(busy)
+    planning.load_others(busy)
     planning.keep_clear()
     return planning.result({name: len(found.angles) for name, found in postures.items()})
 
@@ -238,6 +242,22 @@ class _Planning:
             self.follow(
                 finger, approach(self.times, self.profile.final_time, self.start[finger.dofs], goal, zero, zero)
             )
+
+    def load_others(self, busy: set[int]) -> None:
+        """Contact torques of the joints that carry touching fingers without being theirs: of a wrist or an arm.
+
+        They stay where they are, so the contact points are those of the fingers at the end of the grasp phase.
+        """
+        model, data = self.hand.model, self.hand.model.createData()
+        others = np.setdiff1d(np.arange(self.hand.n), sorted(busy))
+        pin.computeJointJacobians(model, data, self.path.q[-1])
+        jacobian = np.zeros((self.problem.k, 6, self.hand.n))
+        for i, contact in enumerate(self.problem.contacts):
+            if contact.finger != PALM:
+                pressed = contact.point_o + self.profile.final_depth[i] * contact.normal_o
+                joint = self.hand.finger(contact.finger).joint_ids[-1]  # what carries it moves all its points alike
+                jacobian[i] = contact_jacobian(model, data, joint, data.oMi[joint].actInv(pressed))
+        self.contact_torques[self.impact :, others] = np.einsum("cxn,mcx->mn", jacobian[:, :, others], self.wrenches_o)
 
     def with_approach(self, motion: FingerMotion, start: Array) -> JointPath:
         """The path of one finger over both phases."""

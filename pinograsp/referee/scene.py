@@ -22,6 +22,7 @@ _LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links without mass
 # Smallest principal moment of a link (thin rods and point masses have some that are zero): share of its largest one,
 # and absolute [kg m^2].
 _LEAST_SHARE, _TINY_INERTIA = 1e-6, 1e-12
+_ROUNDED = 1e-6  # share of the largest moment that the others may lack by rounding, and have more than it afterwards
 _STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
 
 
@@ -108,7 +109,8 @@ def outline(
             _add_geom(spec, bodies[one.parentJoint], shape, one.placement, one.name, found | _HAND)
     free = spec.worldbody.add_body(name="object", pos=body.pose[:3, 3], quat=_quaternion(body.pose[:3, :3]))
     free.add_freejoint()
-    _set_inertia(free, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
+    changed = _set_inertia(free, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
+    notes += [f"the object has {text}" for text in changed]
     shape = hull_shape(body, notes) if presses else object_shape(body, notes)
     if not isinstance(shape, Surface):  # MuJoCo would take its convex hull
         _add_geom(spec, free, shape, pin.SE3.Identity(), "object", found | _OBJECT)
@@ -141,11 +143,8 @@ def _links(spec: mujoco.MjSpec, hand: HandModel, notes: list[str]) -> dict[int, 
         body = bodies[j] = bodies[model.parents[j]].add_body(
             name=f"link {j}", pos=placement.translation, quat=_quaternion(placement.rotation)
         )
-        raised = _set_inertia(body, inertia.mass, inertia.lever, inertia.inertia)
-        if raised:
-            notes.append(
-                f"the link at joint '{model.names[j]}' has no inertia about some axis: {raised:.2g} kg m^2 is used"
-            )
+        changed = _set_inertia(body, inertia.mass, inertia.lever, inertia.inertia)
+        notes += [f"the link at joint '{model.names[j]}' has {text}" for text in changed]
         motion = np.array(data.joints[j].S).ravel()
         slides = hand.is_prismatic(j)
         axis = motion[:3] if slides else motion[3:]
@@ -155,18 +154,29 @@ def _links(spec: mujoco.MjSpec, hand: HandModel, notes: list[str]) -> dict[int, 
     return bodies
 
 
-def _set_inertia(body: mujoco.MjsBody, mass: float, lever: Array, inertia: Array) -> float:
-    """Set a body's mass and inertia; returns the moment that replaced smaller ones [kg m^2], or 0."""
+def _set_inertia(body: mujoco.MjsBody, mass: float, lever: Array, inertia: Array) -> list[str]:
+    """Set a body's mass and inertia, as near to the given ones as MuJoCo takes them; returns what was changed."""
+    changed: list[str] = []
     if mass < _LEAST_MASS:
+        changed.append(f"next to no mass: {_LEAST_MASS:g} kg is used, with {_LEAST_INERTIA:g} kg m^2 added")
         mass, inertia = _LEAST_MASS, inertia + _LEAST_INERTIA * np.eye(3)
     moments, axes = np.linalg.eigh(inertia)
     least = max(_LEAST_SHARE * float(moments[-1]), _TINY_INERTIA)
-    raised = least if moments[0] < least else 0.0
-    if raised:
-        inertia = axes @ np.diag(np.maximum(moments, least)) @ axes.T
+    if moments[0] < least:
+        changed.append(f"no inertia about some axis: {least:.2g} kg m^2 is used")
+        moments = np.maximum(moments, least)
+        inertia = axes @ np.diag(moments) @ axes.T
+    lacking = float(moments[2] * (1 + _ROUNDED) - moments[0] - moments[1])
+    if lacking > 0:  # MuJoCo's own remedy would make all three the same
+        if lacking > 2 * _ROUNDED * moments[2]:
+            changed.append(
+                f"moments of inertia that no body can have ({', '.join(f'{one:.3g}' for one in moments)} kg m^2): "
+                f"{lacking / 2:.2g} kg m^2 is added to the smaller two"
+            )
+        inertia = axes @ np.diag(moments + lacking / 2 * np.array([1.0, 1.0, 0.0])) @ axes.T
     body.mass, body.ipos, body.explicitinertial = mass, lever, True
     body.fullinertia = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    return raised
+    return changed
 
 
 def _quaternion(rotation: Array) -> Array:

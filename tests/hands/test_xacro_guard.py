@@ -72,9 +72,10 @@ def secret(tmp_path):
         '<xacro:property name="d" value="${\'$\'}"/><link name="a"/>',
         '<link name="&#36;{load_yaml(1)}"/>',
         "<link name=\"a\">${load_yaml('x')}</link>",
-        '<xacro:macro name="m" params="x:=${load_yaml(1)}"><link name="a"/></xacro:macro>',
+        '<xacro:macro name="m" params="x:=${load_yaml(1)}"><link name="a"/></xacro:macro><xacro:m/>',
         '<xacro:include filename="../outside/secret.xacro"/>',
-        '<xacro:include filename="${f}"/>',
+        '<xacro:property name="f" value="../outside/secret.xacro"/><xacro:include filename="${f}"/>',
+        '<xacro:arg name="f" default="../outside/secret.xacro"/><xacro:include filename="$(arg f)"/>',
         '<xacro:include filename="*.xacro"/>',
         '<xacro:include filename="/etc/hostname"/>',
         '<xacro:include filename="link.xacro"/>',
@@ -122,6 +123,7 @@ def test_comments_are_not_evaluated(tmp_path, monkeypatch, body):
         """<xacro:element xacro:name="xacro:include" filename="${'..'}/outside/secret.xacro"/>""",
         """<link><xacro:attribute name="name" value="${().__class__}"/></link>""",
         """<xacro:call macro="${().__class__}"/>""",
+        """<xacro:property name="f" value="../outside/*.xacro"/><xacro:include filename="${f}"/>""",
         """<xacro:property name="x" value="${1 if [].append(1) else 2}"/><link name="${x}"/>""",
         """<xacro:property name="f" value="${xacro}"/><link name="${f.load_yaml(1)}"/>""",
         """<link name="$(arg x)"/><xacro:arg name="x" default="$(eval 1)"/>""",
@@ -166,12 +168,12 @@ def test_what_was_looked_through_is_what_is_used(tmp_path, monkeypatch):
     path = write(tmp_path, '<xacro:include filename="part.xacro"/>')
     part = write(tmp_path, '<link name="seen"/>', "part.xacro")
 
-    class Changing(xacro_guard._Files):
+    class Changing(xacro_guard.Files):
         def __init__(self, path, packages):
             super().__init__(path, packages)
             part.write_text("no longer XML")
 
-    monkeypatch.setattr(xacro_guard, "_Files", Changing)
+    monkeypatch.setattr(xacro_guard, "Files", Changing)
     assert 'name="seen"' in expand_xacro(path)
 
 
@@ -362,7 +364,8 @@ def package(folder, name, **files):
 
 
 def including(name):
-    return f'<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="{name}"/></robot>'
+    up = '<xacro:arg name="up" default=".."/>'
+    return f'<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">{up}<xacro:include filename="{name}"/></robot>'
 
 
 LINK = '<robot xmlns:xacro="http://ros.org/wiki/xacro"><link name="from_the_package"/></robot>'
@@ -397,7 +400,7 @@ def test_packages_are_found_without_ros(tmp_path, monkeypatch, where):
         "$(find hand_description)/*.xacro",
         "$(find ..)/secret.xacro",
         "$(find other)/part.xacro",
-        "$(find hand_description)/$(arg a).xacro",
+        "$(find hand_description)/$(arg up)/$(arg up)/secret.xacro",
     ],
 )
 def test_nothing_outside_of_a_package_is_read(tmp_path, name):

@@ -737,6 +737,33 @@ def test_without_mujoco_the_extra_is_named_and_pinocchio_serves(plan, tmp_path):
     assert "('index', 'middle', 'thumb')" in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("mass", "moments", "expected", "words"),
+    [
+        (0.06, (1e-5, 1e-5, 1e-3), (5e-4, 5e-4, 1e-3), "moments of inertia that no body can have"),
+        (0.06, (1e-3, 2e-4, 3e-4), (4.5e-4, 5.5e-4, 1e-3), "moments of inertia that no body can have"),
+        (0.06, (1e-5, 1e-5, 2.000000001e-5), (1e-5, 1e-5, 2e-5), ""),  # rounded
+        (0.06, (1.1e-5, 2.2e-5, 3.3e-5), (1.1e-5, 2.2e-5, 3.3e-5), ""),  # a plate
+        (0.06, (1e-5, 2e-5, 2.5e-5), (1e-5, 2e-5, 2.5e-5), ""),
+        (1e-9, (1e-16, 1e-16, 1e-16), (1e-9, 1e-9, 1e-9), "next to no mass: 1e-05 kg"),
+        (0.06, (1e-14, 1e-14, 1e-14), (1e-12, 1e-12, 1e-12), "no inertia about some axis"),
+    ],
+)
+def test_inertias_that_mujoco_refuses_are_mended_and_noted(tmp_path, mass, moments, expected, words):
+    """The nearest that MuJoCo takes, a body's moments: none larger than the other two together."""
+    pytest.importorskip("mujoco")
+    from pinograsp.referee.scene import build
+
+    hand = pg.load_hand(own_hands.write(tmp_path, "parallel_gripper"))
+    changed = hand.model.copy()
+    changed.inertias[1] = pin.Inertia(mass, np.zeros(3), np.diag(moments))
+    hand = replace(hand, model=changed)
+    servo = Servo(stiffness=np.ones(hand.n), damping=np.ones(hand.n), rotor=np.full(hand.n, 1e-4))
+    model, notes = build(hand, pg.Sphere(radius=0.01, mass=0.1), time_step=1e-3, gravity_o=[0, 0, -9.81], servo=servo)
+    assert np.sort(model.body("link 1").inertia) == pytest.approx(sorted(expected), rel=2e-6)
+    assert [words in note for note in notes] == [True] * bool(words)
+
+
 @pytest.mark.parametrize("moments", ["1e-5 1e-5 0", "0 0 0", "1e-5 1e-5 -1e-15", "1e-300 1e-300 1e-300"])
 def test_links_without_inertia_about_an_axis_are_simulated(tmp_path, moments):
     """Thin rods and point masses: MuJoCo wants a little about every axis."""
