@@ -27,7 +27,7 @@ Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """A shape that can touch something.
+    """A shape of a link, which can touch something or is only seen.
 
     Attributes:
         link: the link it is fixed to.
@@ -36,6 +36,7 @@ class Shape:
         size: edges of a box; radius of a sphere; radius and length (of the cylindrical part) of a cylinder or capsule;
             semi-axes of an ellipsoid [m]; scale of a mesh.
         path: file of a mesh.
+        colour: ``#rrggbb`` of a shape that is seen; empty: its file's own, or none.
     """
 
     link: str
@@ -43,6 +44,7 @@ class Shape:
     kind: Kind
     size: tuple[float, ...]
     path: str = ""
+    colour: str = ""
 
 
 PRIMITIVES: dict[str, type[coal.ShapeBase]] = {

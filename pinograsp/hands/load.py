@@ -227,6 +227,7 @@ def _hand_model(
         pose=np.eye(4),
         notes=tuple(notes),
         description=prepared.text,
+        visuals=tuple(prepared.visuals),
     )
 
 

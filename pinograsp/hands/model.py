@@ -23,6 +23,7 @@ from pinograsp.hands.drives import (
     checked_springs,
     transmission,
 )
+from pinograsp.hands.geometry import Shape
 from pinograsp.spatial import Array, IntArray, pose_of
 
 
@@ -83,6 +84,7 @@ class HandModel:
         own_shapes: the links' shapes as in the file, in the order of ``geometry``, where that has their convex hulls.
         drives: the motors (m), and the joints that each of them moves; a record that plans do not use yet.
         springs: at joints; torques are without them.
+        visuals: what is seen of the links, where the description tells it; pictures read its meshes.
     """
 
     name: str
@@ -97,6 +99,7 @@ class HandModel:
     own_shapes: tuple[coal.CollisionGeometry, ...] = ()
     drives: tuple[Drive, ...] = ()
     springs: tuple[Spring, ...] = ()
+    visuals: tuple[Shape, ...] = ()
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
 
