@@ -26,10 +26,10 @@ from pinograsp.plan.answer import (
     work,
 )
 from pinograsp.spatial import Array, BoolArray, IntArray
-from pinograsp.viz.figures import COLOURS
 from pinograsp.viz.scene_meshes import Triangles, friction_cone
 from pinograsp.viz.solids import Links, Solid, sevens, solids_of
 from pinograsp.viz.stage import Stage
+from pinograsp.viz.style import COLOURS
 from pinograsp.words import number
 
 # Number of instants in the approach, in the grasp phase, and after it: the grasp phase is short but needs a close look.

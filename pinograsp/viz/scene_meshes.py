@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.visuals import simplified
 from pinograsp.spatial import Array, IntArray
-from pinograsp.viz.figures import COLOURS
+from pinograsp.viz.style import COLOURS
 
 # Greys for the hand; for the object yellow, the Okabe-Ito colour that the figures do not use.
 PALM, LINK, OBJECT, GHOST = "#7C8794", "#B9C1CA", "#F0E442", "#9DB2C7"
@@ -86,6 +86,11 @@ def arrow() -> tuple[Triangles, Triangles]:
     shaft = creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]))
     head = creased(*_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
     return shaft, head
+
+
+def ball() -> Triangles:
+    """A sphere of radius 1 about the origin."""
+    return creased(*_lathe(*_arc(1.0, 0.0)))
 
 
 def creased(vertices: Array, faces: IntArray, crease: float = _CREASE) -> Triangles:

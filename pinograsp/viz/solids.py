@@ -22,6 +22,7 @@ from pinograsp.viz.scene_meshes import LINK, OBJECT, PALM, creased, rgb, triangl
 Look: TypeAlias = Literal["always", "visual", "collision"]
 
 _TINT = 0.45  # share of its contact's colour that a touching link takes
+_MARKER = 2e-3  # [m] of shapes that mark a frame, and would be specks in a picture
 _DARKEST, _BRIGHTEST = 42, 236  # of 255, for what descriptions call black and white
 _MOST = 60_000  # triangles of a hand: what a page can hold, and any browser draws
 
@@ -88,7 +89,7 @@ def solids_of(
         touching: colours of contacts by link.
     """
     meshes, problems = meshes_of(hand.visuals, _MOST)
-    seen = [shape for shape in hand.visuals if shape.kind != "mesh" or shape.path in meshes]
+    seen = [one for one in hand.visuals if (one.path in meshes if one.kind == "mesh" else max(one.size) > _MARKER)]
     visuals = [*_visuals(hand, seen, meshes, links, touching)]
     shown = {solid.link for solid in visuals}
     solids = _each_once(visuals, [*_collision_shapes(hand, links, touching, shown)])
