@@ -751,6 +751,21 @@ def test_the_live_page_draws_follows_time_and_switches_layers(chromium, live):
         settled(page, lambda picture: yellow(picture) < 1e-3)
 
 
+@pytest.mark.slow
+def test_the_live_page_shows_collision_shapes_in_place_of_what_is_seen(chromium):
+    pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
+    live = view(run_with(load_hand("panda")), port=0, open_browser=False)
+    with live, page_of(chromium, live.url, 1100, 600) as page:
+        settled(page, lambda picture: yellow(picture) > 5e-3)
+        page.wait_for_timeout(3000)
+        seen = pixels(page)
+        left = np.s_[:, : seen.shape[1] // 2]  # the panel is on the right
+        page.get_by_role("checkbox", name="collision shapes").first.check()
+        settled(page, lambda picture: differing(picture[left], seen[left]) > 0.02)
+        page.get_by_role("checkbox", name="collision shapes").first.uncheck()
+        settled(page, lambda picture: differing(picture[left], seen[left]) < 5e-3)
+
+
 def test_the_live_page_plays_and_closes(live):
     live.show(0.0)
     live.play()
