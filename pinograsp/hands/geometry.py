@@ -56,8 +56,11 @@ PRIMITIVES: dict[str, type[coal.ShapeBase]] = {
 }
 
 
-def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) -> pin.GeometryModel:
-    """Collision geometry at the links' frames; meshes that cannot be read are left out and noted."""
+def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) -> tuple[pin.GeometryModel, float]:
+    """Collision geometry at the links' frames, and the unit of its meshes [m].
+
+    Meshes that cannot be read are left out and noted.
+    """
     geometry = pin.GeometryModel()
     broken: list[str] = []
     frames = {frame.name: (i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY}
@@ -74,29 +77,33 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
         if shape.kind == "mesh":
             one.meshPath, one.meshScale = shape.path, np.array(shape.size)
         geometry.addGeometryObject(one)
-    _in_metres(model, geometry, notes)
+    unit = _in_metres(model, geometry, notes)
     if broken:
         notes.append(f"meshes that cannot be read, so these links cannot touch anything: {', '.join(broken)}")
-    return geometry
+    return geometry, unit
 
 
-def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) -> None:
-    """Scale meshes in millimetres down, where all that the hand's joints carry is far too large for their distances."""
+def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) -> float:
+    """Scale meshes in millimetres down, where all that the hand's joints carry is far too large for their distances.
+
+    Returns their unit [m].
+    """
     lengths = [float(np.linalg.norm(pose.translation)) for pose in list(model.jointPlacements)[2:]]
     meshes = [one for one in geometry.geometryObjects if one.meshPath and one.parentJoint]
     for one in meshes:
         one.geometry.computeLocalAABB()
     if not meshes or not max(lengths, default=0.0) > 0:
-        return
+        return 1.0
     times = float(np.median([one.geometry.aabb_radius for one in meshes])) / max(lengths)
     if times < _TOO_LARGE:
-        return
+        return 1.0
     for one in (one for one in geometry.geometryObjects if one.meshPath):
         one.meshScale = _MILLI * one.meshScale
         one.geometry = read_mesh(one.meshPath, tuple(one.meshScale.tolist()))
     notes.append(
         f"collision meshes are {times:.2g} times as large as its joints are apart: taken as drawn in millimetres"
     )
+    return _MILLI
 
 
 @functools.lru_cache(maxsize=64)
