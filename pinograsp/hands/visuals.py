@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 Part: TypeAlias = tuple[str, Array, IntArray]
 
 _MOST_COLOURS = 8  # of a mesh: parts, or what is left of a texture
+_MOST_TRIANGLES = 5_000_000  # of a hand's files
 _MOST_BYTES, _MOST_PIXELS = 50_000_000, 40_000_000  # of a file of materials or a texture
 _FINEST, _COARSER = 400, 1.3  # cells along a mesh's longest side, and how many times fewer the next time
 _UNPAINTED = np.array([-1.0, -1.0, -1.0])
@@ -60,10 +61,14 @@ def _meshes(
 ) -> tuple[dict[str, tuple[Part, ...]], list[str]]:
     """Meshes of files, which are kept until these change; ``counts``: how often each is shown."""
     painted: dict[str, tuple[Array, IntArray, Array]] = {}
-    problems = []
+    problems, total = [], 0
     for path, _ in files:
+        if total > _MOST_TRIANGLES:
+            problems.append(f"mesh '{path}' is left out: those before it have {total} triangles")
+            continue
         try:
             painted[path] = _painted(Path(path))
+            total += len(painted[path][1])
         except (ValueError, OSError) as error:
             problems.append(f"mesh '{path}' cannot be read: {error}")
     shown = [count for (path, _), count in zip(files, counts) if path in painted]
