@@ -69,6 +69,8 @@ def picture(
     axes.set(xlim=(0, _SIZE[0]), ylim=(_SIZE[1], 0))
     axes.set_axis_off()
     _label(axes, scene, frame, camera)
+    for caution in scene.cautions[len(plan.cautions) :]:  # of meshes that are gone
+        axes.text(12, _SIZE[1] - 12, caution.partition(":")[0], fontsize=7, color="0.35")
     return figure
 
 

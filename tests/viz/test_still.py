@@ -119,6 +119,12 @@ def test_pictures_follow_time_and_view(plan):
         picture(replace(plan, hand=None))
 
 
+def test_a_picture_says_where_meshes_are_gone(plan, tmp_path):
+    gone = replace(plan.hand.visuals[0], kind="mesh", size=(1.0, 1.0, 1.0), path=str(tmp_path / "gone.stl"))
+    texts = [text.get_text() for text in picture(replace(plan, hand=replace(plan.hand, visuals=(gone,)))).axes[0].texts]
+    assert any(text.startswith("collision shapes are shown") for text in texts)
+
+
 def test_a_plan_writes_its_picture(plan, tmp_path):
     path = plan.picture(tmp_path / "deep" / "grasp.png", view=[1, 0.2, 0.3])
     assert imread(path).shape[:2] == (640, 900) and path.stat().st_size < 5e5
