@@ -280,8 +280,9 @@ def _search_section(plan: PlanRecord) -> list[str]:
     return ["## Search", "", text, "", *_table(("cells rejected by", "count"), rows)]
 
 
-_FIRST = ("contact_forces",)
+_FIRST = ("grasp", "contact_forces")
 _CAPTIONS = {
+    "grasp": "The grasp at t_F: forces on the object, its weight and load in black",
     "contact_forces": "Normal forces and penetration depths in the grasp phase",
     "joint_angles": "Joint angles, approach and grasp phase (grey)",
     "joint_rates": "Joint rates",

@@ -48,6 +48,7 @@ OWNERS = {
     "coal": {"hands", "objects", "contacts", "referee"},
     "mujoco": {"referee", "handover"},
     "trimesh": {"hands", "objects"},
+    "fast_simplification": {"hands"},
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
     "qpsolvers": {"forces"},

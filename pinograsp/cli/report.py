@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pinograsp.cli.app import Quiet, Verbose, app
+from pinograsp.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from pinograsp.plan import PlanFailure, PlanRecord
 
 
 @app.command()
@@ -39,7 +43,7 @@ def report(
 
     def fill(path: Path) -> None:
         # Read again, now that the folder is locked: it may have been replaced.
-        loaded = read_run(run, with_scene=False)
+        loaded = _read(run)
         if isinstance(loaded, PlanFailure):
             write_report(loaded, path)
             answers.append(f"No grasp ({loaded.status}).")
@@ -52,3 +56,13 @@ def report(
     add_files(run, fill)
     typer.echo(f"Does it hold? {answers[-1]}")
     typer.echo(f"written to {run}: report.html, report.md and figures")
+
+
+def _read(run: Path) -> PlanRecord | PlanFailure:
+    """A run with its hand; without it where that cannot be read: the picture of the grasp alone needs it."""
+    from pinograsp.storage import read_run
+
+    try:
+        return read_run(run)
+    except InvalidInput:  # HandNotLoaded, too
+        return read_run(run, with_scene=False)

@@ -25,8 +25,8 @@ from pinograsp.spatial import Array, IntArray
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _ALIKE = 1e-7  # [rad] normals this close are the same
-# [rad] ... and these, where they come no closer: of curved bodies coal's nearest points are no better. A depth changes
-# with the square of it, by less than 1e-10 m.
+# [rad] ... and for depths these, where they come no closer: of curved bodies coal's nearest points are often no better.
+# A depth changes with the square of it, by less than 1e-10 m; the points, by a micrometre.
 _ROUGHLY = 1e-4
 _ROUNDS = 20
 _REACHED = 1e-9  # [m]
@@ -35,10 +35,14 @@ _RANK = 1e-2  # singular values of the Jacobian below this share of the largest:
 
 
 class Penetration:
-    """Depths of the contacts of a closed hand (those with a posture) in the object, at any posture."""
+    """Depths of the contacts of a closed hand (those with a posture) in the object, at any posture.
 
-    def __init__(self, hand: HandModel, body: Body, contacts: ContactSet):
+    ``points``: whether the points are wanted as exactly as the depths.
+    """
+
+    def __init__(self, hand: HandModel, body: Body, contacts: ContactSet, *, points: bool = False):
         self.hand, self.body, self.contacts = hand, body, contacts
+        self.roughly = 0.0 if points else _ROUGHLY
         self.distances = Distances(hand, body)
         parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects]
         joints = [self._joint(contact) for contact in contacts]
@@ -91,7 +95,7 @@ class Penetration:
             direction = (other - mine) / gap
             # Farther off than need be, the nearest points are others than those that overlap.
             before, turned, spare = turned, float(np.linalg.norm(direction - normal)), gap - _CLEAR
-            alike = turned < _ALIKE or 0.5 * before < turned < _ROUGHLY
+            alike = turned < _ALIKE or 0.5 * before < turned < self.roughly
             surface = other - off * normal
             depth = float((mine - surface) @ normal)
             if alike and abs(spare) <= 0.5 * _CLEAR:
@@ -124,7 +128,7 @@ def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLi
     instance_of("body", body, Body)
     instance_of("contacts", contacts, ContactSet)
     q: Array = np.clip(array_of("posture", posture, (hand.n,)), hand.lower, hand.upper)
-    depth = Penetration(hand, body, contacts)
+    depth = Penetration(hand, body, contacts, points=True)
     if any(depth.corner):
         raise InvalidInput(
             "touching: expected one contact point a link: a surface touches a smooth object in one point"

@@ -17,6 +17,9 @@ from pinograsp.errors import HandNotLoaded
 _XACRO = "{http://www.ros.org/wiki/xacro}"
 # Far above any robot, low enough that reading them takes seconds.
 MOST_BYTES, MOST_ELEMENTS, DEEPEST = 20_000_000, 50_000, 1000
+# Of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end.
+LARGEST = 1e6
+LEAST = 1e-9  # of ranges, limits and directions, far below those of any robot
 _MOST_ATTRIBUTES, _MOST_DIGITS = 1000, 2000  # of an element; characters of the numbers in one attribute
 
 
@@ -147,3 +150,19 @@ def placement_of(element: ElementTree.Element) -> pin.SE3:
     return pin.SE3(
         pin.rpy.rpyToMatrix(np.array(numbers(origin, "rpy", 3, "0 0 0"))), np.array(numbers(origin, "xyz", 3, "0 0 0"))
     )
+
+
+def as_rpy(origin: ElementTree.Element) -> list[str]:
+    """Turn a quaternion (x, y, z, w) of an <origin> into angles; the problems with it."""
+    text = origin.get("quat_xyzw") if origin.tag == "origin" else None
+    if text is None:
+        return []
+    try:
+        quaternion = pin.Quaternion(np.array(numbers(origin, "quat_xyzw", 4, most=LARGEST)))
+        if quaternion.norm() < LEAST:
+            raise ValueError("expected a rotation, got zeros")
+    except ValueError as error:
+        return [f"<origin quat_xyzw=>: {error}"]
+    origin.set("rpy", written(pin.rpy.matrixToRpy(quaternion.normalized().matrix())))
+    del origin.attrib["quat_xyzw"]
+    return []

@@ -27,7 +27,7 @@ Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """A shape that can touch something.
+    """A shape of a link, which can touch something or is only seen.
 
     Attributes:
         link: the link it is fixed to.
@@ -36,6 +36,7 @@ class Shape:
         size: edges of a box; radius of a sphere; radius and length (of the cylindrical part) of a cylinder or capsule;
             semi-axes of an ellipsoid [m]; scale of a mesh.
         path: file of a mesh.
+        colour: ``#rrggbb`` of a shape that is seen; empty: its file's own, or none.
     """
 
     link: str
@@ -43,6 +44,7 @@ class Shape:
     kind: Kind
     size: tuple[float, ...]
     path: str = ""
+    colour: str = ""
 
 
 PRIMITIVES: dict[str, type[coal.ShapeBase]] = {
@@ -54,8 +56,11 @@ PRIMITIVES: dict[str, type[coal.ShapeBase]] = {
 }
 
 
-def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) -> pin.GeometryModel:
-    """Collision geometry at the links' frames; meshes that cannot be read are left out and noted."""
+def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) -> tuple[pin.GeometryModel, float]:
+    """Collision geometry at the links' frames, and the unit of its meshes [m].
+
+    Meshes that cannot be read are left out and noted.
+    """
     geometry = pin.GeometryModel()
     broken: list[str] = []
     frames = {frame.name: (i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY}
@@ -72,10 +77,10 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
         if shape.kind == "mesh":
             one.meshPath, one.meshScale = shape.path, np.array(shape.size)
         geometry.addGeometryObject(one)
-    _in_metres(model, geometry, notes)
+    unit = _in_metres(model, geometry, notes)
     if broken:
         notes.append(f"meshes that cannot be read, so these links cannot touch anything: {', '.join(broken)}")
-    return geometry
+    return geometry, unit
 
 
 def without_shapes(
@@ -92,23 +97,27 @@ def without_shapes(
     return kept
 
 
-def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) -> None:
-    """Scale meshes in millimetres down, where all that the hand's joints carry is far too large for their distances."""
+def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) -> float:
+    """Scale meshes in millimetres down, where all that the hand's joints carry is far too large for their distances.
+
+    Returns their unit [m].
+    """
     lengths = [float(np.linalg.norm(pose.translation)) for pose in list(model.jointPlacements)[2:]]
     meshes = [one for one in geometry.geometryObjects if one.meshPath and one.parentJoint]
     for one in meshes:
         one.geometry.computeLocalAABB()
     if not meshes or not max(lengths, default=0.0) > 0:
-        return
+        return 1.0
     times = float(np.median([one.geometry.aabb_radius for one in meshes])) / max(lengths)
     if times < _TOO_LARGE:
-        return
+        return 1.0
     for one in (one for one in geometry.geometryObjects if one.meshPath):
         one.meshScale = _MILLI * one.meshScale
         one.geometry = read_mesh(one.meshPath, tuple(one.meshScale.tolist()))
     notes.append(
         f"collision meshes are {times:.2g} times as large as its joints are apart: taken as drawn in millimetres"
     )
+    return _MILLI
 
 
 @functools.lru_cache(maxsize=64)

@@ -210,7 +210,11 @@ def _hand_model(
     for joint, value in prepared.armatures.items():
         armature[model.joints[model.getJointId(joint)].idx_v] = value
     model.armature = armature
-    geometry = collision_geometry(model, prepared.shapes, notes)
+    geometry, unit = collision_geometry(model, prepared.shapes, notes)
+    visuals = [
+        replace(one, size=tuple(unit * size for size in one.size)) if one.kind == "mesh" else one
+        for one in prepared.visuals
+    ]
     if not geometry.ngeoms:
         notes.append("no collision geometry: nothing of this hand can touch")
     if masses == "estimate":
@@ -244,6 +248,7 @@ def _hand_model(
         pose=np.eye(4),
         notes=tuple(notes),
         description=prepared.text,
+        visuals=tuple(visuals),
     )
 
 

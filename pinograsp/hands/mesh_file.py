@@ -8,9 +8,10 @@ import logging
 import struct
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import one_line
 from pinograsp.hands.elements import parse_xml, read_bytes
@@ -18,6 +19,7 @@ from pinograsp.spatial import Array, IntArray
 
 if TYPE_CHECKING:
     import coal
+    import trimesh
 
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".off", ".dae")
 LFS_POINTER = b"version https://git-lfs.github.com/"
@@ -37,6 +39,22 @@ def read_triangles(path: Path) -> tuple[Array, IntArray]:
     """
     import trimesh  # slow to import
 
+    kind = path.suffix.lower()
+    read = load(path, force="mesh")
+    if not isinstance(read, trimesh.Trimesh):
+        raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got a {type(read).__name__}")
+    return checked(read.vertices, read.faces)
+
+
+def load(path: Path, **settings: Any) -> trimesh.parent.Geometry:
+    """What trimesh makes of a mesh file that has been looked at; ``settings``: of ``trimesh.load``.
+
+    Raises:
+        ValueError: why it cannot be used.
+        OSError: it cannot be read.
+    """
+    import trimesh  # slow to import
+
     logging.getLogger("trimesh").addHandler(_SILENT)  # it would print the traceback of what the error says
     kind = path.suffix.lower()
     if kind not in FORMATS:
@@ -49,12 +67,17 @@ def read_triangles(path: Path) -> tuple[Array, IntArray]:
             _check_glb(content)
         elif kind == ".dae":
             _check_dae(content)
-        read = trimesh.load(io.BytesIO(content), file_type=kind[1:], force="mesh", process=False)
-        if not isinstance(read, trimesh.Trimesh):
-            raise ValueError(f"a {type(read).__name__}")
-        vertices, faces = np.asarray(read.vertices, dtype=float), np.asarray(read.faces)
+        return trimesh.load(io.BytesIO(content), file_type=kind[1:], process=False, **settings)
     except Exception as error:  # the readers raise errors of every type for broken files
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {one_line(error)}") from error
+
+
+def checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
+    """Vertices (n, 3) and faces (m, 3) that compiled code may be given; ValueError where they are anything else."""
+    try:
+        vertices, faces = np.asarray(vertices, dtype=float), np.asarray(faces)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"expected a mesh of triangles, got {one_line(error)}") from error
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
         raise ValueError("expected a mesh of triangles, got none")
     if len(faces) > MOST_TRIANGLES:

@@ -31,6 +31,7 @@ _MACROS = ("attach", "replicate", "composite", "flexcomp")
 _MOST = {"body": 2000, "joint": 2000, "geom": 10_000}
 # A body, its default class, its parent's link and its placement there.
 _Body: TypeAlias = tuple[ElementTree.Element, str | None, str, pin.SE3]
+_SHOWN = 2.0  # the last group of geoms that MuJoCo's viewer shows
 _HALF = {"box": 2.0, "cylinder": 2.0, "capsule": 2.0}  # MuJoCo gives half lengths
 
 
@@ -63,6 +64,7 @@ class _Reader:
         for mesh in source.element.findall("asset/mesh"):
             given = source.attributes(mesh)
             self.meshes[given.get("name") or Path(given.get("file", "").replace("\\", "/")).stem] = given
+        self.materials = {one.get("name", ""): one for one in source.element.findall("asset/material")}
         self.left_out: list[str] = []
         self.weightless: list[str] = []
         self.actuation = Actuation()
@@ -268,8 +270,18 @@ class _Reader:
             self.source.problem(f"geom of {where}: size must be positive, got {' '.join(f'{one:g}' for one in size)}")
             return None
         if collides:
-            _collision(link, at, kind, size, path)
+            _shape(link, "collision", at, kind, size, path)
+        if self.source.numbers(given, "group", "0")[0] <= _SHOWN:
+            _shape(link, "visual", at, kind, size, path)
+            self._paint(link[-1], given)
         return self._geom_inertia(given, where, at, kind, size, path) if wants_mass else None
+
+    def _paint(self, visual: ElementTree.Element, given: dict[str, str]) -> None:
+        """Give a geom that is seen its own colour, or that of its material."""
+        material = self.materials.get(given.get("material", ""))
+        from_material = {} if material is None else self.source.attributes(material)
+        if rgba := given.get("rgba", from_material.get("rgba")):
+            ElementTree.SubElement(ElementTree.SubElement(visual, "material"), "color", rgba=rgba)
 
     def _geom_inertia(
         self, given: dict[str, str], where: str, at: pin.SE3, kind: str, size: Sequence[float], path: str
@@ -355,8 +367,8 @@ def _inertial(link: ElementTree.Element, inertia: pin.Inertia) -> None:
     ElementTree.SubElement(element, "inertia", values)
 
 
-def _collision(link: ElementTree.Element, at: pin.SE3, kind: str, size: Iterable[float], path: str) -> None:
-    element = ElementTree.SubElement(link, "collision")
+def _shape(link: ElementTree.Element, tag: str, at: pin.SE3, kind: str, size: Iterable[float], path: str) -> None:
+    element = ElementTree.SubElement(link, tag)
     _origin(element, at)
     shape = ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), kind)
     if kind == "mesh":

@@ -24,7 +24,9 @@ _OTHERS = ("position", "velocity", "intvelocity", "damper", "cylinder", "muscle"
 _SHORTCUTS: dict[str, dict[str, str]] = {"motor": _FORCES, "general": {}, **dict.fromkeys(_OTHERS, _SERVOS)}
 # Which of a shortcut's own attributes is its gain.
 _GAINS = {"position": "kp", "intvelocity": "kp", "velocity": "kv", "damper": "kv"}
-_WITH_DEFAULTS = frozenset({"joint", "geom", "mesh", "equality", "tendon", "actuator"})  # of what is read here
+_WITH_DEFAULTS = frozenset(
+    {"joint", "geom", "mesh", "material", "equality", "tendon", "actuator"}
+)  # of what is read here
 _MOST_INCLUDES, _DEEPEST, _MOST_CLASSES = 1000, 20, 2000
 _ORIENTATIONS = frozenset({"quat", "axisangle", "euler", "xyaxes", "zaxis"})
 _AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}

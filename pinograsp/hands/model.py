@@ -23,6 +23,7 @@ from pinograsp.hands.drives import (
     checked_springs,
     transmission,
 )
+from pinograsp.hands.geometry import Shape
 from pinograsp.spatial import Array, IntArray, pose_of
 
 
@@ -84,6 +85,7 @@ class HandModel:
         drives: the motors (m), and the joints that each of them moves; a record that plans do not use yet.
         springs: at joints; torques are without them.
         disabled_collisions: pairs of links that are not looked at for collisions with each other.
+        visuals: what is seen of the links, where the description tells it; pictures read its meshes.
     """
 
     name: str
@@ -99,6 +101,7 @@ class HandModel:
     drives: tuple[Drive, ...] = ()
     springs: tuple[Spring, ...] = ()
     disabled_collisions: tuple[tuple[str, str], ...] = ()
+    visuals: tuple[Shape, ...] = ()
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
 

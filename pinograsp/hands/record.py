@@ -22,6 +22,7 @@ from pinograsp.hands.elements import drop, named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.urdf import prepare
+from pinograsp.hands.visuals import visuals_from, visuals_record
 from pinograsp.spatial import FARTHEST
 
 _Kind = TypeVar("_Kind")
@@ -66,6 +67,7 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
             for frame in model.frames
         ],
         "geometry": geometry,
+        "visuals": visuals_record(hand.visuals),
         "fingers": [
             {"name": finger.name, "joints": list(finger.joints), "links": list(finger.links), "tip": finger.tip}
             for finger in hand.fingers
@@ -126,6 +128,7 @@ def _hand(record: dict[str, Any]) -> HandModel:
         description=description,
         own_shapes=shapes.own if shapes.hulls else (),
         disabled_collisions=_disabled_collisions(record, links),
+        visuals=visuals_from(_field(record, "visuals", list) if "visuals" in record else [], links),
     )
     return replace(hand, drives=_drives(record, hand), springs=_springs(record, hand))
 

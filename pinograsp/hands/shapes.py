@@ -1,21 +1,24 @@
-"""Collision shapes of a URDF, and the mesh files its names mean."""
+"""Collision and visual shapes of a URDF, and the mesh files its names mean."""
 
 from __future__ import annotations
 
 import os
 import urllib.parse
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from pinograsp.checks import one_of
-from pinograsp.hands.elements import end_of, named, numbers, placement_of
+from pinograsp.hands.elements import LEAST, as_rpy, drop, end_of, named, numbers, placement_of
 from pinograsp.hands.geometry import Kind, Shape, read_mesh
 from pinograsp.hands.ros_packages import Packages
 from pinograsp.spatial import FARTHEST
 
-_LEAST = 1e-9  # [m] of sizes
+_MOST_VISUALS = 2000
 _UNIT_SPHERE = "unit_sphere.stl"
 # Attributes that give the size of a shape, in the order coal takes them.
 _SIZES: dict[Kind, dict[str, int]] = {
@@ -43,37 +46,12 @@ def shapes_of(robot: ElementTree.Element, folder: Path, packages: Packages, note
         if name in coarse:
             continue
         for collision in link.findall("collision"):
-            element = next((one for one in collision.findall("geometry/*") if one.tag in _SIZES), None)
-            if element is None:
-                void.append(f"{name} (no known shape)")
-                continue
-            kind, path = one_of("shape", element.tag, _SIZES), ""
             try:
-                sizes = [
-                    numbers(element, key, count, "1 1 1" if key == "scale" else None)
-                    for key, count in _SIZES[kind].items()
-                ]
+                shapes.append(_shape(name, collision, folder, packages))
+            except FileNotFoundError as error:
+                missing.append(f"{name} ({error})")
             except ValueError as error:
-                void.append(f"{name} (<{kind}>: {error})")
-                continue
-            size = tuple(value for group in sizes for value in group)
-            if not all(value != 0 if kind == "mesh" else _LEAST <= value <= FARTHEST for value in size):
-                void.append(f"{name} (<{kind}> of size {' '.join(f'{value:g}' for value in size)})")
-                continue
-            if kind == "mesh":
-                filename = element.get("filename", "")
-                file = mesh_path(filename, folder, packages)
-                path = str(file or "")
-                called = filename.replace("\\", "/").split("/")[-1]
-                if called == _UNIT_SPHERE and (file is None or _is_unit_sphere(file)):
-                    kind, size, path = "ellipsoid", tuple(map(abs, size)), ""
-                    if not all(_LEAST <= value <= FARTHEST for value in size):
-                        void.append(f"{name} (<mesh> of scale {' '.join(f'{value:g}' for value in size)})")
-                        continue
-                elif file is None:
-                    missing.append(f"{name} ({filename})")
-                    continue
-            shapes.append(Shape(link=name, placement=placement_of(collision), kind=kind, size=size, path=path))
+                void.append(f"{name} ({error})")
     if coarse:
         notes.append(f"coarse shapes for checks of self-collision are left out: {', '.join(coarse)}")
     if missing:
@@ -96,6 +74,87 @@ def _coarse(robot: ElementTree.Element) -> list[str]:
         and end_of(joint, "child") == f"{end_of(joint, 'parent')}_sc"
         and {end_of(joint, "child"), end_of(joint, "parent")} <= shaped
     ]
+
+
+def take_visuals(robot: ElementTree.Element, folder: Path, packages: Packages) -> list[Shape]:
+    """Take out what is seen of the links, with the colours of the description; what cannot be read is left out.
+
+    Meshes that are not found keep the name that the description gives them.
+    """
+    for origin in robot.findall("link/visual/origin"):
+        as_rpy(origin)
+    named_colours: dict[str, str | None] = {}
+    for one in robot.iter("material"):
+        if one.find("color") is not None:
+            named_colours.setdefault(one.get("name", ""), _colour(one))
+    shapes: list[Shape] = []
+    for name, link in named(robot, "link"):
+        for visual in link.findall("visual")[: _MOST_VISUALS - len(shapes)]:
+            material = visual.find("material")
+            colour: str | None = ""
+            if material is not None:
+                own = material.find("color") is not None
+                colour = _colour(material) if own else named_colours.get(material.get("name", ""), "")
+            if colour is None:
+                continue
+            try:
+                shape = _shape(name, visual, folder, packages)
+            except FileNotFoundError as error:
+                shape = Shape(link=name, placement=pin.SE3.Identity(), kind="mesh", size=(1, 1, 1), path=str(error))
+            except ValueError:
+                continue
+            if np.abs(shape.placement.translation).max() <= FARTHEST:
+                shapes.append(replace(shape, colour=colour))
+        drop(link, "visual")
+    return shapes
+
+
+def _colour(material: ElementTree.Element) -> str | None:
+    """A material's colour, ``#rrggbb``; empty: none that can be read; None: it cannot be seen."""
+    color = material.find("color")
+    try:
+        red, green, blue, alpha = numbers(ElementTree.Element("color") if color is None else color, "rgba", 4)
+    except ValueError:
+        return ""
+    return None if alpha <= 0 else hex_of([red, green, blue])
+
+
+def hex_of(rgb: Iterable[float]) -> str:
+    """Shares of red, green and blue, 0 to 1, as ``#rrggbb``."""
+    return "#" + "".join(f"{round(255 * min(max(share, 0.0), 1.0)):02X}" for share in rgb)
+
+
+def _shape(link: str, element: ElementTree.Element, folder: Path, packages: Packages) -> Shape:
+    """The shape of a <collision> or a <visual>.
+
+    Raises:
+        ValueError: no shape, or one without size.
+        FileNotFoundError: the name of a mesh whose file is not found.
+    """
+    found = next((one for one in element.findall("geometry/*") if one.tag in _SIZES), None)
+    if found is None:
+        raise ValueError("no known shape")
+    kind, path = one_of("shape", found.tag, _SIZES), ""
+    try:
+        sizes = [numbers(found, key, count, "1 1 1" if key == "scale" else None) for key, count in _SIZES[kind].items()]
+    except ValueError as error:
+        raise ValueError(f"<{kind}>: {error}") from error
+    size = tuple(value for group in sizes for value in group)
+    written = " ".join(f"{value:g}" for value in size)
+    if not all(value != 0 if kind == "mesh" else LEAST <= value <= FARTHEST for value in size):
+        raise ValueError(f"<{kind}> of size {written}")
+    if kind == "mesh":
+        filename = found.get("filename", "")
+        file = mesh_path(filename, folder, packages)
+        path = str(file or "")
+        called = filename.replace("\\", "/").split("/")[-1]
+        if called == _UNIT_SPHERE and (file is None or _is_unit_sphere(file)):
+            kind, size, path = "ellipsoid", tuple(map(abs, size)), ""
+            if not all(LEAST <= value <= FARTHEST for value in size):
+                raise ValueError(f"<mesh> of scale {written}")
+        elif file is None:
+            raise FileNotFoundError(filename)
+    return Shape(link=link, placement=placement_of(element), kind=kind, size=size, path=path)
 
 
 def _is_unit_sphere(path: Path) -> bool:

@@ -15,27 +15,24 @@ import pinocchio as pin
 from pinograsp.checks import one_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrowed, resolve
-from pinograsp.hands.elements import drop, end_of, named, numbers, written
+from pinograsp.hands.elements import LARGEST, LEAST, as_rpy, drop, end_of, named, numbers, written
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.ros_packages import Packages
 from pinograsp.hands.rotors import rotors
-from pinograsp.hands.shapes import shapes_of
+from pinograsp.hands.shapes import shapes_of, take_visuals
 from pinograsp.hands.tree import JOINT_TYPES, MOVING, Joint
 from pinograsp.hands.urdf_masses import MOMENTS, inertia_problems, unweighed_joints
 from pinograsp.hands.urdf_tree import cut_out, joints_below, leave_out, tree_problems
 from pinograsp.spatial import FARTHEST
 
-# Of numbers in SI units, far above those of any robot: beyond it products and squares overflow in the end.
-_LARGEST = 1e6
-_LEAST = 1e-9  # of ranges, limits and directions, far below those of any robot
 # How many numbers an attribute holds and how large each may be, by element.
 _NUMBERS: dict[str, dict[str, tuple[int, float]]] = {
-    "origin": {"xyz": (3, FARTHEST), "rpy": (3, _LARGEST)},
-    "axis": {"xyz": (3, _LARGEST)},
-    "mass": {"value": (1, _LARGEST)},
-    "inertia": dict.fromkeys(MOMENTS, (1, _LARGEST)),
-    "mimic": {"multiplier": (1, _LARGEST), "offset": (1, _LARGEST)},
-    "dynamics": {"damping": (1, _LARGEST), "friction": (1, _LARGEST), "armature": (1, _LARGEST)},
+    "origin": {"xyz": (3, FARTHEST), "rpy": (3, LARGEST)},
+    "axis": {"xyz": (3, LARGEST)},
+    "mass": {"value": (1, LARGEST)},
+    "inertia": dict.fromkeys(MOMENTS, (1, LARGEST)),
+    "mimic": {"multiplier": (1, LARGEST), "offset": (1, LARGEST)},
+    "dynamics": {"damping": (1, LARGEST), "friction": (1, LARGEST), "armature": (1, LARGEST)},
 }
 # Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of
 # its joints.
@@ -52,6 +49,7 @@ class Prepared:
         aliases: the names of joints in ``text``, by which Pinocchio orders them, and their own.
         joints, links: of the tree.
         shapes: what can touch.
+        visuals: what is seen.
         unweighed: joints that move links without inertia.
         armatures: inertia of the motors [kg m^2], by actuated joint.
         notes: what was changed or left out, for the user.
@@ -63,6 +61,7 @@ class Prepared:
     joints: list[Joint] = field(default_factory=list)
     links: list[str] = field(default_factory=list)
     shapes: list[Shape] = field(default_factory=list)
+    visuals: list[Shape] = field(default_factory=list)
     unweighed: list[str] = field(default_factory=list)
     armatures: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -100,6 +99,7 @@ def prepare(
     for _, joint in named(robot, "joint"):
         if joint.get("type") == "fixed":  # it follows nothing and needs no axis
             drop(joint, "mimic", "limit", "axis")
+    visuals = take_visuals(robot, folder, packages)
     unreadable = _number_problems(robot)
     _lock(robot, notes)
     broken = tree_problems(robot, root)
@@ -129,6 +129,7 @@ def prepare(
     prepared = Prepared(name=robot.get("name") or Path(source).stem, joints=joints, notes=notes)
     prepared.links = [name for name, _ in named(robot, "link")]
     prepared.shapes = shapes_of(robot, folder, packages, notes)
+    prepared.visuals = visuals
     prepared.unweighed = unweighed
     prepared.armatures = _armatures(robot, couplings)
     prepared.aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
@@ -149,9 +150,8 @@ def _number_problems(robot: ElementTree.Element) -> list[str]:
     problems = []
     for tag in ("link", "joint"):
         for name, element in named(robot, tag):
-            drop(element, "visual")
             for part in element.iter():
-                problems += [f"{tag} '{name}': {problem}" for problem in _as_rpy(part)]
+                problems += [f"{tag} '{name}': {problem}" for problem in as_rpy(part)]
                 for key, (count, most) in _NUMBERS.get(part.tag, {}).items():
                     if part.get(key) is None:
                         continue
@@ -161,25 +161,9 @@ def _number_problems(robot: ElementTree.Element) -> list[str]:
                         problems.append(f"{tag} '{name}': <{part.tag} {key}=>: {error}")
                         continue
                     part.set(key, written(values))
-                    if part.tag == "axis" and max(map(abs, values)) < _LEAST:
+                    if part.tag == "axis" and max(map(abs, values)) < LEAST:
                         problems.append(f"{tag} '{name}': <axis xyz=> is zero, expected a direction")
     return problems
-
-
-def _as_rpy(origin: ElementTree.Element) -> list[str]:
-    """Turn a quaternion (x, y, z, w) of an <origin> into angles."""
-    text = origin.get("quat_xyzw") if origin.tag == "origin" else None
-    if text is None:
-        return []
-    try:
-        quaternion = pin.Quaternion(np.array(numbers(origin, "quat_xyzw", 4, most=_LARGEST)))
-        if quaternion.norm() < _LEAST:
-            raise ValueError("expected a rotation, got zeros")
-    except ValueError as error:
-        return [f"<origin quat_xyzw=>: {error}"]
-    origin.set("rpy", written(pin.rpy.matrixToRpy(quaternion.normalized().matrix())))
-    del origin.attrib["quat_xyzw"]
-    return []
 
 
 def _lock(robot: ElementTree.Element, notes: list[str]) -> None:
@@ -191,7 +175,7 @@ def _lock(robot: ElementTree.Element, notes: list[str]) -> None:
     at: dict[str, float] = {}
     ranges = {name: _ends(joint) for name, joint in joints.items() if joint.find("mimic") is None}
     if any(lower < upper for lower, upper in ranges.values()):
-        at = {name: lower for name, (lower, upper) in ranges.items() if lower == upper and abs(lower) <= _LARGEST}
+        at = {name: lower for name, (lower, upper) in ranges.items() if lower == upper and abs(lower) <= LARGEST}
     following: dict[str, tuple[str, float, float]] = {}
     for name, joint in joints.items():
         if (mimic := joint.find("mimic")) is None:
@@ -201,7 +185,7 @@ def _lock(robot: ElementTree.Element, notes: list[str]) -> None:
         except ValueError:
             continue  # listed with the other numbers
         following[name] = mimic.get("joint", ""), factor, offset
-        if factor == 0 and abs(offset) <= _LARGEST:
+        if factor == 0 and abs(offset) <= LARGEST:
             at[name] = offset
     while more := {
         name: factor * at[followed] + offset
@@ -257,7 +241,7 @@ def _fix(joint: ElementTree.Element, value: float) -> None:
             xyz, rpy = (numbers(origin, key, 3, "0 0 0") for key in ("xyz", "rpy"))
         except ValueError:
             return
-        way = value * direction / max(float(np.linalg.norm(direction)), _LEAST)
+        way = value * direction / max(float(np.linalg.norm(direction)), LEAST)
         turns = joint.get("type") == "revolute"
         moved = pin.SE3(pin.exp3(way), np.zeros(3)) if turns else pin.SE3(np.eye(3), way)
         placed = pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy)), np.array(xyz)) * moved
@@ -299,14 +283,14 @@ def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Lim
         except ValueError:
             problems.append(f"joint '{name}': limits must be numbers, got {given}")
             continue
-        # Nobody means more than _LARGEST: it stands for no limit.
-        most = {key: value if 0 < value <= _LARGEST else 0.0 for key, value in most.items()}
+        # Nobody means more than LARGEST: it stands for no limit.
+        most = {key: value if 0 < value <= LARGEST else 0.0 for key, value in most.items()}
         problems += [
-            f"joint '{name}': {key} limit {value:g} is next to nothing: expected 0 for none, or {_LEAST:g} and more"
+            f"joint '{name}': {key} limit {value:g} is next to nothing: expected 0 for none, or {LEAST:g} and more"
             for key, value in most.items()
-            if 0 < value < _LEAST
+            if 0 < value < LEAST
         ]
-        sound = upper - lower >= _LEAST and max(abs(lower), abs(upper)) <= _LARGEST
+        sound = upper - lower >= LEAST and max(abs(lower), abs(upper)) <= LARGEST
         if sound:
             limits[name] = Limits(lower=lower, upper=upper, **most)
         elif coupled:
@@ -314,7 +298,7 @@ def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Lim
         elif "lower" not in given or "upper" not in given:
             problems.append(f"joint '{name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=)")
         else:
-            beyond = f", or beyond {_LARGEST:g}" if max(abs(lower), abs(upper)) > _LARGEST else ""
+            beyond = f", or beyond {LARGEST:g}" if max(abs(lower), abs(upper)) > LARGEST else ""
             problems.append(f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}{beyond}")
     if continuous:
         notes.append(f"continuous joints taken as revolute between -180 and 180 deg: {', '.join(continuous)}")

@@ -23,7 +23,7 @@ from pinograsp.planner.compliance import band_of, gains_of, stiffness_of, told_b
 from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
-from pinograsp.writing import NewFolder
+from pinograsp.writing import NewFolder, write_file
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -216,6 +216,28 @@ class GraspPlan(PlanRecord):
         from pinograsp.viz.viewer import view
 
         return view(self.with_margins(), simulation=simulation, port=port, open_browser=open_browser)
+
+    def picture(
+        self,
+        path: str | Path,
+        *,
+        time: float | None = None,
+        view: ArrayLike | None = None,
+        collision_shapes: bool = False,
+    ) -> Path:
+        """Write a picture of hand, object, contacts and forces as PNG; returns its path.
+
+        Args:
+            path: of the file; an existing file is overwritten.
+            time, view, collision_shapes: as for :func:`pinograsp.viz.still.picture`.
+
+        Raises:
+            InvalidInput: as there.
+            ResultsNotWritten: the file cannot be written.
+        """
+        from pinograsp.viz.still import picture, png_of
+
+        return write_file(path, png_of(picture(self, time=time, view=view, collision_shapes=collision_shapes)))
 
     def save_figures(self, folder: str | Path) -> list[Path]:
         """Write every figure as PNG; returns their paths. See :mod:`pinograsp.viz.figures` for one of them alone."""

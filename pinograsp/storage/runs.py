@@ -96,7 +96,8 @@ def read_run(folder: str | Path, *, with_scene: bool = True) -> PlanRecord | Pla
 
     Args:
         folder: of the run.
-        with_scene: whether to read the hand, with its meshes, and the object. Reports and figures need neither.
+        with_scene: whether to read the hand, with its meshes, and the object. Reports and figures need neither but for
+            the picture of the grasp.
 
     Raises:
         InvalidInput: the folder holds no run, or one that is damaged or of another schema.

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
-from pinograsp.viz.figures import COLOURS, label_of, note
+from pinograsp.viz.figures import note
+from pinograsp.viz.style import COLOURS, label_of
 
 
 def _hold(axes: Axes, simulation: Simulation) -> None:

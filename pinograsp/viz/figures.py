@@ -16,17 +16,9 @@ from pinograsp.checks import array_of, floats_of, instance_of, items_of, mapping
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
-from pinograsp.words import printable
+from pinograsp.viz.style import COLOURS, label_of
 
-# Okabe-Ito colours, which colour-blind readers can distinguish, and line styles for print.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-_STYLES = ("-", "--", "-.", ":")
-
-
-def label_of(name: str) -> str:
-    """A name from a file as Matplotlib's text: short, without formulas, and never hidden from a legend."""
-    name = printable(name, 40).replace("$", r"\$")
-    return f" {name}" if name.startswith("_") or not name else name
+_STYLES = ("-", "--", "-.", ":")  # for print
 
 
 def _lines(axes: Axes, times: Array, values: Array, labels: Sequence[str]) -> None:
@@ -295,9 +287,12 @@ def sweep_map(columns: Mapping[str, Iterable[object]], value: str, x: str, y: st
 
 
 def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
-    """Write all figures of a plan as PNG files; returns their paths."""
+    """Write all figures of a plan as PNG files, and a picture of it where it has its hand; returns their paths."""
+    from pinograsp.viz.still import picture
+
     touching = {name.split("/")[0] for name in plan.contacts.names}
-    figures = {"joint_angles": joint_angles(plan), "joint_rates": joint_rates(plan)} if _moving(plan) else {}
+    figures = {} if plan.hand is None else {"grasp": picture(plan)}
+    figures |= {"joint_angles": joint_angles(plan), "joint_rates": joint_rates(plan)} if _moving(plan) else {}
     figures |= {f"torques_{name}": joint_torques(plan, name) for name in plan.layout.fingers if name in touching}
     figures["contact_forces"] = contact_forces(plan)
     figures["grasp_energy"] = grasp_energy(plan)

@@ -92,7 +92,13 @@ def _record(scene: ViewScene) -> dict[str, Any]:
         "phase": [distinct.index(sentence) for sentence in sentences],
         "links": scene.link_poses.shape[1],
         "solids": [
-            {"name": one.name, "link": one.link, "colour": one.colour, "mesh": block.mesh(one.vertices, one.faces)}
+            {
+                "name": one.name,
+                "link": one.link,
+                "colour": one.colour,
+                "look": one.look,
+                "mesh": block.mesh(one.vertices, one.faces),
+            }
             for one in scene.solids
         ],
         "link_poses": block.put(scene.link_poses),

@@ -1,29 +1,24 @@
-"""Triangles of the viewer's solids: hands, objects, friction cones and arrows."""
+"""Triangles of shapes: those of hands and objects, friction cones and arrows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import brief
 from pinograsp.errors import InvalidInput
-from pinograsp.hands.model import HandModel
-from pinograsp.objects.body import Body
+from pinograsp.hands.visuals import simplified
 from pinograsp.spatial import Array, IntArray
-from pinograsp.viz.figures import COLOURS
+from pinograsp.viz.style import COLOURS
 
 # Greys for the hand; for the object yellow, the Okabe-Ito colour that the figures do not use.
 PALM, LINK, OBJECT, GHOST = "#7C8794", "#B9C1CA", "#F0E442", "#9DB2C7"
 AXES = (COLOURS[1], COLOURS[2], COLOURS[0])  # x, y, z of the contact frames
 LOAD = "#000000"
-_TINT = 0.45  # share of its contact's colour that a touching link takes
 _AROUND = 32  # edges of a circle: smooth at the size of a screen
 _CREASE = np.radians(35.0)  # faces that meet at a larger angle show their edge
 _SAME = 1e-6  # distance at which vertices are merged, relative to the size of the shape
@@ -31,109 +26,20 @@ _SAME = 1e-6  # distance at which vertices are merged, relative to the size of t
 Triangles: TypeAlias = tuple[Array, IntArray]  # vertices (n, 3) [m], faces (m, 3)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solid:
-    """A rigid part of the scene.
-
-    Attributes:
-        name: for display.
-        link: index into ``ViewScene.link_poses``; None: the object.
-        vertices: in the frame of the link or the object (n, 3) [m].
-        faces: (m, 3).
-        colour: ``#rrggbb``.
-    """
-
-    name: str
-    link: int | None
-    vertices: Array
-    faces: IntArray
-    colour: str
-
-    __repr__ = brief()
-
-
-class Links:
-    """Placements of the joints that carry geometry."""
-
-    def __init__(self, hand: HandModel):
-        self.hand = hand
-        frames = {one.parentJoint: hand.model.frames[one.parentFrame] for one in hand.geometry.geometryObjects}
-        self.index = {joint: i for i, joint in enumerate(frames)}
-        self.names = [frame.name for frame in frames.values()]
-        self.back = np.array([frame.placement.inverse().homogeneous for frame in frames.values()]).reshape(-1, 4, 4)
-
-    def poses(self, q: Array) -> Array:
-        """(f, l, 7) at q (f, n)."""
-        return sevens(
-            np.array([self.hand.frame_placements(one, self.names) for one in q]).reshape(len(q), -1, 4, 4) @ self.back
-        )
-
-
-def sevens(poses: Array) -> Array:
-    """Placements (..., 4, 4) as positions and quaternions w, x, y, z (..., 7)."""
-    quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat()[:, [3, 0, 1, 2]]
-    return np.concatenate([poses[..., :3, 3], quaternions.reshape(*poses.shape[:-2], 4)], axis=-1)
-
-
-def solids_of(hand: HandModel, body: Body | None, links: Links, touching: dict[str, str]) -> tuple[Solid, ...]:
-    """Triangles and colours of the hand's links and of the object; ``touching``: colours of contacts by link."""
-    solids: list[Solid] = []
-    objects = list(hand.geometry.geometryObjects)
-    for one, shape in zip(objects, hand.own_shapes or [one.geometry for one in objects]):
-        vertices, faces = triangles_of(shape)
-        frame = hand.model.frames[one.parentFrame]
-        colour = LINK if one.parentJoint else PALM
-        colour = _mixed(colour, touching[frame.name]) if frame.name in touching else colour
-        solids.append(
-            Solid(
-                name=one.name,
-                link=links.index[one.parentJoint],
-                faces=faces,
-                colour=colour,
-                vertices=vertices @ one.placement.rotation.T + one.placement.translation,
-            )
-        )
-    if body is not None:
-        vertices, faces = triangles_of(body.collision_geometry)
-        solids.append(Solid(name="object", link=None, vertices=vertices, faces=faces, colour=OBJECT))
-    return tuple(solids)
-
-
-def _mixed(colour: str, other: str) -> str:
-    values = (1 - _TINT) * rgb(colour) + _TINT * rgb(other)
-    return "#" + "".join(f"{round(value):02X}" for value in values)
-
-
 def rgb(colour: str) -> IntArray:
     """A colour such as ``#0072B2`` as three integers (3,)."""
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
 
 
-def placed(solid: Solid, pose: Array) -> Array:
-    """Vertices (n, 3) of a solid whose frame is at ``pose`` (7,) [m]."""
-    turned: Array = Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(solid.vertices)
-    return turned + pose[:3]
-
-
-def cloud_of(solids: Sequence[Solid], link_poses: Array, object_pose: Array | None) -> Array:
-    """Some vertices of all solids at one instant (n, 3) [m], which show the size of the scene."""
-    clouds = [np.zeros((0, 3))]
-    for solid in solids:
-        pose = object_pose if solid.link is None else link_poses[solid.link]
-        if pose is not None:
-            few = replace(solid, vertices=solid.vertices[:: 1 + len(solid.vertices) // 500])
-            clouds.append(placed(few, pose))
-    return np.concatenate(clouds)
-
-
 # -- shapes -----------------------------------------------------------------------------------------------------------
 
 
-def triangles_of(shape: Any) -> Triangles:
+def triangles_of(shape: Any, most: int = 1_000_000) -> Triangles:
     """Triangles of a shape of coal in its own frame, with faces outwards.
 
     Vertices at creases are repeated, so that normals averaged over the faces at a vertex give smooth shading and sharp
-    edges. Shapes are recognised by the names of their classes, because only some rooms import coal.
+    edges. Shapes are recognised by the names of their classes, because only some rooms import coal. Meshes of more than
+    ``most`` triangles are simplified.
 
     Raises:
         InvalidInput: a shape of another kind.
@@ -152,7 +58,8 @@ def triangles_of(shape: Any) -> Triangles:
         r, h = shape.radius, shape.halfLength
         return creased(*_lathe([0.0, r, r, 0.0], [-h, -h, h, h]))
     if kind.startswith("BVHModel"):
-        return creased(np.array(shape.vertices()), _rows(shape.tri_indices, shape.num_tris))
+        welded = _welded(np.array(shape.vertices()), _rows(shape.tri_indices, shape.num_tris))
+        return creased(*simplified(*welded, most))
     if kind.startswith("Convex"):
         vertices, faces = np.array(shape.points()), _rows(shape.polygons, shape.num_polygons)
         return creased(vertices, _outwards(vertices, faces))
@@ -179,6 +86,11 @@ def arrow() -> tuple[Triangles, Triangles]:
     shaft = creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]))
     head = creased(*_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
     return shaft, head
+
+
+def ball() -> Triangles:
+    """A sphere of radius 1 about the origin."""
+    return creased(*_lathe(*_arc(1.0, 0.0)))
 
 
 def creased(vertices: Array, faces: IntArray, crease: float = _CREASE) -> Triangles:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import TYPE_CHECKING, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pinograsp.checks import number, shown
 from pinograsp.errors import ExtraMissing, InvalidInput
@@ -17,7 +16,9 @@ from pinograsp.viz.access import free_port, guarded
 from pinograsp.viz.page import save_html
 from pinograsp.viz.panel import foot, forces, head, short, torques
 from pinograsp.viz.scene import ViewScene, scene_of
-from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, rgb
+from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD
+from pinograsp.viz.solids import Look
+from pinograsp.viz.viser_values import arrow_size, colour, dark, turn
 
 if TYPE_CHECKING:
     import viser
@@ -34,6 +35,7 @@ _LAYERS = {
     "labels": "labels",
     "ground": "ground",
     "simulation": "simulation",
+    "collision": "collision shapes",
 }
 _FOV = np.radians(35.0)
 
@@ -75,18 +77,6 @@ def view(
 # -- the live page -----------------------------------------------------------------------------------------------------
 
 
-class _ArrowSize(TypedDict):
-    """Dimensions of an arrow [m], as viser names them."""
-
-    shaft_radius: float
-    head_radius: float
-    head_length: float
-
-
-def _arrow_size(radius: float) -> _ArrowSize:
-    return {"shaft_radius": radius, "head_radius": 2.3 * radius, "head_length": 5 * radius}
-
-
 class _Body(NamedTuple):
     """Frames of one hand and its object in the scene, of the plan or of the simulation."""
 
@@ -119,8 +109,8 @@ class Viewer:
         self._frame, self._scale = scene.frame_at(scene.closed), scene.force_scale
         self._lock, self._closed = threading.RLock(), threading.Event()
         self._playing = threading.Event()
-        self._layers: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in _LAYERS}
-        self._on = dict.fromkeys(_LAYERS, True)
+        self._layers: dict[str, list[tuple[viser.SceneNodeHandle, Look]]] = {name: [] for name in _LAYERS}
+        self._on = {name: name != "collision" for name in _LAYERS}
         try:
             self._set_stage()
             self._add_bodies()
@@ -214,7 +204,7 @@ class Viewer:
                 section_color=(160, 170, 181),
                 fade_distance=3 * reach,
                 shadow_opacity=0.2,
-                wxyz=_turn(tangent_frame(scene.up, np.zeros(3))),
+                wxyz=turn(tangent_frame(scene.up, np.zeros(3))),
                 position=scene.centre + (scene.ground - scene.up @ scene.centre) * scene.up,
             ),
         )
@@ -242,30 +232,30 @@ class Viewer:
         for i, solid in enumerate(self.scene.solids):
             is_object = solid.link is None
             parent = f"/{name}/object" if is_object else f"/{name}/link{solid.link}"
-            colour = GHOST if simulated and not is_object else solid.colour
+            shade = GHOST if simulated and not is_object else solid.colour
             opacity = 0.6 if is_object else None
             mesh = world.add_mesh_simple(
-                f"{parent}/{i}", solid.vertices, solid.faces, color=_colour(colour), side="double", opacity=opacity
+                f"{parent}/{i}", solid.vertices, solid.faces, color=colour(shade), side="double", opacity=opacity
             )
             if simulated:
                 self._ghost.append((mesh, opacity))
-            self._keep(layers[1] if is_object else layers[0], mesh)
+            self._keep(layers[1] if is_object else layers[0], mesh, solid.look)
         return root
 
     def _add_contacts(self) -> None:
         scene, world, k = self.scene, self.server.scene, len(self.scene.contacts)
         width = 0.011 * float(scene.extent[1:].max())
-        thick, thin = _arrow_size(width), _arrow_size(0.42 * width)
+        thick, thin = arrow_size(width), arrow_size(0.42 * width)
         ends = scene.points_o[:, None] + 0.6 * scene.cone_height * np.moveaxis(scene.rotations_oc, 1, 2)
         points = np.stack([np.repeat(scene.points_o[:, None], 3, axis=1), ends], axis=2).reshape(-1, 2, 3)
         self._keep(
-            "frames", world.add_arrows("/contacts/frames", points, np.array([_dark(c) for c in AXES] * k), **thin)
+            "frames", world.add_arrows("/contacts/frames", points, np.array([dark(c) for c in AXES] * k), **thin)
         )
         outside = scene.points_o - 0.5 * scene.cone_height * scene.rotations_oc[:, :, 2]
         self._arrows: list[viser.ArrowsHandle] = []
         self._labels: list[viser.LabelHandle] = []
         for i, name in enumerate(scene.colours):
-            colour, dark = _colour(name), _dark(name)
+            shade, deep = colour(name), dark(name)
             vertices, faces = scene.cones[i]
             self._keep(
                 "cones",
@@ -273,32 +263,33 @@ class Viewer:
                     f"/contacts/cone{i}",
                     vertices,
                     faces,
-                    color=colour,
+                    color=shade,
                     opacity=0.3,
                     side="double",
                     cast_shadow=False,
-                    wxyz=_turn(scene.rotations_oc[i]),
+                    wxyz=turn(scene.rotations_oc[i]),
                     position=scene.points_o[i],
                 ),
             )
             self._arrows.append(
-                world.add_arrows(f"/contacts/force{i}", scene.arrows(self._frame)[i : i + 1], dark, **thick)
+                world.add_arrows(f"/contacts/force{i}", scene.arrows(self._frame)[i : i + 1], deep, **thick)
             )
             self._labels.append(world.add_label(f"/contacts/label{i}", "", position=outside[i], anchor="bottom-center"))
-        self._load = world.add_arrows("/contacts/load", np.zeros((1, 2, 3)), _dark(LOAD), **thick)
+        self._load = world.add_arrows("/contacts/load", np.zeros((1, 2, 3)), dark(LOAD), **thick)
         self._head = thick["head_length"]
         self._pressing: list[viser.ArrowsHandle] = []
         if scene.simulated is not None:
             for i, part in enumerate(scene.simulated.parts):
-                colour = _dark(scene.colour_of(part, i))
-                self._pressing.append(world.add_arrows(f"/simulation/force{i}", np.zeros((1, 2, 3)), colour, **thick))
+                deep = dark(scene.colour_of(part, i))
+                self._pressing.append(world.add_arrows(f"/simulation/force{i}", np.zeros((1, 2, 3)), deep, **thick))
             top = scene.centre - scene.simulated.beside / 2 + scene.extent[1] * scene.up
             verdict = "held" if scene.simulated.held else "lost"
             self._keep("labels", world.add_label("/signs/plan", "planned", position=top))
             self._keep("simulation", world.add_label("/simulation/sign", f"simulated: {verdict}", position=top))
 
-    def _keep(self, layer: str, handle: viser.SceneNodeHandle) -> None:
-        self._layers[layer].append(handle)
+    def _keep(self, layer: str, handle: viser.SceneNodeHandle, look: Look = "always") -> None:
+        handle.visible = look != "collision"
+        self._layers[layer].append((handle, look))
 
     # The panel.
 
@@ -326,9 +317,10 @@ class Viewer:
         self._forces = gui.add_html("")
         with gui.add_folder("Show"):
             for name, text in _LAYERS.items():
-                if name != "simulation" or scene.simulated is not None:
+                lacking = {"simulation": scene.simulated is None, "collision": not scene.has_collision_shapes}
+                if not lacking.get(name):
                     label = "friction pyramids" if name == "cones" and scene.pyramids else text
-                    self._add_toggle(gui.add_checkbox(label, True), name)
+                    self._add_toggle(gui.add_checkbox(label, self._on[name]), name)
             if scene.simulated is not None:
                 beside = gui.add_checkbox("simulation beside", True)
                 beside.on_update(lambda _: self._set_beside(bool(beside.value)))
@@ -352,8 +344,10 @@ class Viewer:
         def change(_: object) -> None:
             with self._lock:
                 self._on[layer] = bool(box.value)
-                for handle in self._layers[layer]:
-                    handle.visible = self._on[layer]
+                hidden = "visual" if self._on["collision"] else "collision"
+                for name, kept in self._layers.items():
+                    for handle, look in kept:
+                        handle.visible = self._on[name] and look != hidden
                 self._draw()
 
         box.on_update(change)
@@ -404,20 +398,3 @@ class Viewer:
         handle.visible = bool(on and self._on["forces"] and length > 1e-5)
         if length > 1e-5:
             handle.points, handle.head_length = points[None].astype(np.float32), min(self._head, 0.6 * length)
-
-
-def _turn(rotation: Array) -> Array:
-    """Quaternion w, x, y, z of a rotation (3, 3)."""
-    quaternion: Array = Rotation.from_matrix(rotation).as_quat()
-    return quaternion[[3, 0, 1, 2]]
-
-
-def _colour(text: str) -> tuple[int, int, int]:
-    red, green, blue = rgb(text).tolist()
-    return red, green, blue
-
-
-def _dark(text: str) -> tuple[int, int, int]:
-    """The colour for viser's arrows, which would show it too bright: they take its values as linear."""
-    red, green, blue = (round(255 * (value / 255) ** 2.2) for value in _colour(text))
-    return red, green, blue

@@ -878,7 +878,8 @@ def test_a_changed_mesh_is_read_again(tmp_path):
 def test_meshes_in_millimetres_are_taken_as_such(tmp_path, times):
     trimesh.creation.box(times * np.array([0.02, 0.03, 0.05])).export(tmp_path / "a.stl")
     collision = '<collision><geometry><mesh filename="a.stl"/></geometry></collision>'
-    second = f'<link name="b">{INERTIAL}{collision}</link>'
+    visual = '<visual><geometry><mesh filename="a.stl"/></geometry></visual>'
+    second = f'<link name="b">{INERTIAL}{collision}{visual}</link>'
     joint = """<joint name="k" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.04 0 0"/>
       <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
     path = write(tmp_path, urdf(links=second, joints=joint, first=INERTIAL + collision))
@@ -886,6 +887,7 @@ def test_meshes_in_millimetres_are_taken_as_such(tmp_path, times):
     for one in hand.geometry.geometryObjects:
         assert np.ptp(one.geometry.vertices(), axis=0) == pytest.approx([0.02, 0.03, 0.05])
         assert one.meshScale == pytest.approx(np.full(3, 1 / times))
+    assert hand.visuals[0].size == pytest.approx(np.full(3, 1 / times))
     assert any("millimetres" in note for note in hand.notes) == (times > 1)
 
 

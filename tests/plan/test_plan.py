@@ -335,6 +335,7 @@ def test_figures_show_what_was_planned(run, tmp_path):
     assert forces.axes[1].lines[0].get_ydata()[-1] == pytest.approx(1e3 * run.forces.final_depths.max())
     paths = save_figures(run, tmp_path)
     assert [path.name for path in paths] == [
+        "grasp.png",
         "joint_angles.png",
         "joint_rates.png",
         "torques_thumb.png",
@@ -351,4 +352,4 @@ def test_figures_show_what_was_planned(run, tmp_path):
 
 def test_figures_come_from_a_stored_run_too(run, tmp_path):
     save_run(run, tmp_path / "run")
-    assert len(save_figures(load_run(tmp_path / "run"), tmp_path)) == 9
+    assert len(save_figures(load_run(tmp_path / "run"), tmp_path)) == 10

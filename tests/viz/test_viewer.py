@@ -218,11 +218,12 @@ def test_every_hand_of_the_catalogue_can_be_drawn(name):
     run = run_with(hand)
     scene = scene_of(run)
     parts = hand.geometry.geometryObjects
-    assert [solid.name for solid in scene.solids] == [one.name for one in parts] + ["object"]
+    solids = [solid for solid in scene.solids if solid.look != "visual"]
+    assert [solid.name for solid in solids] == [one.name for one in parts] + ["object"]
     data, geometry = hand.model.createData(), pin.GeometryData(hand.geometry)
     for frame, q in ((0, run.motion.q[0]), (-1, run.motion.q[-1])):
         pin.updateGeometryPlacements(hand.model, data, hand.geometry, geometry, q)
-        for solid, one, place in zip(scene.solids, parts, geometry.oMg):
+        for solid, one, place in zip(solids, parts, geometry.oMg):
             pose = scene.link_poses[frame, solid.link]
             drawn = solid.vertices @ pin.Quaternion(*pose[3:]).toRotationMatrix().T + pose[:3]
             own = (drawn - place.translation) @ place.rotation
@@ -237,12 +238,55 @@ def test_every_hand_of_the_catalogue_can_be_drawn(name):
 
 
 def test_links_are_drawn_as_they_are_hulls_where_nothing_else_is_known():
-    hand = load_hand("psyonic_right")
+    hand = replace(load_hand("psyonic_right"), visuals=())
     for solid, own in zip(scene_of(run_with(hand)).solids, hand.own_shapes):
         assert volume(solid.vertices, solid.faces) == pytest.approx(own.computeVolume(), rel=1e-6)
     hand = replace(hand, own_shapes=())
     for solid, one in zip(scene_of(run_with(hand)).solids, hand.geometry.geometryObjects):
         assert volume(solid.vertices, solid.faces) == pytest.approx(one.geometry.computeVolume(), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_every_hand_of_the_catalogue_is_seen(name, tmp_path):
+    """What is seen of a link lies where its collision shapes do, and the page is small."""
+    run = run_with(load_hand(name))
+    scene = scene_of(run)
+    assert not scene.cautions
+    shapes = [solid for solid in scene.solids if solid.link is not None]
+    looks = {solid.look for solid in shapes} - {"always"}  # the paper's hand is seen as it touches
+    assert looks == (set() if name == "humanoid" else {"visual", "collision"})
+    for link in {solid.link for solid in shapes if solid.look == "visual"}:
+        seen, solid = (
+            np.concatenate([one.vertices for one in shapes if one.link == link and one.look == look])
+            for look in ("visual", "collision")
+        )
+        apart = np.abs(seen.mean(axis=0) - solid.mean(axis=0)).max()
+        assert apart < 0.6 * np.ptp(solid, axis=0).max()
+        assert 0.3 < np.linalg.norm(np.ptp(seen, axis=0)) / np.linalg.norm(np.ptp(solid, axis=0)) < 2
+    assert save_html(run, tmp_path / "a.html").stat().st_size < 2e6
+
+
+def test_links_that_touch_take_the_colour_of_their_contact():
+    hand = load_hand("allegro_right")
+    scene = scene_of(run_with(hand))
+    tip = hand.fingers[0].links[-1]
+    colours = {solid.name.rpartition(" seen")[0]: solid.colour for solid in scene.solids if solid.look == "visual"}
+    assert colours[tip] not in (colours["link_1.0"], colours[hand.fingers[1].links[-1]])
+    assert colours["link_1.0"] == colours["link_5.0"]  # black, as the file says, so that shading is seen
+    assert 30 < int(colours["link_1.0"][1:3], 16) < 120
+
+
+def test_a_run_whose_pictures_are_gone_shows_collision_shapes(tmp_path):
+    hand = load_hand("panda")
+    gone = tuple(replace(one, path=str(tmp_path / "gone.dae")) for one in hand.visuals)
+    scene = scene_of(run_with(replace(hand, visuals=gone)))
+    assert {solid.look for solid in scene.solids} == {"always"}
+    assert any("gone.dae' is not there" in caution for caution in scene.cautions)
+    some = scene_of(run_with(replace(hand, visuals=(*hand.visuals[:1], *gone[1:]))))
+    looks = {solid.link: set() for solid in some.solids}
+    for solid in some.solids:
+        looks[solid.link].add(solid.look)
+    assert sorted(map(sorted, looks.values())) == [["always"], ["always"], ["always"], ["collision", "visual"]]
 
 
 # -- forces and numbers ------------------------------------------------------------------------------------------------
@@ -582,6 +626,20 @@ def test_every_layer_of_the_file_can_be_switched(offline):
         assert differing(everything, pixels(offline)) < 1e-3, layer
 
 
+def test_the_file_shows_collision_shapes_in_place_of_what_is_seen(chromium, tmp_path):
+    path = save_html(run_with(load_hand("panda")), tmp_path / "panda.html")
+    with page_of(chromium, path.as_uri()) as page:
+        page.wait_for_function("() => document.body.dataset.drawn !== undefined")
+        canvas, box = page.locator("#scene"), page.locator("#layer-collision")
+        seen = pixels(canvas)
+        box.check()
+        page.wait_for_timeout(150)
+        assert differing(seen, pixels(canvas)) > 0.03
+        box.uncheck()
+        page.wait_for_timeout(150)
+        assert differing(seen, pixels(canvas)) < 1e-3
+
+
 def test_the_files_arrows_grow_with_the_force(offline, run):
     """With all else hidden, the thumb's arrow is as long on the screen as its force is large."""
     scene = scene_of(run)
@@ -691,6 +749,21 @@ def test_the_live_page_draws_follows_time_and_switches_layers(chromium, live):
         assert live.time == 0.0
         page.get_by_role("checkbox", name="object").first.uncheck()
         settled(page, lambda picture: yellow(picture) < 1e-3)
+
+
+@pytest.mark.slow
+def test_the_live_page_shows_collision_shapes_in_place_of_what_is_seen(chromium):
+    pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
+    live = view(run_with(load_hand("panda")), port=0, open_browser=False)
+    with live, page_of(chromium, live.url, 1100, 600) as page:
+        settled(page, lambda picture: yellow(picture) > 5e-3)
+        page.wait_for_timeout(3000)
+        seen = pixels(page)
+        left = np.s_[:, : seen.shape[1] // 2]  # the panel is on the right
+        page.get_by_role("checkbox", name="collision shapes").first.check()
+        settled(page, lambda picture: differing(picture[left], seen[left]) > 0.02)
+        page.get_by_role("checkbox", name="collision shapes").first.uncheck()
+        settled(page, lambda picture: differing(picture[left], seen[left]) < 5e-3)
 
 
 def test_the_live_page_plays_and_closes(live):

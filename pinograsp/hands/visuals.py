@@ -1,0 +1,272 @@
+"""Meshes of what is seen of a hand: their colours, with few enough triangles for a picture; and their record."""
+
+from __future__ import annotations
+
+import functools
+import os
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from scipy.cluster.vq import kmeans2
+from scipy.spatial import cKDTree
+
+from pinograsp.checks import array_of, one_of, placement_of, text_of
+from pinograsp.errors import InvalidInput
+from pinograsp.hands.elements import read_bytes
+from pinograsp.hands.geometry import PRIMITIVES, Kind, Shape
+from pinograsp.hands.mesh_file import checked, joined, load
+from pinograsp.hands.shapes import hex_of
+from pinograsp.spatial import FARTHEST, Array, IntArray
+
+if TYPE_CHECKING:
+    import trimesh
+
+# A colour, "#rrggbb" or empty where the file has none, and the vertices (n, 3) and faces (m, 3) that have it.
+Part: TypeAlias = tuple[str, Array, IntArray]
+
+_MOST_COLOURS = 8  # of a mesh: parts, or what is left of a texture
+_MOST_TRIANGLES = 5_000_000  # of a hand's files
+_MOST_BYTES, _MOST_PIXELS = 50_000_000, 40_000_000  # of a file of materials or a texture
+_FINEST, _COARSER = 400, 1.3  # cells along a mesh's longest side, and how many times fewer the next time
+_UNPAINTED = np.array([-1.0, -1.0, -1.0])
+# Numbers that give the size of a shape.
+_SIZES: dict[Kind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3}
+
+
+def meshes_of(shapes: Iterable[Shape], most: int) -> tuple[dict[str, tuple[Part, ...]], list[str]]:
+    """The meshes of shapes by path, in the file's units, and why others cannot be read.
+
+    All shapes together have about ``most`` triangles: meshes with more than their share are simplified.
+    """
+    paths = [shape.path for shape in shapes if shape.kind == "mesh"]
+    files: dict[str, int] = {}
+    problems = []
+    for path in dict.fromkeys(paths):
+        if os.path.isfile(path):
+            files[path] = os.stat(path).st_mtime_ns
+        else:
+            problems.append(f"mesh '{path}' is not there")
+    counts = tuple(paths.count(path) for path in files)
+    meshes, broken = _meshes(tuple(files.items()), counts, most)
+    return meshes, problems + broken
+
+
+@functools.lru_cache(maxsize=4)
+def _meshes(
+    files: tuple[tuple[str, int], ...], counts: tuple[int, ...], most: int
+) -> tuple[dict[str, tuple[Part, ...]], list[str]]:
+    """Meshes of files, which are kept until these change; ``counts``: how often each is shown."""
+    painted: dict[str, tuple[Array, IntArray, Array]] = {}
+    problems, total = [], 0
+    for path, _ in files:
+        if total > _MOST_TRIANGLES:
+            problems.append(f"mesh '{path}' is left out: those before it have {total} triangles")
+            continue
+        try:
+            painted[path] = _painted(Path(path))
+            total += len(painted[path][1])
+        except (ValueError, OSError) as error:
+            problems.append(f"mesh '{path}' cannot be read: {error}")
+    shown = [count for (path, _), count in zip(files, counts) if path in painted]
+    largest = share([len(faces) for _, faces, _ in painted.values()], shown, most)
+    return {path: _parts(*mesh, largest) for path, mesh in painted.items()}, problems
+
+
+def share(sizes: Sequence[int], counts: Sequence[int], most: int) -> int:
+    """The largest number of triangles for any mesh with which all together have at most ``most``."""
+    left, shown = most, sum(counts)
+    for size, count in sorted(zip(sizes, counts)):
+        if size * shown > left:
+            return max(left // shown, 1)
+        left, shown = left - size * count, shown - count
+    return max(sizes, default=1)
+
+
+def _painted(path: Path) -> tuple[Array, IntArray, Array]:
+    """Vertices (n, 3), faces (m, 3) and the faces' colours (m, 3), 0 to 255 or :data:`_UNPAINTED`, of a mesh file.
+
+    Materials and textures are read from the mesh's own folder and those below it, as far as that works.
+    """
+    import trimesh
+
+    scene = load(path, force="scene", resolver=_resolver(path.parent))
+    if not isinstance(scene, trimesh.Scene):
+        raise ValueError(f"expected a mesh, got a {type(scene).__name__}")
+    vertices, faces, colours, count = [], [], [], 0
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+            continue
+        points, own = checked(mesh.vertices, mesh.faces)
+        turned = np.linalg.det(matrix[:3, :3]) < 0
+        vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
+        faces.append((own[:, ::-1] if turned else own) + count)
+        colours.append(_colours_of(mesh))
+        count += len(points)
+    if not count:
+        raise ValueError("expected a mesh of triangles, got none")
+    everything = checked(np.concatenate(vertices), np.concatenate(faces))
+    return *joined(*everything), np.concatenate(colours)
+
+
+def _colours_of(mesh: trimesh.Trimesh) -> Array:
+    """Colours (m, 3) of a mesh's faces, 0 to 255; :data:`_UNPAINTED` where it has none."""
+    m = len(mesh.faces)
+    try:
+        visual: Any = mesh.visual  # of a class for each kind
+        if visual.kind == "face":
+            colours = np.asarray(visual.face_colors, dtype=float)[:, :3]
+        elif visual.kind == "vertex":
+            colours = np.asarray(visual.vertex_colors, dtype=float)[mesh.faces, :3].mean(axis=1)
+        elif visual.kind == "texture":
+            colours = _textured(visual, mesh.faces)
+        else:
+            colours = np.tile(_UNPAINTED, (m, 1))
+    except Exception:  # of broken pictures and materials; the mesh is still worth showing
+        colours = np.tile(_UNPAINTED, (m, 1))
+    return colours if colours.shape == (m, 3) and np.isfinite(colours).all() else np.tile(_UNPAINTED, (m, 1))
+
+
+def _textured(visual: trimesh.visual.TextureVisuals, faces: IntArray) -> Array:
+    """Colours (m, 3) of faces: the texture's at their middle, or the material's; :data:`_UNPAINTED` without both."""
+    material = visual.material
+    image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+    if image is None or visual.uv is None:
+        given = getattr(material, "name", None) or getattr(material, "baseColorFactor", None) is not None
+        return np.tile(np.asarray(material.main_color, dtype=float)[:3] if given else _UNPAINTED, (len(faces), 1))
+    if image.size[0] * image.size[1] > _MOST_PIXELS:
+        raise ValueError(f"a texture of more than {_MOST_PIXELS} pixels")
+    pixels = np.asarray(image.convert("RGB"), dtype=float)
+    across, up = (np.asarray(visual.uv, dtype=float)[faces].mean(axis=1) % 1.0).T
+    rows = ((1 - up) * len(pixels)).astype(int) % len(pixels)
+    found: Array = pixels[rows, (across * pixels.shape[1]).astype(int) % pixels.shape[1]]
+    return found
+
+
+def _resolver(folder: Path) -> trimesh.resolvers.Resolver:
+    """Reads the files that a mesh names, from its own folder and those below it."""
+    from trimesh.resolvers import Resolver
+
+    home = folder.resolve()
+
+    class Beside(Resolver):
+        def __init__(self) -> None:
+            pass
+
+        def get(self, key: str) -> bytes:
+            path = (home / key.strip()).resolve()
+            if not path.is_relative_to(home):
+                raise OSError(f"{key} is outside of the mesh's folder")
+            return read_bytes(path, _MOST_BYTES)
+
+        def namespaced(self, namespace: str) -> Resolver:
+            return _resolver(home)
+
+        def keys(self) -> list[str]:
+            return []
+
+        def write(self, name: str, data: object) -> None:
+            raise OSError("nothing is written beside a mesh")
+
+    return Beside()
+
+
+def _parts(vertices: Array, faces: IntArray, colours: Array, most: int) -> tuple[Part, ...]:
+    """The mesh in parts of one colour, with about ``most`` triangles in all."""
+    if len(faces) > most:
+        middles = vertices[faces].mean(axis=1)
+        vertices, faces = simplified(vertices, faces, most)
+        colours = colours[cKDTree(middles).query(vertices[faces].mean(axis=1))[1]]
+    distinct, which = np.unique(colours, axis=0, return_inverse=True)
+    which = which.ravel()
+    if len(distinct) > _MOST_COLOURS:
+        distinct, which = kmeans2(colours, _MOST_COLOURS, minit="++", seed=0)
+    parts = []
+    for i, colour in enumerate(distinct):
+        if len(own := faces[which == i]):
+            used, place = np.unique(own, return_inverse=True)
+            name = "" if colour.min() < 0 else hex_of(colour / 255)
+            parts.append((name, vertices[used], place.reshape(-1, 3)))
+    return tuple(parts)
+
+
+def simplified(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntArray]:
+    """A surface of about ``most`` triangles near the given one."""
+    if len(faces) <= most:
+        return vertices, faces
+    import fast_simplification
+
+    size = float(np.ptp(vertices, axis=0).max()) or 1.0  # it works with single precision
+    points, triangles = fast_simplification.simplify(
+        (vertices / size).astype(np.float32), faces.astype(np.int32), target_count=most
+    )
+    inside = np.clip(size * np.asarray(points, dtype=float), vertices.min(axis=0), vertices.max(axis=0))  # no spikes
+    return _clustered(inside, np.asarray(triangles, dtype=np.int64), most)
+
+
+def _clustered(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntArray]:
+    """The surface with vertices of the same cell merged, in cells as small as ``most`` triangles allow.
+
+    For triangles that hang together at few of their edges, of which a simplification by edges keeps too many.
+    """
+    cells = _FINEST
+    while len(faces) > most and cells > 1:
+        low, size = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
+        _, first, cell = np.unique(
+            np.round((vertices - low) / size * cells).astype(int), axis=0, return_index=True, return_inverse=True
+        )
+        vertices, faces = vertices[first], cell.ravel()[faces]
+        flat = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+        faces = faces[~flat]
+        faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]
+        cells = int(cells / _COARSER)
+    return vertices, faces
+
+
+# -- the record --------------------------------------------------------------------------------------------------------
+
+
+def visuals_record(visuals: Iterable[Shape]) -> list[dict[str, Any]]:
+    """What is seen, as plain JSON values; meshes by absolute path and scale."""
+    return [
+        {
+            "link": one.link,
+            "placement": one.placement.homogeneous.tolist(),
+            "kind": one.kind,
+            "size": list(map(float, one.size)),
+            "path": os.path.abspath(one.path) if one.path else "",
+            "colour": one.colour,
+        }
+        for one in visuals
+    ]
+
+
+def visuals_from(records: Sequence[Any], links: Sequence[str]) -> tuple[Shape, ...]:
+    """The shapes that :func:`visuals_record` wrote down; :class:`InvalidInput` for anything else."""
+    shapes = []
+    for i, one in enumerate(records):
+        where = f"hand record: visuals[{i}]: "
+        if not isinstance(one, dict):
+            raise InvalidInput(f"{where}expected a mapping, got {one!r:.60}")
+        kind: Kind = one_of(f"{where}kind", one.get("kind"), _SIZES)
+        size = array_of(f"{where}size", one.get("size"), (_SIZES[kind],))
+        placement = placement_of(f"{where}placement", one.get("placement"))
+        path = text_of(f"{where}path", one.get("path"))
+        colour = text_of(f"{where}colour", one.get("colour"))
+        good = re.fullmatch("(#[0-9A-F]{6})?", colour)
+        if not good or max(np.abs(size).max(), np.abs(placement[:3, 3]).max()) > FARTHEST or not size.all():
+            raise InvalidInput(f"{where}expected a path, a colour and lengths up to {FARTHEST:g} m, got {one!r:.60}")
+        if kind in PRIMITIVES and size.min() <= 0:
+            raise InvalidInput(f"{where}size: expected numbers above zero [m], got {size.tolist()}")
+        link = one_of(f"{where}link", one.get("link"), links)
+        shapes.append(
+            Shape(
+                link=link, placement=pin.SE3(placement), kind=kind, size=tuple(size.tolist()), path=path, colour=colour
+            )
+        )
+    return tuple(shapes)

@@ -1,0 +1,145 @@
+"""Still pictures: every surface is where a camera would see it, and a picture shows the grasp that it is of."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from pinograsp.cases import load_case
+from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.planner import GraspPlan, save_run
+from pinograsp.viz.figures import save_figures
+from pinograsp.viz.raster import Camera, Surface, rendered
+from pinograsp.viz.scene import scene_of
+from pinograsp.viz.scene_meshes import ball, rgb
+from pinograsp.viz.still import picture, png_of
+
+UP = np.array([0.0, 0.0, 1.0])
+CAMERA = Camera(np.array([0.0, -2.0, 0.0]), np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]), 200.0, 161, 121)
+GREY, RED = np.full(3, 0.5), np.array([0.9, 0.1, 0.1])
+
+
+@pytest.fixture(scope="module")
+def plan() -> GraspPlan:
+    return load_case("paper", {"forces.search": "convex", "forces.balance": "wrench"}).plan()
+
+
+def seen(figure) -> np.ndarray:
+    return imread(io.BytesIO(png_of(figure)))[..., :3]
+
+
+def differing(a, b) -> float:
+    return float((np.abs(a - b).max(axis=2) > 0.03).mean())
+
+
+# -- the rasteriser ----------------------------------------------------------------------------------------------------
+
+
+def rays() -> np.ndarray:
+    """Directions (h, w, 3) of the pixels' middles, one unit of depth long."""
+    x = (np.arange(CAMERA.width) + 0.5 - CAMERA.width / 2) / CAMERA.focal
+    y = -(np.arange(CAMERA.height) + 0.5 - CAMERA.height / 2) / CAMERA.focal
+    return np.stack(np.broadcast_arrays(x[None], 1.0, y[:, None]), axis=-1)
+
+
+def test_a_plane_is_as_deep_as_its_rays_are_long():
+    """A slanted triangle against the intersection of every pixel's ray with its plane."""
+    corners = np.array([[-0.5, 0.3, -0.3], [0.6, -0.4, -0.2], [0.0, 0.2, 0.5]])
+    layer = rendered([Surface(corners, np.array([[0, 1, 2]]), GREY)], CAMERA, UP)
+    a, b, c = corners
+    normal = np.cross(b - a, c - a)
+    depth = normal @ (a - CAMERA.eye) / (rays() @ normal)
+    points = CAMERA.eye + depth[..., None] * rays()
+    shares = np.stack([np.cross(end - start, points - start) @ normal for start, end in ((a, b), (b, c), (c, a))])
+    least = shares.min(axis=0) / (normal @ normal)
+    inside = least >= 0
+    assert inside.sum() > 1000
+    assert np.abs(least[layer.drawn != inside]).max(initial=0.0) < 1e-8  # on an edge
+    both = inside & layer.drawn
+    assert np.allclose(1 / layer.near[both], depth[both], rtol=1e-9)
+
+
+def test_a_ball_is_as_large_as_its_outline():
+    """Seen from a distance d, a ball of radius r fills the cone of half-angle asin(r / d)."""
+    vertices, faces = ball()
+    layer = rendered([Surface(0.5 * vertices, faces, GREY)], CAMERA, UP)
+    cosine = rays()[..., 1] / np.linalg.norm(rays(), axis=2)
+    assert layer.drawn.sum() == pytest.approx((cosine > np.cos(np.arcsin(0.5 / 2))).sum(), rel=0.02)
+    assert 1 / layer.near[60, 80] == pytest.approx(1.5, abs=5e-3)
+    assert layer.facing[60, 80] == pytest.approx(1.0, abs=0.01)
+    assert layer.colour[20:60].mean() > layer.colour[60:100].mean()  # light from above
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_what_is_nearer_hides_what_is_farther(first):
+    vertices, faces = ball()
+    near, far = Surface(0.2 * vertices - [0, 0.5, 0], faces, RED), Surface(0.5 * vertices, faces, GREY)
+    layer = rendered([near, far] if first else [far, near], CAMERA, UP)
+    red, green, blue = layer.colour[60, 80]
+    assert red > 2 * green and red > 2 * blue
+    assert layer.surface[60, 80] == (0 if first else 1) and layer.surface[0, 0] == -1
+    away = rendered([Surface(0.2 * vertices - [0, 5.0, 0], faces, RED)], CAMERA, UP)
+    assert not away.drawn.any()  # behind the camera
+    assert not rendered([], CAMERA, UP).drawn.any()
+
+
+# -- the picture -------------------------------------------------------------------------------------------------------
+
+
+def test_a_picture_shows_contacts_forces_and_object(plan):
+    image = seen(picture(plan))
+    assert image.shape == (640, 900, 3)
+    for colour in scene_of(plan).colours:  # of arrows and labels
+        assert (np.abs(image - rgb(colour) / 255).max(axis=2) < 0.1).sum() > 300
+    r, g, b = np.moveaxis(image, 2, 0)
+    assert ((r > 0.5) & (g > 0.5) & (np.minimum(r, g) - b > 0.2)).mean() > 0.01  # the object
+    edge = np.concatenate([image[:2].reshape(-1, 3), image[-2:].reshape(-1, 3)])
+    assert edge.min() > 0.75  # nothing is cut off
+    texts = [text.get_text() for text in picture(plan).axes[0].texts]
+    forces = dict(zip(plan.contacts.names, plan.forces.normal_forces))
+    assert sorted(texts) == sorted(f"{name}  {force:.3g} N" for name, force in forces.items())
+
+
+def test_pictures_follow_time_and_view(plan):
+    usual = seen(picture(plan))
+    assert differing(usual, seen(picture(plan, time=0.0))) > 0.02
+    assert differing(usual, seen(picture(plan, view=[1, 0.2, 0.3]))) > 0.02
+    assert np.array_equal(usual, seen(picture(plan, view=7 * scene_of(plan).view)))
+    assert np.array_equal(usual, seen(picture(plan, collision_shapes=True)))  # the paper's hand is seen as it touches
+    alone = seen(picture(replace(plan, body=None)))
+    assert differing(usual, alone) > 0.01
+    for view in ([0, 0, 2.0], [0, 0, 0], [1, 2], "top"):
+        with pytest.raises(InvalidInput, match="view"):
+            picture(plan, view=view)
+    with pytest.raises(InvalidInput, match="plan with its hand"):
+        picture(replace(plan, hand=None))
+
+
+def test_a_picture_says_where_meshes_are_gone(plan, tmp_path):
+    gone = replace(plan.hand.visuals[0], kind="mesh", size=(1.0, 1.0, 1.0), path=str(tmp_path / "gone.stl"))
+    texts = [text.get_text() for text in picture(replace(plan, hand=replace(plan.hand, visuals=(gone,)))).axes[0].texts]
+    assert any(text.startswith("collision shapes are shown") for text in texts)
+
+
+def test_a_plan_writes_its_picture(plan, tmp_path):
+    path = plan.picture(tmp_path / "deep" / "grasp.png", view=[1, 0.2, 0.3])
+    assert imread(path).shape[:2] == (640, 900) and path.stat().st_size < 5e5
+    with pytest.raises(ResultsNotWritten):
+        plan.picture("/proc/nothing/here.png")
+
+
+def test_reports_show_the_grasp(command, plan, tmp_path):
+    full = plan.with_margins().with_reach()
+    assert not (tmp_path / "grasp.png").exists()
+    assert "grasp.png" not in {path.name for path in save_figures(replace(full, hand=None), tmp_path)}
+    save_run(full, tmp_path / "run")
+    assert command("report", "run")[0] == 0
+    assert "](grasp.png)" in (tmp_path / "run" / "report.md").read_text()
+    assert "The grasp at t_F" in (tmp_path / "run" / "report.html").read_text()
+    (tmp_path / "run" / "scene.json").write_text("{}")
+    assert command("report", "run")[0] == 0  # its figures need no hand
+    assert "](grasp.png)" not in (tmp_path / "run" / "report.md").read_text()
