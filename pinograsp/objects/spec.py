@@ -10,6 +10,7 @@ from pinograsp.checks import one_of, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.ellipsoid import Ellipsoid
+from pinograsp.objects.load import load_object
 from pinograsp.objects.mesh import Mesh
 from pinograsp.objects.primitives import Box, Capsule, Cylinder, Sphere
 
@@ -71,12 +72,24 @@ _SHAPES: dict[str, _Shape] = {
     ),
     "mesh": _Shape(
         Mesh.load,
-        {"path": _Field(str, "a text", "of an STL, OBJ, PLY, GLB, OFF or DAE file")},
+        {
+            "path": _Field(
+                str,
+                "a text",
+                "of an STL, OBJ, PLY, GLB, OFF or DAE file, of a folder of such parts, or a pattern as parts/*.obj",
+            )
+        },
         {
             "scale": _number("(metres per unit of the file: 0.001 for millimetres)"),
             "convex": _Field(_yes_or_no, "true or false", "(true: take the convex hull)"),
         },
         "mesh:path=mug.stl,scale=0.001,convex=false,density=600",
+    ),
+    "file": _Shape(
+        load_object,
+        {"path": _Field(str, "a text", "of a URDF or SDF file of one object, with its mass where none is given")},
+        {"hulls": _Field(_yes_or_no, "true or false", "(true: take the convex hull of each of its meshes)")},
+        "file:path=mug.urdf,hulls=false,mass=0.3",
     ),
 }
 _WEIGHT = {
@@ -101,7 +114,8 @@ def object_from(spec: str) -> Body:
 
     ``shape:field=value,field=value,...`` with the fields of the shapes in metres, kilograms and kg/m^3:
     ``"cylinder:radius=0.02,height=0.12,mass=0.2"``, ``"box:size=0.04x0.06x0.1,density=500"``,
-    ``"mesh:path=mug.stl,scale=0.001,density=400,convex=true"``; sphere, capsule and ellipsoid alike.
+    ``"mesh:path=mug.stl,scale=0.001,density=400,convex=true"``, ``"file:path=mug.urdf"``; sphere, capsule and ellipsoid
+    alike. An object of a file stands as in :func:`~pinograsp.objects.load_object`.
 
     Raises:
         InvalidInput: unknown shape or field, a field missing or given twice, or a value that cannot be used.

@@ -143,6 +143,8 @@ def test_examples_of_the_help_are_objects(tmp_path, monkeypatch):
 
     monkeypatch.chdir(tmp_path)
     trimesh.creation.icosphere(radius=30.0, subdivisions=2).export(tmp_path / "mug.stl")
+    mesh = '<collision><geometry><mesh filename="mug.stl" scale="1e-3 1e-3 1e-3"/></geometry></collision>'
+    (tmp_path / "mug.urdf").write_text(f'<robot name="mug"><link name="mug">{mesh}</link></robot>')
     for line in object_language()[1:]:
         assert object_from(line.partition(", as ")[2]).mass > 0, line
 
