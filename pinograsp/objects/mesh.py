@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, brief, flag, frozen, number, one_line, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
+from pinograsp.objects.decomposition import ConvexParts, convex_parts
 from pinograsp.objects.mesh_checks import convex_surface
 from pinograsp.objects.mesh_files import mesh_files, read_surface
 from pinograsp.objects.mesh_union import concatenated, one_of_several, one_solid
@@ -37,6 +38,7 @@ class _Derived:
     surface: TriangleSurface | None = None
     collision: coal.CollisionGeometry | None = None
     fit_radius: float | None = None
+    parts: ConvexParts | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -188,6 +190,17 @@ class Mesh(Body):
                 ) from error
             self._derived.collision = model
         return self._derived.collision
+
+    @property
+    def convex_parts(self) -> ConvexParts:
+        """Convex parts that together are about the solid, in the body frame, and their error.
+
+        The same mesh has the same parts. They take seconds, once. Needs the extra ``mesh``.
+        """
+        if self._derived.parts is None:
+            one = ConvexParts((self.vertices,), 0.0)
+            self._derived.parts = one if self.convex else convex_parts(self.vertices, self.faces, self._surface)
+        return self._derived.parts
 
     @property
     def _surface(self) -> TriangleSurface:
