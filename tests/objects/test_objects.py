@@ -629,6 +629,19 @@ def test_convex_hulls_mend_open_meshes():
     assert mesh_of(bracket(), convex=True).volume > 1.2 * mesh_of(bracket()).volume
 
 
+def test_small_holes_of_scans_are_closed():
+    made = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
+    holes = [10, 11, 2000, 4000]
+    torn = trimesh.Trimesh(made.vertices, np.delete(made.faces, holes, axis=0), process=False)
+    mended = mesh_of(torn)
+    assert mended.volume == pytest.approx(made.volume, rel=1e-4)
+    (note,) = mended.notes
+    assert note == "small holes (10 open edges) were closed, 0.077 % of the surface"
+    torn = trimesh.Trimesh(made.vertices, made.faces[np.arange(len(made.faces)) % 300 > 0], process=False)  # 0.33 %
+    with pytest.raises(InvalidInput, match="watertight"):
+        mesh_of(torn)
+
+
 def test_meshes_that_are_inside_out_are_turned():
     made = hollow_box()
     expected = mesh_of(made)
