@@ -58,6 +58,7 @@ def assembled(
     if closure is not None and reserve is not None:
         motion = _in_doubt(hand, solution, motion)
     closed = () if closure is None else closure.notes
+    changed = () if problem.object is None else tuple(f"object: {note}" for note in problem.object.notes)
     return GraspPlan(
         layout=Layout(
             hand=hand.name,
@@ -91,7 +92,7 @@ def assembled(
         forces=_forces(solution, motion),
         motion=motion,
         cautions=_cautions(hand, solution, motion, 0.0 if reserve is None else reserve.force),
-        notes=(*motion.notes, *closed, *notes),
+        notes=(*motion.notes, *closed, *changed, *notes),
         closing=None if closure is None else closure.summary(),
         elapsed=elapsed,
         versions=_versions(solution.backend),
