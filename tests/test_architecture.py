@@ -45,6 +45,7 @@ ROOMS = [
 ]
 OWNERS = {
     "pinocchio": {"hands", "contacts", "motion", "synthesis", "referee"},
+    "coacd": {"objects"},
     "coal": {"hands", "objects", "contacts", "referee"},
     "mujoco": {"referee", "handover"},
     "trimesh": {"hands", "objects"},

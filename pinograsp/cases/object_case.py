@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import glob
 import json
 import os
 import re
@@ -129,9 +130,10 @@ class ObjectCase(Section):
     def make_object(self) -> Body:
         """The object at the world's origin."""
         fields = object_fields(self.object)
-        path = self.folder / str(fields.get("path", ""))
-        if os.path.isfile(path):
-            fields["path"] = path
+        if "path" in fields:
+            path = self.folder / str(fields["path"])
+            if os.path.exists(path) or glob.glob(os.path.join(glob.escape(str(self.folder)), str(fields["path"]))):
+                fields["path"] = path
         return object_from(
             f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items())
         )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from pinograsp.cli.app import (
     Arguments,
@@ -45,11 +46,23 @@ if TYPE_CHECKING:
     from pinograsp.synthesis import GraspSearch
     from pinograsp.writing import NewFolder
 
-_SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 or mesh:path=mug.stl,scale=0.001,density=600 \\[m, kg]"
+_SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 (all shapes: below)"
 _WIDE = 120  # columns of a terminal that are enough for the notes
 
 
-@app.command()
+class _WithObjects(TyperCommand):
+    """A command whose help ends with all that ``--object`` takes."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        from pinograsp.objects.spec import object_language
+
+        first, *others = object_language()
+        lines = [f"--object {first}", *others]
+        self.epilog = "\n\n".join(line.replace("[", "\\[") for line in lines)
+        super().format_help(ctx, formatter)
+
+
+@app.command(cls=_WithObjects)
 def plan(
     case: Annotated[
         str | None, typer.Argument(help="A built-in case ('paper') or a case file (YAML); none: --hand and --object.")
@@ -207,7 +220,7 @@ def _plan_object(case: ObjectCase, out: Path | None, force: bool, as_json: bool)
         _finish(case.plan(_found(case, as_json), progress=bar(as_json)), folder, as_json)
 
 
-@app.command()
+@app.command(cls=_WithObjects)
 def close(
     hand: Annotated[str, typer.Option(help="A hand of the catalogue, or its URDF, xacro or MJCF file.")],
     object: Annotated[str, typer.Option(help=f"What to close on, as {_SPECS}.")],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import logging
+import re
 import struct
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -28,10 +29,15 @@ MOST_BYTES, MOST_TRIANGLES = 200_000_000, 2_000_000
 _SILENT = logging.NullHandler()
 
 
-def read_triangles(path: Path) -> tuple[Array, IntArray]:
+def read_triangles(path: Path, *, corners_alone: bool = False) -> tuple[Array, IntArray]:
     """Vertices (n, 3), in the file's units, and faces (m, 3) of a mesh file; the parts of a scene make one mesh.
 
     Other files that it names (materials, pictures, buffers) are not opened.
+
+    Args:
+        path: of the file.
+        corners_alone: of OBJ files, leave out normals, materials and the like: at each change of one the same vertex
+            comes again, so that nobody could tell which triangles are connected.
 
     Raises:
         ValueError: why it cannot be used.
@@ -40,14 +46,16 @@ def read_triangles(path: Path) -> tuple[Array, IntArray]:
     import trimesh  # slow to import
 
     kind = path.suffix.lower()
-    read = load(path, force="mesh")
+    read = load(path, corners_alone=corners_alone, force="mesh")
     if not isinstance(read, trimesh.Trimesh):
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got a {type(read).__name__}")
     return checked(read.vertices, read.faces)
 
 
-def load(path: Path, **settings: Any) -> trimesh.parent.Geometry:
-    """What trimesh makes of a mesh file that has been looked at; ``settings``: of ``trimesh.load``.
+def load(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh.parent.Geometry:
+    """What trimesh makes of a mesh file that has been looked at.
+
+    ``corners_alone`` as for :func:`read_triangles`; ``settings``: of ``trimesh.load``.
 
     Raises:
         ValueError: why it cannot be used.
@@ -67,6 +75,8 @@ def load(path: Path, **settings: Any) -> trimesh.parent.Geometry:
             _check_glb(content)
         elif kind == ".dae":
             _check_dae(content)
+        elif kind == ".obj" and corners_alone:
+            content = _corners_alone(content)
         return trimesh.load(io.BytesIO(content), file_type=kind[1:], process=False, **settings)
     except Exception as error:  # the readers raise errors of every type for broken files
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {one_line(error)}") from error
@@ -90,6 +100,13 @@ def checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
     if not np.isfinite(vertices).all():
         raise ValueError(f"expected finite vertices, got {np.sum(~np.isfinite(vertices).all(axis=1))} that are not")
     return vertices, faces
+
+
+def _corners_alone(content: bytes) -> bytes:
+    """The vertices and faces of an OBJ file, without what else their lines name."""
+    content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")  # lines that go on
+    lines = [line for line in map(bytes.strip, content.splitlines()) if line[:2] in (b"v ", b"f ", b"v\t", b"f\t")]
+    return b"\n".join(re.sub(rb"/\S*", b"", line) if line[:1] == b"f" else line for line in lines) + b"\n"
 
 
 def joined(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:

@@ -21,23 +21,29 @@ _Solid = TypeVar("_Solid", bound="Body")
 # Nearer than this to a centre, an axis or a mid-plane [m], no direction to the surface is preferred over another;
 # nearer than this to an edge, no curvature is. Far above rounding for objects of a metre, far below any tolerance.
 NO_DIRECTION = 1e-9
+_DIGITS = 1e-2  # of inertias in files, which are rounded
 _FAR = 1e100  # [m] squares of more overflow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """A homogeneous solid; its body frame b sits at the centre of mass.
+    """A solid, homogeneous unless said otherwise; its body frame b sits at the centre of mass.
 
     Attributes:
         mass: [kg].
         density: [kg/m^3]. Give one of the two; the other follows. Both are accepted where they agree, so records can be
             copied; to copy one with another size, set what is not to be kept to None.
         pose: oMb (4, 4), the body frame in the world [m].
+        inertia: rotational inertia (3, 3) about the centre of mass, body axes [kg m^2], where it was measured; None:
+            that of a homogeneous solid.
+        notes: what was changed in what was given.
     """
 
     mass: float = None  # type: ignore[assignment]  # a number once the constructor is done
     density: float = None  # type: ignore[assignment]  # likewise
     pose: Array = field(default_factory=lambda: np.eye(4))
+    inertia: Array | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = field(default=(), repr=False)
 
     __repr__ = brief()
 
@@ -68,6 +74,8 @@ class Body:
             finite = False
         if not finite:
             raise InvalidInput(f"{name}: expected a size whose inertia is a finite number, this one is too large")
+        if self.inertia is not None:
+            self._set(inertia=_checked_inertia(name, self.inertia, self.mass * self.bounding_radius**2))
 
     def _set(self, **values: object) -> None:
         for name, value in values.items():
@@ -124,7 +132,7 @@ class Body:
     @property
     def inertia_b(self) -> Array:
         """Rotational inertia (3, 3) about the centre of mass, body axes [kg m^2]."""
-        return read_only(self.mass * self._inertia_per_mass)
+        return read_only(self.mass * self._inertia_per_mass) if self.inertia is None else self.inertia
 
     def placed(self: _Solid, pose: ArrayLike) -> _Solid:
         """The same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
@@ -172,6 +180,28 @@ class Body:
         if np.any(where):
             point = points_b[np.argmax(where)] @ self.pose[:3, :3].T + self.com_o
             raise InvalidInput(f"{complaint} (at {(1e3 * point).round(3).tolist()} mm in the world)")
+
+
+class InertiaImpossible(InvalidInput):
+    """An inertia that no solid of that mass and size has."""
+
+
+def _checked_inertia(name: str, value: object, most: float) -> Array:
+    """An inertia (3, 3) with moments that a solid can have, none above ``most``, that of its mass at its farthest."""
+    inertia = array_of(f"{name} inertia", value, (3, 3))
+    moments = np.linalg.eigvalsh((inertia + inertia.T) / 2)
+    rounding = _DIGITS * moments[2]
+    if np.abs(inertia - inertia.T).max() > rounding or moments[0] <= 0 or moments[:2].sum() < moments[2] - rounding:
+        raise InertiaImpossible(
+            f"{name} inertia: expected a symmetric matrix with moments > 0, none above the sum of the others, got "
+            f"moments {', '.join(f'{moment:.3g}' for moment in moments)} kg m^2"
+        )
+    if moments[2] > most * (1 + _DIGITS):
+        raise InertiaImpossible(
+            f"{name} inertia: expected moments of at most {most:.3g} kg m^2, its mass times the square of its largest "
+            f"radius, got {moments[2]:.3g}: are the units right?"
+        )
+    return read_only((inertia + inertia.T) / 2)
 
 
 def tangents(normals: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, frozen, items_of, number, one_of, read_only
+from pinograsp.checks import array_of, brief, flag, frozen, number, one_line, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
-from pinograsp.objects.mesh_checks import PartsMeet, closed_surface, convex_surface
-from pinograsp.objects.mesh_union import parts_of, united
+from pinograsp.objects.decomposition import ConvexParts, convex_parts
+from pinograsp.objects.mesh_checks import convex_surface
+from pinograsp.objects.mesh_files import mesh_files, read_surface
+from pinograsp.objects.mesh_union import concatenated, one_of_several, one_solid
 from pinograsp.objects.triangles import TriangleSurface
 from pinograsp.spatial import Array, IntArray
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 # Default radius of the curvature fit, in typical heights of the triangles: smaller radii see the facets, larger ones
 # more than the curvature at the point. Of 2.5 to 6, this has the smallest largest error on spheres and ellipsoids.
 _FIT_HEIGHTS = 3.0
+_OUTSIDE = 1e-3  # [m] by which a centre of mass may lie outside the bounding box: files have few digits
 
 
 @dataclass(slots=True)
@@ -36,6 +38,7 @@ class _Derived:
     surface: TriangleSurface | None = None
     collision: coal.CollisionGeometry | None = None
     fit_radius: float | None = None
+    parts: ConvexParts | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,10 +48,10 @@ class Mesh(Body):
     The body frame is moved to the centre of mass and keeps the axes in which the vertices were given. To put the frame
     of the file at oMf: ``mesh.placed(oMf @ np.linalg.inv(mesh.file_frame_b))``.
 
-    Vertices within 1e-8 m are merged; a mesh that is inside out is turned round, and ``notes`` say so. Parts that meet,
-    as those of a convex decomposition, become one solid, their union (needs the extra ``mesh``), noted. Surfaces that
-    are open, wound both ways or without volume are refused, unless the hull is asked for. A part that crosses itself
-    is not noticed.
+    Vertices within 1e-8 m are merged; small holes, as scans have them (at most 0.2 % of the surface), are closed, and a
+    mesh that is inside out is turned round, which ``notes`` say. Parts that meet, as those of a convex decomposition,
+    become one solid, their union (needs the extra ``mesh``), noted. Surfaces that are open, wound both ways or without
+    volume are refused, unless the hull is asked for. A part that crosses itself is not noticed.
 
     :meth:`project`: on a face the normal is the face's. On an edge or a corner it is the direction between the point
     and its nearest surface point, and for a point on the edge itself the mean of the faces' that meet there (weighted
@@ -58,17 +61,18 @@ class Mesh(Body):
         vertices: (n, 3) in the body frame [m]; given in any frame.
         faces: (m, 3) indices into the vertices, counter-clockwise seen from outside.
         convex: whether to take the convex hull.
+        com: the centre of mass (3,) in the frame in which the vertices are given [m], where it was measured; None:
+            that of a homogeneous solid.
         file_frame_b: bMf (4, 4), the frame in which the vertices were given, in the body frame [m].
-        notes: what was changed in the surface.
-        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+        mass, density, pose, inertia, notes: see :class:`~pinograsp.objects.body.Body`.
     """
 
     vertices: Array
     faces: IntArray
     convex: bool = False
     # Given again when a record is copied with changes: the vertices are then in the body frame already.
+    com: Array | None = field(default=None, repr=False)
     file_frame_b: Array = field(default_factory=lambda: np.eye(4))
-    notes: tuple[str, ...] = ()
     _derived: _Derived = field(init=False, repr=False, default_factory=lambda: _Derived())
 
     __repr__ = brief()
@@ -86,8 +90,11 @@ class Mesh(Body):
     ) -> Mesh:
         """The mesh in a file: STL, OBJ, PLY, GLB, OFF or DAE; the parts of a scene make one solid.
 
+        Several files are the parts of one object in the same frame, as a convex decomposition has them; they become
+        one solid, their union (needs the extra ``mesh``).
+
         Args:
-            path: the file, or those of the parts of one object, in the same frame.
+            path: a file, a folder of mesh files, a pattern of them (``parts/*.obj``), or a sequence of files.
             scale: metres per unit of the file (0.001 for millimetres).
             mass, density, convex, pose: see the class.
 
@@ -95,21 +102,21 @@ class Mesh(Body):
             InvalidInput: no such file, not a mesh, or one that is refused (see the class).
         """
         scale = number("mesh scale", scale, above=0)
-        several = (path,) if isinstance(path, str | Path) else items_of("mesh files", path, str, Path)
-        if not several:
-            raise InvalidInput("mesh files: expected one or more, got none")
-        paths = [Path(str(one)) for one in several]
-        read = [_read(one) for one in paths]
-        starts = np.cumsum([0, *(len(vertices) for vertices, _ in read[:-1])])
-        vertices = np.concatenate([vertices for vertices, _ in read])
-        faces = np.concatenate([faces + start for (_, faces), start in zip(read, starts)])
-        names = str(paths[0]) if len(paths) == 1 else ", ".join(one.name for one in paths[:3])
+        paths = mesh_files(path)
         given: dict[str, Any] = {"mass": mass, "density": density, "pose": pose}
         given = {name: value for name, value in given.items() if value is not None}
+        surfaces = {str(one): (scale * vertices, faces) for one in paths for vertices, faces in [read_surface(one)]}
+        if len(surfaces) == 1:
+            ((vertices, faces),) = surfaces.values()
+        elif convex:
+            vertices, faces = concatenated(surfaces.values())
+        else:
+            vertices, faces, given["notes"] = one_of_several(surfaces)
         try:
-            return cls(vertices=scale * vertices, faces=faces, convex=convex, **given)
+            return cls(vertices=vertices, faces=faces, convex=convex, **given)
         except InvalidInput as error:
-            raise InvalidInput(f"mesh file '{names}': {error}") from None
+            rest = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+            raise InvalidInput(f"mesh file '{paths[0]}'{rest}: {error}") from None
 
     def _check_shape(self) -> None:
         from trimesh.triangles import mass_properties
@@ -119,10 +126,21 @@ class Mesh(Body):
         if self.convex:
             vertices, faces = convex_surface(self.vertices, self.faces)
         else:
-            vertices, faces, notes = _one_solid(self.vertices, self.faces)
+            vertices, faces, notes = one_solid(self.vertices, self.faces)
         # Integrals over a far-off origin would lose digits: first to the middle, then to the centre of mass.
         middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        centre = middle + mass_properties((vertices - middle)[faces], skip_inertia=True).center_mass
+        if self.com is None:
+            centre = middle + mass_properties((vertices - middle)[faces], skip_inertia=True).center_mass
+        else:
+            centre = array_of("mesh com", self.com, (3,))
+            low, high = vertices.min(axis=0), vertices.max(axis=0)
+            if np.any(centre < low - _OUTSIDE) or np.any(centre > high + _OUTSIDE):
+                raise InvalidInput(
+                    f"mesh com: expected a centre of mass within the solid, {low.round(4).tolist()} to "
+                    f"{high.round(4).tolist()} m, got {centre.round(4).tolist()}: are frame and units right? With "
+                    "density= alone it is that of a homogeneous solid"
+                )
+            self._set(com=np.zeros(3))
         vertices = vertices - centre
         properties = mass_properties(vertices[faces], center_mass=np.zeros(3))
         file_frame_b = np.array(array_of("file frame", self.file_frame_b, (4, 4)))
@@ -160,12 +178,29 @@ class Mesh(Body):
         if self._derived.collision is None:
             from pinograsp.hands.mesh_file import collision_model  # with coal and Pinocchio, slow to import
 
-            model = collision_model(self.vertices, self.faces)
-            if self.convex:
-                model.buildConvexRepresentation(False)
-                model = model.convex
+            try:
+                model = collision_model(self.vertices, self.faces)
+                if self.convex:
+                    model.buildConvexRepresentation(False)
+                    model = model.convex
+            except (RuntimeError, ValueError) as error:
+                raise InvalidInput(
+                    f"mesh: coal, which finds collisions, refuses its {len(self.faces)} triangles ({one_line(error)}): "
+                    "mend or simplify it (MeshLab, Blender), or take its convex hull: convex=True"
+                ) from error
             self._derived.collision = model
         return self._derived.collision
+
+    @property
+    def convex_parts(self) -> ConvexParts:
+        """Convex parts that together are about the solid, in the body frame, and their error.
+
+        The same mesh has the same parts. They take seconds, once. Needs the extra ``mesh``.
+        """
+        if self._derived.parts is None:
+            one = ConvexParts((self.vertices,), 0.0)
+            self._derived.parts = one if self.convex else convex_parts(self.vertices, self.faces, self._surface)
+        return self._derived.parts
 
     @property
     def _surface(self) -> TriangleSurface:
@@ -210,39 +245,3 @@ class Mesh(Body):
             "a point between two opposite sides of the mesh has no nearest surface point: move it to the surface",
         )
         return surface, outward, distance
-
-
-def _read(path: Path) -> tuple[Array, IntArray]:
-    """Vertices and faces in a file."""
-    from pinograsp.hands.mesh_file import FORMATS, read_triangles  # with Pinocchio, slow to import
-
-    if not os.path.isfile(path):
-        raise InvalidInput(f"mesh file: expected an existing file, got '{path}': check the path")
-    one_of(f"format of mesh file '{path}'", path.suffix.lower(), FORMATS)
-    try:
-        vertices, faces = read_triangles(path)
-    except (ValueError, OSError) as error:
-        raise InvalidInput(f"mesh file '{path}': {error}") from error
-    if len(vertices) == 3 * len(faces):  # of triangles without common corners, as in STL, nobody could tell the parts
-        vertices, which = np.unique(vertices, axis=0, return_inverse=True)
-        faces = which.reshape(-1)[faces]
-    return vertices, faces
-
-
-def _one_solid(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray, tuple[str, ...]]:
-    """As :func:`closed_surface`; what is none for its parts that meet becomes their union."""
-    try:
-        return closed_surface(vertices, faces)
-    except PartsMeet as error:
-        parts = parts_of(np.asarray(faces, dtype=np.int64))
-        if len(parts) < 2:
-            raise
-        refused = error
-    try:
-        vertices, faces = united(np.asarray(vertices, dtype=float), parts)
-    except ImportError:
-        raise InvalidInput(f"{refused}; pip install 'pinograsp[mesh]' unites the {len(parts)} parts") from None
-    except ValueError as error:
-        raise InvalidInput(f"{refused}; not united, since {error}") from None
-    vertices, faces, notes = closed_surface(vertices, faces)
-    return vertices, faces, (*notes, f"{len(parts)} parts that meet were united")

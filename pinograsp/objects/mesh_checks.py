@@ -14,6 +14,9 @@ from pinograsp.spatial import FARTHEST, Array, BoolArray, IntArray
 _SHEET = 1e-12
 # Vertices whose spread across is less than this part of that along lie in one plane, as far as Qhull can tell.
 _FLAT = 1e-9
+# Holes with no more than this part of the edges, and of the surface once they are closed, are flaws of a scan; a larger
+# one is an opening that somebody may have meant.
+_FLAW_EDGES, _FLAW_AREA = 1e-2, 2e-3
 _HULL = "or take its convex hull: convex=True"
 
 
@@ -43,15 +46,16 @@ def closed_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArr
         InvalidInput: holes, faces wound both ways, no volume.
     """
     vertices, faces = _merged(vertices, faces)
+    vertices, faces, mended = _without_flaws(vertices, faces)
     _check_edges(vertices, faces)
     label = part_labels(len(vertices), faces)
     count = label.max() + 1
     volumes = np.array([_volume(vertices, faces[label[faces[:, 0]] == part]) for part in range(count)])
     outward = np.where(_depths(vertices, faces, label, count) % 2 == 0, volumes > 0, volumes < 0)
     if outward.all():
-        return vertices, faces, ()
+        return vertices, faces, mended
     if not outward.any():
-        return vertices, faces[:, ::-1].copy(), ("the mesh was inside out: its faces were turned round",)
+        return vertices, faces[:, ::-1].copy(), (*mended, "the mesh was inside out: its faces were turned round")
     part = int(np.argmin(outward))
     raise InvalidInput(
         f"mesh: expected parts wound outwards and cavities wound inwards, got part {part + 1} of {count} (at "
@@ -92,6 +96,25 @@ def _merged(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
             f"{len(used)}: are the units right? (scale=0.001 for millimetres)"
         )
     return vertices[used], faces
+
+
+def _without_flaws(vertices: Array, faces: IntArray) -> tuple[Array, IntArray, tuple[str, ...]]:
+    """The mesh with its small holes closed, as scans have them, and a note; or as it is."""
+    import trimesh
+
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    counts = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_counts=True)[1]
+    count = int(np.sum(counts == 1))
+    if not 0 < count <= _FLAW_EDGES * len(counts):
+        return vertices, faces, ()
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    area = float(mesh.area)
+    trimesh.repair.fill_holes(mesh)
+    more = float(mesh.area) / area - 1
+    if not mesh.is_watertight or more > _FLAW_AREA:
+        return vertices, faces, ()
+    note = f"small holes ({count} open edges) were closed, {100 * more:.2g} % of the surface"
+    return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64), (note,)
 
 
 def _numbers(name: str, value: ArrayLike) -> Array:

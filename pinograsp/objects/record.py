@@ -22,10 +22,11 @@ _SHAPES: dict[str, tuple[type[Body], tuple[str, ...]]] = {
     "capsule": (Capsule, ("radius", "length")),
     "box": (Box, ("size",)),
     "ellipsoid": (Ellipsoid, ("semi_axes",)),
-    "mesh": (Mesh, ("vertices", "faces", "convex", "file_frame_b", "notes")),
+    "mesh": (Mesh, ("vertices", "faces", "convex", "file_frame_b")),
 }
 _ALL = ("mass", "density", "pose")
-_ARRAYS = ("size", "semi_axes", "vertices", "faces", "file_frame_b", "pose")
+_MEASURED = ("inertia", "com", "notes")  # left out where there are none
+_ARRAYS = ("size", "semi_axes", "vertices", "faces", "file_frame_b", "pose", "inertia", "com")
 
 
 def object_record(body: Body) -> dict[str, Any] | None:
@@ -33,6 +34,8 @@ def object_record(body: Body) -> dict[str, Any] | None:
     for shape, (kind, names) in _SHAPES.items():
         if type(body) is kind:
             values = {name: getattr(body, name) for name in (*_ALL, *names)}
+            measured = {name: getattr(body, name, None) for name in _MEASURED}
+            values |= {name: value for name, value in measured.items() if value is not None and len(value)}
             return {"shape": shape, **{name: _plain(value) for name, value in values.items()}}
     return None
 
@@ -51,9 +54,12 @@ def object_of(record: dict[str, Any]) -> Body:
         raise InvalidInput(f"object record: expected a mapping with shape and sizes, got {record!r:.60}")
     kind, names = _SHAPES[one_of("object record: shape", record.get("shape"), _SHAPES)]
     wanted = (*_ALL, *names)
-    if set(record) != {"shape", *wanted}:
+    known = {"shape", *wanted, *(name for name in _MEASURED if name != "com" or kind is Mesh)}
+    if not {"shape", *wanted} <= set(record) <= known:
         raise InvalidInput(f"object record: expected shape, {', '.join(wanted)}, got {', '.join(map(str, record))}")
-    values: dict[str, Any] = {name: _array(name, record[name]) if name in _ARRAYS else record[name] for name in wanted}
+    values: dict[str, Any] = {
+        name: _array(name, value) if name in _ARRAYS else value for name, value in record.items() if name != "shape"
+    }
     if "notes" in values:
         if not isinstance(record["notes"], list) or not all(isinstance(note, str) for note in record["notes"]):
             raise InvalidInput(f"object record: notes: expected a list of texts, got {record['notes']!r:.60}")

@@ -39,6 +39,7 @@ from pinograsp.spatial import Array
 _SLIDES, _LABOURS = 1e-4, 0.9  # [m] across the normal, share of a torque limit: worth a caution
 _GRAZES = 0.1  # of the largest depth: a link that is less deep presses with less than 3 % of the force there
 _ROUNDING = 1e-3  # forces lie on their limits
+_OTHER = 0.03  # share of a force from which on it is another one
 _SHARED = 0.05  # share of the largest torque by which motors that joints share may miss one
 
 
@@ -58,6 +59,7 @@ def assembled(
     if closure is not None and reserve is not None:
         motion = _in_doubt(hand, solution, motion)
     closed = () if closure is None else closure.notes
+    changed = () if problem.object is None else tuple(f"object: {note}" for note in problem.object.notes)
     return GraspPlan(
         layout=Layout(
             hand=hand.name,
@@ -91,7 +93,7 @@ def assembled(
         forces=_forces(solution, motion),
         motion=motion,
         cautions=_cautions(hand, solution, motion, 0.0 if reserve is None else reserve.force),
-        notes=(*motion.notes, *closed, *notes),
+        notes=(*motion.notes, *closed, *changed, *notes),
         closing=None if closure is None else closure.summary(),
         elapsed=elapsed,
         versions=_versions(solution.backend),
@@ -208,10 +210,14 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
         free = [name for name, bears, limited in bearing if bears and not limited]
         if free:
             cautions.append(f"no limit is known of the torques of {', '.join(free)}: they are not limited")
+    others = np.abs(motion.settled_forces / solution.normal_forces - 1.0) > _OTHER
     cautions += [
-        f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses: friction then points elsewhere"
-        for name, slip in zip(contacts.names, motion.slip)
-        if slip > _SLIDES
+        f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses, and friction then points elsewhere: once "
+        f"the object is let go it presses with {rest:.2g} N, not {planned:.2g} N"
+        for name, slip, other, rest, planned in zip(
+            contacts.names, motion.slip, others, motion.settled_forces, solution.normal_forces
+        )
+        if slip > _SLIDES and other
     ]
     if problem.object is not None:
         cautions += [

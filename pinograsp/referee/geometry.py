@@ -9,6 +9,7 @@ from pinograsp.hands.geometry import hull_of
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from pinograsp.objects.body import Body
 from pinograsp.referee.surface import Surface
+from pinograsp.spatial import Array
 
 _HOLLOW = 1e-3  # share by which the convex hull's volume exceeds that of a mesh that is not convex
 
@@ -52,15 +53,29 @@ def object_shape(body: Body, notes: list[str]) -> coal.ShapeBase | Surface:
     return Surface(body)
 
 
-def hull_shape(body: Body, notes: list[str]) -> coal.ShapeBase:
-    """The object's shape in its own frame: convex, or the convex hull of a mesh that is not; as for
-    :func:`object_shape`.
+def convex_shapes(body: Body, notes: list[str]) -> list[coal.ShapeBase]:
+    """The object's shape in its own frame, as :func:`object_shape`; convex parts of a mesh that is not convex.
+
+    Raises:
+        ExtraMissing: such a mesh, without the extra ``mesh``.
     """
     found: list[str] = []
     shape = object_shape(body, found)
-    if not isinstance(shape, Surface):
+    if not isinstance(shape, Surface) or not isinstance(body, Mesh):
         notes += found
-        return shape
-    notes.append("'object' is not convex: its convex hull is used, which may touch where the object does not")
-    hull: coal.ShapeBase = hull_of(body.collision_geometry)
-    return hull
+        return [shape]
+    parts = body.convex_parts
+    hulls = [hull for corners in parts.corners if (hull := hull_of(_cloud(corners))) is not None]
+    notes.append(
+        f"'object' is not convex: {len(hulls)} convex parts are used, which stand out of it by up to "
+        f"{1e3 * parts.excess:.1f} mm"
+    )
+    return hulls
+
+
+def _cloud(corners: Array) -> coal.BVHModelBase:
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(0, len(corners))
+    model.addVertices(corners)
+    model.endModel()
+    return model

@@ -10,7 +10,7 @@ import pinocchio as pin
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.referee.geometry import convex, hull_shape, object_shape
+from pinograsp.referee.geometry import convex, convex_shapes, object_shape
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.surface import Surface
 from pinograsp.spatial import Array
@@ -90,7 +90,7 @@ def outline(
     Args:
         hand, body, time_step, gravity_o, mass_factor, flat: as for :func:`build`.
         rotor: inertias of the motors at the joints (n,) [kg m^2 or kg].
-        presses: whether MuJoCo's own contacts exert forces; an object that is not convex is then its convex hull.
+        presses: whether MuJoCo's own contacts exert forces; an object that is not convex is then convex parts.
     """
     spec = mujoco.MjSpec()
     _set_options(spec, time_step, gravity_o, coupled=bool(hand.couplings), flat=flat)
@@ -111,9 +111,11 @@ def outline(
     free.add_freejoint()
     changed = _set_inertia(free, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
     notes += [f"the object has {text}" for text in changed]
-    shape = hull_shape(body, notes) if presses else object_shape(body, notes)
-    if not isinstance(shape, Surface):  # MuJoCo would take its convex hull
-        _add_geom(spec, free, shape, pin.SE3.Identity(), "object", found | _OBJECT)
+    shapes = convex_shapes(body, notes) if presses else [object_shape(body, notes)]
+    for number, shape in enumerate(shapes, 1):
+        if not isinstance(shape, Surface):  # MuJoCo would take its convex hull
+            name = "object" if len(shapes) == 1 else f"object {number}"
+            _add_geom(spec, free, shape, pin.SE3.Identity(), name, found | _OBJECT)
     return spec, notes
 
 

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
+
+from pinograsp.errors import InvalidInput
+from pinograsp.objects import object_from
+from pinograsp.objects.spec import object_language
 
 BALL = "sphere:radius=0.03,mass=0.2"
 
@@ -112,8 +117,36 @@ def test_meshes_are_objects_too_and_help_says_so(command, tmp_path):
         "--json",
     )
     assert code == 0 and json.loads(out)["touches"], err
+
+
+def test_help_knows_every_shape_and_field(command):
+    """Shapes and fields are those that errors list, so that none is left out."""
+    with pytest.raises(InvalidInput) as refused:
+        object_from("none:")
+    shapes = re.findall(r"\w+", str(refused.value).partition("expected one of ")[2].partition(", got")[0])
+    assert len(shapes) > 5
     for name in ("plan", "close"):
-        assert "mesh:path=mug.stl" in "".join(command(name, "-h")[1].replace("│", "").split())
+        text = " ".join(command(name, "-h")[1].split())
+        for shape in shapes:
+            with pytest.raises(InvalidInput) as refused:
+                object_from(f"{shape}:none=1")
+            fields = re.findall(r"\w+", str(refused.value).partition("expected one of ")[2].partition(", got")[0])
+            line = re.search(rf" {shape}: .*? as ?{shape}:\S+", text)
+            assert line and {"mass", "density"} < set(fields), (shape, fields)
+            for field in fields:
+                known = line[0] if field not in ("mass", "density") else text
+                assert re.search(rf"\b{field}\b", known.partition(f" as {shape}:")[0]), (shape, field)
+
+
+def test_examples_of_the_help_are_objects(tmp_path, monkeypatch):
+    import trimesh
+
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.icosphere(radius=30.0, subdivisions=2).export(tmp_path / "mug.stl")
+    mesh = '<collision><geometry><mesh filename="mug.stl" scale="1e-3 1e-3 1e-3"/></geometry></collision>'
+    (tmp_path / "mug.urdf").write_text(f'<robot name="mug"><link name="mug">{mesh}</link></robot>')
+    for line in object_language()[1:]:
+        assert object_from(line.partition(", as ")[2]).mass > 0, line
 
 
 def test_plan_takes_a_case_or_a_hand_with_an_object(command):

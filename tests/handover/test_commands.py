@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from ruamel.yaml import YAML
 
 import pinograsp as pg
@@ -357,6 +359,29 @@ def test_a_scene_with_a_tendon_and_springs(allegro, tmp_path):
     assert data.qfrc_passive[model.joint(second).dofadr[0]] == pytest.approx(
         -0.3 * (data.joint(second).qpos[0] - 0.1), abs=1e-6
     )
+
+
+def test_an_object_that_is_not_convex_holds_in_its_scene(tmp_path):
+    """A tray by its wall, one jaw inside: in its convex hull there is no inside, and it falls."""
+    outer, inner = trimesh.creation.box([0.12, 0.1, 0.05]), trimesh.creation.box([0.108, 0.088, 0.05])
+    inner.apply_translation([0, 0, 0.006])
+    made = trimesh.boolean.difference([outer, inner], engine="manifold")
+    tray = pg.Mesh(vertices=made.vertices, faces=made.faces, mass=0.05)
+    down = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.047, 0.025 + 0.0924]))
+    plan = pg.plan_grasp_on(
+        pg.load_hand("panda").placed(down.homogeneous),
+        tray.placed(np.linalg.inv(tray.file_frame_b)),
+        pg.GraspConditions(mu=0.7),
+    )
+    assert pg.simulate(plan, hold=0.1).verdict.held
+    for command in ("jaw", "impedance"):
+        sent = plan.to_mujoco(tmp_path / "scene.xml", scene=True, command=command, hold=0.5)
+        (note,) = [note for note in sent.notes if "not convex" in note]
+        assert re.search(r"convex parts are used, which stand out of it by up to 0\.[012] mm", note)
+        moved, turned, forces, _ = played(tmp_path / "scene.xml")
+        assert moved < 2e-3 and turned < np.radians(3) and len(forces) == 2
+        if command == "jaw":  # stiff servos press the more, the more the parts stand out
+            assert forces == pytest.approx(planned(plan), rel=0.05)
 
 
 @pytest.mark.slow

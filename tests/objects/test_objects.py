@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from pinograsp.contacts import contacts_at
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere, object_from
 from pinograsp.objects.triangles import TriangleSurface
 from pinograsp.spatial import pose_of
@@ -629,6 +629,19 @@ def test_convex_hulls_mend_open_meshes():
     assert mesh_of(bracket(), convex=True).volume > 1.2 * mesh_of(bracket()).volume
 
 
+def test_small_holes_of_scans_are_closed():
+    made = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
+    holes = [10, 11, 2000, 4000]
+    torn = trimesh.Trimesh(made.vertices, np.delete(made.faces, holes, axis=0), process=False)
+    mended = mesh_of(torn)
+    assert mended.volume == pytest.approx(made.volume, rel=1e-4)
+    (note,) = mended.notes
+    assert note == "small holes (10 open edges) were closed, 0.077 % of the surface"
+    torn = trimesh.Trimesh(made.vertices, made.faces[np.arange(len(made.faces)) % 300 > 0], process=False)  # 0.33 %
+    with pytest.raises(InvalidInput, match="watertight"):
+        mesh_of(torn)
+
+
 def test_meshes_that_are_inside_out_are_turned():
     made = hollow_box()
     expected = mesh_of(made)
@@ -736,6 +749,26 @@ def test_parts_that_meet_are_one_solid(tmp_path, monkeypatch):
         InvalidInput, match=r"(meeting at|edges with more).*pip install 'pinograsp\[mesh\]' unites the 2 parts"
     ):
         Mesh(**joined(box, peg), mass=1.0)
+
+
+@pytest.mark.parametrize("made", [bracket(), hollow_box(), trimesh.creation.annulus(0.03, 0.04, 0.05, sections=24)])
+def test_convex_parts_are_about_the_solid(made, monkeypatch):
+    """Every point of the solid lies in a part, none of a part is farther out than they say, and all come again."""
+    shape = mesh_of(made, pose=np.eye(4))
+    parts, excess = shape.convex_parts
+    assert len(parts) > 1 and shape.placed(POSE).convex_parts is shape.convex_parts
+    hulls = [trimesh.convex.convex_hull(part) for part in parts]
+    assert sum(hull.volume for hull in hulls) == pytest.approx(shape.volume, rel=0.05)
+    points = points_around(shape, 400)
+    distance = shape.project(points)[2]
+    within = np.any([hull.contains(points) for hull in hulls], axis=0)
+    assert within[distance < -1e-3].all() and not within[distance > excess + 1e-4].any()
+    again = mesh_of(made, pose=np.eye(4)).convex_parts
+    assert all(np.array_equal(one, two) for one, two in zip(parts, again.corners, strict=True))
+    assert len(mesh_of(made, convex=True).convex_parts.corners) == 1
+    monkeypatch.setitem(sys.modules, "coacd", None)
+    with pytest.raises(ExtraMissing, match=r"pip install 'pinograsp\[mesh\]'"):
+        _ = mesh_of(made).convex_parts
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path):

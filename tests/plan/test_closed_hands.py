@@ -50,3 +50,11 @@ def test_plans_on_closed_grippers(tmp_path):
         plan_grasp_on(hand, "box", GraspConditions(mu=0.5))
     with pytest.raises(InvalidInput, match="expected the closure's own"):
         plan_grasp_on(hand.placed(above_the_palm(0.1)), plan.closure, GraspConditions(mu=0.5))
+
+
+def test_plans_say_what_was_changed_in_the_object(tmp_path):
+    hand = load_hand(own_hands.write(tmp_path, "parallel_gripper"))
+    notes = ("two holes were closed",)
+    box = Box(size=(0.03, 0.03, 0.05), mass=0.1, pose=above_the_palm(0.03), notes=notes)
+    plan = plan_grasp_on(hand, box, GraspConditions(mu=0.7, reserve=None))
+    assert "object: two holes were closed" in plan.notes

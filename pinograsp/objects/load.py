@@ -1,0 +1,166 @@
+"""One object from its URDF or SDF file: an exact primitive, or the union of its collision shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pinograsp.checks import flag, number, path_of, placement_of
+from pinograsp.errors import InvalidInput
+from pinograsp.objects.body import Body, InertiaImpossible
+from pinograsp.objects.ellipsoid import Ellipsoid
+from pinograsp.objects.mesh import Mesh
+from pinograsp.objects.mesh_checks import convex_surface
+from pinograsp.objects.mesh_files import read_surface
+from pinograsp.objects.mesh_union import one_of_several
+from pinograsp.objects.primitives import Box, Capsule, Cylinder, Sphere
+from pinograsp.spatial import Array, IntArray
+
+if TYPE_CHECKING:
+    from pinograsp.objects.description import Description, Part
+
+_Solid = TypeVar("_Solid", bound=Body)
+
+# A primitive whose centre of mass is this near to its middle is homogeneous: files give few digits.
+_CENTRED = 1e-5  # [m]
+_SECTIONS, _SUBDIVISIONS = 96, 4  # of round shapes in unions: within 0.06 % of the radius
+
+
+def load_object(
+    path: str | Path,
+    *,
+    mass: float | None = None,
+    density: float | None = None,
+    hulls: bool = False,
+    packages: Mapping[str, str | Path] | None = None,
+    file_pose: ArrayLike | None = None,
+) -> Body:
+    """The object in a URDF or SDF file: its collision shapes where they are, as one solid, with the file's mass.
+
+    One box, sphere, cylinder, capsule or ellipsoid stays exact; several shapes become their union (needs the extra
+    ``mesh``). The file's centre of mass and inertia are kept. An inertia that no solid of that mass and size has, as
+    files often hold, is replaced by that of a homogeneous one, and ``notes`` say so.
+
+    Args:
+        path: ``.urdf`` or ``.sdf``.
+        mass: [kg], instead of the file's; centre of mass and the shape of the inertia stay.
+        density: [kg/m^3], of a homogeneous solid instead of all that.
+        hulls: take the convex hull of each mesh, as physics engines do; for meshes that are not closed.
+        packages: folders of ROS packages, ``{name: folder}``, for ``package://name/``.
+        file_pose: oMf (4, 4), the frame of the file (of the link in URDF, of the model in SDF) in the world [m];
+            default: the world's.
+
+    Returns:
+        The object; its body frame sits at its centre of mass, with the file's axes or those of a single primitive.
+
+    Raises:
+        InvalidInput: no such file, several links, joints that move, a mesh that is missing or bounds no solid, no mass.
+    """
+    from pinograsp.hands.ros_packages import packages_of  # with Pinocchio, slow to import
+    from pinograsp.objects.description import read_description
+
+    path = path_of("object file", path)
+    flag("hulls", hulls)
+    file_pose = np.eye(4) if file_pose is None else placement_of("file_pose", file_pose)
+    found = read_description(path, packages_of(packages))
+    if mass is None and density is None:
+        mass = found.mass
+        if mass is None:
+            raise InvalidInput(f"object file '{path}': it gives no mass: give mass= [kg] or density= [kg/m^3]")
+    elif mass is not None:
+        mass = number("mass", mass, above=0, unit="kg")
+    weight: dict[str, Any] = {"mass": mass} if density is None else {"mass": mass, "density": density}
+    com, inertia = found.com, found.inertia
+    if density is not None:
+        com = inertia = None
+    elif inertia is not None and mass is not None and found.mass is not None:
+        inertia = inertia * (mass / found.mass)
+    try:
+        return _solid(found, com, inertia, weight, hulls, file_pose)
+    except InvalidInput as error:
+        raise InvalidInput(f"object file '{path}': {error}".replace("convex=True", "hulls=True")) from None
+
+
+def _solid(
+    found: Description,
+    com: Array | None,
+    inertia: Array | None,
+    weight: dict[str, Any],
+    hulls: bool,
+    file_pose: Array,
+) -> Body:
+    part = found.parts[0]
+    alone = len(found.parts) == 1
+    if alone and part.kind != "mesh" and (com is None or np.linalg.norm(com - part.pose[:3, 3]) < _CENTRED):
+        turn = part.pose[:3, :3]
+        inertia = None if inertia is None else turn.T @ inertia @ turn
+        return _with_inertia(
+            lambda **more: _primitive(part, {"pose": file_pose @ part.pose, **weight, **more}), inertia
+        )
+    notes: tuple[str, ...] = ()
+    if alone:
+        vertices, faces = _surface(part, hulls)
+    else:
+        vertices, faces, notes = one_of_several(
+            {f"{number} ({one.kind})": _surface(one, hulls) for number, one in enumerate(found.parts, 1)}
+        )
+    given: dict[str, Any] = {"vertices": vertices, "faces": faces, "com": com, "notes": notes, **weight}
+    given["convex"] = alone and hulls
+    mesh = _with_inertia(lambda **more: Mesh(**{**given, **more}), inertia)
+    return mesh.placed(file_pose @ np.linalg.inv(mesh.file_frame_b))
+
+
+def _with_inertia(make: Callable[..., _Solid], inertia: Array | None) -> _Solid:
+    """What is made with that inertia, or without it where it is impossible, which is noted."""
+    if inertia is None:
+        return make()
+    try:
+        return make(inertia=inertia)
+    except InertiaImpossible as error:
+        body = make()
+        body._set(notes=(*body.notes, f"the file's inertia cannot be, that of a homogeneous solid is used: {error}"))
+        return body
+
+
+def _primitive(part: Part, given: dict[str, Any]) -> Body:
+    size = part.size
+    if part.kind == "box":
+        return Box(size=np.array(size), **given)
+    if part.kind == "sphere":
+        return Sphere(radius=size[0], **given)
+    if part.kind == "cylinder":
+        return Cylinder(radius=size[0], height=size[1], **given)
+    if part.kind == "capsule":
+        return Capsule(radius=size[0], length=size[1], **given)
+    return Ellipsoid(semi_axes=np.array(size), **given)
+
+
+def _surface(part: Part, hulls: bool) -> tuple[Array, IntArray]:
+    """Vertices and faces of a shape in the file's frame."""
+    import trimesh
+
+    size = part.size
+    if part.path is not None:
+        vertices, faces = read_surface(part.path)
+        vertices = vertices * np.array(size)
+        if np.prod(size) < 0:  # mirrored
+            faces = faces[:, ::-1]
+        if hulls:
+            vertices, faces = convex_surface(vertices, faces)
+    else:
+        if part.kind == "box":
+            made = trimesh.creation.box(size)
+        elif part.kind == "cylinder":
+            made = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=_SECTIONS)
+        elif part.kind == "capsule":
+            made = trimesh.creation.capsule(radius=size[0], height=size[1], count=[_SECTIONS, _SECTIONS // 2])
+            made.apply_translation([0, 0, -made.bounds[:, 2].mean()])
+        else:
+            made = trimesh.creation.icosphere(subdivisions=_SUBDIVISIONS)
+            made.apply_scale(size if part.kind == "ellipsoid" else size[0])
+        vertices, faces = np.array(made.vertices), np.array(made.faces, dtype=np.int64)
+    return vertices @ part.pose[:3, :3].T + part.pose[:3, 3], faces
