@@ -212,8 +212,8 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
             cautions.append(f"no limit is known of the torques of {', '.join(free)}: they are not limited")
     others = np.abs(motion.settled_forces / solution.normal_forces - 1.0) > _OTHER
     cautions += [
-        f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses, and friction then points elsewhere: once "
-        f"the object is let go it presses with {rest:.2g} N, not {planned:.2g} N"
+        f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses, and friction then points elsewhere: "
+        f"once the object is let go it presses with {rest:.2g} N, not {planned:.2g} N"
         for name, slip, other, rest, planned in zip(
             contacts.names, motion.slip, others, motion.settled_forces, solution.normal_forces
         )
