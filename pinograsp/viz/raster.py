@@ -9,7 +9,7 @@ import numpy as np
 
 from pinograsp.spatial import Array, BoolArray, IntArray
 
-_CHUNK = 200_000  # pairs of a triangle and a pixel at a time: they fit a processor's cache
+_CHUNK = 50_000  # pairs of a triangle and a pixel at a time: they fit a processor's cache
 _EDGE = 1e-9  # share of a triangle by which pixels on its edges may be outside
 _GAMMA = 2.2
 
@@ -30,6 +30,7 @@ class Camera(NamedTuple):
         axes: to the right, upwards, and backwards, in rows (3, 3).
         focal: length, in pixels.
         width, height: of the picture, in pixels.
+        rows: the first row that is drawn and the one after the last: of large pictures some at a time; None: all.
     """
 
     eye: Array
@@ -37,13 +38,20 @@ class Camera(NamedTuple):
     focal: float
     width: int
     height: int
+    rows: tuple[int, int] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of what is drawn."""
+        first, last = self.rows or (0, self.height)
+        return last - first, self.width
 
     def project(self, points: Array) -> Array:
         """Pixels across and down, and the inverse of the depth [1/m], of points (n, 3); behind the camera 0."""
         seen = (points - self.eye) @ self.axes.T
         near = np.divide(1.0, -seen[:, 2], out=np.zeros(len(seen)), where=seen[:, 2] < 0)
         across = self.width / 2 + self.focal * seen[:, 0] * near
-        down = self.height / 2 - self.focal * seen[:, 1] * near
+        down = self.height / 2 - self.focal * seen[:, 1] * near - (self.rows or (0, 0))[0]
         return np.stack([across, down, near], axis=1)
 
 
@@ -71,7 +79,7 @@ class Layer(NamedTuple):
 
 def rendered(surfaces: Sequence[Surface], camera: Camera, up: Array) -> Layer:
     """The nearest surface at every pixel, shaded; ``up``: against gravity (3,)."""
-    size = camera.width * camera.height
+    size = camera.shape[0] * camera.shape[1]
     near, which, weights = np.zeros(size), np.full(size, -1), np.zeros((size, 3))
     points = np.concatenate([np.zeros((0, 3)), *(one.vertices for one in surfaces)])
     counts = np.cumsum([0, *(len(one.vertices) for one in surfaces)])
@@ -93,7 +101,7 @@ def rendered(surfaces: Sequence[Surface], camera: Camera, up: Array) -> Layer:
         colours = np.array([one.colour for one in surfaces])
         colour[drawn], facing[drawn] = _shaded(colours[owner[hit]], normal, place, camera, up)
         surface[drawn] = owner[hit]
-    shape = (camera.height, camera.width)
+    shape = camera.shape
     return Layer(near.reshape(shape), colour.reshape(*shape, 3), surface.reshape(shape), facing.reshape(shape))
 
 
@@ -104,7 +112,7 @@ def _covered(corners: Array, camera: Camera) -> Iterator[tuple[IntArray, IntArra
     """
     low = np.ceil(corners[:, :, :2].min(axis=1) - 0.5)
     high = np.floor(corners[:, :, :2].max(axis=1) - 0.5)
-    low, high = np.maximum(low, 0), np.minimum(high, [camera.width - 1, camera.height - 1])
+    low, high = np.maximum(low, 0), np.minimum(high, [camera.width - 1, camera.shape[0] - 1])
     a, b, c = np.moveaxis(corners[:, :, :2], 1, 0)
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     good = np.all(high >= low, axis=1) & (np.abs(area) > 1e-9) & np.all(corners[:, :, 2] > 0, axis=1)

@@ -23,6 +23,7 @@ from pinograsp.viz.style import label_of
 
 _SIZE = (900, 640)  # pixels
 _FINER = 2  # pixels that are drawn for each one of the picture, along either side
+_BAND = 80  # of their rows are drawn at a time
 _DPI = 130
 _FOV = np.radians(28.0)
 _CLEAR = 0.5  # opacity of the object where it faces the camera
@@ -61,8 +62,7 @@ def picture(
         for one in solids
         if one.link is None and scene.object_pose is not None
     ]
-    drawn, held, forces = (rendered(part, camera, scene.up) for part in (hand, thing, _forces(scene, frame)))
-    image = _composed(drawn, held, forces, _shadow(scene, camera, hand + thing))
+    image = _image((hand, thing, _forces(scene, frame)), camera, _shadow(scene, camera, hand + thing), scene.up)
     figure = Figure(figsize=(_SIZE[0] / _DPI, _SIZE[1] / _DPI), dpi=_DPI)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.imshow(image, extent=(0, _SIZE[0], _SIZE[1], 0))
@@ -151,9 +151,24 @@ def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Ar
     return 0.22 * fine
 
 
-def _composed(hand: Layer, thing: Layer, forces: Layer, shadow: Array) -> Array:
-    """The picture (h, w, 3), from 0 to 1."""
-    rows = np.linspace(0, 1, len(shadow))[:, None, None]
+def _image(
+    parts: tuple[list[Surface], list[Surface], list[Surface]], camera: Camera, shadow: Array, up: Array
+) -> Array:
+    """The picture (h, w, 3), from 0 to 1, of hand, object and forces; drawn in bands, to save memory."""
+    rows, bands = np.linspace(0, 1, camera.height), list[Array]()
+    for first in range(0, camera.height, _BAND):
+        last = min(first + _BAND, camera.height)
+        # With one more on either side: edges are seen beside others.
+        low, high = max(first - _FINER, 0), min(last + _FINER, camera.height)
+        band = camera._replace(rows=(low, high))
+        hand, thing, forces = (rendered(part, band, up) for part in parts)
+        image = _composed(hand, thing, forces, shadow[low:high], rows[low:high, None, None])
+        bands.append(image[(first - low) // _FINER : len(image) - (high - last) // _FINER])
+    return np.concatenate(bands)
+
+
+def _composed(hand: Layer, thing: Layer, forces: Layer, shadow: Array, rows: Array) -> Array:
+    """Some rows of the picture (h, w, 3), from 0 to 1; ``rows``: how far down they are, from 0 to 1."""
     image = (1 - rows) * [1.0, 1.0, 1.0] + rows * [0.90, 0.92, 0.945]
     image = image * (1 - shadow[..., None])
     drawn = hand.drawn
