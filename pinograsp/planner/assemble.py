@@ -57,7 +57,7 @@ def assembled(
     problem, contacts, friction = solution.problem, solution.problem.contacts, solution.problem.friction
     compliance = problem.compliance
     if closure is not None and reserve is not None:
-        motion = _in_doubt(hand, solution, motion)
+        motion = _in_doubt(hand, solution, motion, reserve.force)
     closed = () if closure is None else closure.notes
     changed = () if problem.object is None else tuple(f"object: {note}" for note in problem.object.notes)
     return GraspPlan(
@@ -102,14 +102,17 @@ def assembled(
     )
 
 
-def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion) -> Motion:
-    """The motion with its status, where the reserve hangs on contacts that a small error changes."""
+def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, push: float) -> Motion:
+    """The motion with its status, where the reserve hangs on contacts that a small error changes, or the object leaves
+    by itself or gives way far to its ``push`` [N].
+    """
     problem = solution.problem
     if motion.status is not Status.OK or problem.object is None:
         return motion
     share = doubtful_share(hand, problem.object, problem.contacts, solution.normal_forces)
     if share <= DOUBTFUL:
-        return motion
+        leaving = instability(hand, solution, motion.q[-1], servo_gains(hand), push)
+        return replace(motion, status=Status.DOUBTFUL, remedy=leaving) if leaving else motion
     where = f"{100 * share:.0f} % of the normal forces act on edges of the object or where links are hollow"
     remedy = f"{where}: a small error turns them. Take another grasp, or more samples"
     return replace(motion, status=Status.DOUBTFUL, remedy=remedy)

@@ -11,7 +11,9 @@ from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
 from pinograsp.errors import NoGrasp, Status
 from pinograsp.forces import GraspConditions
+from pinograsp.hands import servo_gains
 from pinograsp.planner.assemble import pressing_too
+from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.planning import Search, plan_grasp_on
 from pinograsp.synthesis import GraspSearch
@@ -34,8 +36,9 @@ def plan_best(
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
     Those whose contacts slide far while they press or lie on edges, those in which other links press on the object,
-    too, those whose forces come out other than planned, and those that the hand's own servos let go of
-    (:meth:`GraspPlan.object_stiffness`), come after the others.
+    too, those whose forces come out other than planned, and those in which the hand's own servos and the contacts let
+    the object go, or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`), come after the
+    others.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -91,16 +94,16 @@ _MOST_FAULTS = 5
 
 def _faults(plan: GraspPlan, closure: Closure) -> int:
     """How much speaks against a plan: contacts that slide, or lie on edges, forces that come out other than planned,
-    other links that press, servos that let go of the object.
+    other links that press, an object that leaves by itself or gives way far.
     """
     slip, solution = np.asarray(plan.motion.slip), plan.searched()
-    planned = plan.forces.normal_forces
+    planned, push = plan.forces.normal_forces, 0.0 if plan.reserve is None else plan.reserve.force
     return sum(
         (
             bool(slip.size) and float(slip.max()) > _FAR * closure.object.bounding_radius,
             doubtful_share(plan.hand, closure.object, solution.problem.contacts, planned) > 0,
             float(np.abs(plan.motion.settled_forces / planned - 1.0).max()) > _OTHER,
             bool(pressing_too(plan.hand, solution, plan.motion.q[-1])),
-            not plan.object_stiffness().is_stable(),
+            bool(instability(plan.hand, solution, plan.motion.q[-1], servo_gains(plan.hand), push)),
         )
     )
