@@ -169,8 +169,8 @@ _MEANINGS = {
     ),
     Status.DOUBTFUL: _Meaning(
         0,
-        "Forces act on edges of the object or where links are hollow, which a small error turns, or contacts and servos "
-        "let the object give way: the motion's remedy says which. Take another grasp.",
+        "Forces act on edges of the object or where links are hollow, which a small error turns, or the object gives "
+        "way far: the motion's remedy says which. Take another grasp.",
     ),
     Status.INFEASIBLE: _Meaning(
         3,

@@ -19,7 +19,8 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling
 from pinograsp.hands.drives import Actuation
 from pinograsp.hands.elements import drop, written
-from pinograsp.hands.geometry import PRIMITIVES, read_mesh, solid
+from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh, solid
+from pinograsp.hands.mesh_mass import counted_mass
 from pinograsp.hands.mjcf_drives import actuation_of, couplings_of, effort_limits, rests_of
 from pinograsp.hands.mjcf_loops import Loop, close
 from pinograsp.hands.mjcf_source import Source, turned_to
@@ -291,8 +292,7 @@ class _Reader:
         if mass == 0 or (mass < 0 and density == 0):
             return None
         try:
-            shape = read_mesh(path, tuple(size)) if kind == "mesh" else PRIMITIVES[kind](*size)
-            inertia = solid(shape, density if mass < 0 else 1.0)
+            inertia = self._weighed(given, kind, size, path, density if mass < 0 else 1.0)
         except (ValueError, OSError):  # the note on collision geometry says why
             inertia = None
         if inertia is None:
@@ -301,6 +301,20 @@ class _Reader:
         if mass > 0:
             inertia = pin.Inertia(float(mass), inertia.lever, inertia.inertia * float(mass) / inertia.mass)
         return at.act(inertia)
+
+    def _weighed(
+        self, given: dict[str, str], kind: str, size: Sequence[float], path: str, density: float
+    ) -> pin.Inertia | None:
+        """Of a shape, None where it is not known; ValueError, OSError: a mesh that cannot be read."""
+        if kind != "mesh":
+            return solid(PRIMITIVES[kind](*size), density)
+        mesh, way = read_mesh(path, tuple(size)), self.meshes[given["mesh"]].get("inertia", "legacy").strip()
+        if way == "legacy":
+            return counted_mass(mesh, density)
+        if way == "convex":
+            hull = hull_of(mesh)
+            return None if hull is None else solid(hull, density)
+        return solid(mesh, density) if way == "exact" else None
 
     def _primitive(self, given: dict[str, str], kind: str) -> tuple[pin.SE3, list[float]]:
         size = [*self.source.numbers(given, "size", "0", 1, 3), 0.0, 0.0][:3]

@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import load_hand
@@ -327,6 +328,30 @@ def test_meshes_are_found_placed_and_weighed(tmp_path, scale, reference):
     distance = np.linalg.norm(ours[:, None] - theirs[None], axis=2)
     assert distance.min(axis=1).max() < 1e-7 and distance.min(axis=0).max() < 1e-7  # files hold single precision
     assert hand.mass == pytest.approx(model.body_mass.sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("way", ["", 'inertia="legacy"', 'inertia="exact"', 'inertia="convex"'])
+def test_hollow_meshes_weigh_what_mujoco_says(tmp_path, way):
+    mujoco = pytest.importorskip("mujoco")
+    cup = trimesh.boolean.difference(
+        [
+            trimesh.creation.cylinder(0.02, 0.06),
+            trimesh.creation.cylinder(0.018, 0.06).apply_translation([0.001, 0, 0.004]),
+        ],
+        engine="manifold",
+    )
+    cup.export(tmp_path / "cup.stl")
+    path = write(
+        tmp_path,
+        f"""<mujoco><asset><mesh file="cup.stl" {way}/></asset><worldbody><body name="palm"><geom size="0.03"/>
+      <body name="f" pos="0.1 0 0"><joint name="j" type="hinge" range="0 1" axis="0 1 0"/>
+      <geom type="mesh" mesh="cup" euler="10 20 30"/></body></body></worldbody></mujoco>""",
+    )
+    model = mujoco.MjModel.from_xml_path(str(path))
+    ours = load_hand(path).model.inertias[1]
+    assert ours.mass == pytest.approx(model.body_mass[2], rel=1e-6)
+    assert np.array(ours.lever) == pytest.approx(model.body_ipos[2], abs=1e-8)
+    assert np.linalg.eigvalsh(ours.inertia) == pytest.approx(np.sort(model.body_inertia[2]), rel=1e-5)
 
 
 @pytest.mark.parametrize("file", ["gone.stl", "x" * 3000, ""])
