@@ -55,12 +55,15 @@ def parallel_results(
 
     The processes ignore Ctrl-C, which goes to all that a terminal runs: they end with the block.
     """
+    import multiprocessing.resource_tracker
+
     import joblib  # slow to import
     from joblib.externals.loky.backend import resource_tracker
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # joblib's, of work that is given up
-        resource_tracker.ensure_running()  # joblib's own process; starting it opens signals that are blocked
+        for tracker in (resource_tracker, multiprocessing.resource_tracker):
+            tracker.ensure_running()  # starting these processes opens signals that are blocked
         with _interrupts_not_inherited():
             results = joblib.Parallel(n_jobs=jobs, **settings)(joblib.delayed(function)(*each) for each in arguments)
         with contextlib.closing(results):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 import sys
 import threading
 
@@ -74,3 +75,16 @@ def test_outside_the_main_thread_nothing_changes():
     thread.start()
     thread.join()
     assert seen == [signal.default_int_handler]
+
+
+def test_processes_of_parallel_work_do_not_hear_ctrl_c():
+    """In a process of its own: the first to start such processes is the one that could get it wrong."""
+    script = (
+        "import signal\n"
+        "from pinograsp.interrupts import parallel_results\n"
+        "asked = [(signal.SIG_BLOCK, ())] * 4\n"
+        "with parallel_results(signal.pthread_sigmask, asked, 2, return_as='generator') as blocked:\n"
+        "    print(all(signal.SIGINT in one for one in blocked))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and done.stdout.strip() == "True", done.stderr
