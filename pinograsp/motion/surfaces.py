@@ -40,7 +40,7 @@ _ROUNDS, _HALVINGS = 15, 3
 _LETTING_GO, _AS_PLANNED, _GAIN, _FURTHEST, _SHORTER = 6, 0.01, 0.1, 10.0, 3.0
 _AT_LIMIT = 1e-9  # [rad or m]
 _ROUNDED = 0.1  # share of its depth that a contact keeps where others need less of it
-_FOLLOWS = 0.5  # least share of a change of the joints' depths that is left at rest where they are corrected
+_FOLLOWS = 0.4  # least share of a change of the joints' depths that is left at rest where they are corrected
 # What the joints' freedom is used for: contacts that slide by 1 mm cost as much as joints that turn by 1 rad (or slide
 # by 30 mm), and as an object that shifts by 0.1 mm. Depths come first: they are off by 0.1 um at that cost.
 _SLIDING, _SHIFTING, _DEPTH, _STROKE = 1e-3, 1e-4, 1e-7, 0.03
@@ -120,7 +120,7 @@ def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
 def _corrected(solver: _Solver, final: Array, planned: Array, best: ClosedPress) -> ClosedPress:
     """A press to other depths than ``final`` (k,) [m], with forces at rest that are nearer the ``planned`` (k,) [N].
 
-    Where depths follow the joints by less than half, the servos' torques make the forces, and the press stays.
+    Where depths hardly follow the joints, the servos' torques make the forces, and the press stays.
     """
     law, further, share = solver.problem.compliance, np.zeros(len(final)), 1.0
     reached = max(TRACKED, float(np.abs(best.missing).max()))
