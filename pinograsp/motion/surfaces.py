@@ -40,7 +40,6 @@ _ROUNDS, _HALVINGS = 15, 3
 _LETTING_GO, _AS_PLANNED, _GAIN, _FURTHEST, _SHORTER = 6, 0.01, 0.1, 10.0, 3.0
 _AT_LIMIT = 1e-9  # [rad or m]
 _ROUNDED = 0.1  # share of its depth that a contact keeps where others need less of it
-_FOLLOWS = 0.4  # least share of a change of the joints' depths that is left at rest where they are corrected
 # What the joints' freedom is used for: contacts that slide by 1 mm cost as much as joints that turn by 1 rad (or slide
 # by 30 mm), and as an object that shifts by 0.1 mm. Depths come first: they are off by 0.1 um at that cost.
 _SLIDING, _SHIFTING, _DEPTH, _STROKE = 1e-3, 1e-4, 1e-7, 0.03
@@ -73,7 +72,9 @@ class ClosedPress(NamedTuple):
         return float(np.abs(self.rest.normal / planned - 1.0).max())
 
 
-def press_closed(hand: HandModel, solution: ForceSolution, posture: Array, gains: Array | None = None) -> ClosedPress:
+def press_closed(
+    hand: HandModel, solution: ForceSolution, posture: Array, gains: Array | None = None, *, corrected: bool = True
+) -> ClosedPress:
     """Joint positions at which the surfaces of a closed hand are as deep as planned, once the object has shifted.
 
     Args:
@@ -82,6 +83,7 @@ def press_closed(hand: HandModel, solution: ForceSolution, posture: Array, gains
         posture: of the closed hand (n,) [rad or m].
         gains: of the servos that follow the joint positions, sent the torques of the planned forces besides (n,)
             [N m/rad or N/m]; None: joints do not give way.
+        corrected: whether other depths are pressed to where friction and servos leave other forces at rest.
     """
     solver, final = _Solver(hand, solution, posture, gains), solution.profile.final_depth
     planned = solution.problem.compliance.normal_force(final)
@@ -103,7 +105,7 @@ def press_closed(hand: HandModel, solution: ForceSolution, posture: Array, gains
                 break
         else:
             share /= _SHORTER
-    return _corrected(solver, final, planned, best)
+    return _corrected(solver, final, planned, best) if corrected else best
 
 
 def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
@@ -118,15 +120,12 @@ def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
 
 
 def _corrected(solver: _Solver, final: Array, planned: Array, best: ClosedPress) -> ClosedPress:
-    """A press to other depths than ``final`` (k,) [m], with forces at rest that are nearer the ``planned`` (k,) [N].
-
-    Where depths hardly follow the joints, the servos' torques make the forces, and the press stays.
-    """
+    """A press to other depths than ``final`` (k,) [m], with forces at rest that are nearer the ``planned`` (k,) [N]."""
     law, further, share = solver.problem.compliance, np.zeros(len(final)), 1.0
     reached = max(TRACKED, float(np.abs(best.missing).max()))
     for _ in range(_LETTING_GO):
         off = best.off(planned)
-        if off < _AS_PLANNED or not best.rest.balanced or np.diag(best.rest.response).min() < _FOLLOWS:
+        if off < _AS_PLANNED or not best.rest.balanced:
             break
         lacking = final - law.depth(best.rest.normal)
         step = np.linalg.lstsq(best.rest.response, lacking, rcond=_STIFF)[0]

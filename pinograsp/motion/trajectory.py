@@ -80,12 +80,25 @@ class MotionSpec:
                 object.__setattr__(self, name, mapping_of(name, getattr(self, name), "{finger: joint angles}"))
 
 
-def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: MotionSpec | None = None) -> Motion:
+def plan_motion(
+    hand: HandModel,
+    solution: ForceSolution | RobustForces,
+    spec: MotionSpec | None = None,
+    *,
+    corrected: bool = True,
+) -> Motion:
     """Joint motion and torques that carry out ``solution``; of robust forces the squeeze, under the problem's own load.
 
     Every contact-phase posture of every finger is taken through grasp and approach phase; per finger the one with the
     least infinity norm of its torques over both phases is kept (the palm is fixed, so fingers do not disturb each
     other and the hand's norm is then least). Postures that stay inside the joint limits and on the path come first.
+
+    Args:
+        hand: the hand.
+        solution: its forces.
+        spec: postures and sampling; default: :class:`MotionSpec`.
+        corrected: whether a closed hand presses to other depths where friction and servos leave other forces at rest;
+            not for a squeeze on contacts of several stiffnesses, of which it would suit one.
 
     Raises:
         ContactNotReached: a finger has no posture at its contact points.
@@ -100,7 +113,7 @@ def plan_motion(hand: HandModel, solution: ForceSolution | RobustForces, spec: M
     postures = contact_postures(
         hand, contacts, reference=_of_touching(contacts, spec.posture), spread=spec.spread, samples=spec.samples
     )
-    planning = _Planning(hand, solution, spec)
+    planning = _Planning(hand, solution, spec, corrected)
     groups = moving_groups(hand, contacts)
     for finger, which in groups:
         planning.move(finger, which, postures[finger.name])
@@ -119,7 +132,7 @@ def _of_touching(contacts: ContactSet, posture: Mapping[str, ArrayLike] | None) 
 class _Planning:
     """A motion while it is put together, finger by finger."""
 
-    def __init__(self, hand: HandModel, solution: ForceSolution, spec: MotionSpec):
+    def __init__(self, hand: HandModel, solution: ForceSolution, spec: MotionSpec, corrected: bool):
         self.hand, self.problem, self.profile, self.spec = hand, solution.problem, solution.profile, spec
         self.before, self.after = _sample_times(solution.profile, spec.time_step)
         self.times, self.impact = np.concatenate([self.before[:-1], self.after]), self.before.size - 1
@@ -138,11 +151,11 @@ class _Planning:
         self.closing: list[tuple[Finger, FingerMotion]] = []
         self.pressed: ClosedPress | None = None
         if self.problem.contacts.posture is not None:
-            self.pressed = self.closed(solution, self.problem.contacts.posture)
+            self.pressed = self.closed(solution, self.problem.contacts.posture, corrected)
 
-    def closed(self, solution: ForceSolution, q: Array) -> ClosedPress:
+    def closed(self, solution: ForceSolution, q: Array, corrected: bool) -> ClosedPress:
         """How all joints of the hand that is closed at ``q`` (n,) press, and the object gives way when it is let go."""
-        pressed = press_closed(self.hand, solution, q, servo_gains(self.hand))
+        pressed = press_closed(self.hand, solution, q, servo_gains(self.hand), corrected=corrected)
         size = float(np.linalg.norm(pressed.shift[-1, :3]))
         if size > _SHIFTED:
             self.notes.append(

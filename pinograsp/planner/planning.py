@@ -306,7 +306,7 @@ def _by_reserve(
                 raise GraspUndecided(_not_made(hand, searched, reserve, together), _no_forces(squeeze))
         forces = squeeze.under(problem.load)
         found = time.perf_counter()
-        motion = plan_motion(hand, forces, choices.motion)
+        motion = plan_motion(hand, forces, choices.motion, corrected=not reserve.stiffness_factors)
         posture = motion.q[-1]
         spent["forces"] += found - started
         spent["motion"] += time.perf_counter() - found
