@@ -23,6 +23,7 @@ class Entry:
         palm, fingers: as :func:`~pinograsp.hands.load.load_hand` takes them, where the tree alone does not tell.
         drives: motors of the real hand, where the file does not tell or tells otherwise; one without a limit has that
             of its joints.
+        hollow: names of collision meshes that are far from convex, for which convex parts come with this package.
     """
 
     file: str
@@ -32,6 +33,7 @@ class Entry:
     palm: str | None = None
     fingers: dict[str, str] | None = field(default=None)
     drives: tuple[Drive, ...] | None = None
+    hollow: tuple[str, ...] = ()
 
 
 def _sides(entries: Callable[[str], dict[str, Entry]]) -> dict[str, Entry]:
@@ -279,6 +281,7 @@ CATALOGUE: dict[str, Entry] = {
         title="SO-101 gripper",
         root="gripper_link",
         fingers={"jaw": "moving_jaw_so101_v1_link"},
+        hollow=("wrist_roll_follower_so101_v1", "moving_jaw_so101_v1"),
         # One STS3215 servo: stall torque 30 kg cm at 12 V, gains as in TheRobotStudio/SO-ARM100, Simulation/SO101
         # (MuJoCo's class sts3215).
         drives=(
@@ -301,6 +304,12 @@ def shipped_folder() -> Path:
     package = Path(__file__).resolve().parent.parent
     inside = package / "urdf"
     return inside if inside.is_dir() else package.parent / "urdf"
+
+
+def convex_parts_of(name: str) -> dict[str, list[Path]]:
+    """Files of the convex parts that stand for collision meshes of a hand, by the names of these meshes."""
+    folder = shipped_folder() / "meshes" / name
+    return {mesh: sorted(folder.glob(f"{mesh}_*.stl")) for mesh in CATALOGUE[name].hollow}
 
 
 def file_of(name: str) -> Path:

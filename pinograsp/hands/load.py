@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import codecs
+import copy
 import difflib
 import os
 import re
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +20,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, mjcf, urdf_drives
-from pinograsp.hands.catalogue import CATALOGUE, file_of
+from pinograsp.hands.catalogue import CATALOGUE, convex_parts_of, file_of
 from pinograsp.hands.drives import (
     ON_DRIVES,
     Actuation,
@@ -133,6 +135,8 @@ def load_hand(
         text = _text(name, path)
     folder = path.resolve().parent
     robot = parse(name, text)
+    if name in CATALOGUE:
+        _in_convex_parts(robot, convex_parts_of(name))
     if robot.tag == "mujoco":
         robot, problems, notes, found = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
         prepared = prepare(name, robot, folder, None, problems, notes)
@@ -151,6 +155,20 @@ def load_hand(
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
     return hand if pose is None else hand.placed(pose)
+
+
+def _in_convex_parts(robot: ElementTree.Element, parts: Mapping[str, list[Path]]) -> None:
+    """Put the files of convex parts where a collision shape has the mesh that they stand for."""
+    for link in robot.iter("link"):
+        for collision in link.findall("collision"):
+            mesh = collision.find("geometry/mesh")
+            files = [] if mesh is None else parts.get(Path(mesh.get("filename", "")).stem, [])
+            for path in files:
+                part = copy.deepcopy(collision)
+                cast(ElementTree.Element, part.find("geometry/mesh")).set("filename", str(path))
+                link.append(part)
+            if files:
+                link.remove(collision)
 
 
 def _file(name: str) -> Path:
