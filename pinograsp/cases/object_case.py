@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, weights_by_name
+from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, XacroArguments, weights_by_name
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.contacts.compliance import MEASURES
@@ -93,7 +93,7 @@ class ObjectCase(Section):
     palm: str | None = None
     fingers: dict[str, str] | None = None
     packages: dict[str, str] = Field(default_factory=dict)
-    xacro_args: dict[str, Any] = Field(default_factory=dict)
+    xacro_args: XacroArguments = Field(default_factory=dict)
     trusted: bool = False
     masses: Masses = "estimate"
     exclude: list[str] = Field(default_factory=list)

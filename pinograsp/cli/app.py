@@ -82,7 +82,7 @@ def loading(
     srdf: str | None,
 ) -> dict[str, Any]:
     """How a hand's file is to be read, by the names of :func:`~pinograsp.hands.load_hand`; :class:`InvalidInput` for
-    texts that are not NAME=VALUE, and for names given twice.
+    texts that are not NAME=VALUE, for names given twice, and for arguments called like one of these names.
     """
 
     def pairs(option: str, given: list[str] | None) -> dict[str, str]:
@@ -94,16 +94,52 @@ def loading(
             found[name] = value
         return found
 
+    from pinograsp.hands.load import xacro_arguments
+
     return {
         "palm": palm,
         "fingers": pairs("--finger", fingers) or None,
         "packages": {name: os.path.expanduser(folder) for name, folder in pairs("--package", packages).items()},
-        "xacro_args": pairs("--arg", arguments),
+        "xacro_args": xacro_arguments(pairs("--arg", arguments)),
         "trusted": trusted,
         "masses": masses,
         "exclude": exclude or [],
         "srdf": srdf,
     }
+
+
+# Where a case file has what options say of a hand and an object, by the names of the commands' parameters.
+_IN_CASES = {
+    **dict.fromkeys(("root", "palm", "fingers", "packages", "trusted", "masses", "exclude", "srdf", "hulls"), "hand."),
+    "arguments": "hand.xacro_args",
+    "at": "hand.position_mm",
+    "mu": "friction.mu",
+    "friction": "friction.model",
+    "safety": "friction.safety",
+    **dict.fromkeys(("samples", "seed", "wrap", "table"), "contacts"),
+}
+
+
+def refuse_with_case(context: typer.Context, case: str) -> None:
+    """Refuse options of ``--hand`` and ``--object`` that were given with a case, which has all of that itself.
+
+    Raises:
+        InvalidInput: with the places of a case file where it is to be written.
+    """
+    options, places = [], []
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if name in _IN_CASES and source is not None and source.name == "COMMANDLINE":
+            place = _IN_CASES[name]
+            options.append(max(parameter.opts, key=len))
+            places.append(place + name if place.endswith(".") else place)
+    if options:
+        raise InvalidInput(
+            f"{', '.join(options)}: expected with --hand and --object, got CASE '{case:.200}', whose hand, object and "
+            f"contacts are in its file: write {', '.join(dict.fromkeys(places))} there, or give them with "
+            "--set KEY=VALUE"
+        )
 
 
 given = {"quiet": False, "verbose": False}  # options that may stand before the command or after it

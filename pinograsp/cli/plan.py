@@ -36,6 +36,7 @@ from pinograsp.cli.app import (
     console,
     loading,
     new_folder,
+    refuse_with_case,
 )
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 
@@ -64,6 +65,7 @@ class _WithObjects(TyperCommand):
 
 @app.command(cls=_WithObjects)
 def plan(
+    context: typer.Context,
     case: Annotated[
         str | None, typer.Argument(help="A built-in case ('paper') or a case file (YAML); none: --hand and --object.")
     ] = None,
@@ -135,6 +137,7 @@ def plan(
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     if case is not None and hand is None and object is None:
+        refuse_with_case(context, case)
         if reserve not in (None, "none"):
             raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
         _plan(case, out, options, changes, force, as_json)

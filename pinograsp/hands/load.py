@@ -9,14 +9,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
-from pinograsp.errors import HandNotLoaded
+from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import geometry, mjcf, urdf_drives
 from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.hands.drives import (
@@ -151,6 +151,20 @@ def load_hand(
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
     return hand if pose is None else hand.placed(pose)
+
+
+def xacro_arguments(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of a xacro file as :func:`load_hand` can pass them on.
+
+    Raises:
+        InvalidInput: one is called like an argument of :func:`load_hand`, which would take it for that.
+    """
+    if taken := sorted({"source", *(load_hand.__kwdefaults__ or ())} & values.keys()):
+        raise InvalidInput(
+            f"arguments of the xacro file: expected names other than those of load_hand's own arguments, got "
+            f"{', '.join(taken)}: rename <xacro:arg name=...> in the file"
+        )
+    return dict(values)
 
 
 def _file(name: str) -> Path:

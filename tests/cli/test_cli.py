@@ -231,6 +231,17 @@ BAD = {
         ["paper", "--set", "hand.xacro_args=" + "[" * 60 + "]" * 60],
         "at most 50 nested lists and mappings",
     ),
+    "options of the hand's file": (
+        ["paper", "--root", "palm", "--finger", "thumb=tip", "--arg", "side=left", "--masses", "estimate"],
+        "got CASE 'paper', whose hand, object and contacts are in its file: write hand.root, hand.fingers, "
+        "hand.xacro_args, hand.masses there",
+    ),
+    "trusted": (["paper", "--trusted"], "--trusted: expected with --hand and --object"),
+    "friction and placing": (["paper", "--mu", "0.7", "--wrap"], "write friction.mu, contacts there"),
+    "argument called like load_hand's": (
+        ["paper", "--set", "hand.xacro_args={pose: 1}"],
+        "expected names other than those of load_hand's own arguments, got pose",
+    ),
     "half the links": (
         [
             "paper",
