@@ -259,6 +259,15 @@ class Actuation:
     notes: list[str] = field(default_factory=list)
 
 
+def motors_at(found: Actuation) -> dict[str, list[str]]:
+    """Names of a file's motors, by the joints that they move."""
+    names: dict[str, list[str]] = {}
+    for motor in found.motors:
+        for joint in motor.arms:
+            names.setdefault(joint, []).append(motor.name)
+    return names
+
+
 def drives_of(
     found: Actuation, joints: Sequence[str], couplings: Mapping[str, Coupling], efforts: ArrayLike
 ) -> tuple[Drive, ...]:

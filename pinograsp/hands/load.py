@@ -25,12 +25,14 @@ from pinograsp.hands.drives import (
     Drive,
     Spring,
     drives_of,
+    motors_at,
     on_joints,
     one_each,
     remarks_on,
     springs_of,
 )
 from pinograsp.hands.elements import parse, read_bytes
+from pinograsp.hands.finger_names import Labels, names_of
 from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import LFS_POINTER
@@ -134,13 +136,14 @@ def load_hand(
     folder = path.resolve().parent
     robot = parse(name, text)
     if robot.tag == "mujoco":
-        robot, problems, notes, found = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
+        robot, problems, notes, found, labels = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
         prepared = prepare(name, robot, folder, None, problems, notes)
     else:
-        problems = []
+        problems, labels = [], {}
         found = urdf_drives.actuation_of(robot, problems)
         prepared = prepare(name, robot, folder, root, problems, packages=folders)
-    hand = _driven(_hand_model(name, prepared, palm, fingers, masses, exclude), found, known, drives, springs)
+    hand = _hand_model(name, prepared, palm, fingers, masses, exclude, {"motor": motors_at(found), **labels})
+    hand = _driven(hand, found, known, drives, springs)
     pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
     if srdf is not None:
         pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
@@ -208,6 +211,7 @@ def _hand_model(
     names: dict[str, str] | None,
     masses: Masses,
     exclude: Sequence[str],
+    labels: Labels,
 ) -> HandModel:
     notes = list(prepared.notes)
     try:
@@ -249,6 +253,7 @@ def _hand_model(
         lambda chains: without_levers(model, geometry, chains, notes),
         palm,
         names,
+        lambda chains: names_of(chains, labels),
     )
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
     notes += _on_root(model, prepared, solid, palm, fingers)

@@ -19,6 +19,7 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling
 from pinograsp.hands.drives import Actuation
 from pinograsp.hands.elements import drop, written
+from pinograsp.hands.finger_names import Labels
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh, solid
 from pinograsp.hands.mesh_mass import counted_mass
 from pinograsp.hands.mjcf_drives import actuation_of, couplings_of, effort_limits, rests_of
@@ -38,8 +39,8 @@ _HALF = {"box": 2.0, "cylinder": 2.0, "capsule": 2.0}  # MuJoCo gives half lengt
 
 def to_urdf(
     name: str, element: ElementTree.Element, path: Path, root: str | None, trusted: bool = False
-) -> tuple[ElementTree.Element, list[str], list[str], Actuation]:
-    """URDF of an MJCF file, problems, notes, and the motors and springs at its joints.
+) -> tuple[ElementTree.Element, list[str], list[str], Actuation, Labels]:
+    """URDF of an MJCF file, problems, notes, the motors and springs at its joints, and names of sites and geoms.
 
     Equality constraints between two joints become mimic joints, curves by the line nearest to them; force ranges of
     actuators, and control ranges of motors, become effort limits. With ``root``, only that body and what it carries.
@@ -50,7 +51,7 @@ def to_urdf(
     """
     reader = _Reader(Source(name, element, path, trusted), path)
     reader.read(name, root)
-    return reader.robot, reader.source.problems, reader.notes, reader.actuation
+    return reader.robot, reader.source.problems, reader.notes, reader.actuation, reader.labels
 
 
 class _Reader:
@@ -69,6 +70,7 @@ class _Reader:
         self.left_out: list[str] = []
         self.weightless: list[str] = []
         self.actuation = Actuation()
+        self.labels: dict[str, dict[str, list[str]]] = {"site": {}, "geom": {}}
 
     def read(self, name: str, root: str | None) -> None:
         worlds = self.source.element.findall("worldbody")
@@ -216,6 +218,8 @@ class _Reader:
         from_geoms = self.source.compiler.get("inertiafromgeom", "auto")
         use_geoms = from_geoms == "true" or (from_geoms == "auto" and body.find("inertial") is None)
         for child, inherited, at in self.source.contents(body, childclass):
+            if child.tag in self.labels and (label := child.get("name") or child.get("mesh")):
+                self.labels[child.tag].setdefault(link, []).append(label)
             if child.tag == "body":
                 children.append((child, inherited, link, at))
             elif child.tag == "inertial" and from_geoms != "true":
