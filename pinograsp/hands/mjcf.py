@@ -24,6 +24,7 @@ from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh, solid
 from pinograsp.hands.mesh_mass import counted_mass
 from pinograsp.hands.mjcf_drives import actuation_of, couplings_of, effort_limits, rests_of
 from pinograsp.hands.mjcf_loops import Loop, close
+from pinograsp.hands.mjcf_paint import Paint
 from pinograsp.hands.mjcf_source import Source, turned_to
 from pinograsp.spatial import Array
 
@@ -66,7 +67,7 @@ class _Reader:
         for mesh in source.element.findall("asset/mesh"):
             given = source.attributes(mesh)
             self.meshes[given.get("name") or Path(given.get("file", "").replace("\\", "/")).stem] = given
-        self.materials = {one.get("name", ""): one for one in source.element.findall("asset/material")}
+        self.paint = Paint(source)
         self.left_out: list[str] = []
         self.weightless: list[str] = []
         self.actuation = Actuation()
@@ -278,15 +279,8 @@ class _Reader:
             _shape(link, "collision", at, kind, size, path)
         if self.source.numbers(given, "group", "0")[0] <= _SHOWN:
             _shape(link, "visual", at, kind, size, path)
-            self._paint(link[-1], given)
+            self.paint.put_on(link[-1], given)
         return self._geom_inertia(given, where, at, kind, size, path) if wants_mass else None
-
-    def _paint(self, visual: ElementTree.Element, given: dict[str, str]) -> None:
-        """Give a geom that is seen its own colour, or that of its material."""
-        material = self.materials.get(given.get("material", ""))
-        from_material = {} if material is None else self.source.attributes(material)
-        if rgba := given.get("rgba", from_material.get("rgba")):
-            ElementTree.SubElement(ElementTree.SubElement(visual, "material"), "color", rgba=rgba)
 
     def _geom_inertia(
         self, given: dict[str, str], where: str, at: pin.SE3, kind: str, size: Sequence[float], path: str
@@ -340,11 +334,8 @@ class _Reader:
         if not mesh:
             known = ", ".join(self.meshes) or "none"
             self.source.problem(f"a geom names the unknown mesh '{given.get('mesh', '')}'; meshes: {known}")
-        compiler = self.source.compiler
-        file = mesh.get("file", "").replace("\\", "/")
-        if compiler.get("strippath", "false") == "true":
-            file = file.split("/")[-1]
-        path = self.source.folder / compiler.get("meshdir", compiler.get("assetdir", "")) / file
+        file = mesh.get("file", "")
+        path = self.source.asset(file, "meshdir")
         origin = self.source.placement({"pos": mesh.get("refpos", "0 0 0"), "quat": mesh.get("refquat", "1 0 0 0")})
         scale = self.source.numbers(mesh, "scale", "1 1 1", 3)
         turned = not np.allclose(origin.rotation, np.eye(3), atol=1e-12)
