@@ -123,9 +123,12 @@ class ObjectCase(Section):
         """The hand at the world's origin; hands that were loaded before are reused."""
         beside = self.folder / self.hand
         settings = self.model_dump(include=_OF_THE_HAND)
-        settings["packages"] = {name: str(self.folder / folder) for name, folder in self.packages.items()}
+        settings["packages"] = self._packages()
         settings["srdf"] = self.srdf and str(self.folder / Path(self.srdf).expanduser())
         return _hand(str(beside) if os.path.isfile(beside) else self.hand, json.dumps(settings, sort_keys=True))
+
+    def _packages(self) -> dict[str, str]:
+        return {name: str(self.folder / Path(folder).expanduser()) for name, folder in self.packages.items()}
 
     def make_object(self) -> Body:
         """The object at the world's origin."""
@@ -134,8 +137,12 @@ class ObjectCase(Section):
             path = self.folder / str(fields["path"])
             if os.path.exists(path) or glob.glob(os.path.join(glob.escape(str(self.folder)), str(fields["path"]))):
                 fields["path"] = path
+        if "package" in fields:
+            name, _, folder = str(fields["package"]).partition("=")
+            fields["package"] = f"{name}={self.folder / Path(folder).expanduser()}" if folder else name
         return object_from(
-            f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items())
+            f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items()),
+            packages=self._packages(),
         )
 
     def grasps(self, *, jobs: int = -1, progress: bool | None = None) -> GraspSearch:

@@ -34,7 +34,7 @@ Fingers = Annotated[
 ]
 Packages = Annotated[
     list[str] | None,
-    typer.Option("--package", metavar="NAME=DIR", help="Folder of a ROS package, for the hand's file; repeatable."),
+    typer.Option("--package", metavar="NAME=DIR", help="Folder of a ROS package, for files; repeatable."),
 ]
 Arguments = Annotated[
     list[str] | None, typer.Option("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
