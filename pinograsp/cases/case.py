@@ -89,6 +89,7 @@ class HandSection(Section):
     masses: Masses = "estimate"
     exclude: list[str] = []
     srdf: str | None = None
+    posture: dict[str, Number] = {}
 
 
 class ObjectSection(Section):
@@ -307,6 +308,7 @@ class Case(Section):
             masses=h.masses,
             exclude=h.exclude,
             srdf=None if h.srdf is None else self.folder / Path(h.srdf).expanduser(),
+            posture=h.posture,
             **h.xacro_args,
         )
 

@@ -29,7 +29,19 @@ from pinograsp.planner import GraspPlan, Search, plan_best, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
-_OF_THE_HAND = {"root", "palm", "fingers", "packages", "xacro_args", "trusted", "masses", "hulls", "exclude", "srdf"}
+_OF_THE_HAND = {
+    "root",
+    "palm",
+    "fingers",
+    "packages",
+    "xacro_args",
+    "trusted",
+    "masses",
+    "hulls",
+    "exclude",
+    "srdf",
+    "posture",
+}
 Share = Annotated[float, Field(ge=0, lt=1)]
 Times = Annotated[float, Field(ge=1, le=1000)]
 
@@ -74,7 +86,8 @@ class ObjectCase(Section):
     ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the object's placement in the hand's frame: x, y, z [m] and
     optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used. ``friction``: None: as
     :class:`~pinograsp.forces.GraspConditions` choose it. ``reserve``: ``"none"``, ``"default"``, its fields, or a text
-    of them; not given: the default one, and none where the search or the objective knows none. Relative paths start at
+    of them; not given: the default one, and none where the search or the objective knows none. ``posture``: of joints
+    of no finger, as of an arm, by name [rad or m]. Relative paths start at
     ``folder``.
     """
 
@@ -98,6 +111,7 @@ class ObjectCase(Section):
     masses: Masses = "estimate"
     exclude: list[str] = Field(default_factory=list)
     srdf: str | None = None
+    posture: dict[str, Number] = Field(default_factory=dict)
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Measure = "impulse"

@@ -49,6 +49,12 @@ Exclude = Annotated[
     list[str] | None, typer.Option("--exclude", metavar="LINK", help="Link that is not to touch; repeatable.")
 ]
 Srdf = Annotated[str | None, typer.Option("--srdf", metavar="FILE", help="SRDF with pairs of links that may overlap.")]
+Posture = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--posture", metavar="JOINT=VALUE", help="Where a joint of an arm or wrist stays \\[rad or m]; repeatable."
+    ),
+]
 At = Annotated[
     str | None, typer.Option(help="Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched.")
 ]
@@ -71,6 +77,28 @@ Hulls = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
+def _pairs(option: str, given: list[str] | None) -> dict[str, str]:
+    """The NAME=VALUE of a repeatable option."""
+    found: dict[str, str] = {}
+    for one in given or []:
+        name, _, value = one.partition("=")
+        if not name or not value or name in found:
+            raise InvalidInput(f"{option}: expected NAME=VALUE, each name once, got '{one}'")
+        found[name] = value
+    return found
+
+
+def posture_of(given: list[str] | None) -> dict[str, float]:
+    """Positions by joint; :class:`InvalidInput` for texts that are not NAME=NUMBER, and for names given twice."""
+    found = {}
+    for joint, text in _pairs("--posture", given).items():
+        try:
+            found[joint] = float(text)
+        except ValueError:
+            raise InvalidInput(f"--posture: expected JOINT=NUMBER [rad or m], got '{joint}={text}'") from None
+    return found
+
+
 def loading(
     palm: str | None,
     fingers: list[str] | None,
@@ -84,23 +112,13 @@ def loading(
     """How a hand's file is to be read, by the names of :func:`~pinograsp.hands.load_hand`; :class:`InvalidInput` for
     texts that are not NAME=VALUE, for names given twice, and for arguments called like one of these names.
     """
-
-    def pairs(option: str, given: list[str] | None) -> dict[str, str]:
-        found: dict[str, str] = {}
-        for one in given or []:
-            name, _, value = one.partition("=")
-            if not name or not value or name in found:
-                raise InvalidInput(f"{option}: expected NAME=VALUE, each name once, got '{one}'")
-            found[name] = value
-        return found
-
     from pinograsp.hands.load import xacro_arguments
 
     return {
         "palm": palm,
-        "fingers": pairs("--finger", fingers) or None,
-        "packages": {name: os.path.expanduser(folder) for name, folder in pairs("--package", packages).items()},
-        "xacro_args": xacro_arguments(pairs("--arg", arguments)),
+        "fingers": _pairs("--finger", fingers) or None,
+        "packages": {name: os.path.expanduser(folder) for name, folder in _pairs("--package", packages).items()},
+        "xacro_args": xacro_arguments(_pairs("--arg", arguments)),
         "trusted": trusted,
         "masses": masses,
         "exclude": exclude or [],
@@ -110,7 +128,9 @@ def loading(
 
 # Where a case file has what options say of a hand and an object, by the names of the commands' parameters.
 _IN_CASES = {
-    **dict.fromkeys(("root", "palm", "fingers", "packages", "trusted", "masses", "exclude", "srdf", "hulls"), "hand."),
+    **dict.fromkeys(
+        ("root", "palm", "fingers", "packages", "trusted", "masses", "exclude", "srdf", "hulls", "posture"), "hand."
+    ),
     "arguments": "hand.xacro_args",
     "at": "hand.position_mm",
     "mu": "friction.mu",

@@ -22,6 +22,7 @@ from pinograsp.cli.app import (
     Mu,
     Packages,
     Palm,
+    Posture,
     Quiet,
     Root,
     Safety,
@@ -36,6 +37,7 @@ from pinograsp.cli.app import (
     console,
     loading,
     new_folder,
+    posture_of,
     refuse_with_case,
 )
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
@@ -97,6 +99,7 @@ def plan(
     masses: Masses = "estimate",
     exclude: Exclude = None,
     srdf: Srdf = None,
+    posture: Posture = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
@@ -153,6 +156,7 @@ def plan(
             "wrap": wrap,
             "table": table,
             "hulls": hulls,
+            "posture": posture_of(posture),
             **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),
         }
         chosen = {key: value for key, value in {**options, "reserve": reserve}.items() if value is not None}
@@ -244,6 +248,7 @@ def close(
     masses: Masses = "estimate",
     exclude: Exclude = None,
     srdf: Srdf = None,
+    posture: Posture = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -263,6 +268,7 @@ def close(
         "seed": seed,
         "wrap": wrap,
         "hulls": hulls,
+        "posture": posture_of(posture),
         **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),
     }
     case = _object_case(hand, object, root, at, **placing)

@@ -69,6 +69,7 @@ def load_hand(
     masses: Masses = "estimate",
     exclude: Sequence[str] = (),
     srdf: str | Path | None = None,
+    posture: Mapping[str, float] | None = None,
     **xacro_args: object,
 ) -> HandModel:
     """Load a hand by name or from a file.
@@ -101,11 +102,13 @@ def load_hand(
         exclude: links whose shapes take no part in touching, as a cover that gives way, or a coarse shape; noted.
         srdf: file of MoveIt's for this robot: pairs of links whose collisions it disables are not looked at where the
             hand's own links are checked against each other; nor are those that an MJCF file excludes itself.
+        posture: of joints of no finger, as of an arm in the same model, ``{joint: position}`` [rad or m], where they
+            stay: see :meth:`HandModel.with_posture`.
         **xacro_args: values of the xacro file's arguments.
 
     Raises:
         HandNotLoaded: the file is missing or broken; all problems found are listed.
-        InvalidInput: a name, a limit, a drive or a spring given here does not fit the hand.
+        InvalidInput: a name, a limit, a posture, a drive or a spring given here does not fit the hand.
     """
     for argument, value in (("root", root), ("palm", palm)):
         instance_of(argument, value, str, type(None))
@@ -150,6 +153,8 @@ def load_hand(
     hand = replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(told))
     if limits is not None:
         hand = hand.with_limits(limits)
+    if posture is not None:
+        hand = hand.with_posture(posture)
     if hulls:
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
