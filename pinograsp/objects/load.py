@@ -160,12 +160,15 @@ def _surface(part: Part, hulls: bool) -> tuple[Array, IntArray]:
         if hulls:
             vertices, faces = convex_surface(vertices, faces)
     else:
+        # Round ones are made at radius 1: trimesh takes triangles of small ones for points.
         if part.kind == "box":
             made = trimesh.creation.box(size)
         elif part.kind == "cylinder":
-            made = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=_SECTIONS)
+            made = trimesh.creation.cylinder(radius=1.0, height=size[1] / size[0], sections=_SECTIONS)
+            made.apply_scale(size[0])
         elif part.kind == "capsule":
-            made = trimesh.creation.capsule(radius=size[0], height=size[1], count=[_SECTIONS, _SECTIONS // 2])
+            made = trimesh.creation.capsule(radius=1.0, height=size[1] / size[0], count=[_SECTIONS, _SECTIONS // 2])
+            made.apply_scale(size[0])
             made.apply_translation([0, 0, -made.bounds[:, 2].mean()])
         else:
             made = trimesh.creation.icosphere(subdivisions=_SUBDIVISIONS)

@@ -418,3 +418,14 @@ def test_mjcf_files_of_no_single_object_are_refused(tmp_path, inside, body, matc
 def test_only_mjcf_files_have_bodies(tmp_path):
     with pytest.raises(InvalidInput, match="expected body= with an MJCF file"):
         load_object(urdf(tmp_path, HAMMER), body="thing")
+
+
+@pytest.mark.parametrize("radius", [1e-4, 0.003, 0.01, 0.3])
+def test_capsules_of_any_size_are_parts_of_a_solid(tmp_path, radius):
+    """A cylinder within a capsule adds nothing to its volume."""
+    length = 6 * radius
+    both = shape("capsule", f'radius="{radius}" length="{length}"', "") + shape(
+        "cylinder", f'radius="{radius / 2}" length="{length}"', ""
+    )
+    made = load_object(urdf(tmp_path, both), density=1000)
+    assert made.volume == pytest.approx(Capsule(radius=radius, length=length, mass=1).volume, rel=4e-3)  # of facets
