@@ -160,6 +160,7 @@ def _surface(part: Part, hulls: bool) -> tuple[Array, IntArray]:
         if hulls:
             vertices, faces = convex_surface(vertices, faces)
     else:
+        made: Any
         # Round ones are made at radius 1: trimesh takes triangles of small ones for points.
         if part.kind == "box":
             made = trimesh.creation.box(size)
