@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, XacroArguments, weights_by_name
 from pinograsp.cases.reading import validated
@@ -84,7 +84,8 @@ class ObjectCase(Section):
 
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
     ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the object's placement in the hand's frame: x, y, z [m] and
-    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used. ``friction``: None: as
+    optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used. ``within``: where to hold it, lower
+    and upper corner of a box in its own frame [m]. ``friction``: None: as
     :class:`~pinograsp.forces.GraspConditions` choose it. ``reserve``: ``"none"``, ``"default"``, its fields, or a text
     of them; not given: the default one, and none where the search or the objective knows none. ``posture``: of joints
     of no finger, as of an arm, by name [rad or m]. Relative paths start at
@@ -101,6 +102,7 @@ class ObjectCase(Section):
     samples: Annotated[int, Field(ge=1, le=100_000)] = 48
     seed: Annotated[int, Field(ge=0)] = 0
     wrap: bool = False
+    within: tuple[Number, Number, Number, Number, Number, Number] | None = None
     table: bool = False
     hulls: bool = True
     palm: str | None = None
@@ -119,6 +121,12 @@ class ObjectCase(Section):
     solver: Solver = "auto"
     reserve: Annotated[ReserveSection | None, BeforeValidator(_reserve)] = Field(default_factory=ReserveSection)
     folder: Path = Field(Path("."), exclude=True)
+
+    @model_validator(mode="after")
+    def _searched(self) -> ObjectCase:
+        if self.within is not None and self.at is not None:
+            raise ValueError("within says where a search holds the object: expected it without at")
+        return self
 
     @classmethod
     def of(cls, **values: Any) -> ObjectCase:
@@ -168,6 +176,7 @@ class ObjectCase(Section):
             count=self.samples,
             seed=self.seed,
             wrap=self.wrap,
+            within=None if self.within is None else (self.within[:3], self.within[3:]),
             jobs=jobs,
             progress=progress,
         )

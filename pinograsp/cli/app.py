@@ -69,6 +69,13 @@ FrictionModel = Annotated[
 Samples = Annotated[int, typer.Option(help="Without --at: grasps to try.")]
 Seed = Annotated[int, typer.Option(help="Without --at: seed of the search.")]
 Wrap = Annotated[bool, typer.Option("--wrap", help="Wrap the fingers round the object (power grasp).")]
+Within = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z,X,Y,Z",
+        help="Where to hold it, a handle for example: lower and upper corner of a box in the object's frame \\[m].",
+    ),
+]
 Safety = Annotated[float, typer.Option(help="Friction is used up to mu / safety.")]
 Hulls = Annotated[
     bool,

@@ -31,6 +31,7 @@ from pinograsp.cli.app import (
     Srdf,
     Trusted,
     Verbose,
+    Within,
     Wrap,
     app,
     bar,
@@ -87,6 +88,7 @@ def plan(
     samples: Samples = 48,
     seed: Seed = 0,
     wrap: Wrap = False,
+    within: Within = None,
     table: Annotated[
         bool, typer.Option("--table", help="The object stands on a table: the hand keeps above it.")
     ] = False,
@@ -154,6 +156,7 @@ def plan(
             "samples": samples,
             "seed": seed,
             "wrap": wrap,
+            "within": _numbers("--within", "x,y,z,x,y,z [m]", within),
             "table": table,
             "hulls": hulls,
             "posture": posture_of(posture),
@@ -198,11 +201,20 @@ def _object_case(hand: str, object: str, root: str | None, at: str | None, **opt
     """The checked options of a hand and an object; ``at`` is x,y,z[,roll,pitch,yaw] in m and degrees."""
     from pinograsp.cases.object_case import ObjectCase
 
+    return ObjectCase.of(
+        hand=hand,
+        object=object,
+        root=root,
+        at=_numbers("--at", "x,y,z or x,y,z,roll,pitch,yaw [m, deg]", at),
+        **options,
+    )
+
+
+def _numbers(option: str, wanted: str, text: str | None) -> tuple[float, ...] | None:
     try:
-        place = None if at is None else tuple(float(value) for value in at.split(","))
+        return None if text is None else tuple(float(value) for value in text.split(","))
     except ValueError:
-        raise InvalidInput(f"--at: expected x,y,z or x,y,z,roll,pitch,yaw [m, deg], got '{at}'") from None
-    return ObjectCase.of(hand=hand, object=object, root=root, at=place, **options)
+        raise InvalidInput(f"{option}: expected {wanted}, got '{text}'") from None
 
 
 def _found(case: ObjectCase, as_json: bool) -> GraspSearch | None:
@@ -239,6 +251,7 @@ def close(
     samples: Samples = 48,
     seed: Seed = 0,
     wrap: Wrap = False,
+    within: Within = None,
     hulls: Hulls = True,
     palm: Palm = None,
     fingers: Fingers = None,
@@ -267,6 +280,7 @@ def close(
         "samples": samples,
         "seed": seed,
         "wrap": wrap,
+        "within": _numbers("--within", "x,y,z,x,y,z [m]", within),
         "hulls": hulls,
         "posture": posture_of(posture),
         **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.contacts import (
+    Closure,
     clearance,
     close_hand,
 )
@@ -22,9 +23,11 @@ from pinograsp.spatial import Array
 from pinograsp.synthesis.found import FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centred
 from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refined
-from pinograsp.synthesis.seeds import Pairs, pairs_of
+from pinograsp.synthesis.seeds import Pairs, Region, pairs_of
 
 _BLOCKED = ("the open hand overlaps the object", "the open hand overlaps the object or the table")
+_OUTSIDE = "the hand touches the object outside the given box"
+_LEAST_BALANCED = 100.0  # no imbalance is nearly as large
 _LOOKS = 5  # at the hand on its way, whether it hits the table
 _DRAWS = 12  # of pair, preshape and turn, until the open hand is clear of the object
 _BACKWARDS = 6  # steps that take an open hand back from an object that it overlaps
@@ -50,6 +53,7 @@ class SearchCase:
     preshapes: tuple[Preshape, ...]
     pairs: Pairs
     table: SupportPlane | None
+    region: Region | None = None
 
 
 def case_of(
@@ -59,6 +63,7 @@ def case_of(
     impact_time: float,
     wrap: bool,
     rng: np.random.Generator,
+    region: Region | None = None,
 ) -> SearchCase:
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
     rough = replace(hand, geometry=hulls(hand.geometry))
@@ -78,8 +83,9 @@ def case_of(
         impact_time=impact_time,
         wrap=wrap,
         preshapes=tuple(good),
-        pairs=pairs_of(body, rng),
+        pairs=pairs_of(body, rng, region),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
+        region=region,
     )
 
 
@@ -154,24 +160,54 @@ class Tried(NamedTuple):
 
 def _closed(case: SearchCase, posed: Posed) -> Tried:
     """The outcome of closing a hand where it is."""
-    closure = None
     try:
-        if cannot_stop_alone(posed.hand) and not case.wrap:
-            closure = centred(posed.hand, case.body, posed.opened, posed.closed)
-        if closure is None:
-            closure = close_hand(posed.hand, case.body, start=posed.opened, target=posed.closed, wrap=case.wrap)
+        closure = _closure(case, posed)
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
         return Tried("the hand could not be closed")
     if closure.self_collisions:
         return Tried("fingers collide with each other")
     if not _above(case, posed.hand, np.linspace(posed.opened, closure.q, _LOOKS)):
         return Tried("the hand would hit the table")
+    outside = max(_outside(case, closure).values(), default=0.0)
+    if outside > 0:  # ranks after all that is inside, and the nearer, the better
+        return Tried(_OUTSIDE, imbalance=_LEAST_BALANCED + outside / case.body.bounding_radius)
     outcome, grasp = hold(closure, case.conditions, impact_time=case.impact_time)
     touching = [touch for touch in closure.touches if touch.finger]
     if grasp is not None or len(touching) < 2:
         return Tried(outcome, grasp)
     _, imbalance = balance(*(np.array([getattr(one, at) for one in touching]) for at in ("point_o", "normal_o")))
     return Tried(outcome, imbalance=imbalance)
+
+
+def _closure(case: SearchCase, posed: Posed) -> Closure:
+    """The hand closed; fingers that touch the object outside the region stay open, as long as two others close."""
+    hand, closed = posed.hand, posed.closed.copy()
+    if cannot_stop_alone(hand) and not case.wrap:
+        closure = centred(hand, case.body, posed.opened, closed)
+        if closure is not None:
+            return closure
+    closing = {finger.name: finger for finger in hand.fingers}
+    while True:
+        closure = close_hand(hand, case.body, start=posed.opened, target=closed, wrap=case.wrap)
+        outside = [name for name in _outside(case, closure) if name in closing]
+        if not outside or len(closing) - len(outside) < 2:
+            return closure
+        for name in outside:
+            dofs = closing.pop(name).dofs
+            closed[dofs] = posed.opened[dofs]
+
+
+def _outside(case: SearchCase, closure: Closure) -> dict[str, float]:
+    """How far outside the region the fingers that do so touch the object [m]."""
+    if case.region is None:
+        return {}
+    region = replace(case.region, pose=closure.object.pose)  # jaws may have pushed it
+    found: dict[str, float] = {}
+    for touch in closure.touches:
+        by = float(region.outside(touch.patch_o).max())
+        if by > 0:
+            found[touch.finger] = max(by, found.get(touch.finger, 0.0))
+    return found
 
 
 def _drawn(case: SearchCase, rng: np.random.Generator) -> Posed | None:
@@ -237,8 +273,9 @@ def _moved(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float
     """The hand moved and turned about the object a little, its fingers spread a little differently."""
     pose, body = np.array(posed.hand.pose), case.body
     turn = pin.exp3(size * _TURN * rng.normal(size=3))
+    about = body.com_o if case.region is None else case.region.middle_o
     pose[:3, :3] = turn @ pose[:3, :3]
-    pose[:3, 3] = body.com_o + turn @ (pose[:3, 3] - body.com_o)
+    pose[:3, 3] = about + turn @ (pose[:3, 3] - about)
     pose[:3, 3] += size * _MOVE * body.bounding_radius * rng.normal(size=3)
     hand = posed.hand
     spread = np.isin(np.arange(hand.n), np.concatenate([finger.dofs for finger in hand.fingers]))

@@ -20,9 +20,10 @@ from pathlib import Path
 import cloudpickle
 import joblib
 import numpy as np
+from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from pinograsp.checks import brief, flag, instance_of, integer, number, processes
+from pinograsp.checks import array_of, brief, flag, instance_of, integer, number, processes
 from pinograsp.contacts import (
     Contact,
     ContactSet,
@@ -37,6 +38,7 @@ from pinograsp.motion import effort_of
 from pinograsp.objects.body import Body
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.samples import Batch, SearchCase, batch_of, case_of
+from pinograsp.synthesis.seeds import Region
 from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
@@ -94,7 +96,7 @@ class GraspSearch:
         return text
 
 
-# Beside hand, object and conditions six options: of the samples and of how they are run.
+# Beside hand, object and conditions seven options: of the samples and of how they are run.
 def find_grasps(
     hand: HandModel,
     body: Body,
@@ -104,6 +106,7 @@ def find_grasps(
     seed: int = 0,
     impact_time: float = 0.9,
     wrap: bool = False,
+    within: ArrayLike | None = None,
     jobs: int = -1,
     progress: bool | None = None,
 ) -> GraspSearch:
@@ -118,6 +121,9 @@ def find_grasps(
         seed: of the random numbers; the result does not depend on ``jobs``.
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
+        within: where to hold it, a handle for example: lower and upper corner (2, 3) of a box along the axes of the
+            object's own frame [m]; the hand touches it nowhere else, fingers that
+            would stay open.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
 
@@ -136,11 +142,12 @@ def find_grasps(
     count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
     impact_time = number("impact time t_I", impact_time, at_least=0, unit="s")
     flag("wrap", wrap)
+    region = None if within is None else _region(within, body)
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
     first, *rounds = np.random.SeedSequence(seed).spawn(1 + _ROUNDS)
     try:
-        case = case_of(hand, body, conditions, impact_time, wrap, np.random.default_rng(first))
+        case = case_of(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), region)
     except Exception as error:
         raise _plain(error) from None
     widths = [one.width for one in case.preshapes]
@@ -218,6 +225,16 @@ def _check(hand: HandModel, body: Body, conditions: GraspConditions, impact_time
     problem = conditions.problem(body, ContactSet(contacts=(contact,), com_o=at + [0.0, 0.0, 1.0]))
     problem.checked_impact_time(impact_time)
     effort_of(hand, conditions.torque_limit)
+
+
+def _region(within: ArrayLike, body: Body) -> Region:
+    lower, upper = array_of("within", within, (2, 3))
+    if not (lower < upper).all():
+        raise InvalidInput(f"within: expected lower corner < upper corner, got {lower.tolist()} and {upper.tolist()}")
+    # No further than the object may reach: points are drawn inside.
+    com, radius = (body.com_o - body.pose[:3, 3]) @ body.pose[:3, :3], body.bounding_radius
+    lower, upper = (np.clip(corner, com - radius, com + radius) for corner in (lower, upper))
+    return Region(lower=lower, upper=upper, pose=body.pose)
 
 
 def _in_a_file(case: SearchCase, path: Path) -> str:

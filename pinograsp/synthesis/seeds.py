@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.checks import brief
+from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, BoolArray
 
@@ -34,14 +35,54 @@ class Pairs:
     __repr__ = brief()
 
 
-def pairs_of(body: Body, rng: np.random.Generator) -> Pairs:
-    """Pairs of an object: lines along the normals of random surface points, from there to the other side."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Region:
+    """A part of an object.
+
+    Attributes:
+        lower: corner of a box along the axes of the object's own frame (3,) [m].
+        upper: the opposite corner (3,) [m].
+        pose: oMb (4, 4), the object's.
+    """
+
+    lower: Array
+    upper: Array
+    pose: Array
+
+    @property
+    def middle_o(self) -> Array:
+        """In the world (3,) [m]."""
+        middle: Array = self.pose[:3, :3] @ ((self.lower + self.upper) / 2) + self.pose[:3, 3]
+        return middle
+
+    def outside(self, points_o: Array) -> Array:
+        """How far points (p, 3) of the world are outside (p,) [m]; 0: inside."""
+        points = (points_o - self.pose[:3, 3]) @ self.pose[:3, :3]
+        beyond: Array = np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - points, points - self.upper)), axis=-1)
+        return beyond
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Array:
+        """Random points inside, in the world (count, 3) [m]."""
+        points: Array = rng.uniform(self.lower, self.upper, (count, 3)) @ self.pose[:3, :3].T + self.pose[:3, 3]
+        return points
+
+
+def pairs_of(body: Body, rng: np.random.Generator, region: Region | None = None) -> Pairs:
+    """Pairs of an object: lines along the normals of random surface points, from there to the other side.
+
+    Raises:
+        InvalidInput: none of them is in the region.
+    """
     radius = body.bounding_radius
-    directions = rng.normal(size=(_POINTS, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    # Half of the points from outside, half from within, where handles and other thin parts are met as often.
-    away = np.where(np.arange(_POINTS) % 2 == 0, 1.5, 0.9 * rng.uniform(0.1, 1.0, _POINTS))
-    first, axes, _ = body.project(body.com_o + radius * away[:, None] * directions)
+    if region is None:
+        directions = rng.normal(size=(_POINTS, 3))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        # Half of the points from outside, half from within, where handles and other thin parts are met as often.
+        away = np.where(np.arange(_POINTS) % 2 == 0, 1.5, 0.9 * rng.uniform(0.1, 1.0, _POINTS))
+        start = body.com_o + radius * away[:, None] * directions
+    else:
+        start = region.drawn(rng, _POINTS)
+    first, axes, _ = body.project(start)
     keep = np.isfinite(axes).all(axis=1)
     first, axes = first[keep], axes[keep]
     second, left = _through(body, first, axes)
@@ -53,6 +94,13 @@ def pairs_of(body: Body, rng: np.random.Generator) -> Pairs:
     _, one, _ = body.project(first + inside)
     _, other, _ = body.project(second - inside)
     keep = (np.einsum("pi,pi->p", axes, one) > _FACING) & (np.einsum("pi,pi->p", axes, -other) > _FACING)
+    if region is not None:
+        keep &= (region.outside(first) == 0) & (region.outside(second) == 0)
+        if not keep.any():
+            raise InvalidInput(
+                "within: expected a box with opposed surfaces of the object in it, found none: its corners are lower "
+                "and upper x, y, z in the object's own frame [m]"
+            )
     first, second, axes, widths = first[keep], second[keep], axes[keep], widths[keep]
     middles = (first + second) / 2
     aside = np.linalg.norm(middles - body.com_o, axis=1)
