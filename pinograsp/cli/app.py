@@ -143,7 +143,7 @@ _IN_CASES = {
     "mu": "friction.mu",
     "friction": "friction.model",
     "safety": "friction.safety",
-    **dict.fromkeys(("samples", "seed", "wrap", "table"), "contacts"),
+    **dict.fromkeys(("within", "samples", "seed", "wrap", "table"), "contacts"),
 }
 
 
