@@ -27,6 +27,7 @@ from pinograsp.contacts import (
 from pinograsp.errors import CaseRejected
 from pinograsp.forces import BackendName, ForceProblem, GridSpec, ObjectiveName, grid_values
 from pinograsp.hands import HandModel, load_hand
+from pinograsp.hands.load import Masses, xacro_arguments
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
 from pinograsp.planner import GraspPlan, Search, plan_grasp
@@ -61,6 +62,7 @@ Positive = Annotated[float, Field(gt=0), AfterValidator(_reasonable)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_reasonable)]
 Vector = tuple[Number, Number, Number]
 Range = Annotated[tuple[Positive, Positive], AfterValidator(_increasing)]
+XacroArguments = Annotated[dict[str, Any], AfterValidator(xacro_arguments)]
 Angles = dict[str, tuple[Number, ...]]
 
 
@@ -71,15 +73,23 @@ class Section(BaseModel):
 
 
 class HandSection(Section):
-    """The hand: its file, placement, names and limits."""
+    """The hand: its file, placement, limits, and how the file is read (see :func:`~pinograsp.hands.load_hand`)."""
 
     source: str
     position_mm: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
+    root: str | None = None
     palm: str | None = None
     fingers: dict[str, str] | None = None
     limits_deg: dict[str, tuple[Number, Number]] = {}
-    xacro_args: dict[str, Any] = {}
+    hulls: bool = True
+    packages: dict[str, str] = {}
+    xacro_args: XacroArguments = {}
+    trusted: bool = False
+    masses: Masses = "estimate"
+    exclude: list[str] = []
+    srdf: str | None = None
+    posture: dict[str, Number] = {}
 
 
 class ObjectSection(Section):
@@ -244,7 +254,7 @@ class MotionSection(Section):
 
 
 class Case(Section):
-    """A case. Relative paths of hands start at ``folder``, the case file's own."""
+    """A case. Relative paths start at ``folder``, the case file's own."""
 
     schema_: Literal[1] = Field(1, alias="schema")
     name: str = Field(pattern=r"^\w[\w.-]*$", max_length=_LONGEST_NAME)
@@ -283,16 +293,23 @@ class Case(Section):
 
     def load_hand(self) -> HandModel:
         """The hand, placed, with the case's limits."""
-        beside = self.folder / self.hand.source
+        h = self.hand
+        beside = self.folder / h.source
         return load_hand(
-            beside if os.path.isfile(beside) else self.hand.source,
-            pose=pose_of(1e-3 * np.array(self.hand.position_mm), rotation_rpy(*np.radians(self.hand.rpy_deg))),
-            palm=self.hand.palm,
-            fingers=self.hand.fingers,
-            limits={
-                joint: (math.radians(low), math.radians(high)) for joint, (low, high) in self.hand.limits_deg.items()
-            },
-            **self.hand.xacro_args,
+            beside if os.path.isfile(beside) else h.source,
+            pose=pose_of(1e-3 * np.array(h.position_mm), rotation_rpy(*np.radians(h.rpy_deg))),
+            root=h.root,
+            palm=h.palm,
+            fingers=h.fingers,
+            limits={joint: (math.radians(low), math.radians(high)) for joint, (low, high) in h.limits_deg.items()},
+            hulls=h.hulls,
+            packages={name: self.folder / Path(folder).expanduser() for name, folder in h.packages.items()},
+            trusted=h.trusted,
+            masses=h.masses,
+            exclude=h.exclude,
+            srdf=None if h.srdf is None else self.folder / Path(h.srdf).expanduser(),
+            posture=h.posture,
+            **h.xacro_args,
         )
 
     def make_object(self) -> Cylinder | Sphere:

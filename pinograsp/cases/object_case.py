@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, weights_by_name
+from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, XacroArguments, weights_by_name
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.contacts.compliance import MEASURES
@@ -29,7 +29,19 @@ from pinograsp.planner import GraspPlan, Search, plan_best, plan_grasp_on
 from pinograsp.spatial import pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
-_OF_THE_HAND = {"root", "palm", "fingers", "packages", "xacro_args", "trusted", "masses", "hulls", "exclude", "srdf"}
+_OF_THE_HAND = {
+    "root",
+    "palm",
+    "fingers",
+    "packages",
+    "xacro_args",
+    "trusted",
+    "masses",
+    "hulls",
+    "exclude",
+    "srdf",
+    "posture",
+}
 Share = Annotated[float, Field(ge=0, lt=1)]
 Times = Annotated[float, Field(ge=1, le=1000)]
 
@@ -75,7 +87,8 @@ class ObjectCase(Section):
     optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used. ``within``: where to hold it, lower
     and upper corner of a box in its own frame [m]. ``friction``: None: as
     :class:`~pinograsp.forces.GraspConditions` choose it. ``reserve``: ``"none"``, ``"default"``, its fields, or a text
-    of them; not given: the default one, and none where the search or the objective knows none. Relative paths start at
+    of them; not given: the default one, and none where the search or the objective knows none. ``posture``: of joints
+    of no finger, as of an arm, by name [rad or m]. Relative paths start at
     ``folder``.
     """
 
@@ -95,11 +108,12 @@ class ObjectCase(Section):
     palm: str | None = None
     fingers: dict[str, str] | None = None
     packages: dict[str, str] = Field(default_factory=dict)
-    xacro_args: dict[str, Any] = Field(default_factory=dict)
+    xacro_args: XacroArguments = Field(default_factory=dict)
     trusted: bool = False
     masses: Masses = "estimate"
     exclude: list[str] = Field(default_factory=list)
     srdf: str | None = None
+    posture: dict[str, Number] = Field(default_factory=dict)
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"
     measure: Measure = "impulse"
@@ -131,9 +145,12 @@ class ObjectCase(Section):
         """The hand at the world's origin; hands that were loaded before are reused."""
         beside = self.folder / self.hand
         settings = self.model_dump(include=_OF_THE_HAND)
-        settings["packages"] = {name: str(self.folder / folder) for name, folder in self.packages.items()}
+        settings["packages"] = self._packages()
         settings["srdf"] = self.srdf and str(self.folder / Path(self.srdf).expanduser())
         return _hand(str(beside) if os.path.isfile(beside) else self.hand, json.dumps(settings, sort_keys=True))
+
+    def _packages(self) -> dict[str, str]:
+        return {name: str(self.folder / Path(folder).expanduser()) for name, folder in self.packages.items()}
 
     def make_object(self) -> Body:
         """The object at the world's origin."""
@@ -142,8 +159,12 @@ class ObjectCase(Section):
             path = self.folder / str(fields["path"])
             if os.path.exists(path) or glob.glob(os.path.join(glob.escape(str(self.folder)), str(fields["path"]))):
                 fields["path"] = path
+        if "package" in fields:
+            name, _, folder = str(fields["package"]).partition("=")
+            fields["package"] = f"{name}={self.folder / Path(folder).expanduser()}" if folder else name
         return object_from(
-            f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items())
+            f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items()),
+            packages=self._packages(),
         )
 
     def grasps(self, *, jobs: int = -1, progress: bool | None = None) -> GraspSearch:

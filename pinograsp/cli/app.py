@@ -34,7 +34,7 @@ Fingers = Annotated[
 ]
 Packages = Annotated[
     list[str] | None,
-    typer.Option("--package", metavar="NAME=DIR", help="Folder of a ROS package, for the hand's file; repeatable."),
+    typer.Option("--package", metavar="NAME=DIR", help="Folder of a ROS package, for files; repeatable."),
 ]
 Arguments = Annotated[
     list[str] | None, typer.Option("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
@@ -49,6 +49,12 @@ Exclude = Annotated[
     list[str] | None, typer.Option("--exclude", metavar="LINK", help="Link that is not to touch; repeatable.")
 ]
 Srdf = Annotated[str | None, typer.Option("--srdf", metavar="FILE", help="SRDF with pairs of links that may overlap.")]
+Posture = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--posture", metavar="JOINT=VALUE", help="Where a joint of an arm or wrist stays \\[rad or m]; repeatable."
+    ),
+]
 At = Annotated[
     str | None, typer.Option(help="Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched.")
 ]
@@ -78,6 +84,28 @@ Hulls = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
+def _pairs(option: str, given: list[str] | None) -> dict[str, str]:
+    """The NAME=VALUE of a repeatable option."""
+    found: dict[str, str] = {}
+    for one in given or []:
+        name, _, value = one.partition("=")
+        if not name or not value or name in found:
+            raise InvalidInput(f"{option}: expected NAME=VALUE, each name once, got '{one}'")
+        found[name] = value
+    return found
+
+
+def posture_of(given: list[str] | None) -> dict[str, float]:
+    """Positions by joint; :class:`InvalidInput` for texts that are not NAME=NUMBER, and for names given twice."""
+    found = {}
+    for joint, text in _pairs("--posture", given).items():
+        try:
+            found[joint] = float(text)
+        except ValueError:
+            raise InvalidInput(f"--posture: expected JOINT=NUMBER [rad or m], got '{joint}={text}'") from None
+    return found
+
+
 def loading(
     palm: str | None,
     fingers: list[str] | None,
@@ -89,28 +117,56 @@ def loading(
     srdf: str | None,
 ) -> dict[str, Any]:
     """How a hand's file is to be read, by the names of :func:`~pinograsp.hands.load_hand`; :class:`InvalidInput` for
-    texts that are not NAME=VALUE, and for names given twice.
+    texts that are not NAME=VALUE, for names given twice, and for arguments called like one of these names.
     """
-
-    def pairs(option: str, given: list[str] | None) -> dict[str, str]:
-        found: dict[str, str] = {}
-        for one in given or []:
-            name, _, value = one.partition("=")
-            if not name or not value or name in found:
-                raise InvalidInput(f"{option}: expected NAME=VALUE, each name once, got '{one}'")
-            found[name] = value
-        return found
+    from pinograsp.hands.load import xacro_arguments
 
     return {
         "palm": palm,
-        "fingers": pairs("--finger", fingers) or None,
-        "packages": {name: os.path.expanduser(folder) for name, folder in pairs("--package", packages).items()},
-        "xacro_args": pairs("--arg", arguments),
+        "fingers": _pairs("--finger", fingers) or None,
+        "packages": {name: os.path.expanduser(folder) for name, folder in _pairs("--package", packages).items()},
+        "xacro_args": xacro_arguments(_pairs("--arg", arguments)),
         "trusted": trusted,
         "masses": masses,
         "exclude": exclude or [],
         "srdf": srdf,
     }
+
+
+# Where a case file has what options say of a hand and an object, by the names of the commands' parameters.
+_IN_CASES = {
+    **dict.fromkeys(
+        ("root", "palm", "fingers", "packages", "trusted", "masses", "exclude", "srdf", "hulls", "posture"), "hand."
+    ),
+    "arguments": "hand.xacro_args",
+    "at": "hand.position_mm",
+    "mu": "friction.mu",
+    "friction": "friction.model",
+    "safety": "friction.safety",
+    **dict.fromkeys(("within", "samples", "seed", "wrap", "table"), "contacts"),
+}
+
+
+def refuse_with_case(context: typer.Context, case: str) -> None:
+    """Refuse options of ``--hand`` and ``--object`` that were given with a case, which has all of that itself.
+
+    Raises:
+        InvalidInput: with the places of a case file where it is to be written.
+    """
+    options, places = [], []
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if name in _IN_CASES and source is not None and source.name == "COMMANDLINE":
+            place = _IN_CASES[name]
+            options.append(max(parameter.opts, key=len))
+            places.append(place + name if place.endswith(".") else place)
+    if options:
+        raise InvalidInput(
+            f"{', '.join(options)}: expected with --hand and --object, got CASE '{case:.200}', whose hand, object and "
+            f"contacts are in its file: write {', '.join(dict.fromkeys(places))} there, or give them with "
+            "--set KEY=VALUE"
+        )
 
 
 given = {"quiet": False, "verbose": False}  # options that may stand before the command or after it

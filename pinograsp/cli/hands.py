@@ -15,6 +15,7 @@ from pinograsp.cli.app import (
     Masses,
     Packages,
     Palm,
+    Posture,
     Quiet,
     Root,
     Srdf,
@@ -23,6 +24,7 @@ from pinograsp.cli.app import (
     app,
     console,
     loading,
+    posture_of,
 )
 from pinograsp.errors import InvalidInput
 
@@ -43,6 +45,7 @@ def hands(
     masses: Masses = "estimate",
     exclude: Exclude = None,
     srdf: Srdf = None,
+    posture: Posture = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -61,14 +64,15 @@ def hands(
     from pinograsp.hands import load_hand
     from pinograsp.hands.summary import record
 
-    settings = {"root": root, **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)}
+    told = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
+    settings = {"root": root, "posture": posture_of(posture), **told}
     if name is None:
         if root is not None:
             raise InvalidInput("--root needs the NAME of a hand or file")
-        if settings != {"root": None, **loading(None, None, None, None, False, "estimate", None, None)}:
+        if settings != {"root": None, "posture": {}, **loading(None, None, None, None, False, "estimate", None, None)}:
             raise InvalidInput(
-                "--palm, --finger, --package, --arg, --trusted, --masses, --exclude, --srdf need the NAME of a hand or "
-                "file"
+                "--palm, --finger, --package, --arg, --trusted, --masses, --exclude, --srdf, --posture need the "
+                "NAME of a hand or file"
             )
         _list_hands(as_json)
         return

@@ -22,6 +22,7 @@ from pinograsp.cli.app import (
     Mu,
     Packages,
     Palm,
+    Posture,
     Quiet,
     Root,
     Safety,
@@ -37,6 +38,8 @@ from pinograsp.cli.app import (
     console,
     loading,
     new_folder,
+    posture_of,
+    refuse_with_case,
 )
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 
@@ -65,6 +68,7 @@ class _WithObjects(TyperCommand):
 
 @app.command(cls=_WithObjects)
 def plan(
+    context: typer.Context,
     case: Annotated[
         str | None, typer.Argument(help="A built-in case ('paper') or a case file (YAML); none: --hand and --object.")
     ] = None,
@@ -97,6 +101,7 @@ def plan(
     masses: Masses = "estimate",
     exclude: Exclude = None,
     srdf: Srdf = None,
+    posture: Posture = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
@@ -137,6 +142,7 @@ def plan(
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     if case is not None and hand is None and object is None:
+        refuse_with_case(context, case)
         if reserve not in (None, "none"):
             raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
         _plan(case, out, options, changes, force, as_json)
@@ -153,6 +159,7 @@ def plan(
             "within": _numbers("--within", "x,y,z,x,y,z [m]", within),
             "table": table,
             "hulls": hulls,
+            "posture": posture_of(posture),
             **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),
         }
         chosen = {key: value for key, value in {**options, "reserve": reserve}.items() if value is not None}
@@ -254,6 +261,7 @@ def close(
     masses: Masses = "estimate",
     exclude: Exclude = None,
     srdf: Srdf = None,
+    posture: Posture = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -274,6 +282,7 @@ def close(
         "wrap": wrap,
         "within": _numbers("--within", "x,y,z,x,y,z [m]", within),
         "hulls": hulls,
+        "posture": posture_of(posture),
         **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),
     }
     case = _object_case(hand, object, root, at, **placing)

@@ -83,7 +83,7 @@ class Distances:
         self.request.gjk_tolerance = 1e-12
         self.request.gjk_max_iterations = 1000
         self.request.epa_tolerance = 1e-9
-        self.put(np.clip(np.zeros(hand.n), hand.lower, hand.upper))
+        self.put(np.clip(hand.resting, hand.lower, hand.upper))
 
     def put(self, q: Array, body: Body | None = None) -> None:
         """Move the hand to the posture q (n,), and the object to where ``body``, the same solid, is."""

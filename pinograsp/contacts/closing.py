@@ -68,7 +68,7 @@ def close_hand(
         hand: placed in the world.
         body: a shape of :mod:`pinograsp.objects`, held still unless fingers that share an actuator push it.
         start: open posture, ``{finger: angles (n_f,)}`` [rad] (others at their default) or q (n,). Default: the
-            synergy of :func:`open_and_closed`, which works for any hand.
+            synergy of :func:`open_and_closed`, which works for any hand; joints of no finger stay at ``hand.posture``.
         target: closed posture, likewise.
         palm: whether the links that do not move can be touched.
         fingers: names of those that close; default: all. The others stay at ``start``.
@@ -86,7 +86,7 @@ def close_hand(
     for name, value in (("palm", palm), ("wrap", wrap), ("fixed", fixed)):
         flag(name, value)
     friction = number("friction", friction, at_least=0)
-    synergy = open_and_closed(hand, body) if start is None or target is None else (np.zeros(hand.n), np.zeros(hand.n))
+    synergy = open_and_closed(hand, body) if start is None or target is None else (hand.resting, hand.resting)
     opened = _posture(hand, "start", start, synergy[0])
     closed = _posture(hand, "target", target, synergy[1])
     if fingers is not None:

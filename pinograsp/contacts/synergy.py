@@ -24,13 +24,15 @@ def open_and_closed(hand: HandModel, body: Body) -> tuple[Array, Array]:
     Flexion joints (those parallel to their finger's last joint) and sliding joints run from the limit that takes the
     fingertip away from the object (turning joints keep a little room there) to the one that takes it there. Other
     joints spread or oppose the fingers: each stays where its finger, when it flexes, comes nearest to the object.
+    Joints of no finger stay where ``hand.posture`` has them, or near 0.
     """
     instance_of("hand", hand, HandModel)
     instance_of("body", body, Body)
     room = _ROOM * (hand.upper - hand.lower)
-    middle = np.clip(np.zeros(hand.n), hand.lower, hand.upper)
+    middle = np.clip(hand.resting, hand.lower, hand.upper)
     towards, spreads, sliding = _roles(hand, body, middle)
-    middle = np.clip(middle, hand.lower + room, hand.upper - room)
+    stays = np.isin(hand.joint_names, list(hand.posture))
+    middle = np.where(stays, middle, np.clip(middle, hand.lower + room, hand.upper - room))
     opened, closed = middle.copy(), middle.copy()
     for i in np.flatnonzero(towards).tolist():
         opened[i], closed[i] = (hand.lower[i], hand.upper[i])[:: 1 if towards[i] > 0 else -1]

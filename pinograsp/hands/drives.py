@@ -224,6 +224,41 @@ def ratios_of(joints: Sequence[str], drives: Sequence[Drive]) -> tuple[Ratio, ..
     return tuple(found)
 
 
+def beyond_effort(joints: Sequence[str], efforts: Array, slides: Sequence[bool], drives: Iterable[Drive]) -> list[str]:
+    """In words, the joints (n) at which drives can do more than the joint's own effort limit (n,) allows."""
+    most = dict.fromkeys(joints, 0.0)
+    for drive in drives:
+        for joint, arm in zip(drive.joints, drive.arms):
+            most[joint] += abs(arm) * drive.limit
+    found = []
+    for joint, effort, sliding in zip(joints, efforts, slides):
+        unit = "N" if sliding else "N m"
+        if np.isfinite(most[joint]) and most[joint] > effort * (1 + 1e-9):
+            found.append(
+                f"motors can do {most[joint]:g} {unit} at {joint}, more than its effort limit of {effort:g} {unit}, "
+                "which plans keep"
+            )
+    return found
+
+
+def described(drives: Sequence[Drive], springs: Sequence[Spring], slides: Sequence[bool], each: bool) -> list[str]:
+    """Lines about drives and springs. ``slides``: which springs are at sliding joints; ``each``: a drive at each."""
+    plain = each and all(set(drive.arms) == {1.0} and drive.stiffness is None for drive in drives)
+    controls = {drive.control for drive in drives}
+    lines = [f"  drives: {len(drives)}"]
+    if plain and len(controls) == 1:
+        lines = [f"  drives: {len(drives)}, one at each joint ({controls.pop()})"]
+    else:
+        for drive in drives:
+            limit = f"{drive.limit:g}" if np.isfinite(drive.limit) else "not given"
+            stiffness = "" if drive.stiffness is None else f", stiffness {drive.stiffness:g}"
+            lines.append(f"    {drive}, limit {limit}{stiffness}")
+    for spring, sliding in zip(springs, slides):
+        stiff, at = ("N/m", "m") if sliding else ("N m/rad", "rad")
+        lines.append(f"  spring at {spring.joint}: {spring.stiffness:g} {stiff}, at rest at {spring.rest:g} {at}")
+    return lines
+
+
 # -- as a file has them ------------------------------------------------------------------------------------------------
 
 
@@ -257,6 +292,15 @@ class Actuation:
     springs: list[Spring] = field(default_factory=list)
     alone: bool = False
     notes: list[str] = field(default_factory=list)
+
+
+def motors_at(found: Actuation) -> dict[str, list[str]]:
+    """Names of a file's motors, by the joints that they move."""
+    names: dict[str, list[str]] = {}
+    for motor in found.motors:
+        for joint in motor.arms:
+            names.setdefault(joint, []).append(motor.name)
+    return names
 
 
 def drives_of(

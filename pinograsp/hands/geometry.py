@@ -37,6 +37,7 @@ class Shape:
             semi-axes of an ellipsoid [m]; scale of a mesh.
         path: file of a mesh.
         colour: ``#rrggbb`` of a shape that is seen; empty: its file's own, or none.
+        texture: file of a picture on a shape that is seen, in which ``colour`` is a factor.
     """
 
     link: str
@@ -45,6 +46,7 @@ class Shape:
     size: tuple[float, ...]
     path: str = ""
     colour: str = ""
+    texture: str = ""
 
 
 PRIMITIVES: dict[str, type[coal.ShapeBase]] = {

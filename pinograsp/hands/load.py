@@ -11,14 +11,14 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
-from pinograsp.errors import HandNotLoaded
+from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import geometry, mjcf, urdf_drives
 from pinograsp.hands.catalogue import CATALOGUE, convex_parts_of, file_of
 from pinograsp.hands.drives import (
@@ -27,12 +27,14 @@ from pinograsp.hands.drives import (
     Drive,
     Spring,
     drives_of,
+    motors_at,
     on_joints,
     one_each,
     remarks_on,
     springs_of,
 )
 from pinograsp.hands.elements import parse, read_bytes
+from pinograsp.hands.finger_names import Labels, names_of
 from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import LFS_POINTER
@@ -69,6 +71,7 @@ def load_hand(
     masses: Masses = "estimate",
     exclude: Sequence[str] = (),
     srdf: str | Path | None = None,
+    posture: Mapping[str, float] | None = None,
     **xacro_args: object,
 ) -> HandModel:
     """Load a hand by name or from a file.
@@ -101,11 +104,13 @@ def load_hand(
         exclude: links whose shapes take no part in touching, as a cover that gives way, or a coarse shape; noted.
         srdf: file of MoveIt's for this robot: pairs of links whose collisions it disables are not looked at where the
             hand's own links are checked against each other; nor are those that an MJCF file excludes itself.
+        posture: of joints of no finger, as of an arm in the same model, ``{joint: position}`` [rad or m], where they
+            stay: see :meth:`HandModel.with_posture`.
         **xacro_args: values of the xacro file's arguments.
 
     Raises:
         HandNotLoaded: the file is missing or broken; all problems found are listed.
-        InvalidInput: a name, a limit, a drive or a spring given here does not fit the hand.
+        InvalidInput: a name, a limit, a posture, a drive or a spring given here does not fit the hand.
     """
     for argument, value in (("root", root), ("palm", palm)):
         instance_of(argument, value, str, type(None))
@@ -138,19 +143,22 @@ def load_hand(
     if name in CATALOGUE:
         _in_convex_parts(robot, convex_parts_of(name))
     if robot.tag == "mujoco":
-        robot, problems, notes, found = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
+        robot, problems, notes, found, labels = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
         prepared = prepare(name, robot, folder, None, problems, notes)
     else:
-        problems = []
+        problems, labels = [], {}
         found = urdf_drives.actuation_of(robot, problems)
         prepared = prepare(name, robot, folder, root, problems, packages=folders)
-    hand = _driven(_hand_model(name, prepared, palm, fingers, masses, exclude), found, known, drives, springs)
+    hand = _hand_model(name, prepared, palm, fingers, masses, exclude, {"motor": motors_at(found), **labels})
+    hand = _driven(hand, found, known, drives, springs)
     pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
     if srdf is not None:
         pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
     hand = replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(told))
     if limits is not None:
         hand = hand.with_limits(limits)
+    if posture is not None:
+        hand = hand.with_posture(posture)
     if hulls:
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
@@ -169,6 +177,20 @@ def _in_convex_parts(robot: ElementTree.Element, parts: Mapping[str, list[Path]]
                 link.append(part)
             if files:
                 link.remove(collision)
+
+
+def xacro_arguments(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of a xacro file as :func:`load_hand` can pass them on.
+
+    Raises:
+        InvalidInput: one is called like an argument of :func:`load_hand`, which would take it for that.
+    """
+    if taken := sorted({"source", *(load_hand.__kwdefaults__ or ())} & values.keys()):
+        raise InvalidInput(
+            f"arguments of the xacro file: expected names other than those of load_hand's own arguments, got "
+            f"{', '.join(taken)}: rename <xacro:arg name=...> in the file"
+        )
+    return dict(values)
 
 
 def _file(name: str) -> Path:
@@ -212,6 +234,7 @@ def _hand_model(
     names: dict[str, str] | None,
     masses: Masses,
     exclude: Sequence[str],
+    labels: Labels,
 ) -> HandModel:
     notes = list(prepared.notes)
     try:
@@ -253,6 +276,7 @@ def _hand_model(
         lambda chains: without_levers(model, geometry, chains, notes),
         palm,
         names,
+        lambda chains: names_of(chains, labels),
     )
     fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
     notes += _on_root(model, prepared, solid, palm, fingers)

@@ -19,10 +19,12 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling
 from pinograsp.hands.drives import Actuation
 from pinograsp.hands.elements import drop, written
+from pinograsp.hands.finger_names import Labels
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh, solid
 from pinograsp.hands.mesh_mass import counted_mass
 from pinograsp.hands.mjcf_drives import actuation_of, couplings_of, effort_limits, rests_of
 from pinograsp.hands.mjcf_loops import Loop, close
+from pinograsp.hands.mjcf_paint import Paint
 from pinograsp.hands.mjcf_source import Source, turned_to
 from pinograsp.spatial import Array
 
@@ -38,8 +40,8 @@ _HALF = {"box": 2.0, "cylinder": 2.0, "capsule": 2.0}  # MuJoCo gives half lengt
 
 def to_urdf(
     name: str, element: ElementTree.Element, path: Path, root: str | None, trusted: bool = False
-) -> tuple[ElementTree.Element, list[str], list[str], Actuation]:
-    """URDF of an MJCF file, problems, notes, and the motors and springs at its joints.
+) -> tuple[ElementTree.Element, list[str], list[str], Actuation, Labels]:
+    """URDF of an MJCF file, problems, notes, the motors and springs at its joints, and names of sites and geoms.
 
     Equality constraints between two joints become mimic joints, curves by the line nearest to them; force ranges of
     actuators, and control ranges of motors, become effort limits. With ``root``, only that body and what it carries.
@@ -50,7 +52,7 @@ def to_urdf(
     """
     reader = _Reader(Source(name, element, path, trusted), path)
     reader.read(name, root)
-    return reader.robot, reader.source.problems, reader.notes, reader.actuation
+    return reader.robot, reader.source.problems, reader.notes, reader.actuation, reader.labels
 
 
 class _Reader:
@@ -65,10 +67,11 @@ class _Reader:
         for mesh in source.element.findall("asset/mesh"):
             given = source.attributes(mesh)
             self.meshes[given.get("name") or Path(given.get("file", "").replace("\\", "/")).stem] = given
-        self.materials = {one.get("name", ""): one for one in source.element.findall("asset/material")}
+        self.paint = Paint(source)
         self.left_out: list[str] = []
         self.weightless: list[str] = []
         self.actuation = Actuation()
+        self.labels: dict[str, dict[str, list[str]]] = {"site": {}, "geom": {}}
 
     def read(self, name: str, root: str | None) -> None:
         worlds = self.source.element.findall("worldbody")
@@ -216,6 +219,8 @@ class _Reader:
         from_geoms = self.source.compiler.get("inertiafromgeom", "auto")
         use_geoms = from_geoms == "true" or (from_geoms == "auto" and body.find("inertial") is None)
         for child, inherited, at in self.source.contents(body, childclass):
+            if child.tag in self.labels and (label := child.get("name") or child.get("mesh")):
+                self.labels[child.tag].setdefault(link, []).append(label)
             if child.tag == "body":
                 children.append((child, inherited, link, at))
             elif child.tag == "inertial" and from_geoms != "true":
@@ -274,15 +279,8 @@ class _Reader:
             _shape(link, "collision", at, kind, size, path)
         if self.source.numbers(given, "group", "0")[0] <= _SHOWN:
             _shape(link, "visual", at, kind, size, path)
-            self._paint(link[-1], given)
+            self.paint.put_on(link[-1], given)
         return self._geom_inertia(given, where, at, kind, size, path) if wants_mass else None
-
-    def _paint(self, visual: ElementTree.Element, given: dict[str, str]) -> None:
-        """Give a geom that is seen its own colour, or that of its material."""
-        material = self.materials.get(given.get("material", ""))
-        from_material = {} if material is None else self.source.attributes(material)
-        if rgba := given.get("rgba", from_material.get("rgba")):
-            ElementTree.SubElement(ElementTree.SubElement(visual, "material"), "color", rgba=rgba)
 
     def _geom_inertia(
         self, given: dict[str, str], where: str, at: pin.SE3, kind: str, size: Sequence[float], path: str
@@ -336,11 +334,8 @@ class _Reader:
         if not mesh:
             known = ", ".join(self.meshes) or "none"
             self.source.problem(f"a geom names the unknown mesh '{given.get('mesh', '')}'; meshes: {known}")
-        compiler = self.source.compiler
-        file = mesh.get("file", "").replace("\\", "/")
-        if compiler.get("strippath", "false") == "true":
-            file = file.split("/")[-1]
-        path = self.source.folder / compiler.get("meshdir", compiler.get("assetdir", "")) / file
+        file = mesh.get("file", "")
+        path = self.source.asset(file, "meshdir")
         origin = self.source.placement({"pos": mesh.get("refpos", "0 0 0"), "quat": mesh.get("refquat", "1 0 0 0")})
         scale = self.source.numbers(mesh, "scale", "1 1 1", 3)
         turned = not np.allclose(origin.rotation, np.eye(3), atol=1e-12)

@@ -175,6 +175,13 @@ class Source:
             return bool(low < high)
         return setting == "true"
 
+    def asset(self, file: str, folder: str) -> Path:
+        """The file of a mesh or a texture; ``folder``: the compiler's setting for its kind."""
+        file = file.replace("\\", "/")
+        if self.compiler.get("strippath", "false") == "true":
+            file = file.split("/")[-1]
+        return self.folder / self.compiler.get(folder, self.compiler.get("assetdir", "")) / file
+
     def placement(self, attributes: dict[str, str]) -> pin.SE3:
         """Position and orientation, in whichever way the latter is given."""
         return pin.SE3(self._rotation(attributes), self.numbers(attributes, "pos", "0 0 0", 3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import coal
@@ -11,7 +11,18 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, integer, items_of, mapping_of, one_of, placement_of, read_only, text_of
+from pinograsp.checks import (
+    array_of,
+    brief,
+    integer,
+    items_of,
+    mapping_of,
+    number,
+    one_of,
+    placement_of,
+    read_only,
+    text_of,
+)
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
 from pinograsp.hands.drives import (
@@ -19,8 +30,10 @@ from pinograsp.hands.drives import (
     ON_SPRINGS,
     Drive,
     Spring,
+    beyond_effort,
     checked_drives,
     checked_springs,
+    described,
     transmission,
 )
 from pinograsp.hands.geometry import Shape
@@ -86,6 +99,7 @@ class HandModel:
         springs: at joints; torques are without them.
         disabled_collisions: pairs of links that are not looked at for collisions with each other.
         visuals: what is seen of the links, where the description tells it; pictures read its meshes.
+        posture: of joints of no finger, as of an arm, ``{joint: position}`` [rad or m]: where they stay; others at 0.
     """
 
     name: str
@@ -102,6 +116,7 @@ class HandModel:
     springs: tuple[Spring, ...] = ()
     disabled_collisions: tuple[tuple[str, str], ...] = ()
     visuals: tuple[Shape, ...] = ()
+    posture: Mapping[str, float] = field(default_factory=dict)
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
 
@@ -129,6 +144,11 @@ class HandModel:
     def upper(self) -> Array:
         """Upper joint limits (n,) [rad or m]."""
         return read_only(self.model.upperPositionLimit)
+
+    @property
+    def resting(self) -> Array:
+        """q (n,) [rad or m] with the joints of ``posture`` where they stay and all others at 0."""
+        return read_only(np.array([self.posture.get(joint, 0.0) for joint in self.joint_names]))
 
     @property
     def effort(self) -> Array:
@@ -190,8 +210,8 @@ class HandModel:
         return float(sum(self.model.inertias[j].mass for j in self.finger(name).joint_ids))
 
     def configuration(self, angles: Mapping[str, ArrayLike]) -> Array:
-        """q (n,) [rad] with the given fingers at the given joint angles and every other joint at 0."""
-        q = np.zeros(self.n)
+        """q (n,) [rad] with the given fingers at the given joint angles and every other joint at ``resting``."""
+        q = np.array(self.resting)
         for name, values in mapping_of("angles", angles, "{finger: joint angles}").items():
             finger = self.finger(name)
             q[finger.dofs] = array_of(f"joint angles of '{name}'", values, (finger.n,))
@@ -274,6 +294,30 @@ class HandModel:
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         return replace(self, model=model, notes=tuple(notes))
 
+    def with_posture(self, posture: Mapping[str, float]) -> HandModel:
+        """The same hand with joints of no finger, as of an arm or a wrist, where they stay: ``{joint: position}``.
+
+        Grasps are searched, closed, planned and simulated with them there; joints that are not named stay at 0, or at
+        the limit next to it.
+
+        Raises:
+            InvalidInput: a joint that there is not, that a finger has or that follows another, or a position [rad or m]
+                beyond its limits.
+        """
+        wanted, of_fingers = {}, {name for finger in self.fingers for name in finger.actuated}
+        free = [joint for joint in self.joint_names if joint not in of_fingers]
+        for joint, value in mapping_of("posture", posture, "{joint: position}").items():
+            if joint in of_fingers:
+                known = ", ".join(free) or "there are none"
+                raise InvalidInput(
+                    f"posture: expected joints of no finger ({known}), got '{joint}': give those of fingers to "
+                    "close_hand as start="
+                )
+            i = self.joint_names.index(one_of(f"posture: joint of hand '{self.name}'", joint, free))
+            low, high = float(self.lower[i]) - 1e-9, float(self.upper[i]) + 1e-9
+            wanted[joint] = number(f"posture of '{joint}'", value, at_least=low, at_most=high)
+        return replace(self, posture=wanted)
+
     @property
     def servo_stiffness(self) -> Array:
         """Stiffness of the joints' own position servos (n,) [N m/rad or N/m]; NaN where none is known, or where a drive
@@ -299,7 +343,8 @@ class HandModel:
         hand = replace(self, drives=drives)
         if hand.passive_joints:
             notes.append(f"{ON_DRIVES}no motor moves the joints {', '.join(hand.passive_joints)}")
-        notes += [f"{ON_DRIVES}{text}" for text in hand._beyond_effort()]
+        slides = [self.is_prismatic(self.model.getJointId(joint)) for joint in joints]
+        notes += [f"{ON_DRIVES}{text}" for text in beyond_effort(joints, self.effort_or_infinity, slides, drives)]
         if springs is not None:
             springs = checked_springs(self.name, joints, couplings, springs)
             notes = [note for note in notes if not note.startswith(ON_SPRINGS)]
@@ -307,24 +352,6 @@ class HandModel:
                 notes.append(f"{ON_SPRINGS}torques are without those at {', '.join(one.joint for one in springs)}")
             hand = replace(hand, springs=springs)
         return replace(hand, notes=tuple(dict.fromkeys(notes)))
-
-    def _beyond_effort(self) -> list[str]:
-        """Joints at which the drives can do more than the joint's own effort limit allows."""
-        found = []
-        for i, joint in enumerate(self.joint_names):
-            most = sum(
-                abs(arm) * drive.limit
-                for drive in self.drives
-                for name, arm in zip(drive.joints, drive.arms)
-                if name == joint
-            )
-            if np.isfinite(most) and most > self.effort_or_infinity[i] * (1 + 1e-9):
-                unit = "N" if self.is_prismatic(self.model.getJointId(joint)) else "N m"
-                found.append(
-                    f"motors can do {most:g} {unit} at {joint}, more than its effort limit of "
-                    f"{self.effort[i]:g} {unit}, which plans keep"
-                )
-        return found
 
     def describe(self) -> str:
         """What was found: fingers, joints, links, limits, masses, drives, as readable text."""
@@ -344,27 +371,11 @@ class HandModel:
         on_fingers = {j for finger in self.fingers for j in finger.joint_ids}
         if others := [j for j in range(1, model.njoints) if j not in on_fingers]:
             lines.append("  joints on no finger:")
-            lines += [f"    {model.names[j]}: {self._bounds(j)}" for j in others]
-        lines += self._described_drives()
+            stays = {name: f", stays at {value:+.3f}" for name, value in self.posture.items()}
+            lines += [f"    {name}: {self._bounds(j)}{stays.get(name, '')}" for j in others if (name := model.names[j])]
+        slides = [self.is_prismatic(model.getJointId(spring.joint)) for spring in self.springs]
+        lines += described(self.drives, self.springs, slides, self.direct_drive and self.n > 1)
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
-
-    def _described_drives(self) -> list[str]:
-        plain = all(set(drive.arms) == {1.0} and drive.stiffness is None for drive in self.drives)
-        controls = {drive.control for drive in self.drives}
-        if self.direct_drive and plain and len(controls) == 1 and self.n > 1:
-            lines = [f"  drives: {self.n}, one at each joint ({controls.pop()})"]
-        else:
-            lines = [f"  drives: {len(self.drives)}", *(f"    {self._described(drive)}" for drive in self.drives)]
-        for spring in self.springs:
-            slides = self.is_prismatic(self.model.getJointId(spring.joint))
-            stiff, at = ("N/m", "m") if slides else ("N m/rad", "rad")
-            lines.append(f"  spring at {spring.joint}: {spring.stiffness:g} {stiff}, at rest at {spring.rest:g} {at}")
-        return lines
-
-    def _described(self, drive: Drive) -> str:
-        limit = f"limit {drive.limit:g}" if np.isfinite(drive.limit) else "limit not given"
-        stiffness = "" if drive.stiffness is None else f", stiffness {drive.stiffness:g}"
-        return f"{drive}, {limit}{stiffness}"
 
     def _bounds(self, joint_id: int) -> str:
         """Limits of a joint with their units, or what it follows."""

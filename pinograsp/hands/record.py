@@ -88,6 +88,7 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
         "springs": [
             {"joint": spring.joint, "stiffness": spring.stiffness, "rest": spring.rest} for spring in hand.springs
         ],
+        "posture": {str(joint): float(value) for joint, value in hand.posture.items()},
         "disabled_collisions": [list(pair) for pair in hand.disabled_collisions],
     }
     try:
@@ -130,6 +131,7 @@ def _hand(record: dict[str, Any]) -> HandModel:
         disabled_collisions=_disabled_collisions(record, links),
         visuals=visuals_from(_field(record, "visuals", list) if "visuals" in record else [], links),
     )
+    hand = hand.with_posture(_field(record, "posture", dict) if "posture" in record else {})
     return replace(hand, drives=_drives(record, hand), springs=_springs(record, hand))
 
 

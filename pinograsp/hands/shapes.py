@@ -77,24 +77,32 @@ def _coarse(robot: ElementTree.Element) -> list[str]:
 
 
 def take_visuals(robot: ElementTree.Element, folder: Path, packages: Packages) -> list[Shape]:
-    """Take out what is seen of the links, with the colours of the description; what cannot be read is left out.
+    """Take out what is seen of the links, with the description's colours and textures; what cannot be read is left out.
 
     Meshes that are not found keep the name that the description gives them.
     """
     for origin in robot.findall("link/visual/origin"):
         as_rpy(origin)
     named_colours: dict[str, str | None] = {}
+    named_textures: dict[str, str] = {}
     for one in robot.iter("material"):
+        if not one.get("name"):
+            continue
         if one.find("color") is not None:
             named_colours.setdefault(one.get("name", ""), _colour(one))
+        if texture := _texture(one, folder, packages):
+            named_textures.setdefault(one.get("name", ""), texture)
     shapes: list[Shape] = []
     for name, link in named(robot, "link"):
         for visual in link.findall("visual")[: _MOST_VISUALS - len(shapes)]:
             material = visual.find("material")
             colour: str | None = ""
+            texture = ""
             if material is not None:
+                called = material.get("name", "")
                 own = material.find("color") is not None
-                colour = _colour(material) if own else named_colours.get(material.get("name", ""), "")
+                colour = _colour(material) if own else named_colours.get(called, "")
+                texture = _texture(material, folder, packages) or ("" if own else named_textures.get(called, ""))
             if colour is None:
                 continue
             try:
@@ -104,7 +112,7 @@ def take_visuals(robot: ElementTree.Element, folder: Path, packages: Packages) -
             except ValueError:
                 continue
             if np.abs(shape.placement.translation).max() <= FARTHEST:
-                shapes.append(replace(shape, colour=colour))
+                shapes.append(replace(shape, colour=colour, texture=texture))
         drop(link, "visual")
     return shapes
 
@@ -117,6 +125,13 @@ def _colour(material: ElementTree.Element) -> str | None:
     except ValueError:
         return ""
     return None if alpha <= 0 else hex_of([red, green, blue])
+
+
+def _texture(material: ElementTree.Element, folder: Path, packages: Packages) -> str:
+    """The file of a material's texture; empty: none that is there."""
+    texture = material.find("texture")
+    name = "" if texture is None else texture.get("filename", "")
+    return str(mesh_path(name, folder, packages) or "") if name else ""
 
 
 def hex_of(rgb: Iterable[float]) -> str:

@@ -13,25 +13,6 @@ Moving: TypeAlias = Literal["revolute", "prismatic"]
 JointType: TypeAlias = Moving | Literal["fixed"]
 MOVING: tuple[Moving, ...] = get_args(Moving)
 _LONGEST_FINGER = 7  # moving joints
-# What people call fingers, by the words for them in files.
-_WORDS = {
-    "thumb": "thumb",
-    "index": "index",
-    "forefinger": "index",
-    "pointer": "index",
-    "middle": "middle",
-    "medium": "middle",
-    "ring": "ring",
-    "little": "little",
-    "pinky": "pinky",
-    "pinkie": "pinky",
-    "th": "thumb",
-    "ff": "index",
-    "mf": "middle",
-    "rf": "ring",
-    "lf": "little",
-}
-_AFTER = "finger|knuckle|base|hub|metacarpal|proximal|middle|intermediate|distal|tip|j|l|link|joint"
 JOINT_TYPES: tuple[JointType, ...] = (*MOVING, "fixed")
 
 
@@ -66,6 +47,7 @@ def find_fingers(
     fingers_of: Callable[[list[list[Part]]], list[list[Part]]],
     palm: str | None,
     names: dict[str, str] | None,
+    called: Callable[[list[list[Part]]], list[str]],
 ) -> tuple[str, dict[str, list[Part]]]:
     """Palm link and, by finger name, the moving joints from palm to fingertip.
 
@@ -75,7 +57,8 @@ def find_fingers(
         touches: whether a link has geometry that can touch something.
         fingers_of: those of chains that can touch that are fingers.
         palm: link the fingers start from; None: the first at which moving chains part.
-        names: ``{finger name: a link of its outermost part}``; None: every chain that can touch, named after its links.
+        names: ``{finger name: a link of its outermost part}``; None: every chain that can touch.
+        called: names of chains, where none are given.
 
     Raises:
         HandNotLoaded: unknown links, or no moving chain.
@@ -92,7 +75,7 @@ def find_fingers(
         # Levers of a linkage and free axles carry no geometry: nothing for an object to touch.
         touching = [chain for chain in chains if any(touches(link) for part in chain for link in part.links)] or chains
         touching = fingers_of(touching)
-        return palm, dict(zip(_names(touching), touching))
+        return palm, dict(zip(called(touching), touching))
     chosen: dict[str, list[Part]] = {}
     problems: list[str] = []
     for name, link in names.items():
@@ -221,71 +204,3 @@ class _Tree:
             return ()
         tip = next((leaf for leaf in leaves if re.search(r"tip(?![a-z])", leaf.lower())), leaves[-1])
         return (*(one for one in found if one != tip), tip)
-
-
-def _names(chains: list[list[Part]]) -> list[str]:
-    """What people call the fingers, where all joints or links say so, or some and none says another; else what is the
-    finger's own in the common prefix of its links, where that tells the fingers apart; else the fingertip's name.
-    """
-    for words in ([_finger_word(chain) for chain in chains], [_only_word(chain) for chain in chains]):
-        if all(words) and len(set(words)) == len(words):
-            return words
-    return _own_parts(_prefixes(chains)) if len(chains) > 1 else _prefixes(chains)
-
-
-def _finger_word(chain: list[Part]) -> str:
-    """The word for the finger in the name of every link of a chain or of its joint; "" for none or several."""
-    common: set[str] | None = None
-    for part in chain:
-        found = {_WORDS[word] for name in (part.joint.name, part.joint.child) for word in _words_of(name)}
-        common = found if common is None else common & found
-    return next(iter(common)) if common is not None and len(common) == 1 else ""
-
-
-def _only_word(chain: list[Part]) -> str:
-    """The one word for a finger in the names of a chain's links, joints and tip; a finger's middle part is none."""
-    names = [tip_of(chain), *(name for part in chain for name in (part.joint.name, part.joint.child))]
-    found = {_WORDS[word] for name in names for word in _words_of(name)}
-    if len(found) > 1:
-        found.discard("middle")
-    if found == {"little", "pinky"}:  # the same one
-        found.discard("little")
-    return next(iter(found)) if len(found) == 1 else ""
-
-
-def _words_of(name: str) -> list[str]:
-    """The words for fingers in a name: parts between signs, digits and capitals, or their beginnings."""
-    parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)
-    return [word for part in parts for word in _WORDS if re.fullmatch(rf"{word}({_AFTER})?", part.lower())]
-
-
-def _own_parts(names: list[str]) -> list[str]:
-    """Names without the parts that all of them have at the beginning or at the end, where what is left is a name."""
-    parts = [re.split(r"[_\-./: ]+", name) for name in names]
-    while len({one[0] for one in parts}) == 1 and min(map(len, parts)) > 1:
-        parts = [one[1:] for one in parts]
-    while len({one[-1] for one in parts}) == 1 and min(map(len, parts)) > 1:
-        parts = [one[:-1] for one in parts]
-    short = ["_".join(one) for one in parts]
-    if all(name.lower().endswith("finger") and len(name) > len("finger") for name in short):
-        short = [name[: -len("finger")].rstrip("_") for name in short]
-    if all(name.isdigit() for name in short):
-        short = [f"finger {name}" for name in short]
-    return short if all(short) and len(set(short)) == len(short) else names
-
-
-def _prefixes(chains: list[list[Part]]) -> list[str]:
-    """The common prefix of each finger's links, where that tells the fingers apart; else the fingertip's name."""
-    prefixes = [_common_start([*(part.joint.child for part in chain), tip_of(chain)]) for chain in chains]
-    for ending in ("_-. 0123456789", "_-. "):
-        names = [prefix.rstrip(ending) for prefix in prefixes]
-        if all(names) and len(set(names)) == len(names):
-            return names
-    return [tip_of(chain) for chain in chains]
-
-
-def _common_start(texts: list[str]) -> str:
-    start = texts[0]
-    while not all(text.startswith(start) for text in texts):
-        start = start[:-1]
-    return start

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 import os
 import re
 from collections.abc import Iterable, Sequence
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
@@ -24,56 +26,75 @@ from pinograsp.spatial import FARTHEST, Array, IntArray
 
 if TYPE_CHECKING:
     import trimesh
+    from PIL.Image import Image
 
 # A colour, "#rrggbb" or empty where the file has none, and the vertices (n, 3) and faces (m, 3) that have it.
 Part: TypeAlias = tuple[str, Array, IntArray]
+# (rows, columns, 3).
+Pixels: TypeAlias = NDArray[np.uint8]
+# File of a mesh, that of a texture on it, and the colour that is a factor on the latter.
+MeshKey: TypeAlias = tuple[str, str, str]
 
 _MOST_COLOURS = 8  # of a mesh: parts, or what is left of a texture
 _MOST_TRIANGLES = 5_000_000  # of a hand's files
 _MOST_BYTES, _MOST_PIXELS = 50_000_000, 40_000_000  # of a file of materials or a texture
 _FINEST, _COARSER = 400, 1.3  # cells along a mesh's longest side, and how many times fewer the next time
+_TEXTURES, _PICTURES = ("textures", "materials"), (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".webp")
 _UNPAINTED = np.array([-1.0, -1.0, -1.0])
 # Numbers that give the size of a shape.
 _SIZES: dict[Kind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3}
 
 
-def meshes_of(shapes: Iterable[Shape], most: int) -> tuple[dict[str, tuple[Part, ...]], list[str]]:
-    """The meshes of shapes by path, in the file's units, and why others cannot be read.
+def mesh_of(shape: Shape) -> MeshKey:
+    """Under which a shape's mesh is found in what :func:`meshes_of` returns."""
+    return shape.path, shape.texture, shape.colour if shape.texture else ""
+
+
+def meshes_of(shapes: Iterable[Shape], most: int) -> tuple[dict[MeshKey, tuple[Part, ...]], list[str]]:
+    """The meshes of shapes, in their files' units and with their textures, and why others cannot be read.
 
     All shapes together have about ``most`` triangles: meshes with more than their share are simplified.
     """
-    paths = [shape.path for shape in shapes if shape.kind == "mesh"]
-    files: dict[str, int] = {}
-    problems = []
-    for path in dict.fromkeys(paths):
-        if os.path.isfile(path):
-            files[path] = os.stat(path).st_mtime_ns
+    keys = [mesh_of(shape) for shape in shapes if shape.kind == "mesh"]
+    files: dict[MeshKey, tuple[int, ...]] = {}
+    problems: dict[str, None] = {}
+    for key in dict.fromkeys(keys):
+        if os.path.isfile(key[0]):
+            files[key] = tuple(os.stat(one).st_mtime_ns for one in key[:2] if os.path.isfile(one))
         else:
-            problems.append(f"mesh '{path}' is not there")
-    counts = tuple(paths.count(path) for path in files)
+            problems[f"mesh '{key[0]}' is not there"] = None
+    counts = tuple(keys.count(key) for key in files)
     meshes, broken = _meshes(tuple(files.items()), counts, most)
-    return meshes, problems + broken
+    return meshes, [*problems, *broken]
 
 
 @functools.lru_cache(maxsize=4)
 def _meshes(
-    files: tuple[tuple[str, int], ...], counts: tuple[int, ...], most: int
-) -> tuple[dict[str, tuple[Part, ...]], list[str]]:
+    files: tuple[tuple[MeshKey, tuple[int, ...]], ...], counts: tuple[int, ...], most: int
+) -> tuple[dict[MeshKey, tuple[Part, ...]], list[str]]:
     """Meshes of files, which are kept until these change; ``counts``: how often each is shown."""
-    painted: dict[str, tuple[Array, IntArray, Array]] = {}
+    painted: dict[MeshKey, tuple[Array, IntArray, Array]] = {}
     problems, total = [], 0
-    for path, _ in files:
+    for key, _ in files:
         if total > _MOST_TRIANGLES:
-            problems.append(f"mesh '{path}' is left out: those before it have {total} triangles")
+            problems.append(f"mesh '{key[0]}' is left out: those before it have {total} triangles")
             continue
         try:
-            painted[path] = _painted(Path(path))
-            total += len(painted[path][1])
+            painted[key] = _painted(*key)
+            total += len(painted[key][1])
         except (ValueError, OSError) as error:
-            problems.append(f"mesh '{path}' cannot be read: {error}")
-    shown = [count for (path, _), count in zip(files, counts) if path in painted]
+            problems.append(f"mesh '{key[0]}' cannot be read: {error}")
+    shown = [count for (key, _), count in zip(files, counts) if key in painted]
     largest = share([len(faces) for _, faces, _ in painted.values()], shown, most)
-    return {path: _parts(*mesh, largest) for path, mesh in painted.items()}, problems
+    return {key: _parts(*mesh, largest) for key, mesh in painted.items()}, list(dict.fromkeys(problems))
+
+
+def mean_colour(shape: Shape) -> str:
+    """The colour of a shape that is no mesh: the mean of its texture times its colour; empty without both."""
+    pixels = _pixels(shape.texture) if shape.texture else None
+    if pixels is None:
+        return shape.colour
+    return hex_of(pixels.reshape(-1, 3).mean(axis=0) / 255 * _factor(shape.colour))
 
 
 def share(sizes: Sequence[int], counts: Sequence[int], most: int) -> int:
@@ -86,13 +107,16 @@ def share(sizes: Sequence[int], counts: Sequence[int], most: int) -> int:
     return max(sizes, default=1)
 
 
-def _painted(path: Path) -> tuple[Array, IntArray, Array]:
+def _painted(file: str, texture: str, colour: str) -> tuple[Array, IntArray, Array]:
     """Vertices (n, 3), faces (m, 3) and the faces' colours (m, 3), 0 to 255 or :data:`_UNPAINTED`, of a mesh file.
 
-    Materials and textures are read from the mesh's own folder and those below it, as far as that works.
+    Materials and textures of the file's own are read from its folder and those below it, pictures also from folders
+    called textures or materials beside that; with a ``texture``, the picture takes their place, times ``colour``.
     """
     import trimesh
 
+    path = Path(file)
+    pixels = _pixels(texture) if texture else None
     scene = load(path, force="scene", resolver=_resolver(path.parent))
     if not isinstance(scene, trimesh.Scene):
         raise ValueError(f"expected a mesh, got a {type(scene).__name__}")
@@ -106,7 +130,7 @@ def _painted(path: Path) -> tuple[Array, IntArray, Array]:
         turned = np.linalg.det(matrix[:3, :3]) < 0
         vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
         faces.append((own[:, ::-1] if turned else own) + count)
-        colours.append(_colours_of(mesh))
+        colours.append(_colours_of(mesh) if pixels is None else _factor(colour) * _on(mesh, pixels))
         count += len(points)
     if not count:
         raise ValueError("expected a mesh of triangles, got none")
@@ -139,17 +163,52 @@ def _textured(visual: trimesh.visual.TextureVisuals, faces: IntArray) -> Array:
     if image is None or visual.uv is None:
         given = getattr(material, "name", None) or getattr(material, "baseColorFactor", None) is not None
         return np.tile(np.asarray(material.main_color, dtype=float)[:3] if given else _UNPAINTED, (len(faces), 1))
-    if image.size[0] * image.size[1] > _MOST_PIXELS:
-        raise ValueError(f"a texture of more than {_MOST_PIXELS} pixels")
-    pixels = np.asarray(image.convert("RGB"), dtype=float)
-    across, up = (np.asarray(visual.uv, dtype=float)[faces].mean(axis=1) % 1.0).T
+    return _at(np.asarray(visual.uv, dtype=float)[faces], _values(image))
+
+
+def _on(mesh: trimesh.Trimesh, pixels: Pixels) -> Array:
+    """Colours (m, 3) of a mesh's faces in a picture; its mean where the mesh does not tell which part of it."""
+    uv = getattr(mesh.visual, "uv", None)
+    if uv is None or np.shape(uv) != (len(mesh.vertices), 2) or not np.isfinite(uv).all():
+        return np.tile(pixels.reshape(-1, 3).mean(axis=0), (len(mesh.faces), 1))
+    return _at(np.asarray(uv, dtype=float)[mesh.faces], pixels)
+
+
+def _at(corners: Array, pixels: Pixels) -> Array:
+    """Colours (m, 3) in a picture (rows, columns, 3) at the middles of triangles with texture coordinates (m, 3, 2)."""
+    across, up = (corners.mean(axis=1) % 1.0).T
     rows = ((1 - up) * len(pixels)).astype(int) % len(pixels)
-    found: Array = pixels[rows, (across * pixels.shape[1]).astype(int) % pixels.shape[1]]
+    found: Array = pixels[rows, (across * pixels.shape[1]).astype(int) % pixels.shape[1]].astype(float)
     return found
 
 
+def _values(image: Image) -> Pixels:
+    """The values (rows, columns, 3) of a picture, 0 to 255; ValueError for one that is too large."""
+    if image.size[0] * image.size[1] > _MOST_PIXELS:
+        raise ValueError(f"a texture of more than {_MOST_PIXELS} pixels")
+    return np.asarray(image.convert("RGB"))
+
+
+def _pixels(texture: str) -> Pixels | None:
+    """The values (rows, columns, 3) of a picture file, 0 to 255; None for what cannot be read."""
+    from PIL.Image import open as read
+
+    try:
+        with read(io.BytesIO(read_bytes(Path(texture), _MOST_BYTES))) as image:
+            return _values(image)
+    except Exception:  # of broken pictures, of every type; the shape is still worth showing
+        return None
+
+
+def _factor(colour: str) -> Array:
+    """A colour as factors (3,) on another; 1 without one."""
+    return np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]) if colour else np.ones(3)
+
+
 def _resolver(folder: Path) -> trimesh.resolvers.Resolver:
-    """Reads the files that a mesh names, from its own folder and those below it."""
+    """Reads the files that a mesh names, from its own folder and those below it; pictures also from those beside it
+    that are called textures or materials, as ROS packages have them.
+    """
     from trimesh.resolvers import Resolver
 
     home = folder.resolve()
@@ -160,7 +219,9 @@ def _resolver(folder: Path) -> trimesh.resolvers.Resolver:
 
         def get(self, key: str) -> bytes:
             path = (home / key.strip()).resolve()
-            if not path.is_relative_to(home):
+            pictures = [above / name for above in list(home.parents)[:2] for name in _TEXTURES]
+            beside = path.suffix.lower() in _PICTURES and any(path.is_relative_to(one) for one in pictures)
+            if not (path.is_relative_to(home) or beside):
                 raise OSError(f"{key} is outside of the mesh's folder")
             return read_bytes(path, _MOST_BYTES)
 
@@ -241,6 +302,7 @@ def visuals_record(visuals: Iterable[Shape]) -> list[dict[str, Any]]:
             "size": list(map(float, one.size)),
             "path": os.path.abspath(one.path) if one.path else "",
             "colour": one.colour,
+            "texture": os.path.abspath(one.texture) if one.texture else "",
         }
         for one in visuals
     ]
@@ -258,15 +320,13 @@ def visuals_from(records: Sequence[Any], links: Sequence[str]) -> tuple[Shape, .
         placement = placement_of(f"{where}placement", one.get("placement"))
         path = text_of(f"{where}path", one.get("path"))
         colour = text_of(f"{where}colour", one.get("colour"))
+        texture = text_of(f"{where}texture", one.get("texture", ""))
         good = re.fullmatch("(#[0-9A-F]{6})?", colour)
         if not good or max(np.abs(size).max(), np.abs(placement[:3, 3]).max()) > FARTHEST or not size.all():
             raise InvalidInput(f"{where}expected a path, a colour and lengths up to {FARTHEST:g} m, got {one!r:.60}")
         if kind in PRIMITIVES and size.min() <= 0:
             raise InvalidInput(f"{where}size: expected numbers above zero [m], got {size.tolist()}")
         link = one_of(f"{where}link", one.get("link"), links)
-        shapes.append(
-            Shape(
-                link=link, placement=pin.SE3(placement), kind=kind, size=tuple(size.tolist()), path=path, colour=colour
-            )
-        )
+        at, sizes = pin.SE3(placement), tuple(size.tolist())
+        shapes.append(Shape(link=link, placement=at, kind=kind, size=sizes, path=path, colour=colour, texture=texture))
     return tuple(shapes)

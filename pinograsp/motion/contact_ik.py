@@ -180,8 +180,8 @@ def _beyond_limits(finger: Finger, angles: Sequence[Array], lower: Array, upper:
 
 def _why(hand: HandModel, finger: Finger, contacts: Sequence[Contact]) -> str:
     """The most likely reason why no posture was found, from the distances and the finger's length."""
-    base = hand.frame_placements(np.zeros(hand.n), [finger.joints[0]])[0][:3, 3]
-    frames = hand.frame_placements(np.zeros(hand.n), [*finger.joints, finger.tip])
+    base = hand.frame_placements(hand.resting, [finger.joints[0]])[0][:3, 3]
+    frames = hand.frame_placements(hand.resting, [*finger.joints, finger.tip])
     reach = float(np.linalg.norm(np.diff(frames[:, :3, 3], axis=0), axis=1).sum())
     parts = [
         f"{c.link} to {(1e3 * c.point_o).round(2).tolist()} mm, {1e3 * np.linalg.norm(c.point_o - base):.1f} "
@@ -237,7 +237,7 @@ def _newton(
     hand: HandModel, finger: Finger, contacts: Sequence[Contact], points_l: Array, start: Array
 ) -> Array | None:
     """Joint angles (n_f,) at which the links' points (c, 3) are at the contacts, from ``start``; None: not found."""
-    model, data, q = hand.model, hand.model.createData(), np.zeros(hand.n)
+    model, data, q = hand.model, hand.model.createData(), np.array(hand.resting)
     lower, upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
     joints = [finger.joint_of(contact.link) for contact in contacts]
     targets = np.array([contact.point_o for contact in contacts])

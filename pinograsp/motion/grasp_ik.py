@@ -162,7 +162,7 @@ class _Chain:
         self.model, self.data = hand.model, hand.model.createData()
         self.dofs = finger.dofs
         self.lower, self.upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
-        self.q = np.zeros(hand.n)
+        self.q = np.array(hand.resting)
         ends = [finger.links.index(contact.link) for contact in contacts]
         self.joints = [finger.joint_ids[end] for end in ends]
         self.points_l = points_l

@@ -81,8 +81,7 @@ def planar_finger(hand: HandModel, finger: Finger) -> PlanarFinger | None:
     if finger.n < 2 or finger.coupled:
         return None
     data = hand.model.createData()
-    zero = np.zeros(hand.n)
-    pin.computeJointJacobians(hand.model, data, zero)
+    pin.computeJointJacobians(hand.model, data, hand.resting)
     pin.updateFramePlacements(hand.model, data)
     axes = np.array([data.J[3:, i] for i in finger.dofs])  # world axes; zero for a prismatic joint
     if np.linalg.norm(axes, axis=1).min() < 0.5:
@@ -245,7 +244,7 @@ def _in_link_frames(
 ) -> Array | None:
     """Contact points (c, 3) in their joints' frames if forward kinematics confirms them, else None."""
     data = hand.model.createData()
-    q = np.zeros(hand.n)
+    q = np.array(hand.resting)
     q[finger.dofs] = q_finger
     pin.forwardKinematics(hand.model, data, q)
     points = []

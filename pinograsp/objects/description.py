@@ -1,4 +1,4 @@
-"""Collision shapes, mass and inertia of one object in a URDF or SDF file."""
+"""Collision shapes, mass and inertia of one object, as URDF and SDF say them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from pinograsp.checks import shown
-from pinograsp.errors import InvalidInput
-from pinograsp.hands.elements import floats, numbers, parse_xml, read_bytes
-from pinograsp.hands.mesh_file import LFS_POINTER
+from pinograsp.hands.elements import floats, numbers
 from pinograsp.hands.shapes import mesh_path
 from pinograsp.spatial import FARTHEST, Array, pose_of, rotation_rpy
 
@@ -23,14 +21,14 @@ _LEAST = 1e-9  # [m] of sizes
 _LARGEST = 1e6  # of angles, masses and moments in SI units
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 # What gives the size of a shape, and of how many numbers: attributes in URDF, elements in SDF.
-_URDF: dict[Kind, dict[str, int]] = {
+URDF_SIZES: dict[Kind, dict[str, int]] = {
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
     "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
 }
-_SDF: dict[Kind, dict[str, int]] = {**_URDF, "ellipsoid": {"radii": 3}}
+_SDF: dict[Kind, dict[str, int]] = {**URDF_SIZES, "ellipsoid": {"radii": 3}}
 _STILL = ("fixed", "floating")
 
 
@@ -53,54 +51,35 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Description:
-    """What a file says of an object, in its frame: that of the link (URDF) or the model (SDF).
+    """What a file says of an object, in its frame: that of the link (URDF), the model (SDF) or the body (MJCF).
 
     Attributes:
         parts: one or more.
         mass: [kg]; None where the file gives none, or 0.
         com: centre of mass (3,) [m]; None with the mass.
         inertia: about the centre of mass, axes of the file's frame (3, 3) [kg m^2]; None where the file gives none.
+        notes: what was left out.
     """
 
     parts: tuple[Part, ...]
     mass: float | None
     com: Array | None
     inertia: Array | None
-
-
-def read_description(path: Path, packages: Mapping[str, Path]) -> Description:
-    """What a URDF or SDF file says of one object.
-
-    Raises:
-        InvalidInput: not such a file, several links or joints that move, no collision shape, a missing mesh.
-    """
-    try:
-        content = read_bytes(path)
-        if content.startswith(LFS_POINTER):
-            raise ValueError("a pointer of Git LFS: run 'git lfs pull' where it was cloned")
-        root = parse_xml(content.strip())
-        for element in root.iter():
-            element.tag = element.tag.rsplit("}", 1)[-1]
-        if root.tag == "robot":
-            return _urdf(root, path.resolve().parent, packages)
-        if root.tag in ("sdf", "model"):
-            return _sdf(root, path.resolve().parent, packages)
-        raise ValueError(f"expected <robot> (URDF) or <sdf>, found <{root.tag}>")
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"object file '{path}': {error}") from None
+    notes: tuple[str, ...] = ()
 
 
 # -- URDF --------------------------------------------------------------------------------------------------------------
 
 
-def _urdf(robot: ElementTree.Element, folder: Path, packages: Mapping[str, Path]) -> Description:
+def urdf_description(robot: ElementTree.Element, folder: Path, packages: Mapping[str, Path]) -> Description:
+    """What a URDF says; ValueError for several links, joints that move, no shape, a missing mesh."""
     moving = [joint.get("name", "") for joint in robot.findall("joint") if joint.get("type") not in _STILL]
     link = _only_link(robot, moving)
     parts = []
-    for collision in _collisions(link):
-        geometry, kind = _geometry(collision, _URDF)
-        size = [numbers(geometry, key, n, "1 1 1" if kind == "mesh" else None) for key, n in _URDF[kind].items()]
-        parts.append(_part(kind, size, _origin(collision), geometry.get("filename", ""), folder, packages))
+    for collision in collisions_of(link):
+        geometry, kind = shape_of(collision, URDF_SIZES)
+        size = [numbers(geometry, key, n, "1 1 1" if kind == "mesh" else None) for key, n in URDF_SIZES[kind].items()]
+        parts.append(part_of(kind, size, origin_of(collision), geometry.get("filename", ""), folder, packages))
     inertial = link.find("inertial")
     mass = None if inertial is None else inertial.find("mass")
     if inertial is None or mass is None:
@@ -108,10 +87,11 @@ def _urdf(robot: ElementTree.Element, folder: Path, packages: Mapping[str, Path]
     (value,) = numbers(mass, "value", 1, most=_LARGEST)
     given = inertial.find("inertia")
     moments = None if given is None else [numbers(given, key, 1, "0", most=_LARGEST)[0] for key in _MOMENTS]
-    return _weighed(parts, value, _origin(inertial), moments)
+    return _weighed(parts, value, origin_of(inertial), moments)
 
 
-def _origin(element: ElementTree.Element) -> Array:
+def origin_of(element: ElementTree.Element) -> Array:
+    """The placement (4, 4) that an element's <origin> gives [m]."""
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)
@@ -122,25 +102,28 @@ def _origin(element: ElementTree.Element) -> Array:
 # -- SDF ---------------------------------------------------------------------------------------------------------------
 
 
-def _sdf(root: ElementTree.Element, folder: Path, packages: Mapping[str, Path]) -> Description:
+def sdf_description(root: ElementTree.Element, folder: Path, packages: Mapping[str, Path]) -> Description:
+    """What an SDF says; ValueError for several models or links, joints that move, no shape, a missing mesh."""
     models = [root] if root.tag == "model" else [*root.findall("model"), *root.findall("world/model")]
     if len(models) != 1:
-        raise ValueError(f"expected one <model>, got {len(models)}{_names(models)}: give each object a file of its own")
+        raise ValueError(
+            f"expected one <model>, got {len(models)}{names_of(models)}: give each object a file of its own"
+        )
     (model,) = models
     nested = [*model.findall("model"), *model.findall("include")]
     if nested:
-        raise ValueError(f"expected one object, got a model with others in it{_names(nested)}: give the file of one")
+        raise ValueError(f"expected one object, got a model with others in it{names_of(nested)}: give the file of one")
     moving = [joint.get("name", "") for joint in model.findall("joint") if joint.get("type") not in _STILL]
     link = _only_link(model, moving)
     of_link = _placed(link)
     parts = []
-    for collision in _collisions(link):
-        geometry, kind = _geometry(collision, _SDF)
+    for collision in collisions_of(link):
+        geometry, kind = shape_of(collision, _SDF)
         if geometry.find("submesh") is not None:
             raise ValueError("<submesh> is not supported: give it a mesh file of its own")
         size = [_texts(geometry, key, n, "1 1 1" if kind == "mesh" else None) for key, n in _SDF[kind].items()]
         uri = (geometry.findtext("uri") or "").strip()
-        parts.append(_part(kind, size, of_link @ _placed(collision), uri, folder, packages))
+        parts.append(part_of(kind, size, of_link @ _placed(collision), uri, folder, packages))
     inertial = link.find("inertial")
     if inertial is None or inertial.find("mass") is None:
         return Description(parts=tuple(parts), mass=None, com=None, inertia=None)
@@ -188,26 +171,29 @@ def _only_link(model: ElementTree.Element, moving: list[str]) -> ElementTree.Ele
     heavy = [link for link in links if link.find("inertial") is not None and link not in solid]
     if len(solid) != 1 or heavy:
         raise ValueError(
-            f"expected one link with <collision> and no others that weigh, got {len(solid)}{_names(solid)}"
-            + (f" and others that weigh{_names(heavy)}" if heavy else "")
+            f"expected one link with <collision> and no others that weigh, got {len(solid)}{names_of(solid)}"
+            + (f" and others that weigh{names_of(heavy)}" if heavy else "")
             + ": give the file of one rigid object"
         )
     return solid[0]
 
 
-def _names(elements: list[ElementTree.Element]) -> str:
+def names_of(elements: list[ElementTree.Element]) -> str:
+    """The first names of elements in brackets, for a message."""
     names = ", ".join(element.get("name") or f"<{element.tag}>" for element in elements[:10])
     return f" ({names})" if names else ""
 
 
-def _collisions(link: ElementTree.Element) -> list[ElementTree.Element]:
+def collisions_of(link: ElementTree.Element) -> list[ElementTree.Element]:
+    """The collision shapes of a link; ValueError for more than an object has."""
     found = link.findall("collision")
     if len(found) > _MOST_SHAPES:
         raise ValueError(f"expected at most {_MOST_SHAPES} collision shapes, got {len(found)}")
     return found
 
 
-def _geometry(collision: ElementTree.Element, sizes: Mapping[Kind, dict[str, int]]) -> tuple[ElementTree.Element, Kind]:
+def shape_of(collision: ElementTree.Element, sizes: Mapping[Kind, dict[str, int]]) -> tuple[ElementTree.Element, Kind]:
+    """The element that gives the shape of a <collision>, and its kind; ValueError for others than in ``sizes``."""
     for element in collision.findall("geometry/*"):
         for kind in sizes:
             if element.tag == kind:
@@ -216,9 +202,10 @@ def _geometry(collision: ElementTree.Element, sizes: Mapping[Kind, dict[str, int
     raise ValueError(f"<collision>: expected one of {', '.join(sizes)}, got {found}")
 
 
-def _part(
+def part_of(
     kind: Kind, sizes: list[list[float]], pose: Array, name: str, folder: Path, packages: Mapping[str, Path]
 ) -> Part:
+    """A shape of these sizes, or the mesh called ``name``; ValueError where it has no size or is not there."""
     size = tuple(value for group in sizes for value in group)
     if not all(value != 0 if kind == "mesh" else _LEAST <= value <= FARTHEST for value in size):
         raise ValueError(f"<{kind}>: expected sizes > 0 [m], got {' '.join(f'{value:g}' for value in size)}")

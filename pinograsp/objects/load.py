@@ -1,4 +1,4 @@
-"""One object from its URDF or SDF file: an exact primitive, or the union of its collision shapes."""
+"""One object from its URDF, SDF or MJCF file: an exact primitive, or the union of its collision shapes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import flag, number, path_of, placement_of
+from pinograsp.checks import flag, instance_of, number, path_of, placement_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body, InertiaImpossible
 from pinograsp.objects.ellipsoid import Ellipsoid
@@ -38,35 +38,40 @@ def load_object(
     hulls: bool = False,
     packages: Mapping[str, str | Path] | None = None,
     file_pose: ArrayLike | None = None,
+    body: str | None = None,
 ) -> Body:
-    """The object in a URDF or SDF file: its collision shapes where they are, as one solid, with the file's mass.
+    """The object in a URDF, SDF or MJCF file: its collision shapes where they are, as one solid, with the file's mass.
 
     One box, sphere, cylinder, capsule or ellipsoid stays exact; several shapes become their union (needs the extra
     ``mesh``). The file's centre of mass and inertia are kept. An inertia that no solid of that mass and size has, as
-    files often hold, is replaced by that of a homogeneous one, and ``notes`` say so.
+    files often hold, is replaced by that of a homogeneous one, and ``notes`` say so. In an MJCF file, what is fixed in
+    a body belongs to it, shapes that touch nothing are left out, and shapes without a mass have MuJoCo's 1000 kg/m^3.
 
     Args:
-        path: ``.urdf`` or ``.sdf``.
+        path: ``.urdf``, ``.sdf`` or MuJoCo's ``.xml``.
         mass: [kg], instead of the file's; centre of mass and the shape of the inertia stay.
         density: [kg/m^3], of a homogeneous solid instead of all that.
         hulls: take the convex hull of each mesh, as physics engines do; for meshes that are not closed.
         packages: folders of ROS packages, ``{name: folder}``, for ``package://name/``.
-        file_pose: oMf (4, 4), the frame of the file (of the link in URDF, of the model in SDF) in the world [m];
-            default: the world's.
+        file_pose: oMf (4, 4), the frame of the file (of the link in URDF, of the model in SDF, of the body in MJCF) in
+            the world [m]; default: the world's.
+        body: of an MJCF file's bodies, the one that is meant; default: the only free one, or the only one.
 
     Returns:
         The object; its body frame sits at its centre of mass, with the file's axes or those of a single primitive.
 
     Raises:
-        InvalidInput: no such file, several links, joints that move, a mesh that is missing or bounds no solid, no mass.
+        InvalidInput: no such file, several links or bodies, joints that move, a mesh that is missing or bounds no
+            solid, no mass.
     """
     from pinograsp.hands.ros_packages import packages_of  # with Pinocchio, slow to import
-    from pinograsp.objects.description import read_description
+    from pinograsp.objects.object_file import read_description
 
     path = path_of("object file", path)
     flag("hulls", hulls)
     file_pose = np.eye(4) if file_pose is None else placement_of("file_pose", file_pose)
-    found = read_description(path, packages_of(packages))
+    instance_of("body", body, str, type(None))
+    found = read_description(path, packages_of(packages), body)
     if mass is None and density is None:
         mass = found.mass
         if mass is None:
@@ -80,9 +85,12 @@ def load_object(
     elif inertia is not None and mass is not None and found.mass is not None:
         inertia = inertia * (mass / found.mass)
     try:
-        return _solid(found, com, inertia, weight, hulls, file_pose)
+        solid = _solid(found, com, inertia, weight, hulls, file_pose)
     except InvalidInput as error:
         raise InvalidInput(f"object file '{path}': {error}".replace("convex=True", "hulls=True")) from None
+    if found.notes:
+        solid._set(notes=(*solid.notes, *found.notes))
+    return solid
 
 
 def _solid(
@@ -152,12 +160,16 @@ def _surface(part: Part, hulls: bool) -> tuple[Array, IntArray]:
         if hulls:
             vertices, faces = convex_surface(vertices, faces)
     else:
+        made: Any
+        # Round ones are made at radius 1: trimesh takes triangles of small ones for points.
         if part.kind == "box":
             made = trimesh.creation.box(size)
         elif part.kind == "cylinder":
-            made = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=_SECTIONS)
+            made = trimesh.creation.cylinder(radius=1.0, height=size[1] / size[0], sections=_SECTIONS)
+            made.apply_scale(size[0])
         elif part.kind == "capsule":
-            made = trimesh.creation.capsule(radius=size[0], height=size[1], count=[_SECTIONS, _SECTIONS // 2])
+            made = trimesh.creation.capsule(radius=1.0, height=size[1] / size[0], count=[_SECTIONS, _SECTIONS // 2])
+            made.apply_scale(size[0])
             made.apply_translation([0, 0, -made.bounds[:, 2].mean()])
         else:
             made = trimesh.creation.icosphere(subdivisions=_SUBDIVISIONS)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from pinograsp.checks import one_of, shown
 from pinograsp.errors import InvalidInput
@@ -21,6 +22,13 @@ def _lengths(text: str) -> list[float]:
 
 def _yes_or_no(text: str) -> bool:
     return {"true": True, "false": False}[text]
+
+
+def _package(text: str) -> dict[str, str]:
+    name, equals, folder = text.partition("=")
+    if not (name and equals and folder):
+        raise ValueError
+    return {name.strip(): folder.strip()}
 
 
 class _Field(NamedTuple):
@@ -87,8 +95,12 @@ _SHAPES: dict[str, _Shape] = {
     ),
     "file": _Shape(
         load_object,
-        {"path": _Field(str, "a text", "of a URDF or SDF file of one object, with its mass where none is given")},
-        {"hulls": _Field(_yes_or_no, "true or false", "(true: take the convex hull of each of its meshes)")},
+        {"path": _Field(str, "a text", "of a URDF, SDF or MJCF file of one object, with its mass where none is given")},
+        {
+            "hulls": _Field(_yes_or_no, "true or false", "(true: take the convex hull of each of its meshes)"),
+            "body": _Field(str, "a text", "(of an MJCF file with several)"),
+            "package": _Field(_package, "NAME=DIR", "NAME=DIR (folder of a ROS package of its meshes)"),
+        },
         "file:path=mug.urdf,hulls=false,mass=0.3",
     ),
 }
@@ -109,13 +121,17 @@ def object_language() -> list[str]:
     return lines
 
 
-def object_from(spec: str) -> Body:
+def object_from(spec: str, *, packages: Mapping[str, str | Path] | None = None) -> Body:
     """The object that a text describes, at the world's origin (move it with ``placed``).
 
     ``shape:field=value,field=value,...`` with the fields of the shapes in metres, kilograms and kg/m^3:
     ``"cylinder:radius=0.02,height=0.12,mass=0.2"``, ``"box:size=0.04x0.06x0.1,density=500"``,
     ``"mesh:path=mug.stl,scale=0.001,density=400,convex=true"``, ``"file:path=mug.urdf"``; sphere, capsule and ellipsoid
     alike. An object of a file stands as in :func:`~pinograsp.objects.load_object`.
+
+    Args:
+        spec: the text.
+        packages: folders of ROS packages, ``{name: folder}``, for the meshes of files (``file:``).
 
     Raises:
         InvalidInput: unknown shape or field, a field missing or given twice, or a value that cannot be used.
@@ -125,7 +141,7 @@ def object_from(spec: str) -> Body:
     shape, _, rest = spec.strip().partition(":")
     construct, needed, optional, _ = _SHAPES[one_of("shape of the object", shape.strip(), _SHAPES)]
     fields = {**needed, **optional, **_WEIGHT}
-    values: dict[str, object] = {}
+    values: dict[str, Any] = {}
     # A comma ends a field only where another one begins: file names may have commas.
     for part in re.split(r",(?=\s*\w+\s*=)", rest) if rest.strip() else []:
         name, equals, text = (piece.strip() for piece in part.partition("="))
@@ -145,4 +161,6 @@ def object_from(spec: str) -> Body:
         raise InvalidInput(
             f"object {shown(spec)}: expected {', '.join(needed)} and mass or density, got no {', '.join(missing)}"
         )
+    if construct is load_object:
+        values["packages"] = {**(packages or {}), **values.pop("package", {})}
     return construct(**values)

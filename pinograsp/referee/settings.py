@@ -122,7 +122,7 @@ class Servo:
         if damping is not None:
             damped = _each("servo damping", damping, hand.n)
         elif hand.couplings:
-            inertia = np.diag(pin.crba(model, model.createData(), np.clip(np.zeros(hand.n), hand.lower, hand.upper)))
+            inertia = np.diag(pin.crba(model, model.createData(), np.clip(hand.resting, hand.lower, hand.upper)))
             damped = 2 * np.sqrt(felt * (inertia - model.armature + rotor))
         else:
             damped = _SETTLING * felt

@@ -89,7 +89,7 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, u
 
 def free_of_themselves(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
     """The preshapes whose links do not hit each other where the fingertips meet; some overlap by design, anywhere."""
-    middle = np.clip(np.zeros(hand.n), hand.lower, hand.upper)
+    middle = np.clip(hand.resting, hand.lower, hand.upper)
     collisions = SelfCollisions(hand)
     return [one for one in shapes if not collisions.between(middle, one.met)]
 
@@ -103,7 +103,7 @@ def refined(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) -
     if not len(tips.spreads):
         return []
     shapes = free if len(free) >= _REFINED else shapes
-    collisions, middle = SelfCollisions(hand), np.clip(np.zeros(hand.n), hand.lower, hand.upper)
+    collisions, middle = SelfCollisions(hand), np.clip(hand.resting, hand.lower, hand.upper)
     largest = max((one.width for one in shapes), default=0.0)
     better: list[Preshape] = []
     for width in np.linspace(0.0, largest, _WIDTHS + 1)[1:]:
@@ -129,8 +129,9 @@ class _Tips:
         self.oMh = pin.SE3(np.array(hand.pose))
         low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
         room = np.array([0.0 if hand.is_prismatic(j) else _ROOM for j in _actuated(hand)]) * (high - low)
-        self.low, self.high = low + room, high - room
-        self.middle = np.clip(np.zeros(hand.n), self.low, self.high)
+        stays = np.isin(hand.joint_names, list(hand.posture))
+        self.low, self.high = (np.where(stays, hand.resting, end) for end in (low + room, high - room))
+        self.middle = np.clip(hand.resting, self.low, self.high)
         self.fingers = [(finger.joint_ids[-1], finger.dofs) for finger in hand.fingers]
         self.points = {j: _distal(_points(hand, j)) for j, _ in self.fingers}
         first = [finger.joint_ids[0] for finger in hand.fingers]

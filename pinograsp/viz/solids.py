@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pinograsp.checks import brief
 from pinograsp.hands.geometry import PRIMITIVES, Shape
 from pinograsp.hands.model import HandModel
-from pinograsp.hands.visuals import Part, meshes_of, share
+from pinograsp.hands.visuals import MeshKey, Part, mean_colour, mesh_of, meshes_of, share
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, IntArray
 from pinograsp.viz.scene_meshes import LINK, OBJECT, PALM, creased, rgb, triangles_of
@@ -89,7 +89,7 @@ def solids_of(
         touching: colours of contacts by link.
     """
     meshes, problems = meshes_of(hand.visuals, _MOST)
-    seen = [one for one in hand.visuals if (one.path in meshes if one.kind == "mesh" else max(one.size) > _MARKER)]
+    seen = [one for one in hand.visuals if (mesh_of(one) in meshes if one.kind == "mesh" else max(one.size) > _MARKER)]
     visuals = [*_visuals(hand, seen, meshes, links, touching)]
     shown = {solid.link for solid in visuals}
     solids = _each_once(visuals, [*_collision_shapes(hand, links, touching, shown)])
@@ -120,11 +120,11 @@ def _each_once(visuals: Sequence[Solid], shapes: Sequence[Solid]) -> list[Solid]
 def _visuals(
     hand: HandModel,
     shapes: Sequence[Shape],
-    meshes: dict[str, tuple[Part, ...]],
+    meshes: dict[MeshKey, tuple[Part, ...]],
     links: Links,
     touching: dict[str, str],
 ) -> Iterator[Solid]:
-    """What is seen of the hand; ``meshes``: parts by path."""
+    """What is seen of the hand; ``meshes``: as :func:`meshes_of` has them."""
     frames = [hand.model.frames[hand.frame_id(shape.link)] for shape in shapes]
     own = {frame.name for frame in frames}
     tints = {link: colour for link, colour in touching.items() if link in own}
@@ -135,7 +135,9 @@ def _visuals(
     }
     for i, (shape, frame) in enumerate(zip(shapes, frames)):
         parts = (
-            meshes[shape.path] if shape.kind == "mesh" else [("", *triangles_of(PRIMITIVES[shape.kind](*shape.size)))]
+            meshes[mesh_of(shape)]
+            if shape.kind == "mesh"
+            else [(mean_colour(shape), *triangles_of(PRIMITIVES[shape.kind](*shape.size)))]
         )
         at, joint = frame.placement * shape.placement, frame.parentJoint
         tint = tints.get(frame.name) or by_joint.get(joint)

@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from pinograsp.cases import builtin_cases, load_case
@@ -231,6 +232,17 @@ BAD = {
         ["paper", "--set", "hand.xacro_args=" + "[" * 60 + "]" * 60],
         "at most 50 nested lists and mappings",
     ),
+    "options of the hand's file": (
+        ["paper", "--root", "palm", "--finger", "thumb=tip", "--arg", "side=left", "--masses", "estimate"],
+        "got CASE 'paper', whose hand, object and contacts are in its file: write hand.root, hand.fingers, "
+        "hand.xacro_args, hand.masses there",
+    ),
+    "trusted": (["paper", "--trusted"], "--trusted: expected with --hand and --object"),
+    "friction and placing": (["paper", "--mu", "0.7", "--wrap"], "write friction.mu, contacts there"),
+    "argument called like load_hand's": (
+        ["paper", "--set", "hand.xacro_args={pose: 1}"],
+        "expected names other than those of load_hand's own arguments, got pose",
+    ),
     "half the links": (
         [
             "paper",
@@ -250,6 +262,19 @@ def test_bad_input_gets_one_message_and_exit_code_2(command, tmp_path, name):
     assert code == 2 and out == ""
     assert err.startswith("pinograsp: ") and message in err and "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_option_is_left_out_silently_with_a_case(command):
+    """Each that is not of a case's forces or of the run is refused, those that will be added as well."""
+    of_runs = {"hand", "object", "out", "search", "balance", "measure", "reserve", "solver", "changes", "force"}
+    of_runs |= {"as_json", "quiet", "verbose", "case", "help"}
+    values = {"samples": "3", "seed": "1", "mu": "0.5", "safety": "1.1"}
+    params = [one for one in get_command(app).commands["plan"].params if one.name not in of_runs]
+    assert len(params) > 10
+    for one in params:
+        given = [max(one.opts, key=len)] + ([] if one.is_flag else [values.get(one.name, "a=b")])
+        code, _, err = command("plan", "paper", *given)
+        assert code == 2 and f"{given[0]}: expected with --hand and --object" in err, given
 
 
 NO_GRASP = {

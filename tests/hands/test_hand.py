@@ -252,6 +252,16 @@ def test_allegro_loads_from_its_plain_urdf(side):
         (("right_thumb_link right_thumb_tip", "right_index_link right_index_tip"), ("thumb", "index")),
         (("LThumb1 LThumb2", "LIndexFinger1 LIndexFinger2"), ("thumb", "index")),
         (("index_proximal index_middle", "middle_proximal middle_middle"), ("index", "middle")),
+        # Abbreviations, among others of them.
+        (("if_bs if_ds", "mf_bs mf_ds", "rf_bs rf_ds", "th_mp th_ds"), ("index", "middle", "ring", "thumb")),
+        (("R_T-AP R_T-DP", "R_I-AP R_I-DP", "R_R-AP R_R-DP"), ("thumb", "index", "ring")),
+        (("imcp ipip", "mmcp mpip", "pmcp ppip"), ("index", "middle", "pinky")),
+        (("lf_1 lf_2", "rf_1 rf_2"), ("lf", "rf")),
+        (("l_1 l_2", "m_1 m_2", "r_1 r_2"), ("l", "m", "r")),
+        (
+            ("left_thumb_1 left_thumb_2", "left_index_1 left_index_2", "right_thumb_1", "right_index_1"),
+            ("left_thumb", "left_index", "right_thumb", "right_index"),
+        ),
         # Else what is a finger's own.
         (("fr3_leftfinger", "fr3_rightfinger"), ("left", "right")),
         (("hand_link_1_a hand_link_1_b", "hand_link_2_a hand_link_2_b"), ("finger 1", "finger 2")),

@@ -855,3 +855,47 @@ def test_a_spring_decides_where_the_bars_leave_a_choice(tmp_path):
 def test_other_loops_stay_open(tmp_path, bar, motor):
     hand = four_bars(tmp_path, bar, motor=motor)
     assert hand.n == 3 and any("connect finger and bar" in note for note in hand.notes)
+
+
+@pytest.mark.parametrize(
+    ("site", "geom", "motor"),
+    [("s_{}_tip", "", "m{i}"), ("", "{}_pad", "m{i}"), ("", "", "{}_flexor")],
+    ids=["sites", "geoms", "motors"],
+)
+def test_sites_shapes_and_motors_tell_what_fingers_are_called(tmp_path, site, geom, motor):
+    """Where joints and bodies have numbers alone; a joint that carries all fingers tells nothing of any."""
+    bodies, motors = "", ""
+    for i, short in enumerate(("th", "if", "mf")):
+        named = f"name='{geom.format(short)}'" if geom else ""
+        bodies += (
+            f"<body name='b{i}' pos='{0.05 * i} 0 0'><joint name='j{i}' axis='0 1 0' range='-60 60'/>"
+            f"<geom {named} type='box' size='0.01 0.01 0.03' pos='0 0 0.03'/>"
+            + (f"<site name='{site.format(short)}'/>" if site else "")
+            + "</body>"
+        )
+        motors += f"<motor name='{motor.format(short, i=i)}' joint='j{i}' ctrlrange='-1 1'/>"
+    file = tmp_path / "hand.xml"
+    file.write_text(
+        "<mujoco><worldbody><body name='palm'><geom type='box' size='0.05 0.05 0.01'/>"
+        f"{bodies}</body></worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+    assert [finger.name for finger in load_hand(file).fingers] == ["thumb", "index", "middle"]
+
+
+def test_two_hands_have_fingers_of_either_side(tmp_path):
+    """A joint of the wrist carries all fingers of a hand and tells nothing of any of them."""
+    sides = ""
+    for x, side in enumerate(("left", "right")):
+        fingers = "".join(
+            f"<body name='{side}_{i}' pos='{0.05 * i} 0 0.02'><joint name='{side}_{letter}-mcp' axis='0 1 0' "
+            "range='-60 60'/><geom type='box' size='0.01 0.01 0.03' pos='0 0 0.03'/></body>"
+            for i, letter in enumerate("tim")
+        )
+        sides += (
+            f"<body name='{side}_palm' pos='{x} 0 0'><joint name='{side}_wrist' axis='0 1 0' range='-9 9'/>"
+            f"<geom type='box' size='0.05 0.05 0.01'/>{fingers}</body>"
+        )
+    file = tmp_path / "hands.xml"
+    file.write_text(f"<mujoco><worldbody>{sides}</worldbody></mujoco>")
+    named = [finger.name for finger in load_hand(file).fingers]
+    assert named == [f"{side}_{finger}" for side in ("left", "right") for finger in ("thumb", "index", "middle")]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
+from pinograsp.cases import load_case
 from pinograsp.cases.object_case import ObjectCase
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import load_hand
@@ -54,6 +55,31 @@ def test_packages_are_found_where_they_are_said_to_be(gripper, trusted):
         trusted=trusted, xacro_args={"size": "0.12"},
     )  # fmt: skip
     assert case.load_hand().joint_names == hand.joint_names and case.load_hand() is case.load_hand()
+
+
+def test_a_case_file_tells_how_its_hand_is_read(gripper, tmp_path):
+    """All that the options of the commands say of a hand's file; relative folders start at the case file."""
+    file, packages = gripper
+    (tmp_path / "srdf.xml").write_text(
+        '<robot name="g"><disable_collisions link1="left_finger" link2="right_finger"/></robot>'
+    )
+    changes = {
+        "source": str(file),
+        "packages": {name: str(Path(folder).relative_to(tmp_path)) for name, folder in packages.items()},
+        "xacro_args": {"size": "0.14"},
+        "exclude": ["left_finger"],
+        "masses": "file",
+        "srdf": "srdf.xml",
+        "fingers": {"one": "left_finger", "two": "right_finger"},
+        "limits_deg": {},
+    }
+    case = load_case("paper", {f"hand.{key}": value for key, value in changes.items()})
+    hand = case.model_copy(update={"folder": tmp_path}).load_hand()
+    assert [finger.name for finger in hand.fingers] == ["one", "two"] and hand.palm == "base"
+    assert hand.geometry.ngeoms == 2 and 2 * hand.geometry.geometryObjects[0].geometry.halfSide[0] == 0.14
+    assert hand.disabled_collisions == (("left_finger", "right_finger"),)
+    more = load_case("paper", {"hand.source": "panda", "hand.root": "panda_link6", "hand.limits_deg": {}}).load_hand()
+    assert more.joint_names == ("panda_joint7", "panda_finger_joint1")
 
 
 def test_packages_that_are_missing_are_named(gripper, tmp_path):

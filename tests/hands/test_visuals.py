@@ -15,7 +15,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.hands.record import hand_of, hand_record
-from pinograsp.hands.visuals import meshes_of, share, simplified
+from pinograsp.hands.visuals import mean_colour, mesh_of, meshes_of, share, simplified
 
 
 def described(name: str) -> list[tuple]:
@@ -68,11 +68,11 @@ def test_all_meshes_of_the_catalogue_are_read(name):
     visuals = load_hand(name).visuals
     meshes, problems = meshes_of(visuals, 60_000)
     assert not problems
-    shown = [meshes[one.path] for one in visuals if one.kind == "mesh"]
+    shown = [meshes[mesh_of(one)] for one in visuals if one.kind == "mesh"]
     assert sum(len(faces) for mesh in shown for _, _, faces in mesh) <= 60_000
     for one in (one for one in visuals if one.kind == "mesh"):
         whole = trimesh.load(one.path, force="mesh", process=False)
-        points = np.concatenate([vertices for _, vertices, _ in meshes[one.path]])
+        points = np.concatenate([vertices for _, vertices, _ in meshes[mesh_of(one)]])
         corners = np.array([points.min(axis=0), points.max(axis=0)])
         assert np.abs(corners - whole.bounds).max() < 0.02 * np.ptp(whole.bounds, axis=0).max()
 
@@ -162,7 +162,7 @@ def painted_obj(folder: Path, texture: str = "halves.png") -> Path:
 
 def parts_of(path: Path, tmp_path: Path):
     (tmp_path / "urdf").mkdir(exist_ok=True)
-    return meshes_of(claw(tmp_path / "urdf", str(path)).visuals, 1000)[0][str(path)]
+    return meshes_of(claw(tmp_path / "urdf", str(path)).visuals, 1000)[0][str(path), "", ""]
 
 
 def test_textures_become_the_colours_of_faces(tmp_path):
@@ -235,3 +235,64 @@ def test_geoms_that_mujocos_viewer_shows_are_seen(tmp_path):
         ("tip", "sphere", "#336699"),
     ]
     assert len(hand.geometry.geometryObjects) == 2
+
+
+TEXTURED = """<mujoco><compiler meshdir="." texturedir="pictures"/>
+<asset><texture name="halves" type="2d" file="halves.png"/><mesh name="square" file="square.obj"/>
+  <texture name="checks" type="2d" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="8" height="8"/>
+  <texture name="plain" builtin="flat" rgb1="0 0.4 0" width="8" height="8"/>
+  <material name="skin" texture="halves" rgba="0.6 0.6 0.6 1"/><material name="checked" texture="checks"/>
+  <material name="layered"><layer role="rgb" texture="plain"/></material></asset>
+<worldbody><body name="palm"><geom type="mesh" mesh="square" material="skin" contype="0" conaffinity="0" mass="0"/>
+  <geom type="box" size="0.05 0.05 0.01" material="skin"/>
+  <body name="tip" pos="0 0 0.1"><joint name="bend" axis="0 1 0" range="0 60"/>
+    <geom type="sphere" size="0.01" material="checked"/><geom type="sphere" size="0.01" material="layered"/>
+</body></body></worldbody></mujoco>"""
+
+
+def test_textures_of_an_mjcf_file_are_seen(tmp_path):
+    """Where the mesh says on which of its faces, times the material's colour; on other shapes as their mean."""
+    (tmp_path / "pictures").mkdir()
+    painted_obj(tmp_path)
+    (tmp_path / "halves.png").rename(tmp_path / "pictures" / "halves.png")
+    (tmp_path / "square.mtl").unlink()
+    (tmp_path / "hand.xml").write_text(TEXTURED)
+    hand = load_hand(tmp_path / "hand.xml")
+    meshes, problems = meshes_of(hand.visuals, 1000)
+    (parts,) = meshes.values()
+    assert not problems and sorted(colour for colour, _, _ in parts) == ["#000099", "#990000"]
+    assert [mean_colour(one) for one in hand.visuals if one.kind != "mesh"] == ["#4C004C", "#800080", "#006600"]
+    (back,) = meshes_of(hand_of(hand_record(hand)).visuals, 1000)[0].values()
+    assert [colour for colour, _, _ in back] == [colour for colour, _, _ in parts]
+    # A mesh without texture coordinates has the mean; a picture that cannot be read leaves the colour.
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "square.stl")
+    (tmp_path / "plain.xml").write_text(TEXTURED.replace("square.obj", "square.stl"))
+    plain = load_hand(tmp_path / "plain.xml").visuals
+    assert [part[0] for parts in meshes_of(plain, 1000)[0].values() for part in parts] == ["#4C004C"]
+    (tmp_path / "pictures" / "halves.png").write_bytes(b"no picture")
+    assert [part[0] for parts in meshes_of(plain, 1000)[0].values() for part in parts] == [""]
+    assert mean_colour(plain[1]) == plain[1].colour == "#999999"
+
+
+def test_textures_of_a_urdf_are_seen(tmp_path):
+    """By the name of a material that another visual defines."""
+    painted_obj(tmp_path)
+    (tmp_path / "square.mtl").unlink()
+    skin = '<material name="skin"><texture filename="halves.png"/></material>'
+    text = URDF.format(mesh="square.obj").replace('<color rgba="0.2 0.4 0.6 1"/></material>', f"</material>{skin}", 1)
+    (tmp_path / "claw.urdf").write_text(
+        text.replace('<material name="steel"/></visual>', '<material name="skin"/></visual>')
+    )
+    (parts,) = meshes_of(load_hand(tmp_path / "claw.urdf").visuals, 1000)[0].values()
+    assert sorted(colour for colour, _, _ in parts) == ["#0000FF", "#FF0000"]
+
+
+def test_pictures_beside_the_meshs_folder_are_found(tmp_path):
+    """In the folders that ROS packages have for them."""
+    for place in ("materials/textures", "textures"):
+        home = tmp_path / place.replace("/", "_")
+        (home / "meshes").mkdir(parents=True)
+        (home / place).mkdir(parents=True)
+        path = painted_obj(home / "meshes", f"../{place}/halves.png")
+        (home / "meshes" / "halves.png").rename(home / place / "halves.png")
+        assert sorted(colour for colour, _, _ in parts_of(path, tmp_path)) == ["#0000FF", "#FF0000"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -199,7 +200,8 @@ def test_urdf_files_of_no_single_object_are_refused(tmp_path, inside, more, matc
     [
         ('<!DOCTYPE r [<!ENTITY e SYSTEM "/etc/passwd">]><robot>&e;</robot>', "entity declarations"),
         ("<robot>", "not well-formed"),
-        ("<mujoco/>", r"expected <robot> \(URDF\) or <sdf>, found <mujoco>"),
+        ("<world/>", r"expected <robot> \(URDF\), <sdf> or <mujoco> \(MJCF\), found <world>"),
+        ("<mujoco/>", "expected one body with shapes in <worldbody>, got 0"),
         ("", "not well-formed"),
         ("version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
         ("<sdf><model name='a'/><model name='b'/></sdf>", r"got 2 \(a, b\)"),
@@ -300,3 +302,130 @@ def test_a_line_of_text_names_a_file(tmp_path):
     assert made.mass == 0.3 and object_from(f"file:path={path},mass=0.6").mass == 0.6
     case = ObjectCase.of(hand="panda", object={"shape": "file", "path": "thing.urdf", "hulls": True}, folder=tmp_path)
     assert case.make_object().volume == pytest.approx(made.volume)
+
+
+def test_meshes_in_packages(tmp_path):
+    """By an argument, by a field of the text, and by a case's own packages, relative to its folder."""
+    (tmp_path / "elsewhere").mkdir()
+    trimesh.creation.box((0.02, 0.03, 0.04)).export(tmp_path / "elsewhere" / "box.stl")
+    path = urdf(tmp_path, shape("mesh", 'filename="package://things/box.stl"', ""))
+    with pytest.raises(InvalidInput, match="packages= gives"):
+        object_from(f"file:path={path},mass=1")
+    given = object_from(f"file:path={path},mass=1", packages={"things": tmp_path / "elsewhere"})
+    named = object_from(f"file:path={path},mass=1,package=things={tmp_path / 'elsewhere'}")
+    case = ObjectCase.of(
+        hand="panda", object="file:path=thing.urdf,mass=1", packages={"things": "elsewhere"}, folder=tmp_path
+    )
+    field = {"shape": "file", "path": "thing.urdf", "mass": 1, "package": "things=elsewhere"}
+    for made in (
+        given,
+        named,
+        case.make_object(),
+        case.model_copy(update={"object": field, "packages": {}}).make_object(),
+    ):
+        assert made.volume == pytest.approx(0.02 * 0.03 * 0.04)
+    with pytest.raises(InvalidInput, match="package: expected NAME=DIR, got 'things'"):
+        object_from(f"file:path={path},mass=1,package=things")
+
+
+# -- MJCF --------------------------------------------------------------------------------------------------------------
+
+MUG = """<body name="mug" pos="0.3 0 0.2" euler="10 20 30"><freejoint/>
+  <geom type="cylinder" size="0.03 0.05" pos="0.01 0 0"/><geom type="box" size="0.01 0.02 0.02" pos="0.035 0 0" mass="0.05"/>
+  <geom type="sphere" size="0.2" contype="0" conaffinity="0" density="0"/>
+  <body pos="0 0 0.05" euler="0 0 40"><geom type="ellipsoid" size="0.02 0.025 0.01" density="300"/></body></body>"""
+TABLE = '<geom type="plane" size="1 1 1"/><body name="table"><geom type="box" size="1 1 0.1" pos="0 0 -0.1"/></body>'
+
+
+def mjcf(folder, inside, more=""):
+    path = folder / "thing.xml"
+    path.write_text(f"<mujoco>{more}<worldbody>{inside}</worldbody></mujoco>")
+    return path
+
+
+def test_a_body_of_an_mjcf_file_is_what_mujoco_makes_of_it(tmp_path):
+    """Bodies fixed in it belong to it, the table beside it does not; its frame is the body's."""
+    path = mjcf(tmp_path, TABLE + MUG)
+    made = load_object(path)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    mug, inner = model.body("mug").id, model.nbody - 1
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert made.mass == pytest.approx(model.body_subtreemass[mug])
+    turn, at = data.xmat[mug].reshape(3, 3), data.xpos[mug]
+    assert made.com_o == pytest.approx(turn.T @ (data.subtree_com[mug] - at), abs=1e-9)
+    whole = np.zeros((3, 3))  # of both bodies, about their centre, in the axes of the first
+    for one in (mug, inner):
+        R, arm = turn.T @ data.ximat[one].reshape(3, 3), turn.T @ (data.xipos[one] - data.subtree_com[mug])
+        whole += R @ np.diag(model.body_inertia[one]) @ R.T
+        whole += model.body_mass[one] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    assert made.inertia_b == pytest.approx(whole, rel=1e-6, abs=1e-10)
+    points = np.array([[-0.05, 0, 0], [0.1, 0, 0], [0, 0, 0.2]])
+    surface, _, _ = made.project(points)
+    assert surface == pytest.approx(np.array([[-0.02, 0, 0], [0.045, 0, 0], [0, 0, 0.06]]), abs=1e-4)
+    assert np.allclose(load_object(path, body="mug").com_o, made.com_o)
+    assert load_object(path, body="table").mass == pytest.approx(8 * 0.1 * 1000)
+
+
+@pytest.mark.parametrize(
+    ("geom", "expected"),
+    [
+        ('type="box" size="0.01 0.015 0.02"', Box(size=[0.02, 0.03, 0.04], density=1000)),
+        ('size="0.03"', Sphere(radius=0.03, density=1000)),
+        ('type="cylinder" size="0.03 0.05"', Cylinder(radius=0.03, height=0.1, density=1000)),
+        ('type="capsule" fromto="0 0 -0.02 0 0 0.02" size="0.02"', Capsule(radius=0.02, length=0.04, density=1000)),
+        ('type="ellipsoid" size="0.01 0.02 0.03"', Ellipsoid(semi_axes=[0.01, 0.02, 0.03], density=1000)),
+        ('type="mesh" mesh="part"', None),
+    ],
+)
+def test_one_geom_stays_exact(tmp_path, geom, expected):
+    trimesh.creation.box((20, 30, 40)).export(tmp_path / "part.stl")
+    asset = '<asset><mesh name="part" file="part.stl" scale="0.001 0.001 0.001"/></asset>'
+    made = load_object(mjcf(tmp_path, f"<body><geom {geom}/></body>", asset))
+    if expected is None:
+        assert made.volume == pytest.approx(0.02 * 0.03 * 0.04) and made.mass == pytest.approx(0.024)
+        return
+    assert type(made) is type(expected) and made.mass == pytest.approx(expected.mass)
+    assert made.volume == pytest.approx(expected.volume) and made.inertia_b == pytest.approx(expected.inertia_b)
+
+
+@pytest.mark.parametrize(
+    ("inside", "body", "match"),
+    [
+        (MUG + MUG.replace("mug", "cup"), None, r"one free body, got 2 \(mug, cup\): name one with body="),
+        (
+            TABLE + TABLE.replace("table", "shelf"),
+            None,
+            r"one body with shapes in <worldbody>, got 2 \(table, shelf\)",
+        ),
+        (MUG, "mugg", "body: expected.*mug"),
+        (MUG.replace("<freejoint/>", '<joint type="hinge"/>'), None, r"joints that move \(mug\)"),
+        (MUG.replace('euler="0 0 40">', "><joint/>"), None, "joints that move"),
+        ('<body name="a"><geom size="0.1" contype="0" conaffinity="0"/></body>', None, "a <geom> that touches"),
+        ('<body name="a"><geom type="mesh" mesh="b"/></body>', None, "unknown mesh 'b'"),
+        ('<body name="a"><geom size="0.1"/><include file="../secret.xml"/></body>', None, "include"),
+        ('<body name="a"><geom size="0.1"/><composite/></body>', None, "composite"),
+    ],
+)
+def test_mjcf_files_of_no_single_object_are_refused(tmp_path, inside, body, match):
+    (tmp_path / "secret.xml").write_text("<mujocoinclude><geom size='1'/></mujocoinclude>")
+    (tmp_path / "inner").mkdir()
+    with pytest.raises(InvalidInput, match=match) as caught:
+        load_object(mjcf(tmp_path / "inner", inside), body=body)
+    assert "object file '" in str(caught.value) and "hand '" not in str(caught.value)
+
+
+def test_only_mjcf_files_have_bodies(tmp_path):
+    with pytest.raises(InvalidInput, match="expected body= with an MJCF file"):
+        load_object(urdf(tmp_path, HAMMER), body="thing")
+
+
+@pytest.mark.parametrize("radius", [1e-4, 0.003, 0.01, 0.3])
+def test_capsules_of_any_size_are_parts_of_a_solid(tmp_path, radius):
+    """A cylinder within a capsule adds nothing to its volume."""
+    length = 6 * radius
+    both = shape("capsule", f'radius="{radius}" length="{length}"', "") + shape(
+        "cylinder", f'radius="{radius / 2}" length="{length}"', ""
+    )
+    made = load_object(urdf(tmp_path, both), density=1000)
+    assert made.volume == pytest.approx(Capsule(radius=radius, length=length, mass=1).volume, rel=4e-3)  # of facets
