@@ -445,12 +445,18 @@ def load_case(source: str | Path, changes: Mapping[str, Any] | Sequence[str] | N
         changes: ``{"object.mass": 1.1}`` or ``["object.mass=1.1"]``; values in the latter are read as YAML.
 
     Raises:
-        CaseRejected: unknown case, broken YAML, unknown keys or unusable values: all of them named at once.
+        CaseRejected: unknown case, broken YAML, unknown keys or unusable values: all of them named at once; a file
+            that says that its hand's file may run code.
     """
     name = source if isinstance(source, str) else str(path_of("case", source))
     path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(name)
     wanted = f"a YAML file or one of: {', '.join(builtin_cases())}"
     data = read_mapping(path, "case", name, wanted, _BIGGEST, "hand, object, contacts...")
+    if isinstance(data.get("hand"), dict) and "trusted" in data["hand"]:
+        raise CaseRejected(
+            f"case '{name}': hand.trusted: no file can say so itself: give it where the case is opened "
+            "(--set hand.trusted=true, changes={'hand.trusted': True})"
+        )
     for key, value in changes_of(changes).items():
         put_value(data, key, value)
     check_extent(data, f"case '{name}'")

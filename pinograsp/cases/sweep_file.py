@@ -149,6 +149,8 @@ class SweepSpec(Section):
         if (IMPACT_TIME in named) != (self.what == "forces"):
             wanted = "needs" if self.what == "forces" else "has no"
             raise ValueError(f"what: {self.what} {wanted} {IMPACT_TIME} [s] under set, over or samples")
+        if {"trusted", "hand.trusted"} & {key for part in ("set", "over", "samples") for key in self._keys_of(part)}:
+            raise ValueError("trusted: no file can say so itself: expand the hand's xacro to a URDF first")
         if self.samples and self.samples.count * len(self.samples.draws) > _MOST:
             raise ValueError(
                 f"expected at most {_MOST} drawn values, got {self.samples.count * len(self.samples.draws)}"

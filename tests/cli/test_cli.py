@@ -23,6 +23,7 @@ from ruamel.yaml import YAML
 from typer.main import get_command
 from typer.testing import CliRunner
 
+import pinograsp.cases
 from pinograsp.cases import builtin_cases, load_case
 from pinograsp.cli import app
 from pinograsp.errors import CaseRejected
@@ -793,3 +794,19 @@ def test_killed_a_hundred_times_an_old_or_a_new_run_is_there(tmp_path, light, of
         current = found
     assert start(tmp_path, "plan", light, "--out", "run", "--force").wait() == 0
     assert os.listdir(tmp_path) == ["run"]
+
+
+def test_no_file_lets_its_hand_run_code(command, tmp_path):
+    """Whoever opens the file may: a case that was passed on may not."""
+    case = tmp_path / "case.yaml"
+    text = (Path(pinograsp.cases.__file__).parent / "paper.yaml").read_text()
+    case.write_text(re.sub(r"^hand:\n", "hand:\n  trusted: true\n", text, flags=re.M))
+    code, _, err = command("plan", str(case))
+    assert code == 2 and "no file can say so itself" in err
+    case.write_text(text)
+    assert load_case(case, ["hand.trusted=true"]).hand.trusted
+    (tmp_path / "sweep.yaml").write_text(
+        "schema: 1\ncase: paper\nset: {hand.trusted: true}\nover: {object.mass: [0.5, 1.0]}\n"
+    )
+    code, _, err = command("sweep", str(tmp_path / "sweep.yaml"), "--out", str(tmp_path / "out"))
+    assert code == 2 and "no file can say so itself" in err
