@@ -119,8 +119,18 @@ def joined(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 
 
 def collision_model(vertices: Array, faces: IntArray) -> coal.BVHModelOBBRSS:
-    """Checked triangles as a ``coal.BVHModelOBBRSS``."""
+    """Checked triangles as a ``coal.BVHModelOBBRSS``.
+
+    Raises:
+        ValueError: fewer than three vertices. The Python bindings of coal give a single one back as memory that is not
+            its own.
+    """
     import coal
+
+    if len(vertices) < 3:
+        raise ValueError(
+            f"expected triangles, got all their corners at {len(vertices)} point{'s'[: len(vertices) - 1]}"
+        )
 
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(faces), len(vertices))

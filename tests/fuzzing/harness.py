@@ -105,8 +105,13 @@ def _keep(keep: Path, kind: Path, seed: int, result: Result, folder: Path) -> No
     shutil.rmtree(target, ignore_errors=True)
     target.mkdir(parents=True)
     if (folder / "case").is_dir():
-        shutil.copytree(folder / "case", target / "case", symlinks=True, dirs_exist_ok=True)
+        shutil.copytree(folder / "case", target / "case", symlinks=True, ignore=_pipes, dirs_exist_ok=True)
     (target / "failure.txt").write_text(f"{result.failure}\n{result.details}\n", encoding="utf-8", errors="replace")
+
+
+def _pipes(folder: str, names: list[str]) -> list[str]:
+    """Those of the names that cannot be copied."""
+    return [name for name in names if Path(folder, name).is_fifo()]
 
 
 class _Worker:

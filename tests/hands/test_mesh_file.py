@@ -60,6 +60,7 @@ LYING = {
     "inf.off": OFF.format(last="0 0 inf", face="1 2 3"),
     "far.off": OFF.format(last="0 0 6e12", face="1 2 3"),
     "huge.off": OFF.format(last="0 0 1e308", face="1 2 3"),
+    "point.obj": "v 0.1 0.1 0.1\n" * 3 + "f 1 2 3\n",
     "nothing.stl": "",
     "short.stl": b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 50,
     "accessor.glb": glb(accessors=[{"componentType": 5126, "count": 10**12, "type": "VEC3"}] * 2),

@@ -267,6 +267,22 @@ def test_a_folder_and_a_pattern_are_the_parts_of_one_object(tmp_path):
         Mesh.load(tmp_path / "other", mass=1)
 
 
+def test_links_in_a_folder_lead_to_meshes(tmp_path):
+    """Whoever gives a folder of somebody else's does not mean the files that its links may lead to."""
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    stack(0)[0].export(tmp_path / "box.stl")
+    (folder / "part0.stl").symlink_to("../box.stl")
+    assert Mesh.load(folder, mass=1).volume == pytest.approx(0.04 * 0.04 * 0.05)
+    (tmp_path / "box.stl").rename(tmp_path / "secret")
+    (folder / "part0.stl").unlink()
+    (folder / "part0.stl").symlink_to("../secret")
+    for given in (folder, folder / "*.stl"):
+        with pytest.raises(InvalidInput, match=r"got the link '.*part0\.stl' to '.*secret'"):
+            Mesh.load(given, mass=1)
+    assert Mesh.load(folder / "part0.stl", mass=1).volume == pytest.approx(0.04 * 0.04 * 0.05)  # that file was meant
+
+
 @pytest.mark.parametrize(("gap", "grown"), [(-1e-4, False), (0.0, True), (1e-6, True)])
 def test_parts_that_share_a_face_up_to_digits_are_one_solid(tmp_path, gap, grown):
     """As planes cut an object in convex parts, written with few digits."""
