@@ -8,6 +8,7 @@ import copy
 import functools
 import json
 import os
+import re
 import struct
 import xml.etree.ElementTree as ElementTree
 import zlib
@@ -212,7 +213,9 @@ def hostile_mesh(rng, kind: str) -> bytes:
     content = exported(pick(rng, ["box", "box", "ball", "two", "apart", "open", "inside out"]), kind)
     for _ in range(pick(rng, [0, 0, 1, 1, 1, 3])):
         content = _MUTATED[kind](rng, content)
-    if rng.random() < 0.03:
+    if rng.random() < 0.01:
+        content = _crowded(kind, pick(rng, [2000, 4900, 100_000]))
+    elif rng.random() < 0.03:
         content = pick(
             rng,
             [
@@ -251,6 +254,41 @@ def exported(shape: str, kind: str) -> bytes:
     content = made.export(file_type=ending, **more)
     content = content.encode() if isinstance(content, str) else content
     return b"mtllib beside.mtl\nusemtl m\n" + content if kind == "obj" else content
+
+
+def _crowded(kind: str, count: int) -> bytes:
+    """A sound file with very many pieces, and mostly one box."""
+    content = exported("box", kind)
+    if kind == "glb":
+        (length,) = struct.unpack_from("<I", content, 12)
+        scene = json.loads(content[20 : 20 + length])
+        chain = [{"mesh": 0, "children": [k + 1]} for k in range(count)] if count % 10_000 else [{"mesh": 0}] * count
+        text = json.dumps({**scene, "nodes": [*chain, {"mesh": 0}], "scenes": [{"nodes": [0]}]}).encode()
+        text += b" " * (-len(text) % 4)
+        head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(content) - 20 - length, len(text), 0x4E4F534A)
+        return head + text + content[20 + length :]
+    if kind == "dae":
+        found = re.search(rb"<instance_geometry.*?(/>|</instance_geometry>)", content, re.DOTALL)
+        return content.replace(found[0], found[0] * count) if found else content
+    if kind == "obj":
+        return content + b"".join(b"usemtl m%d\nf 1 2 3\n" % k for k in range(count))
+    if kind == "ascii.stl":
+        return content * min(count, 10_000)
+    if kind == "off":
+        return b"OFF\n3 %d 0\n0 0 0\n1 0 0\n0 1 0\n" % count + b"3 0 1 2\n" * count
+    return _specks(count, kind)
+
+
+@functools.cache
+def _specks(count: int, kind: str) -> bytes:
+    """Small solids beside each other."""
+    import trimesh
+
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 1e-4
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]) + 4 * np.arange(count)[:, None, None]
+    places = 2e-4 * np.stack(np.unravel_index(np.arange(count), (50, 50, 50)), axis=1)
+    made = trimesh.Trimesh((corners + places[:, None]).reshape(-1, 3), faces.reshape(-1, 3), process=False)
+    return made.export(file_type=kind.split(".")[-1])
 
 
 def _stl(rng, content: bytes) -> bytes:
