@@ -26,7 +26,7 @@ FORMATS = (".stl", ".obj", ".ply", ".glb", ".off", ".dae")
 LFS_POINTER = b"version https://git-lfs.github.com/"
 MOST_BYTES, MOST_TRIANGLES = 200_000_000, 2_000_000
 # Of a scene: trimesh takes time as the square of their number, or of how deep they are nested.
-_MOST_PIECES, _DEEPEST_NODE = 5000, 200
+_MOST_PIECES, _DEEPEST_NODE = 3000, 200
 
 _SILENT = logging.NullHandler()
 

@@ -214,7 +214,7 @@ def hostile_mesh(rng, kind: str) -> bytes:
     for _ in range(pick(rng, [0, 0, 1, 1, 1, 3])):
         content = _MUTATED[kind](rng, content)
     if rng.random() < 0.01:
-        content = _crowded(kind, pick(rng, [2000, 4900, 100_000]))
+        content = _crowded(kind, pick(rng, [2000, 2900, 100_000]))
     elif rng.random() < 0.03:
         content = pick(
             rng,
@@ -268,7 +268,7 @@ def _crowded(kind: str, count: int) -> bytes:
         head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(content) - 20 - length, len(text), 0x4E4F534A)
         return head + text + content[20 + length :]
     if kind == "dae":
-        found = re.search(rb"<instance_geometry.*?(/>|</instance_geometry>)", content, re.DOTALL)
+        found = re.search(rb"<instance_geometry.*?</instance_geometry>", content, re.DOTALL)
         return content.replace(found[0], found[0] * count) if found else content
     if kind == "obj":
         return content + b"".join(b"usemtl m%d\nf 1 2 3\n" % k for k in range(count))

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import own_hands
 
+TIME_LIMIT = 10.0
 NUMBERS = [
     "0",
     "-0.0",
