@@ -134,7 +134,7 @@ def run(case: dict) -> str:
 
 def _run_command(text: str) -> str:
     """The hand closes on the object, or the command says why not."""
-    line = ["close", "--hand", "panda", "--object", text, "--at", command_line.AT, "--quiet"]
+    line = ["close", "--hand", "panda", "--object", text, "--at", command_line.AT]
     code, out, err = command_line.captured(line)
     assert code in command_line.EXIT_CODES and "Traceback" not in err, f"exit code {code}: {err[-3000:]}"
     assert not code or err or out, f"exit code {code} without a word"
