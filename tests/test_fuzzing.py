@@ -29,10 +29,16 @@ DOES = {
     "foreign exception": ("1 / 0", "foreign exception"),
     "wrong exit": ("raise SystemExit(1)", "foreign exception"),
     "too much memory": ("bytearray(10**11)", "foreign exception"),
+    "memory refused": (
+        "try:\n        bytearray(5 * 2**30)\n    except MemoryError as error:\n"
+        "        raise pinograsp.errors.InvalidInput('no') from error",
+        "memory",
+    ),
     "traceback": ("threading.Thread(target=lambda: 1 / 0).start(); time.sleep(0.05)", "traceback"),
     "foreign file": ("open('/etc/hostname').read()", "file"),
     "file beside": ("open('../../beside', 'w')", "file"),
     "file by a link": ("os.symlink('/etc/hostname', 'link'); open('link')", "file"),
+    "secret by compiled code": (f"ctypes.CDLL(None).open({os.fsencode(harness.SECRET)!r}, 0)", "file"),
     "foreign folder": ("os.listdir('/')", "file"),
     "swallowed": ("try:\n        os.mkdir('/x')\n    except OSError:\n        pass", "file"),
     "process": ("subprocess.run(['true'])", "process"),

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
-from pinograsp.hands.mesh_file import collision_model, joined, read_triangles
-from pinograsp.spatial import FARTHEST, Array
+from pinograsp.hands.mesh_file import MOST_TRIANGLES, collision_model, joined, read_triangles
+from pinograsp.spatial import FARTHEST, Array, IntArray
 
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
 _DENSITY = 1000.0
@@ -67,9 +67,10 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
     broken: list[str] = []
     frames = {frame.name: (i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY}
     counts: dict[str, int] = {}
+    meshes = _Meshes()
     for shape in shapes:
         try:
-            form = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
+            form = meshes.read(shape) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
         except (ValueError, OSError) as error:
             broken.append(f"{shape.link} ({shape.path}: {error})")
             continue
@@ -83,6 +84,30 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
     if broken:
         notes.append(f"meshes that cannot be read, so these links cannot touch anything: {', '.join(broken)}")
     return geometry, unit
+
+
+class _Meshes:
+    """Meshes of one hand: what cannot be read is tried once, and all together have a bounded number of triangles."""
+
+    def __init__(self) -> None:
+        self.errors: dict[str, str] = {}
+        self.sizes: dict[tuple[str, tuple[float, ...]], int] = {}
+
+    def read(self, shape: Shape) -> coal.BVHModelOBBRSS:
+        """As :func:`read_mesh`."""
+        if shape.path in self.errors:
+            raise ValueError(self.errors[shape.path])
+        key = (shape.path, shape.size)
+        if key not in self.sizes and sum(self.sizes.values()) > MOST_TRIANGLES:
+            raise ValueError(f"the meshes before it have more than {MOST_TRIANGLES} triangles: simplify them")
+        try:
+            _triangles(shape.path, os.stat(shape.path).st_mtime_ns)
+        except (ValueError, OSError) as error:
+            self.errors[shape.path] = str(error)
+            raise
+        mesh = read_mesh(shape.path, shape.size)
+        self.sizes[key] = mesh.num_tris
+        return mesh
 
 
 def without_shapes(
@@ -122,9 +147,15 @@ def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) 
     return _MILLI
 
 
+@functools.lru_cache(maxsize=2)
+def _triangles(path: str, changed: int) -> tuple[Array, IntArray]:
+    """Those of a file, with every place given once; kept, since many shapes may be the same file in other sizes."""
+    return joined(*read_triangles(Path(path)))
+
+
 @functools.lru_cache(maxsize=64)
 def _read(path: str, scale: tuple[float, ...], changed: int) -> coal.BVHModelOBBRSS:
-    vertices, faces = joined(*read_triangles(Path(path)))
+    vertices, faces = _triangles(path, changed)
     with np.errstate(over="ignore"):
         vertices = vertices * scale
     if not np.abs(vertices).max() <= FARTHEST:

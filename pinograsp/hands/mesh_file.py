@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".off", ".dae")
 LFS_POINTER = b"version https://git-lfs.github.com/"
 MOST_BYTES, MOST_TRIANGLES = 200_000_000, 2_000_000
+# Of a scene: trimesh takes time as the square of their number, or of how deep they are nested.
+_MOST_PIECES, _DEEPEST_NODE = 3000, 200
 
 _SILENT = logging.NullHandler()
 
@@ -77,6 +79,10 @@ def load(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh
             _check_dae(content)
         elif kind == ".obj" and corners_alone:
             content = _corners_alone(content)
+        elif kind == ".obj":
+            _check_pieces(len(re.findall(rb"^[ \t]*(?:usemtl|mtllib|o|g)\b", content, re.MULTILINE)), "groups")
+        elif kind == ".stl":
+            _check_pieces(content.lower().count(b"endsolid"), "solids")
         return trimesh.load(io.BytesIO(content), file_type=kind[1:], process=False, **settings)
     except Exception as error:  # the readers raise errors of every type for broken files
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {one_line(error)}") from error
@@ -119,8 +125,18 @@ def joined(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 
 
 def collision_model(vertices: Array, faces: IntArray) -> coal.BVHModelOBBRSS:
-    """Checked triangles as a ``coal.BVHModelOBBRSS``."""
+    """Checked triangles as a ``coal.BVHModelOBBRSS``.
+
+    Raises:
+        ValueError: fewer than three vertices. The Python bindings of coal give a single one back as memory that is not
+            its own.
+    """
     import coal
+
+    if len(vertices) < 3:
+        raise ValueError(
+            f"expected triangles, got all their corners at {len(vertices)} point{'s'[: len(vertices) - 1]}"
+        )
 
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(faces), len(vertices))
@@ -131,6 +147,11 @@ def collision_model(vertices: Array, faces: IntArray) -> coal.BVHModelOBBRSS:
 
 
 # -- what small files can blow up to -----------------------------------------------------------------------------------
+
+
+def _check_pieces(count: int, name: str) -> None:
+    if count > _MOST_PIECES:
+        raise ValueError(f"{count} {name}, more than the {_MOST_PIECES} that are read: unite them")
 
 
 def _check_glb(content: bytes) -> None:
@@ -146,12 +167,24 @@ def _check_glb(content: bytes) -> None:
     children = [child for node in nodes for child in node.get("children", [])]
     if len(set(children)) < len(children):
         raise ValueError("a node with several parents")
+    _check_pieces(len(nodes), "nodes")
+    _check_depth([node.get("children", []) for node in nodes])
     sizes = [
         sum(accessors[part.get("indices", part["attributes"]["POSITION"])] for part in mesh["primitives"])
         for mesh in scene.get("meshes", [])
     ]
     if sum(sizes[node["mesh"]] for node in nodes if "mesh" in node) > 3 * MOST_TRIANGLES:
         raise ValueError(f"more than {MOST_TRIANGLES} triangles")
+
+
+def _check_depth(children: list[list[int]]) -> None:
+    """Refuse nodes, each with one parent at most, that are nested too deep."""
+    inner = {child for those in children for child in those}
+    level, depth = [node for node in range(len(children)) if node not in inner], 0
+    while level:
+        level, depth = [child for node in level for child in children[node]], depth + 1
+        if depth > _DEEPEST_NODE:
+            raise ValueError(f"nodes nested more than {_DEEPEST_NODE} deep")
 
 
 def _check_dae(content: bytes) -> None:
@@ -162,5 +195,7 @@ def _check_dae(content: bytes) -> None:
     geometry = {f"#{one.get('id')}": len(ElementTree.tostring(one)) for one in root.iter("geometry")}
     if sum(1 for _ in root.iter("instance_node")):
         raise ValueError("<instance_node> is not supported: save the mesh without instances")
-    if sum(geometry.get(one.get("url", ""), 0) for one in root.iter("instance_geometry")) > MOST_BYTES:
+    instances = list(root.iter("instance_geometry"))
+    _check_pieces(len(instances), "instances of geometry")
+    if sum(geometry.get(one.get("url", ""), 0) for one in instances) > MOST_BYTES:
         raise ValueError(f"geometry repeated to more than {MOST_BYTES} bytes")

@@ -16,6 +16,9 @@ from pinograsp.spatial import Array, IntArray
 _CONCAVITY = 0.02
 _ITERATIONS, _NODES = 60, 10  # of the search for planes that cut; more take longer and save no part of a mug
 _SLIVER = 1e-6  # of the whole volume
+# A surface that crosses itself is meshed anew by CoACD, at the scale of a voxel, which takes a minute. Where more than
+# this part of it bounds something other than a solid, that becomes a shell, and hundreds of parts in as many minutes.
+_CROSSED, _SAMPLES = 0.02, 500
 
 
 class ConvexParts(NamedTuple):
@@ -38,9 +41,11 @@ def convex_parts(vertices: Array, faces: IntArray, surface: TriangleSurface) -> 
 
     Raises:
         ExtraMissing: coacd (extra ``mesh``) is not installed.
-        InvalidInput: no parts were found.
+        InvalidInput: no parts were found, or the surface crosses itself.
     """
     import trimesh
+
+    _check_crossing(surface)
 
     try:
         import coacd
@@ -60,6 +65,20 @@ def convex_parts(vertices: Array, faces: IntArray, surface: TriangleSurface) -> 
         raise InvalidInput("mesh: no convex parts were found: take its convex hull (convex=True)")
     excess = max(float(surface.nearest(_spread(part.triangles))[2].max()) for part in parts)
     return ConvexParts(tuple(read_only(np.array(part.vertices)) for part in parts), max(excess, 0.0))
+
+
+def _check_crossing(surface: TriangleSurface) -> None:
+    """Refuse a surface that, over much of its area, does not have the solid once on its inner side."""
+    areas = np.cumsum(surface.areas)
+    faces = np.searchsorted(areas, areas[-1] * (np.arange(_SAMPLES) + 0.5) / _SAMPLES)
+    inside = surface.corners[faces].mean(axis=1)
+    inside = inside - 1e-4 * np.sqrt(surface.areas[faces])[:, None] * surface.normals[faces]
+    wrong = float(np.mean(np.abs(surface.winding_number(inside) - 1) > 0.5))
+    if wrong > _CROSSED:
+        raise InvalidInput(
+            f"mesh: expected a surface that does not cross itself, got one that does, over {100 * wrong:.2g} % of its "
+            "area, so that no convex parts are found: mend it (MeshLab, Blender), or take its convex hull: convex=True"
+        )
 
 
 def _spread(triangles: Array) -> Array:

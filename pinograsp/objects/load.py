@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -27,7 +27,8 @@ _Solid = TypeVar("_Solid", bound=Body)
 
 # A primitive whose centre of mass is this near to its middle is homogeneous: files give few digits.
 _CENTRED = 1e-5  # [m]
-_SECTIONS, _SUBDIVISIONS = 96, 4  # of round shapes in unions: within 0.06 % of the radius
+# Sections and subdivisions of round shapes in unions, by the number of shapes: within 0.06, 0.25 and 1 % of the radius.
+_DETAIL = ((30, 96, 4), (150, 48, 3), (1000, 24, 2))
 
 
 def load_object(
@@ -110,12 +111,11 @@ def _solid(
             lambda **more: _primitive(part, {"pose": file_pose @ part.pose, **weight, **more}), inertia
         )
     notes: tuple[str, ...] = ()
+    surfaces = _surfaces(found.parts, hulls)
     if alone:
-        vertices, faces = _surface(part, hulls)
+        ((vertices, faces),) = surfaces.values()
     else:
-        vertices, faces, notes = one_of_several(
-            {f"{number} ({one.kind})": _surface(one, hulls) for number, one in enumerate(found.parts, 1)}
-        )
+        vertices, faces, notes = one_of_several(surfaces)
     given: dict[str, Any] = {"vertices": vertices, "faces": faces, "com": com, "notes": notes, **weight}
     given["convex"] = alone and hulls
     mesh = _with_inertia(lambda **more: Mesh(**{**given, **more}), inertia)
@@ -147,32 +147,56 @@ def _primitive(part: Part, given: dict[str, Any]) -> Body:
     return Ellipsoid(semi_axes=np.array(size), **given)
 
 
-def _surface(part: Part, hulls: bool) -> tuple[Array, IntArray]:
-    """Vertices and faces of a shape in the file's frame."""
+def _surfaces(parts: Sequence[Part], hulls: bool) -> dict[str, tuple[Array, IntArray]]:
+    """Vertices and faces of shapes in the file's frame, by their number and kind; each file is read once."""
+    from pinograsp.hands.mesh_file import MOST_TRIANGLES  # with Pinocchio, slow to import
+
+    read: dict[Path, tuple[Array, IntArray]] = {}
+    surfaces: dict[str, tuple[Array, IntArray]] = {}
+    total = 0
+    _, sections, subdivisions = next(one for one in _DETAIL if len(parts) <= one[0])
+    for place, part in enumerate(parts, 1):
+        if part.path is None:
+            vertices, faces = _round_or_box(part, sections, subdivisions)
+        else:
+            if part.path not in read:
+                read[part.path] = read_surface(part.path)
+            vertices, faces = _scaled(*read[part.path], part.size, hulls)
+        total += len(faces)
+        if total > MOST_TRIANGLES:
+            raise InvalidInput(
+                f"expected at most {MOST_TRIANGLES} triangles in all shapes, got {total} in the first {place} of "
+                f"{len(parts)}: simplify the meshes"
+            )
+        surfaces[f"{place} ({part.kind})"] = vertices @ part.pose[:3, :3].T + part.pose[:3, 3], faces
+    return surfaces
+
+
+def _scaled(vertices: Array, faces: IntArray, scale: Sequence[float], hulls: bool) -> tuple[Array, IntArray]:
+    """A mesh in metres, or its convex hull."""
+    vertices = vertices * np.array(scale)
+    if np.prod(scale) < 0:  # mirrored
+        faces = faces[:, ::-1]
+    return convex_surface(vertices, faces) if hulls else (vertices, faces)
+
+
+def _round_or_box(part: Part, sections: int, subdivisions: int) -> tuple[Array, IntArray]:
+    """A primitive as triangles, in its own frame."""
     import trimesh
 
     size = part.size
-    if part.path is not None:
-        vertices, faces = read_surface(part.path)
-        vertices = vertices * np.array(size)
-        if np.prod(size) < 0:  # mirrored
-            faces = faces[:, ::-1]
-        if hulls:
-            vertices, faces = convex_surface(vertices, faces)
+    made: Any
+    # Round ones are made at radius 1: trimesh takes triangles of small ones for points.
+    if part.kind == "box":
+        made = trimesh.creation.box(size)
+    elif part.kind == "cylinder":
+        made = trimesh.creation.cylinder(radius=1.0, height=size[1] / size[0], sections=sections)
+        made.apply_scale(size[0])
+    elif part.kind == "capsule":
+        made = trimesh.creation.capsule(radius=1.0, height=size[1] / size[0], count=[sections, sections // 2])
+        made.apply_scale(size[0])
+        made.apply_translation([0, 0, -made.bounds[:, 2].mean()])
     else:
-        made: Any
-        # Round ones are made at radius 1: trimesh takes triangles of small ones for points.
-        if part.kind == "box":
-            made = trimesh.creation.box(size)
-        elif part.kind == "cylinder":
-            made = trimesh.creation.cylinder(radius=1.0, height=size[1] / size[0], sections=_SECTIONS)
-            made.apply_scale(size[0])
-        elif part.kind == "capsule":
-            made = trimesh.creation.capsule(radius=1.0, height=size[1] / size[0], count=[_SECTIONS, _SECTIONS // 2])
-            made.apply_scale(size[0])
-            made.apply_translation([0, 0, -made.bounds[:, 2].mean()])
-        else:
-            made = trimesh.creation.icosphere(subdivisions=_SUBDIVISIONS)
-            made.apply_scale(size if part.kind == "ellipsoid" else size[0])
-        vertices, faces = np.array(made.vertices), np.array(made.faces, dtype=np.int64)
-    return vertices @ part.pose[:3, :3].T + part.pose[:3, 3], faces
+        made = trimesh.creation.icosphere(subdivisions=subdivisions)
+        made.apply_scale(size if part.kind == "ellipsoid" else size[0])
+    return np.array(made.vertices), np.array(made.faces, dtype=np.int64)

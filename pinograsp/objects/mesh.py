@@ -195,7 +195,12 @@ class Mesh(Body):
     def convex_parts(self) -> ConvexParts:
         """Convex parts that together are about the solid, in the body frame, and their error.
 
-        The same mesh has the same parts. They take seconds, once. Needs the extra ``mesh``.
+        The same mesh has the same parts. They take seconds, once; a minute where the surface crosses itself. Needs the
+        extra ``mesh``.
+
+        Raises:
+            ExtraMissing: coacd (extra ``mesh``) is not installed.
+            InvalidInput: the surface crosses itself over much of its area.
         """
         if self._derived.parts is None:
             one = ConvexParts((self.vertices,), 0.0)

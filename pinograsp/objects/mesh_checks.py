@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -17,6 +19,7 @@ _FLAT = 1e-9
 # Holes with no more than this part of the edges, and of the surface once they are closed, are flaws of a scan; a larger
 # one is an opening that somebody may have meant.
 _FLAW_EDGES, _FLAW_AREA = 1e-2, 2e-3
+_MOST_PARTS = 3000
 _HULL = "or take its convex hull: convex=True"
 
 
@@ -50,7 +53,7 @@ def closed_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArr
     _check_edges(vertices, faces)
     label = part_labels(len(vertices), faces)
     count = label.max() + 1
-    volumes = np.array([_volume(vertices, faces[label[faces[:, 0]] == part]) for part in range(count)])
+    volumes = np.array([_volume(vertices, part) for part in grouped(faces, label[faces[:, 0]])])
     outward = np.where(_depths(vertices, faces, label, count) % 2 == 0, volumes > 0, volumes < 0)
     if outward.all():
         return vertices, faces, mended
@@ -174,14 +177,30 @@ def _volume(vertices: Array, faces: IntArray) -> float:
 
 
 def part_labels(count: int, faces: IntArray) -> IntArray:
-    """Number (n,) of the connected part each vertex belongs to."""
+    """Number (n,) of the connected part each vertex belongs to.
+
+    Raises:
+        InvalidInput: more parts than an object has.
+    """
     from scipy.sparse import coo_array  # slow to import, and only meshes need it
     from scipy.sparse.csgraph import connected_components
 
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     graph = coo_array((np.ones(len(start)), (start, end)), shape=(count, count))
     labels: IntArray = connected_components(graph, directed=False)[1]
+    found = len(np.unique(labels[faces[:, 0]]))  # vertices of no face are no parts
+    if found > _MOST_PARTS:
+        raise InvalidInput(
+            f"mesh: expected one solid, or at most {_MOST_PARTS} parts, got {found}: remove the specks (MeshLab, "
+            f"Blender), {_HULL}"
+        )
     return labels
+
+
+def grouped(rows: IntArray, label: IntArray) -> list[IntArray]:
+    """The rows of each label, from 0 on."""
+    order = np.argsort(label, kind="stable")
+    return np.split(rows[order], np.cumsum(np.bincount(label))[:-1])
 
 
 def _depths(vertices: Array, faces: IntArray, label: IntArray, count: int) -> IntArray:
@@ -197,15 +216,15 @@ def _depths(vertices: Array, faces: IntArray, label: IntArray, count: int) -> In
 
     from pinograsp.hands.mesh_file import collision_model
 
-    members = [vertices[label == part] for part in range(count)]
+    own = grouped(np.arange(len(vertices)), label)
+    members = [vertices[which] for which in own]
     low, high = np.array([v.min(axis=0) for v in members]), np.array([v.max(axis=0) for v in members])
     numbers = np.empty(len(vertices), dtype=np.int64)  # of each vertex within its part
-    for part in range(count):
-        numbers[label == part] = np.arange(len(members[part]))
-    of_part = [numbers[faces[label[faces[:, 0]] == part]] for part in range(count)]
+    for which in own:
+        numbers[which] = np.arange(len(which))
+    of_part = grouped(numbers[faces], label[faces[:, 0]])
     models, surfaces, here = {}, {}, coal.Transform3s.Identity()
-    meet = np.all((low[:, None] <= high) & (low <= high[:, None]), axis=2)
-    for i, j in np.argwhere(np.triu(meet, 1)):
+    for i, j in _boxes_meet(low, high):
         for part in (i, j):
             if part not in models:
                 models[part] = collision_model(members[part], of_part[part])
@@ -220,3 +239,10 @@ def _depths(vertices: Array, faces: IntArray, label: IntArray, count: int) -> In
         for inner, outer in ((i, j), (j, i)):
             depths[inner] += abs(surfaces[outer].winding_number(members[inner][:1])[0]) > 0.5
     return depths
+
+
+def _boxes_meet(low: Array, high: Array) -> Iterator[tuple[int, int]]:
+    """Pairs of boxes (n, 3) that have points in common, the smaller number first, in order."""
+    for i in range(len(low)):
+        for j in np.flatnonzero(np.all((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i]), axis=1)):
+            yield i, i + 1 + int(j)

@@ -20,7 +20,7 @@ def mesh_files(path: str | Path | Sequence[str | Path]) -> list[Path]:
     """The mesh files of one object: a file, those of a folder or of a pattern in the order of their names, or several.
 
     Raises:
-        InvalidInput: none, or more than a thousand.
+        InvalidInput: none, more than a thousand, or a link in a folder or of a pattern to a file that is no mesh.
     """
     from pinograsp.hands.mesh_file import FORMATS  # with Pinocchio, slow to import
 
@@ -39,7 +39,20 @@ def mesh_files(path: str | Path | Sequence[str | Path]) -> list[Path]:
         raise InvalidInput(f"mesh files: expected one or more, got {where}: check the path")
     if len(files) > _MOST_FILES:
         raise InvalidInput(f"mesh files: expected at most {_MOST_FILES}, got {len(files)}: unite them first")
+    if isinstance(path, str | Path):
+        _check_links(files, FORMATS)
     return files
+
+
+def _check_links(files: Sequence[Path], formats: Sequence[str]) -> None:
+    """Refuse links to what is no mesh: whoever gave the folder need not have meant that file."""
+    for one in files:
+        target = os.path.realpath(one)
+        if one.is_symlink() and os.path.splitext(target)[1].lower() not in formats:
+            raise InvalidInput(
+                f"mesh files: expected files or links to those that end in {', '.join(formats)}, got the link '{one}' "
+                f"to '{target}': remove it, or give the files of the object one by one"
+            )
 
 
 def read_surface(path: Path) -> tuple[Array, IntArray]:

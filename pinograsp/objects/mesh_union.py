@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.errors import InvalidInput
-from pinograsp.objects.mesh_checks import PartsMeet, closed_surface, part_labels
+from pinograsp.objects.mesh_checks import PartsMeet, closed_surface, grouped, part_labels
 from pinograsp.spatial import Array, IntArray
 
 _INSTALL = "pip install 'pinograsp[mesh]'"
@@ -64,8 +64,8 @@ def concatenated(surfaces: Iterable[tuple[Array, IntArray]]) -> tuple[Array, Int
 
 def _parts_of(faces: IntArray) -> list[IntArray]:
     """Faces of each part of a mesh: triangles that share corners by their numbers."""
-    of = part_labels(int(faces.max()) + 1, faces)[faces[:, 0]]
-    return [faces[of == part] for part in np.unique(of)]
+    of = np.unique(part_labels(int(faces.max()) + 1, faces)[faces[:, 0]], return_inverse=True)[1]
+    return grouped(faces, of.ravel())
 
 
 def _outward(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:

@@ -5,16 +5,18 @@ A kind is a module with ``make(rng, folder)``, which writes one input into the e
 
 - ``prepare()``: called once in every worker, without watching (imports, compiling); without it all public names are imported;
 - ``EXIT_CODES``: exit codes with which ``run`` may end, by ``SystemExit``;
-- ``LOOPBACK = True``: sockets on this machine are fine.
+- ``LOOPBACK = True``: sockets on this machine are fine;
+- ``TIME_LIMIT``: seconds for one of its inputs, instead of the harness's.
 
 Failures are: an exception other than a ``PinograspError``, a traceback printed, a crash of the interpreter, more than
-20 s, a process started, a socket, and a file opened, listed or changed elsewhere than in the case's folder, a folder
-for temporary files and (for reading) the installed Python code. Files that compiled libraries open by themselves are
-not seen."""
+20 s, more than 4 GiB beyond what the imports take, a process started, a socket, and a file opened, listed or changed
+elsewhere than in the case's folder, a folder for temporary files and (for reading) the installed Python code. Files
+that compiled libraries open by themselves are not seen, but for :data:`SECRET`, which no input may have read."""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import importlib
 import importlib.util
 import os
@@ -38,7 +40,8 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 TIME_LIMIT = 20.0  # [s] for one input, without the time in which the machine was busy with others
 PREPARE_LIMIT = 600.0  # [s] for a worker to start: compiling may be part of it
-MEMORY_LIMIT = 6 * 2**30  # [bytes] of address space
+MEMORY_LIMIT = 4 * 2**30  # [bytes] of address space beyond that of the imports
+SECRET = "../outside/secret.txt"  # a file beside the case's folder, as inputs name it
 RECYCLE = 300  # inputs, after which a worker makes room for a new one
 
 
@@ -102,15 +105,20 @@ def _keep(keep: Path, kind: Path, seed: int, result: Result, folder: Path) -> No
     shutil.rmtree(target, ignore_errors=True)
     target.mkdir(parents=True)
     if (folder / "case").is_dir():
-        shutil.copytree(folder / "case", target / "case", symlinks=True, dirs_exist_ok=True)
+        shutil.copytree(folder / "case", target / "case", symlinks=True, ignore=_pipes, dirs_exist_ok=True)
     (target / "failure.txt").write_text(f"{result.failure}\n{result.details}\n", encoding="utf-8", errors="replace")
+
+
+def _pipes(folder: str, names: list[str]) -> list[str]:
+    """Those of the names that cannot be copied."""
+    return [name for name in names if Path(folder, name).is_fifo()]
 
 
 class _Worker:
     """A process that runs inputs one after another, as its parent sees it."""
 
     def __init__(self, kind: Path, seed: int, root: Path, time_limit: float):
-        self.root, self.time_limit = root, time_limit
+        self.root, self.most = root, time_limit
         self.link, far = Pipe()
         self.said = tempfile.TemporaryFile(dir=root)  # noqa: SIM115 - lives as long as the process
         path = os.pathsep.join([str(HERE.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -129,6 +137,7 @@ class _Worker:
         far.close()
         self.done = 0
         self.clock = None  # runs from the moment the worker takes up the input
+        self.time_limit = self.most
         self.started = time.monotonic()
 
     @property
@@ -138,8 +147,9 @@ class _Worker:
     def give(self, index: int) -> None:
         self.index, self.case, self.clock = index, "", None
         self.folder = self.root / f"{self.process.pid}-{index}"
-        for name in ("case", "temp"):
+        for name in ("case", "temp", "outside"):
             (self.folder / name).mkdir(parents=True)
+        (self.folder / "case" / SECRET).write_text("secret")
         self.said.seek(0)
         self.said.truncate()
         with contextlib.suppress(OSError):  # died in between: look() will tell
@@ -155,6 +165,7 @@ class _Worker:
                 return self._result("", "crash", f"the worker ended with code {code}")
             if what == "case":
                 self.case, self.clock = rest[0], _Clock(self.process.pid)
+                self.time_limit = min(self.most, rest[1])
                 return None
             return self._result(*rest)
         if self.clock is not None and self.clock.elapsed() > self.time_limit:
@@ -237,7 +248,8 @@ def _work(descriptor: int, kind: Path, seed: int) -> None:
     getattr(module, "prepare", _prepare)()
     watch = _Watch(getattr(module, "LOOPBACK", False), kind)
     sys.addaudithook(watch)
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (taken + MEMORY_LIMIT, resource.getrlimit(resource.RLIMIT_AS)[1]))
     while True:
         try:
             index, folder = link.recv()
@@ -263,20 +275,25 @@ def _run(module, rng, folder: Path, watch: _Watch, link: Connection) -> tuple[st
     os.environ["TMPDIR"] = tempfile.tempdir = str(folder / "temp")
     try:
         case = module.make(rng, folder / "case")
-        link.send(("case", repr(case)[:4000]))
+        link.send(("case", repr(case)[:4000], getattr(module, "TIME_LIMIT", TIME_LIMIT)))
     except BaseException:
         return "", "make failed", traceback.format_exc()
     label = failure = details = ""
     watch.begin(folder)
     error = None
-    try:
-        label = module.run(case)
-    except BaseException as raised:
-        error = raised
-    finally:
-        watch.end()
+    with _Opened(folder / "case" / SECRET) as opened:
+        try:
+            label = module.run(case)
+        except BaseException as raised:
+            error = raised
+        finally:
+            watch.end()
+    if opened.seen:
+        watch.seen.append(("file", f"{SECRET}, by a compiled library"))
     if isinstance(error, PinograspError):
         label = type(error).__name__
+        if _for_memory(error):  # an honest refusal, but on a larger machine there would have been none
+            failure, details = "memory", _shortened("".join(traceback.format_exception(error)))
     elif error is not None:
         if isinstance(error, SystemExit) and (error.code or 0) in getattr(module, "EXIT_CODES", ()):
             label = f"exit {error.code or 0}"
@@ -285,6 +302,34 @@ def _run(module, rng, folder: Path, watch: _Watch, link: Connection) -> tuple[st
     if watch.seen:
         failure, details = watch.seen[0][0], "\n".join([*(what for _, what in watch.seen[:10]), details])
     return label, failure, details
+
+
+def _for_memory(error: BaseException | None) -> bool:
+    """Whether an error stems from one of memory."""
+    while error is not None and not isinstance(error, MemoryError):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+class _Opened:
+    """Notices that a file is opened, by whatever code, while this context lasts."""
+
+    _OPEN = 0x20  # IN_OPEN of inotify(7)
+
+    def __init__(self, path: Path):
+        self.path, self.seen = path, False
+
+    def __enter__(self) -> _Opened:
+        libc = ctypes.CDLL(None, use_errno=True)
+        self.descriptor = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+        if self.descriptor < 0 or libc.inotify_add_watch(self.descriptor, os.fsencode(self.path), self._OPEN) < 0:
+            raise OSError(ctypes.get_errno(), f"no watch of {self.path}")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self.seen = bool(os.read(self.descriptor, 4096))
+        os.close(self.descriptor)
 
 
 def _shortened(text: str) -> str:
@@ -360,7 +405,8 @@ class _Watch:
 
     def begin(self, folder: Path) -> None:
         self.seen = []
-        self.writable = [os.path.realpath(folder), "/dev/null", os.path.realpath(f"/proc/{os.getpid()}")]
+        own = [os.path.realpath(folder / name) for name in ("case", "temp")]
+        self.writable = [*own, "/dev/null", os.path.realpath(f"/proc/{os.getpid()}")]
         self.on = True
 
     def end(self) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from fuzzing import urdf
 from fuzzing.urdf import pick
 
+TIME_LIMIT = urdf.TIME_LIMIT
 TAGS = [
     "mujoco",
     "compiler",

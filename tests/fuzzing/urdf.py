@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import own_hands
 
+TIME_LIMIT = 10.0
 NUMBERS = [
     "0",
     "-0.0",
@@ -110,7 +111,25 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
     text = nested(rng, ElementTree.tostring(root, encoding="unicode"))
     path = folder / "hand.urdf"
     path.write_bytes(damaged(rng, encoded(rng, with_bombs(rng, text))))
-    return {"hand": str(path), "mesh": str(folder / pick(rng, MESHES)), **options(rng)}
+    case = {"hand": str(path), "mesh": str(folder / pick(rng, MESHES)), **options(rng)}
+    if rng.random() < 0.15:
+        (folder / "hand.srdf").write_bytes(_srdf(rng, root))
+        case["options"]["srdf"] = str(folder / pick(rng, [*["hand.srdf"] * 8, "pipe.stl", "folder.stl", "gone.srdf"]))
+    return case
+
+
+def _srdf(rng, robot) -> bytes:
+    """Pairs of links whose collisions are not looked at, as MoveIt has them."""
+    root = ElementTree.Element("robot", name="r")
+    links = [link.get("name", "") for link in robot.findall("link")] or [""]
+    for _ in range(pick(rng, [0, 1, 5, 5, 3000])):
+        tag = pick(rng, ["disable_collisions", "disable_collisions", "enable_collisions", "disable_default_collisions"])
+        ends = {"link1": pick(rng, [*links, *NAMES]), "link2": pick(rng, links), "link": pick(rng, links)}
+        ElementTree.SubElement(root, tag, ends, reason="Never")
+    for _ in range(pick(rng, [0, 1, 3])):
+        mutate(rng, root, ["robot", "disable_collisions", "group", "virtual_joint", "chain"])
+    text = nested(rng, ElementTree.tostring(root, encoding="unicode"))
+    return damaged(rng, encoded(rng, with_bombs(rng, text)))
 
 
 def run(case: dict) -> str:

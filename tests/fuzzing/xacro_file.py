@@ -14,6 +14,7 @@ import own_hands
 from fuzzing import urdf
 from fuzzing.urdf import pick
 
+TIME_LIMIT = urdf.TIME_LIMIT
 NAMESPACE = "http://www.ros.org/wiki/xacro"
 SYSTEM = "[c for c in ().__class__.__base__.__subclasses__() if c.__name__ == '_wrap_close'][0].__init__.__globals__['system']('touch ran')"
 HARMFUL = [

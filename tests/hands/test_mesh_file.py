@@ -12,7 +12,7 @@ import trimesh
 from own_hands import joint, link, robot
 
 from pinograsp.errors import InvalidInput
-from pinograsp.hands import load_hand
+from pinograsp.hands import geometry, load_hand
 from pinograsp.objects import Mesh
 
 PLY = """ply
@@ -60,11 +60,15 @@ LYING = {
     "inf.off": OFF.format(last="0 0 inf", face="1 2 3"),
     "far.off": OFF.format(last="0 0 6e12", face="1 2 3"),
     "huge.off": OFF.format(last="0 0 1e308", face="1 2 3"),
+    "point.obj": "v 0.1 0.1 0.1\n" * 3 + "f 1 2 3\n",
     "nothing.stl": "",
     "short.stl": b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 50,
     "accessor.glb": glb(accessors=[{"componentType": 5126, "count": 10**12, "type": "VEC3"}] * 2),
     "branching.glb": glb(nodes=[*({"children": [i + 1, i + 1]} for i in range(60)), {"mesh": 0}]),
     "repeated.glb": glb(nodes=[{"mesh": 0}] * 300_000),
+    "deep.glb": glb(nodes=[*({"children": [i + 1], "mesh": 0} for i in range(300)), {"mesh": 0}]),
+    "nodes.glb": glb(nodes=[{"mesh": 0}] * 6000),
+    "solids.stl": "solid a\nendsolid a\n" * 6000,
     "entities.dae": '<!DOCTYPE COLLADA [<!ENTITY a "b">]><COLLADA>&a;</COLLADA>',
     "empty.dae": "<COLLADA/>",
 }
@@ -78,6 +82,35 @@ def test_meshes_that_lie_are_refused(tmp_path, name):
         Mesh.load(tmp_path / name, mass=0.1)
     hand = load_hand(hand_with(tmp_path, name))
     assert not hand.geometry.ngeoms and any("cannot be read" in note and name in note for note in hand.notes)
+
+
+def test_groups_of_an_obj_file_are_bounded(tmp_path):
+    """Its reader takes time as their number squared; where they are left out anyway, as of objects, they are fine."""
+    text = OBJ.format(last=SOUND, face="2 3 4")
+    (tmp_path / "groups.obj").write_text(text + "g a\n" * 6000)
+    (note,) = (note for note in load_hand(hand_with(tmp_path, "groups.obj")).notes if "cannot be read" in note)
+    assert "6000 groups, more than the 3000" in note
+    assert Mesh.load(tmp_path / "groups.obj", mass=0.1).volume == pytest.approx(1e-3 / 6)
+
+
+def test_a_hand_reads_a_bounded_number_of_triangles_and_no_broken_file_twice(tmp_path, monkeypatch):
+    trimesh.creation.icosphere(2).export(tmp_path / "ball.stl")  # 320 triangles
+    (tmp_path / "broken.stl").write_text("nothing")
+    read = []
+    whole = geometry.read_triangles
+    monkeypatch.setattr(geometry, "MOST_TRIANGLES", 700)
+    monkeypatch.setattr(geometry, "read_triangles", lambda path: read.append(path.name) or whole(path))
+    names = [("broken.stl", 1), ("broken.stl", 2), *(("ball.stl", 1 + k % 4) for k in range(8))]
+    path = hand_with(tmp_path, "broken.stl")
+    one = path.read_text()
+    shape = one[one.index("<collision>") : one.index("</collision>") + len("</collision>")]
+    shapes = (shape.replace('broken.stl"', f'{name}" scale="{scale} 1 1"') for name, scale in names)
+    path.write_text(one.replace(shape, "".join(shapes)))
+    hand = load_hand(path)
+    assert read == ["broken.stl", "ball.stl"]
+    assert hand.geometry.ngeoms == 6  # those of three sizes, with 960 triangles, twice each
+    (note,) = (note for note in hand.notes if "cannot be read" in note)
+    assert note.count("the meshes before it have more than 700 triangles") == 2
 
 
 def hand_with(folder, mesh):

@@ -11,6 +11,7 @@ import trimesh
 from pinograsp.cases.object_case import ObjectCase
 from pinograsp.errors import InvalidInput
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere, load_object, object_from
+from pinograsp.objects.mesh_files import read_surface
 from pinograsp.objects.record import object_of, object_record
 from pinograsp.spatial import pose_of, rotation_rpy
 
@@ -267,6 +268,61 @@ def test_a_folder_and_a_pattern_are_the_parts_of_one_object(tmp_path):
     torn.export(tmp_path / "other" / "part2.stl")
     with pytest.raises(InvalidInput, match=r"part2\.stl'.*watertight"):
         Mesh.load(tmp_path / "other", mass=1)
+
+
+def test_many_shapes_have_a_bounded_number_of_triangles(tmp_path, monkeypatch):
+    """Round ones are coarser the more there are; volumes of separate balls tell how coarse."""
+
+    def balls(count):
+        return "".join(
+            f'<collision><origin xyz="{k} 0 0"/><geometry><sphere radius="0.4"/></geometry></collision>'
+            for k in range(count)
+        )
+
+    for count, error in ((2, 2.5e-3), (31, 1e-2), (151, 4e-2)):  # thrice that of the radius, and some
+        made = load_object(urdf(tmp_path, balls(count)), density=500)
+        assert made.volume == pytest.approx(count * 4 / 3 * np.pi * 0.4**3, rel=error)
+        assert len(made.faces) < 50_000
+    read = []
+    monkeypatch.setattr("pinograsp.objects.load.read_surface", lambda path: read.append(path) or read_surface(path))
+    monkeypatch.setattr("pinograsp.hands.mesh_file.MOST_TRIANGLES", 40)
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "box.stl")
+    with pytest.raises(InvalidInput, match="at most 40 triangles in all shapes, got 48 in the first 4 of 5"):
+        load_object(urdf(tmp_path, shape("mesh", 'filename="box.stl"') * 5), mass=1)
+    assert len(read) == 1
+
+
+def test_an_object_has_a_bounded_number_of_parts(tmp_path):
+    """Thousands of specks would be compared with each other."""
+    corners, faces = (
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 1e-3,
+        [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+    )
+    for count, refused in ((300, False), (3001, True)):
+        places = 2e-3 * np.stack(np.unravel_index(np.arange(count), (20, 20, 20)), axis=1)
+        vertices = (corners + places[:, None]).reshape(-1, 3)
+        many = (np.array(faces) + 4 * np.arange(count)[:, None, None]).reshape(-1, 3)
+        if refused:
+            with pytest.raises(InvalidInput, match="at most 3000 parts, got 3001: remove the specks"):
+                Mesh(vertices=vertices, faces=many, mass=1)
+        else:
+            assert Mesh(vertices=vertices, faces=many, mass=1).volume == pytest.approx(count * 1e-9 / 6)
+
+
+def test_links_in_a_folder_lead_to_meshes(tmp_path):
+    """Whoever gives a folder of somebody else's does not mean the files that its links may lead to."""
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    stack(0)[0].export(tmp_path / "box.stl")
+    (folder / "part0.stl").symlink_to("../box.stl")
+    assert Mesh.load(folder, mass=1).volume == pytest.approx(0.04 * 0.04 * 0.05)
+    (tmp_path / "box.stl").rename(tmp_path / "secret")
+    (folder / "part0.stl").unlink()
+    (folder / "part0.stl").symlink_to("../secret")
+    for given in (folder, folder / "*.stl"):
+        with pytest.raises(InvalidInput, match=r"got the link '.*part0\.stl' to '.*secret'"):
+            Mesh.load(given, mass=1)
+    assert Mesh.load(folder / "part0.stl", mass=1).volume == pytest.approx(0.04 * 0.04 * 0.05)  # that file was meant
 
 
 @pytest.mark.parametrize(("gap", "grown"), [(-1e-4, False), (0.0, True), (1e-6, True)])

@@ -7,6 +7,7 @@ import dataclasses
 import itertools
 import pickle
 import sys
+import types
 from decimal import Decimal, localcontext
 
 import coal
@@ -769,6 +770,24 @@ def test_convex_parts_are_about_the_solid(made, monkeypatch):
     monkeypatch.setitem(sys.modules, "coacd", None)
     with pytest.raises(ExtraMissing, match=r"pip install 'pinograsp\[mesh\]'"):
         _ = mesh_of(made).convex_parts
+
+
+def test_surfaces_that_cross_themselves_have_no_convex_parts(monkeypatch):
+    """They would be searched for without end; a crossing of a few small triangles, as scans have them, is fine."""
+    box = trimesh.creation.box((0.02, 0.03, 0.04))
+    vertices = box.vertices.copy()
+    vertices[[0, 1]] = vertices[[1, 0]]
+    with pytest.raises(InvalidInput, match=r"does not cross itself.*over \d+ % of its area"):
+        _ = Mesh(vertices=vertices, faces=box.faces, mass=1).convex_parts
+    asked = []
+    coacd = types.ModuleType("coacd")
+    coacd.set_log_level, coacd.Mesh = print, lambda *mesh: mesh
+    coacd.run_coacd = lambda mesh, **settings: asked.append(mesh) or [(box.vertices, box.faces)]
+    monkeypatch.setitem(sys.modules, "coacd", coacd)
+    fine = box.subdivide_to_size(0.002)
+    vertices = fine.vertices.copy()
+    vertices[np.linalg.norm(vertices - [0.01, 0, 0], axis=1).argmin(), 0] = -0.012  # through the opposite side
+    assert Mesh(vertices=vertices, faces=fine.faces, mass=1).convex_parts and asked
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path):
