@@ -452,7 +452,7 @@ def load_case(source: str | Path, changes: Mapping[str, Any] | Sequence[str] | N
     path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(name)
     wanted = f"a YAML file or one of: {', '.join(builtin_cases())}"
     data = read_mapping(path, "case", name, wanted, _BIGGEST, "hand, object, contacts...")
-    if isinstance(data.get("hand"), dict) and "trusted" in data["hand"]:
+    if isinstance(data.get("hand"), dict) and data["hand"].get("trusted", False) is not False:
         raise CaseRejected(
             f"case '{name}': hand.trusted: no file can say so itself: give it where the case is opened "
             "(--set hand.trusted=true, changes={'hand.trusted': True})"
