@@ -24,6 +24,7 @@ from pinograsp.contacts.contact_set import Contact, ContactSet, contacts_at
 from pinograsp.contacts.deceleration import DecelerationShape
 from pinograsp.contacts.friction import FRICTION_MODELS, Friction, FrictionModel
 from pinograsp.contacts.penetration import touching
+from pinograsp.contacts.posture import PostureContacts, contacts_of
 from pinograsp.contacts.synergy import open_and_closed
 
 __all__ = [
@@ -41,11 +42,13 @@ __all__ = [
     "Measure",
     "NearPoint",
     "PenetrationProfile",
+    "PostureContacts",
     "Touch",
     "check_geometry",
     "clearance",
     "close_hand",
     "contacts_at",
+    "contacts_of",
     "energy_terms",
     "fingertips",
     "impulse_energy",

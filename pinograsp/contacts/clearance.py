@@ -88,9 +88,11 @@ class Distances:
     def put(self, q: Array, body: Body | None = None) -> None:
         """Move the hand to the posture q (n,), and the object to where ``body``, the same solid, is."""
         pin.forwardKinematics(self.model, self.data, q)
-        if body is not None:
-            self.body = body
-        pose = self.body.pose
+        self.put_object(self.body if body is None else body)
+
+    def put_object(self, body: Body) -> None:
+        """Move the object to where ``body``, the same solid, is."""
+        self.body, pose = body, body.pose
         self.pose = coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
 
     def of(self, part: HandPart) -> tuple[float, Array]:

@@ -76,35 +76,52 @@ class Penetration:
             normal = self.normals[i]
             depth = float((point - self.contacts[i].point_o) @ normal)
             return depth, normal, point - depth * normal
-        return max((self._deepest(part, self.normals[i]) for part in self.parts[i]), key=lambda one: one[0])
+        return max(
+            (deepest_of(self.distances, part, self.normals[i], self.roughly) for part in self.parts[i]),
+            key=lambda one: one[0],
+        )
 
-    def _deepest(self, part: HandPart, normal: Array) -> tuple[float, Array, Array]:
-        distances, pose, off = self.distances, self.distances.pose, 2 * _CLEAR
-        further, turned = _CLEAR, np.inf
-        last: tuple[float, Array, Array] | None = None
-        for _ in range(_ROUNDS):
-            moved = coal.Transform3s(pose.getRotation(), pose.getTranslation() + off * normal)
-            gap, mine = distances.at(part, moved, part.geometry)
-            if gap < 0.5 * _CLEAR:  # deeper than thought
-                # Coal's own depth is rough, often next to nothing deep inside: each time twice as far.
-                off += further + min(max(-gap, 0.0), 10 * _CLEAR)
-                further *= 2
-                continue
-            further = _CLEAR
-            other = np.array(distances.result.getNearestPoint2())
-            direction = (other - mine) / gap
-            # Farther off than need be, the nearest points are others than those that overlap.
-            before, turned, spare = turned, float(np.linalg.norm(direction - normal)), gap - _CLEAR
-            alike = turned < _ALIKE or 0.5 * before < turned < self.roughly
-            surface = other - off * normal
-            depth = float((mine - surface) @ normal)
-            if alike and abs(spare) <= 0.5 * _CLEAR:
-                return depth, normal, surface
-            normal, off = direction, off - spare
-            last = depth, normal, surface
-        if last is None:
-            raise GeometryFailed(part.link, type(part.geometry).__name__)
-        return last
+
+def deepest_of(
+    distances: Distances, part: HandPart, normal: Array, roughly: float = _ROUGHLY
+) -> tuple[float, Array, Array]:
+    """Depth of a part in the object [m], negative where clear, inward normal (3,), and point on the object (3,) [m].
+
+    Args:
+        distances: at the posture.
+        part: of the hand.
+        normal: where to start from (3,).
+        roughly: normals that come no closer may differ by this [rad]; 0: go on as long as they do.
+
+    Raises:
+        GeometryFailed: the object cannot be moved off along the normals found.
+    """
+    pose, off = distances.pose, 2 * _CLEAR
+    further, turned = _CLEAR, np.inf
+    last: tuple[float, Array, Array] | None = None
+    for _ in range(_ROUNDS):
+        moved = coal.Transform3s(pose.getRotation(), pose.getTranslation() + off * normal)
+        gap, mine = distances.at(part, moved, part.geometry)
+        if gap < 0.5 * _CLEAR:  # deeper than thought
+            # Coal's own depth is rough, often next to nothing deep inside: each time twice as far.
+            off += further + min(max(-gap, 0.0), 10 * _CLEAR)
+            further *= 2
+            continue
+        further = _CLEAR
+        other = np.array(distances.result.getNearestPoint2())
+        direction = (other - mine) / gap
+        # Farther off than need be, the nearest points are others than those that overlap.
+        before, turned, spare = turned, float(np.linalg.norm(direction - normal)), gap - _CLEAR
+        alike = turned < _ALIKE or 0.5 * before < turned < roughly
+        surface = other - off * normal
+        depth = float((mine - surface) @ normal)
+        if alike and abs(spare) <= 0.5 * _CLEAR:
+            return depth, normal, surface
+        normal, off = direction, off - spare
+        last = depth, normal, surface
+    if last is None:
+        raise GeometryFailed(part.link, type(part.geometry).__name__)
+    return last
 
 
 def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLike) -> ContactSet:
