@@ -93,7 +93,9 @@ def objects(w: float) -> dict:
 
 
 def thing(shape: str, w: float) -> pg.objects.body.Body:
-    """An object of that shape for a hand of width w [m]."""
+    """An object of that shape for a hand of width w [m], or the one that a text describes."""
+    if ":" in shape:
+        return pg.object_from(shape)
     if shape in (simple := objects(w)):
         return simple[shape]
     with tempfile.TemporaryDirectory() as folder:
@@ -151,7 +153,9 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=16, help="of the search")
     parser.add_argument("--hands", nargs="+", default=list(CATALOGUE), help="names of the catalogue, or files")
     parser.add_argument("--root", help="link where the hand begins, of files with an arm")
-    parser.add_argument("--objects", nargs="+", default=SHAPES, choices=SHAPES)
+    parser.add_argument(
+        "--objects", nargs="+", default=SHAPES, help=f"{', '.join(SHAPES)}, or as mesh:path=can.obj,mass=0.35"
+    )
     parser.add_argument("--jobs", type=int, default=-1, help="pairs at the same time; -1: all cores")
     parser.add_argument("--out", type=Path, default=HERE / "grasps.csv")
     options = parser.parse_args()
