@@ -31,7 +31,7 @@ def test_jaws_hold_a_bar_at_the_given_end(end):
     bar = Box(size=(0.03, 0.03, 0.2), mass=0.1, pose=POSE)
     ends = sorted((end * 0.05, end * 0.101))
     within = np.array([[-0.02, -0.02, ends[0]], [0.02, 0.02, ends[1]]])
-    found = find_grasps(load_hand("panda"), bar, CONDITIONS, within=within, count=12, seed=1, jobs=1, progress=False)
+    found = find_grasps(load_hand("panda"), bar, CONDITIONS, within=within, count=8, seed=1, jobs=1, progress=False)
     assert found.grasps
     for grasp in found.grasps:
         at = _touched(grasp.closure)
@@ -43,7 +43,7 @@ def test_fingers_that_would_touch_elsewhere_stay_open():
     bar = Cylinder(radius=0.02, height=0.2, mass=0.1)
     within = np.array([[-0.03, -0.03, 0.04], [0.03, 0.03, 0.101]])
     free, held = (
-        find_grasps(hand, bar, CONDITIONS, within=where, count=12, seed=2, jobs=1, progress=False)
+        find_grasps(hand, bar, CONDITIONS, within=where, count=8, seed=2, jobs=1, progress=False)
         for where in (None, within)
     )
     assert any(((_touched(one.closure) < within[0]) | (_touched(one.closure) > within[1])).any() for one in free.grasps)
