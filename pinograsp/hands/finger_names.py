@@ -15,6 +15,7 @@ Labels: TypeAlias = Mapping[str, Mapping[str, Sequence[str]]]
 # What people call fingers, by the words for them in files.
 _WORDS = {
     "thumb": "thumb",
+    "trumb": "thumb",  # in Linker's files
     "index": "index",
     "forefinger": "index",
     "pointer": "index",
