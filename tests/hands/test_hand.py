@@ -262,6 +262,17 @@ def test_allegro_loads_from_its_plain_urdf(side):
             ("left_thumb_1 left_thumb_2", "left_index_1 left_index_2", "right_thumb_1", "right_index_1"),
             ("left_thumb", "left_index", "right_thumb", "right_index"),
         ),
+        (
+            (
+                "neck_1 head_2",
+                "left_cam left_arm L_thumb_1",
+                "left_arm_2 L_index_1",
+                "left_cam_2 right_arm R_thumb_1",
+                "right_arm_2 R_index_1",
+            ),
+            ("head_2", "left_thumb", "left_index", "right_thumb", "right_index"),
+        ),
+        (("neck_1 head_2", "arm_1 L_thumb_1", "arm_2 L_index_1"), ("head_2", "L_thumb_1", "L_index_1")),
         # Else what is a finger's own.
         (("fr3_leftfinger", "fr3_rightfinger"), ("left", "right")),
         (("hand_link_1_a hand_link_1_b", "hand_link_2_a hand_link_2_b"), ("finger 1", "finger 2")),
