@@ -108,6 +108,10 @@ class NotArithmetic(ValueError):
     """An expression asks for more than arithmetic, or for numbers beyond all use."""
 
 
+class NotPython(NotArithmetic):
+    """An expression that Python cannot read."""
+
+
 def parsed(expression: str) -> ast.Expression:
     """The expression as a tree of what is allowed; NotArithmetic where there is anything else."""
     if len(expression) > MOST_TEXT:
@@ -115,7 +119,7 @@ def parsed(expression: str) -> ast.Expression:
     try:
         tree = ast.parse(expression.strip(), mode="eval")
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise NotArithmetic("expected an expression that Python can read") from None
+        raise NotPython("expected an expression that Python can read") from None
     for node in ast.walk(tree):
         if not isinstance(node, _NODES):
             raise NotArithmetic(f"only arithmetic is allowed, no {type(node).__name__}")

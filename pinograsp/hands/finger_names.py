@@ -15,6 +15,7 @@ Labels: TypeAlias = Mapping[str, Mapping[str, Sequence[str]]]
 # What people call fingers, by the words for them in files.
 _WORDS = {
     "thumb": "thumb",
+    "trumb": "thumb",  # in Linker's files
     "index": "index",
     "forefinger": "index",
     "pointer": "index",
@@ -54,8 +55,9 @@ _SIDES = {"left": "left", "lh": "left", "right": "right", "rh": "right"}
 
 def names_of(chains: list[list[Part]], labels: Labels) -> list[str]:
     """What people call the fingers, where all joints or links say so, or some and none says another, or abbreviations
-    do, or else motors, sites or shapes; of two hands with the side before it. Where nothing says so: what is the
-    finger's own in the common prefix of its links, if that tells the fingers apart, or the fingertip's name.
+    do, or else motors, sites or shapes; of two hands with the side before it, also beside legs and a head. Where
+    nothing says so: what is the finger's own in the common prefix of its links, if that tells the fingers apart, or
+    the fingertip's name.
     """
     for words in _guesses(chains, labels):
         if words and all(words):
@@ -64,7 +66,12 @@ def names_of(chains: list[list[Part]], labels: Labels) -> list[str]:
             sided = [f"{_side(chain)}_{word}" for chain, word in zip(chains, words)]
             if len(set(sided)) == len(sided) and all(map(_side, chains)):
                 return sided
-    return _own_parts(_prefixes(chains)) if len(chains) > 1 else _prefixes(chains)
+    names = _own_parts(_prefixes(chains)) if len(chains) > 1 else _prefixes(chains)
+    words = _telling([_only_word(one, _WORDS) for one in _together(chains)]) or [""] * len(chains)
+    sides = [_side(chain) for chain in chains]
+    told = [f"{side}_{word}" if word else name for side, word, name in zip(sides, words, names)]
+    sure = all(side for side, word in zip(sides, words) if word) and len(set(told)) == len(told)
+    return told if sure else names
 
 
 def _guesses(chains: list[list[Part]], labels: Labels) -> Iterator[list[str]]:
@@ -72,7 +79,7 @@ def _guesses(chains: list[list[Part]], labels: Labels) -> Iterator[list[str]]:
     joints = _own([[part.joint.name for part in chain] for chain in chains])
     links = _own([[part.joint.child for part in chain] for chain in chains])
     tips = [[tip_of(chain)] for chain in chains]
-    together = [[*a, *b, *c] for a, b, c in zip(tips, joints, links)]
+    together = _together(chains)
     yield [_finger_word(chain) for chain in chains]
     yield [_only_word(names, _WORDS) for names in together]
     for names in (joints, links, tips):
@@ -82,6 +89,13 @@ def _guesses(chains: list[list[Part]], labels: Labels) -> Iterator[list[str]]:
         names = [[name for one in _owners(chain) for name in owned.get(one, ())] for chain in chains]
         yield [_only_word(one, _WORDS) for one in names]
         yield from _abbreviated(names)
+
+
+def _together(chains: list[list[Part]]) -> list[list[str]]:
+    """Names of the tip, the joints and the links that are a finger's alone."""
+    joints = _own([[part.joint.name for part in chain] for chain in chains])
+    links = _own([[part.joint.child for part in chain] for chain in chains])
+    return [[tip_of(chain), *a, *b] for chain, a, b in zip(chains, joints, links)]
 
 
 def _own(names: list[list[str]]) -> list[list[str]]:
@@ -150,9 +164,15 @@ def _tokens(name: str) -> list[str]:
 
 
 def _side(chain: list[Part]) -> str:
-    """The hand that a finger is of: "left", "right", or "" where its names do not say."""
-    found = {_SIDES[token] for name in _owners(chain) for token in _tokens(name) if token in _SIDES}
-    return next(iter(found)) if len(found) == 1 else ""
+    """The hand that a finger is of: "left", "right", or "" where its names do not say; the outermost that do count,
+    since a torso may carry a left camera.
+    """
+    for part in reversed(chain):
+        names = (part.joint.name, *part.links)
+        found = {_SIDES[token] for name in names for token in _tokens(name) if token in _SIDES}
+        if len(found) == 1:
+            return next(iter(found))
+    return ""
 
 
 def _own_parts(names: list[str]) -> list[str]:

@@ -41,7 +41,7 @@ from pinograsp.hands.mesh_file import LFS_POINTER
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.ros_packages import packages_of
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
-from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of
+from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of, with_followed
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
 from pinograsp.spatial import FARTHEST
@@ -296,13 +296,18 @@ def _hand_model(
 
 def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, fingers: Sequence[Finger]) -> list[str]:
     """A note where the file has more than a hand, with the root= that takes one alone."""
+
+    def alone(link: str) -> str:
+        return with_followed(prepared.joints, prepared.followed, link)
+
     if (before := joints_before(prepared.joints, palm)) >= _ARM:
-        return [f"{ON_ROOT}{before} joints come before the palm '{palm}', an arm's: root='{palm}' is the hand alone"]
+        root = alone(palm)
+        return [f"{ON_ROOT}{before} joints come before the palm '{palm}', an arm's: root='{root}' is the hand alone"]
     if len(fingers) == 1 and len(fingers[0].joints) > _ARM:
         joints = [joint for joint in prepared.joints if joint.name == fingers[0].joints[-1]]
         return [
             f"{ON_ROOT}all {len(fingers[0].joints)} joints are one finger: of an arm with one jaw that moves, "
-            f"root='{joints[0].parent}' takes the last one alone"
+            f"root='{alone(joints[0].parent)}' takes the last one alone"
         ]
     data = model.createData()
     pin.framesForwardKinematics(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2)
@@ -314,7 +319,8 @@ def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, f
     palms = palms_in(prepared.joints, prepared.links, solid.__contains__, near)
     if palm in palms or not palms:
         return []
-    return [f"{ON_ROOT}this looks like a whole robot: a hand alone is root= {' or '.join(palms)}"]
+    roots = dict.fromkeys(alone(one) for one in palms)
+    return [f"{ON_ROOT}this looks like a whole robot: a hand alone is root= {' or '.join(roots)}"]
 
 
 def _driven(

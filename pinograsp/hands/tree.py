@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -126,6 +126,22 @@ def joints_before(joints: list[Joint], palm: str) -> int:
         count += above[palm].type in MOVING
         palm = above[palm].parent
     return count
+
+
+def with_followed(joints: list[Joint], followed: Mapping[str, str], link: str) -> str:
+    """The link nearest to ``link``, itself or before it, beyond which are all joints that those beyond it follow."""
+    above = {joint.child: joint for joint in joints}
+    before: dict[str, set[str]] = {}  # links before a joint that follows or is followed
+    for joint in joints:
+        if joint.name in followed or joint.name in followed.values():
+            parent = joint
+            before[joint.name] = {parent.parent}
+            while parent.parent in above:
+                parent = above[parent.parent]
+                before[joint.name].add(parent.parent)
+    while link in above and any(link in before[name] and link not in before[other] for name, other in followed.items()):
+        link = above[link].parent
+    return link
 
 
 def tip_of(chain: list[Part]) -> str:

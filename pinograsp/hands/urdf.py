@@ -48,6 +48,7 @@ class Prepared:
         text: URDF for Pinocchio, without geometry.
         aliases: the names of joints in ``text``, by which Pinocchio orders them, and their own.
         joints, links: of the tree.
+        followed: by joint that follows another, that one.
         shapes: what can touch.
         visuals: what is seen.
         unweighed: joints that move links without inertia.
@@ -60,6 +61,7 @@ class Prepared:
     aliases: dict[str, str] = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
     links: list[str] = field(default_factory=list)
+    followed: dict[str, str] = field(default_factory=dict)
     shapes: list[Shape] = field(default_factory=list)
     visuals: list[Shape] = field(default_factory=list)
     unweighed: list[str] = field(default_factory=list)
@@ -120,13 +122,14 @@ def prepare(
         )
         for name, joint in named(robot, "joint")
     ]
+    followed = {name: one.followed for name, one in couplings.items()}
     order = in_order(joints, couplings)
     couplings, limits = led_from_the_front(order, couplings, narrowed(limits, couplings, notes), notes)
     without = [joint.name for joint in joints if joint.name in limits and not limits[joint.name].effort]
     if without:
         notes.append(f"no effort limit (none given, or 0): {', '.join(without)}")
     notes += [f"joint {joint.name} follows {couplings[joint.name]}" for joint in joints if joint.name in couplings]
-    prepared = Prepared(name=robot.get("name") or Path(source).stem, joints=joints, notes=notes)
+    prepared = Prepared(name=robot.get("name") or Path(source).stem, joints=joints, followed=followed, notes=notes)
     prepared.links = [name for name, _ in named(robot, "link")]
     prepared.shapes = shapes_of(robot, folder, packages, notes)
     prepared.visuals = visuals

@@ -180,6 +180,8 @@ def _forbidden_expression(text: str) -> list[str]:
     beyond = f"expression '${{{text}}}': only arithmetic and looking up of data are allowed"
     try:
         tree = arithmetic.parsed(_EXTENSION.sub("x", text))
+    except arithmetic.NotPython:
+        return []  # refused where it is evaluated, which may be never: ${f('${name}')} ends at the first }
     except arithmetic.NotArithmetic as error:
         return [f"{beyond}: {error}"]
     used = arithmetic.names(tree, (*LOADERS, *MESSAGES))

@@ -262,6 +262,17 @@ def test_allegro_loads_from_its_plain_urdf(side):
             ("left_thumb_1 left_thumb_2", "left_index_1 left_index_2", "right_thumb_1", "right_index_1"),
             ("left_thumb", "left_index", "right_thumb", "right_index"),
         ),
+        (
+            (
+                "neck_1 head_2",
+                "left_cam left_arm L_thumb_1",
+                "left_arm_2 L_index_1",
+                "left_cam_2 right_arm R_thumb_1",
+                "right_arm_2 R_index_1",
+            ),
+            ("head_2", "left_thumb", "left_index", "right_thumb", "right_index"),
+        ),
+        (("neck_1 head_2", "arm_1 L_thumb_1", "arm_2 L_index_1"), ("head_2", "L_thumb_1", "L_index_1")),
         # Else what is a finger's own.
         (("fr3_leftfinger", "fr3_rightfinger"), ("left", "right")),
         (("hand_link_1_a hand_link_1_b", "hand_link_2_a hand_link_2_b"), ("finger 1", "finger 2")),
@@ -1100,6 +1111,28 @@ def test_an_arm_before_the_palm_is_noted_with_the_root_to_give(tmp_path):
     assert "root: 4 joints come before the palm 'left_palm', an arm's: root='left_palm' is the hand alone" in arm.notes
 
 
+def test_the_root_to_give_has_the_joints_that_fingers_follow(tmp_path):
+    sides = []
+    for side in ("left", "right"):
+        wrist, palm, slide = f"{side}_wrist", f"{side}_palm", f"{side}_slide"
+        sides += [
+            joint(f"{side}_arm", "body", wrist, "0 0 1", "0 1 0", "-1 1 5 1"),
+            link(wrist, 1, "box 0.1 0.1 0.1"),
+            joint(slide, wrist, palm, "0 0 0.1", "0 0 1", "0 0.01 5 1", kind="prismatic"),
+            link(palm, 1, "box 0.1 0.1 0.02"),
+        ]
+        for jaw in (f"{side}_a", f"{side}_b"):
+            sides += [
+                joint(f"{jaw}_turn", palm, jaw, "0 0 0.05", "0 1 0", "-1 1 5 1", mimic=f"{slide} 10 0"),
+                link(jaw, 0.1, "cylinder 0.01 0.05"),
+            ]
+    whole = load_hand(write(tmp_path, robot("two", link("body", 1, "box 0.1 0.1 0.1"), *sides)))
+    (note,) = (note for note in whole.notes if note.startswith(ON_ROOT))
+    assert {"left_wrist", "right_wrist"} == set(note.split("root= ")[1].split(" or "))
+    hand = load_hand(whole.source, root="left_wrist")
+    assert hand.joint_names == ("left_slide",) and hand.palm == "left_palm"
+
+
 def test_an_arm_with_one_jaw_is_told_apart(tmp_path):
     parts, last = [link("base", 1, "box 0.1 0.1 0.1")], "base"
     for i in range(6):
@@ -1119,6 +1152,7 @@ def test_an_arm_with_one_jaw_is_told_apart(tmp_path):
     ("links", "names"),
     [
         ((("thumb_base", "a"), ("index_base", "b")), ["thumb", "index"]),  # the first part of each says it
+        ((("trumb_link0", "trumb_link1"), ("index_link0", "index_link1")), ["thumb", "index"]),  # Linker's L25
         ((("a", "thtip"), ("b", "fftip")), ["thumb", "index"]),  # the tips do
         ((("index_base", "index_middle"), ("middle_base", "middle_middle")), ["index", "middle"]),
         ((("little_base", "pinky_end"), ("medium_base", "a")), ["pinky", "middle"]),

@@ -89,6 +89,21 @@ def test_anything_more_is_refused_before_it_runs(secret, body):
         expand_xacro(path)
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_what_python_cannot_read_may_stand_in_a_branch_that_is_not_taken(tmp_path, given):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x.yaml").write_text("key: 1")
+    broken = """<link name="${load_yaml('${f}/x.yaml')}"/>"""  # the expression ends at the first }: FR3's file has it
+    path = write(
+        tmp_path, f'<xacro:property name="f" value="a"/><link name="l"/><xacro:if value="{given}">{broken}</xacro:if>'
+    )
+    if given:
+        with pytest.raises(HandNotLoaded, match="load_yaml"):
+            expand_xacro(path)
+    else:
+        assert 'name="l"' in expand_xacro(path)
+
+
 RUN = "[c for c in ().__class__.__base__.__subclasses__() if c.__name__ == '_wrap_close'][0].__init__.__globals__['system']('touch ran')"
 
 
