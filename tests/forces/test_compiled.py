@@ -537,6 +537,7 @@ def test_damaged_caches_are_made_again(tmp_path):
             assert [from_cache(), from_cache()] == [0, 1]
 
 
+@pytest.mark.slow
 def test_caches_notice_what_other_files_of_the_folder_say(tmp_path):
     """A function's code contains that of the functions that it calls: numba alone would look at its own file."""
     (tmp_path / "inner.py").write_text(

@@ -752,6 +752,7 @@ def test_parts_that_meet_are_one_solid(tmp_path, monkeypatch):
         Mesh(**joined(box, peg), mass=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("made", [bracket(), hollow_box(), trimesh.creation.annulus(0.03, 0.04, 0.05, sections=24)])
 def test_convex_parts_are_about_the_solid(made, monkeypatch):
     """Every point of the solid lies in a part, none of a part is farther out than they say, and all come again."""

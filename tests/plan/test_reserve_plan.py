@@ -54,6 +54,7 @@ def test_a_plan_bears_its_reserve(closure, plan):
     assert not any("weakest direction" in text for text in plan.cautions)
 
 
+@pytest.mark.slow
 def test_no_reserve_is_the_certified_optimum(closure):
     """The search over the impact times comes close to the proven global optimum."""
     bare, none = planned(closure, None), planned(closure, Reserve.none())

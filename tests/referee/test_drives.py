@@ -371,6 +371,7 @@ def test_motions_without_servos_have_no_motors_at_their_limits(task):
 # -- what would have held ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_what_would_have_held_is_what_a_plan_with_it_holds(plan, engine):
     """The jaws need k mu F_n = m g: with mu = 0.2 instead of 0.6, 3 / 1.5 times the squeeze, or the friction."""
@@ -405,6 +406,7 @@ def test_every_load_counts_in_the_squeeze(task):
         assert found.margins is None
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover
 def test_drives_and_limits_that_would_have_held(task):
     coarse = {"hold": 0.6, "time_step": 1e-3, "tolerance": 0.5}  # only the changes are looked at
@@ -441,6 +443,7 @@ def test_trials_that_are_lost_say_why(task):
     assert all("; contact 'jaw" in row["reason"] and "slipped from" in row["reason"] for row in study.rows)
 
 
+@pytest.mark.slow
 def test_causes_are_in_records_reports_and_on_the_command_line(command, plan, tmp_path):
     folder = pg.save_run(plan, tmp_path / "run")
     code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "1e-3", "--mu", "0.2")

@@ -164,6 +164,7 @@ def beaker_plan():
     return plan_best(pg.find_grasps(pg.load_hand("panda"), body, conditions, count=16, seed=5, jobs=1), conditions)
 
 
+@pytest.mark.slow
 @ENGINES
 @pytest.mark.no_cover
 def test_a_beaker_too_wide_for_the_jaws_is_held_by_its_wall(kind, beaker_plan):

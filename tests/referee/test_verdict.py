@@ -57,6 +57,7 @@ def test_of_a_slow_shaking_the_end_counts(judged):
     assert not judged(lambda t: 12e-3 * np.minimum(t, 0.5), 5.0).held
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", [1e-3, 1e-2])
 def test_light_objects_get_steps_that_resolve_their_swings(mass):
     """Coarse steps alone threw an object of a gram out of a grasp that holds it."""

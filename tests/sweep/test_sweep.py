@@ -338,6 +338,7 @@ def test_placements_are_searched_for_a_hand_without_a_place(tmp_path):
     assert [row["status"] for row in rows] == ["not_found", "ok"] and "no grasp of 8" in rows[0]["message"]
 
 
+@pytest.mark.slow
 def test_a_reserve_is_swept_and_kept_out_of_forces_alone(tmp_path):
     spec = {
         "hand": "allegro_right",

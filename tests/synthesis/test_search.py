@@ -420,6 +420,7 @@ def test_ctrl_c_writes_nothing_and_exits_with_130(tmp_path, everybody):
     assert out == "" and list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_contacts_where_links_are_hollow_come_last_and_are_told(monkeypatch):
     """Against trimesh: how far the links' own meshes are from contact points on their hulls."""
     monkeypatch.setattr(
