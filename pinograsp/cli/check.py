@@ -382,8 +382,7 @@ def _of_joints(hand: HandModel, option: str, text: str, turning: float, sliding:
     import numpy as np
 
     values = _numbers(option, text, (1,) if hand.n == 1 else (1, hand.n))
-    slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
-    each: Array = np.array(values) * np.where(slides, sliding, turning)
+    each: Array = np.array(values) * np.where(hand.slides, sliding, turning)
     return each
 
 

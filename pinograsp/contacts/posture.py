@@ -165,8 +165,9 @@ class _Posture:
         """
         hand, q = self.hand, np.array(given)
         wanted = {key for key, one in near.items() if one.part.finger and key[0] and abs(one.gap) <= tolerance}
-        scale = np.array([_LEVER if hand.is_prismatic(j) else 1.0 for j in self._actuated()])
+        scale = np.where(hand.slides, _LEVER, 1.0)
         for _ in range(_ROUNDS):
+            pin.computeJointJacobians(hand.model, self.distances.data)
             rows = np.array([self._rate(one) for key, one in near.items() if key in wanted]).reshape(-1, hand.n)
             gaps = np.array([one.gap for key, one in near.items() if key in wanted])
             if not len(gaps) or np.abs(gaps).max() <= _SETTLED:
@@ -175,19 +176,14 @@ class _Posture:
             A = np.vstack([rows * scale / _LEVER, _LEAST * np.eye(hand.n)])
             b = np.concatenate([(gaps + rows @ q) / _LEVER, _LEAST * given / scale])
             room = np.maximum(high - low, 1e-12)
-            change = lsq_linear(A, b, bounds=(low / scale, (low + room) / scale), method="bvls").x
-            q = np.clip(change * scale, hand.lower, hand.upper)
+            scaled = lsq_linear(A, b, bounds=(low / scale, (low + room) / scale), method="bvls").x
+            q = np.clip(scaled * scale, hand.lower, hand.upper)
             near = self.near(q, 3 * tolerance)
         return q
-
-    def _actuated(self) -> list[int]:
-        model = self.hand.model
-        return [j for j in range(1, model.njoints) if model.joints[j].nv]
 
     def _rate(self, one: Near) -> Array:
         """How fast a link comes closer to the object for each joint's rate (n,) [m/rad or -]."""
         model, data = self.hand.model, self.distances.data
-        pin.computeJointJacobians(model, data)
         J = pin.getJointJacobian(model, data, one.part.joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.hand.n)
         arm = one.point - data.oMi[one.part.joint].translation
         rate: Array = one.normal @ J[:3] + np.cross(arm, one.normal) @ J[3:]

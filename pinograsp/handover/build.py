@@ -251,8 +251,7 @@ def _lead(hand: HandModel, way: np.ndarray, lead: float | None, rate: float) -> 
     limit = np.where(hand.velocity > 0, hand.velocity, np.inf)
     least = _PEAK * way / limit
     if lead is None:
-        slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
-        gentle = _PEAK * way / np.minimum(0.5 * limit, np.where(slides, _SLIDING, _TURNING))
+        gentle = _PEAK * way / np.minimum(0.5 * limit, np.where(hand.slides, _SLIDING, _TURNING))
         return math.ceil(min(max(_LEAST_LEAD, gentle.max()) * rate, _MOST)) / rate if way.any() else 0.0
     lead, worst = number("lead", lead, at_least=0, unit="s"), int(np.argmax(least))
     if way.any() and (lead == 0 or lead < least[worst] * (1 - 1e-9)):

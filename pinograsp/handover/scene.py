@@ -153,7 +153,7 @@ class _Servos(NamedTuple):
 def _outlined(plan: PlanRecord, hand: HandModel, body: Body, time_step: float) -> tuple[mujoco.MjSpec, list[str]]:
     """Hand, its springs and the object, and notes on what the scene leaves out."""
     links = plan.contacts.links
-    slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
+    slides = hand.slides
     spec, notes = outline(
         hand,
         body,

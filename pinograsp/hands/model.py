@@ -37,7 +37,7 @@ from pinograsp.hands.drives import (
     transmission,
 )
 from pinograsp.hands.geometry import Shape
-from pinograsp.spatial import Array, IntArray, pose_of
+from pinograsp.spatial import Array, BoolArray, IntArray, pose_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -224,6 +224,14 @@ class HandModel:
         if kind == "JointModelMimic":  # only its text names its own type
             return "Mimicking joint type: JointModelP" in str(joint.extract())
         return kind.startswith("JointModelP")
+
+    @property
+    def slides(self) -> BoolArray:
+        """Which actuated joints slide rather than turn (n,), in the order of q."""
+        model = self.model
+        joints = [j for j in range(1, model.njoints) if model.joints[j].nv]
+        slides: BoolArray = np.array([self.is_prismatic(j) for j in joints], dtype=bool)
+        return slides
 
     def ratio(self, joint_id: int) -> float:
         """How far a joint moves for each unit of the actuated joint that it follows; 1 for an actuated joint."""

@@ -21,9 +21,8 @@ def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
         InvalidInput: gains that are not numbers from 0 on, one or (n,).
     """
     if stiffness is None:
-        slides = np.array([hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names])
         known = hand.servo_stiffness
-        return np.where(np.isnan(known), np.where(slides, _SERVO / _LEVER**2, _SERVO), known)
+        return np.where(np.isnan(known), np.where(hand.slides, _SERVO / _LEVER**2, _SERVO), known)
     gains = each_of("servo stiffness", stiffness, hand.n)
     if gains.min() < 0:
         raise InvalidInput(f"servo stiffness: expected values from 0 on (torque control), got {shown(gains.tolist())}")

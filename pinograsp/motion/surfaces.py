@@ -209,8 +209,7 @@ class _Solver:
         self.shifts = np.column_stack([self.normals, np.cross(arms, self.normals)])
         # Rigid motions of the object by the displacements of its contacts that they cause.
         arm = max(1e-3, float(np.sqrt((arms**2).sum(axis=1).mean())))
-        slides = [hand.is_prismatic(hand.model.getJointId(name)) for name in hand.joint_names]
-        self.joint_costs = np.where(slides, 1.0 / _STROKE, 1.0)
+        self.joint_costs = np.where(hand.slides, 1.0 / _STROKE, 1.0)
         self.shift_costs = np.repeat([1.0, arm], 3) / _SHIFTING
         # Joints of no finger, of a wrist, stay.
         self.planned = solution

@@ -115,7 +115,7 @@ def _slipped_or_opened(task: Task, history: History, until: int) -> list[_Event]
 def _yielded(task: Task, history: History, until: int) -> list[_Event]:
     """The first joint that left its place after the grasp was complete and before the object was lost."""
     turn, shift = _YIELDED
-    slides: BoolArray = np.array([task.hand.is_prismatic(task.hand.model.getJointId(j)) for j in task.hand.joint_names])
+    slides = task.hand.slides
     moved = np.abs(history.q - history.q[history.complete]) / np.where(slides, shift, np.radians(turn))
     when = _first((moved > 1.0).any(axis=1), history.complete, until + 1)
     if when > until:

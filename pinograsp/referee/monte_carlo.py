@@ -401,8 +401,7 @@ def _drawn(kind: str, size: Any, rng: np.random.Generator, task: Task) -> Any:
         direction = rng.normal(size=3)
         most = size * task.body.mass * _STANDARD_GRAVITY
         return rng.uniform(0.0, most) * direction / np.linalg.norm(direction)
-    model = task.hand.model
-    slides = [task.hand.is_prismatic(model.getJointId(joint)) for joint in task.hand.joint_names]
+    slides = task.hand.slides
     if kind == "joint_friction":
         return rng.uniform(size=task.hand.n) * size / np.where(slides, _ARM, 1.0)
     return rng.normal(size=task.hand.n) * size * np.where(slides, _ARM, 1.0)

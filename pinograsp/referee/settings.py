@@ -104,7 +104,7 @@ class Servo:
             InvalidInput: unusable gains, or a stiffness with torque control.
         """
         model = instance_of("hand", hand, HandModel).model
-        slides = np.array([hand.is_prismatic(model.getJointId(name)) for name in hand.joint_names])
+        slides = hand.slides
         torque = one_of("servo control", control, CONTROLS) == "torque"
         known = hand.servo_stiffness
         chosen = np.where(np.isnan(known), np.where(slides, _SLIDING, _TURNING), known)

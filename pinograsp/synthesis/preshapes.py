@@ -128,7 +128,7 @@ class _Tips:
         self.hand, self.data = hand, hand.model.createData()
         self.oMh = pin.SE3(np.array(hand.pose))
         low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
-        room = np.array([0.0 if hand.is_prismatic(j) else _ROOM for j in _actuated(hand)]) * (high - low)
+        room = np.where(hand.slides, 0.0, _ROOM) * (high - low)
         stays = np.isin(hand.joint_names, list(hand.posture))
         self.low, self.high = (np.where(stays, hand.resting, end) for end in (low + room, high - room))
         self.middle = np.clip(hand.resting, self.low, self.high)
@@ -285,12 +285,6 @@ def _ahead(points: Array, direction: Array) -> Array:
     along = points @ direction
     ahead: Array = points[along >= along.max() - 1e-3].mean(axis=0)
     return ahead
-
-
-def _actuated(hand: HandModel) -> list[int]:
-    """Pinocchio's indices of the actuated joints, in the order of q."""
-    model = hand.model
-    return [j for j in range(1, model.njoints) if model.joints[j].nv]
 
 
 def _distal(points: Array) -> Array:
