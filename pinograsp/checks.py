@@ -202,6 +202,18 @@ def placement_of(name: str, value: object) -> Array:
     return pose
 
 
+def placements_of(name: str, value: object, count: int) -> Array:
+    """``value`` as that many placements (N, 4, 4), or :class:`InvalidInput`."""
+    poses = array_of(name, value, (count, 4, 4))
+    off = ~are_rotations(poses[:, :3, :3]) | np.any(poses[:, 3] != [0.0, 0.0, 0.0, 1.0], axis=1)
+    if off.any():
+        raise InvalidInput(
+            f"{name}: expected homogeneous placements with orthonormal right-handed rotations, number "
+            f"{int(np.argmax(off))} is none"
+        )
+    return poses
+
+
 def are_rotations(matrices: Array) -> BoolArray:
     """Which of the matrices (..., 3, 3) are orthonormal and right-handed (...,)."""
     with np.errstate(over="ignore", invalid="ignore"):

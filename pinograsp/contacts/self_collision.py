@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.hands import HandModel
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 
 _LOOKS = 9  # at what one motor moves, over its range
 
@@ -52,6 +52,11 @@ class SelfCollisions:
             free = np.array([(self.links[a], self.links[b]) not in linked for b, a in self.pairs.tolist()])
             self.pairs, self.reach = self.pairs[free], self.reach[free]
 
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """The links of each pair that is looked at."""
+        return [(self.links[a], self.links[b]) for b, a in self.pairs.tolist()]
+
     def _linked(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[str, str]]:
         """Names of the links that overlap over half of the hand's range or more."""
         overlaps: Counter[tuple[str, str]] = Counter()
@@ -76,9 +81,30 @@ class SelfCollisions:
                 found.add(pair)
         return found
 
+    def first(self, oMi: Array) -> IntArray:
+        """A pair that overlaps (N,), by its place in ``pairs``, -1 where none does.
+
+        ``oMi``: placements (N, joints, 4, 4) of the joints.
+        """
+        found = np.full(len(oMi), -1)
+        if not len(self.pairs):
+            return found
+        poses = oMi[:, self.joints]
+        centres = np.einsum("npij,pj->npi", poses[..., :3, :3], self.centres) + poses[..., :3, 3]
+        between = centres[:, self.pairs[:, 0]] - centres[:, self.pairs[:, 1]]
+        for i, k in np.argwhere(np.einsum("npx,npx->np", between, between) <= self.reach**2).tolist():
+            if found[i] < 0:
+                b, a = self.pairs[k]
+                if self._overlap(a, b, *(pin.SE3(oMi[i, self.joints[one]]) for one in (a, b))):
+                    found[i] = k
+        return found
+
     def _collide(self, a: int, b: int) -> bool:
+        return self._overlap(a, b, *(self.data.oMi[self.objects[i].parentJoint] for i in (a, b)))
+
+    def _overlap(self, a: int, b: int, pose_a: pin.SE3, pose_b: pin.SE3) -> bool:
         one, other = (self.objects[i] for i in (a, b))
-        poses = [self.data.oMi[i.parentJoint] * i.placement for i in (one, other)]
+        poses = pose_a * one.placement, pose_b * other.placement
         there, here = (coal.Transform3s(pose.rotation, pose.translation) for pose in poses)
         return bool(coal.collide(one.geometry, there, other.geometry, here, self.request, coal.CollisionResult()))
 

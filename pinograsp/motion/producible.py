@@ -19,10 +19,10 @@ from pinograsp.hands import HandModel
 from pinograsp.motion.jacobian import contact_jacobians
 from pinograsp.spatial import Array
 
-_HARDLY = 1e-4  # [m] per radian: what moves contacts less than this does not move them
+HARDLY = 1e-4  # [m] per radian: what moves contacts less than this does not move them
 # Singular values below these count as zero, of unit columns for the joints, and for the object of its motion in metres
 # at the contacts: depths that would take larger motions than these allow cannot be had.
-_JOINTS, _SHIFTS = 0.05, 0.2
+JOINTS, SHIFTS = 0.05, 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,11 +56,11 @@ def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> Pr
     moves = np.einsum("kx,kxn->kn", normals, contact_jacobians(hand, contacts, data)[:, :3])
     pressing = np.concatenate([finger.dofs for finger in hand.fingers])  # not joints before the palm, of a wrist
     moves[:, np.setdiff1d(np.arange(hand.n), pressing)] = 0.0
-    moves[:, np.abs(moves).max(axis=0) < _HARDLY] = 0.0
+    moves[:, np.abs(moves).max(axis=0) < HARDLY] = 0.0
     arms = np.array([contact.point_o for contact in contacts]) - contacts.com_o
     shifts = np.column_stack([normals, np.cross(arms, normals)])
-    arm = max(_HARDLY, float(np.sqrt((arms**2).sum(axis=1).mean())))
-    turned = shifts / (_SHIFTS * np.repeat([1.0, arm], 3))
+    arm = max(HARDLY, float(np.sqrt((arms**2).sum(axis=1).mean())))
+    turned = shifts / (SHIFTS * np.repeat([1.0, arm], 3))
     return PressingTogether(moves=moves, shifts=shifts, rows=_left_null(np.column_stack([_scaled(moves), turned])))
 
 
@@ -73,10 +73,10 @@ def _left_null(columns: Array) -> Array:
 
 def _scaled(moves: Array) -> Array:
     """The joints' columns (k, n), so that their singular values count from 1 on; their units do not matter."""
-    return moves * _lengths(moves) / _JOINTS
+    return moves * _lengths(moves) / JOINTS
 
 
 def _lengths(columns: Array) -> Array:
     """Factors that make columns unit vectors; 0 for those that hardly move a contact."""
     sizes = np.linalg.norm(columns, axis=0)
-    return np.where(sizes > _HARDLY, 1.0 / np.maximum(sizes, _HARDLY), 0.0)
+    return np.where(sizes > HARDLY, 1.0 / np.maximum(sizes, HARDLY), 0.0)

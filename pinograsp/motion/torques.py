@@ -14,7 +14,9 @@ from pinograsp.hands import HandModel, ratios_of
 from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
 from pinograsp.spatial import Array
 
-_FRICTION = 0.05  # share of the contacts' torques that tendons and joints bear by their friction, which is mostly more
+DRY_FRICTION = (
+    0.05  # share of the contacts' torques that tendons and joints bear by their friction, which is mostly more
+)
 _NONE = 1e-9  # [m] arms of contacts that load no joint
 _STEP = 1e-4  # [rad or m]: of central differences, exact to its square
 
@@ -104,7 +106,7 @@ def _underactuation(hand: HandModel, q: Array, jacobian: Array) -> Underactuatio
         springs[joint] -= spring.stiffness * (q[joint] - spring.rest)
     rows = np.array([ratio.row for ratio in ratios])
     why = tuple(ratio.why for ratio in ratios)
-    return Underactuation(rows=rows, torques=rows @ springs, why=why, friction=_FRICTION)
+    return Underactuation(rows=rows, torques=rows @ springs, why=why, friction=DRY_FRICTION)
 
 
 def preload_slope(

@@ -14,7 +14,7 @@ from pinograsp.checks import array_of, brief, flag, frozen, number, one_line, re
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.decomposition import ConvexParts, convex_parts
-from pinograsp.objects.mesh_checks import convex_surface
+from pinograsp.objects.mesh_checks import convex_surface, is_convex
 from pinograsp.objects.mesh_files import mesh_files, read_surface
 from pinograsp.objects.mesh_union import concatenated, one_of_several, one_solid
 from pinograsp.objects.triangles import TriangleSurface
@@ -113,10 +113,15 @@ class Mesh(Body):
         else:
             vertices, faces, given["notes"] = one_of_several(surfaces)
         try:
-            return cls(vertices=vertices, faces=faces, convex=convex, **given)
+            mesh = cls(vertices=vertices, faces=faces, convex=convex, **given)
         except InvalidInput as error:
             rest = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
             raise InvalidInput(f"mesh file '{paths[0]}'{rest}: {error}") from None
+        if len(surfaces) > 1 and not convex and all(is_convex(*surface) for surface in surfaces.values()):
+            moved = mesh.file_frame_b[:3, 3]
+            corners = tuple(read_only(vertices + moved) for vertices, _ in surfaces.values())
+            mesh._derived.parts = ConvexParts(corners, 0.0)
+        return mesh
 
     def _check_shape(self) -> None:
         from trimesh.triangles import mass_properties
@@ -195,8 +200,8 @@ class Mesh(Body):
     def convex_parts(self) -> ConvexParts:
         """Convex parts that together are about the solid, in the body frame, and their error.
 
-        The same mesh has the same parts. They take seconds, once; a minute where the surface crosses itself. Needs the
-        extra ``mesh``.
+        Of several files that are convex each, these. Otherwise the same mesh has the same parts; they take seconds,
+        once, or a minute where the surface crosses itself, and need the extra ``mesh``.
 
         Raises:
             ExtraMissing: coacd (extra ``mesh``) is not installed.

@@ -16,6 +16,7 @@ from pinograsp.spatial import FARTHEST, Array, BoolArray, IntArray
 _SHEET = 1e-12
 # Vertices whose spread across is less than this part of that along lie in one plane, as far as Qhull can tell.
 _FLAT = 1e-9
+_FILLED = 1e-3  # of the hull's volume that a convex surface may lack
 # Holes with no more than this part of the edges, and of the surface once they are closed, are flaws of a scan; a larger
 # one is an opening that somebody may have meant.
 _FLAW_EDGES, _FLAW_AREA = 1e-2, 2e-3
@@ -35,6 +36,18 @@ def convex_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArr
         )
     hull = trimesh.convex.convex_hull(vertices)
     return np.array(hull.vertices), np.array(hull.faces)
+
+
+def is_convex(vertices: ArrayLike, faces: ArrayLike) -> bool:
+    """Whether a closed surface is that of its convex hull, up to a thousandth of the volume."""
+    from trimesh.triangles import mass_properties
+
+    hull = convex_surface(vertices, faces)
+    volumes = [
+        abs(float(mass_properties(np.asarray(v, dtype=float)[np.asarray(f)], skip_inertia=True).volume))
+        for v, f in (hull, (vertices, faces))
+    ]
+    return volumes[1] >= (1 - _FILLED) * volumes[0]
 
 
 class PartsMeet(InvalidInput):

@@ -1,0 +1,166 @@
+"""Grasps certified in bulk: how many a second, and whether a simulation agrees.
+
+    python benchmarks/certify.py --seed 7 [--count 20000] [--hand allegro_right]
+    python benchmarks/certify.py --seed 7 --referee 500 [--jobs 2]
+
+Postures are found grasps (``find_grasps``), each joint, the hand's place and its direction changed at random. The
+object of the throughput is a watering can of 20 convex parts; the referee's are the simple ones of ``grasps.py``.
+
+The referee (MuJoCo, the hand's own servos) closes the hand, sends the certificate's torques, lets the object go and
+shakes it with 3 m/s^2 at 2 Hz askew to all axes for a second. Grasps that are certified are to hold. The others that
+touch are given the forces that a friction of 1.5 would allow, at the real friction, and pushed with the reserve in the
+direction that the squeeze bears least: they are to be lost. Those within 10 % of the threshold, by the friction they
+need or by the reserve they bear, are counted apart. Writes certify.csv beside this file.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+from grasps import objects, width
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+import pinograsp as pg
+from pinograsp.certification import Certificates, Certifier, Reason, trial_of
+from pinograsp.errors import PinograspError
+from pinograsp.referee.settings import Disturbance, Push
+
+HERE = Path(__file__).resolve().parent
+MU, DENSITY, ROUGH, BAND = 0.6, 300.0, 1.5, 0.1
+SHAKE = 3.0 * np.array([0.6, 0.48, 0.64])
+GEOMETRIC = (Reason.PENETRATES, Reason.SELF_COLLISION, Reason.NO_CONTACT, Reason.JOINT_LIMIT)
+
+
+def watering_can(w: float) -> pg.Mesh:
+    """A body of 12 slices, a spout of 4 and a handle of 4, for a hand of width w [m]."""
+    radius, height, parts = 0.2 * w, 0.6 * w, []
+    for i in range(12):
+        turns = 2 * np.pi / 12 * (i + np.array([0.0, 0.5, 1.0]))
+        ring = np.column_stack([np.cos(turns), np.sin(turns)]) * radius
+        base = np.vstack([[0.0, 0.0], ring])
+        parts.append(np.vstack([np.column_stack([base, np.full(4, z)]) for z in (-height / 2, height / 2)]))
+    for i in range(4):
+        ends = [np.array([radius * (0.9 + 0.35 * j), 0.0, height * (-0.3 + 0.2 * j)]) for j in (i, i + 1)]
+        thick = 0.03 * w * (1.6 - 0.3 * i)
+        parts.append(np.vstack([end + thick * np.array(corner) for end in ends for corner in np.ndindex(2, 2, 2)]))
+        turns = np.pi / 4 * (i + np.array([0.0, 1.0])) - np.pi / 2
+        for_handle = [
+            -np.array([0.9 * radius + 0.3 * height * np.cos(t), 0.0, 0.35 * height * np.sin(t)]) for t in turns
+        ]
+        side = 0.035 * w * (np.array(list(np.ndindex(2, 2, 2))) - 0.5)
+        parts.append(np.vstack([end + side for end in for_handle]))
+    with tempfile.TemporaryDirectory() as folder:
+        for i, corners in enumerate(parts):
+            trimesh.PointCloud(corners).convex_hull.export(Path(folder) / f"part_{i:02d}.stl")
+        return pg.Mesh.load(folder, density=DENSITY)
+
+
+def perturbed(
+    search: pg.synthesis.GraspSearch, count: int, noise: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Postures (N, n) and root poses (N, 4, 4), near the grasps found: joints by ``noise`` [rad], half of it for the
+    hand's direction, and a 20th of a metre times it for its place.
+    """
+    q, roots = [], []
+    for i in range(count):
+        closure = search.grasps[i % len(search.grasps)].closure
+        hand, body = closure.hand, closure.object
+        scale = np.where(hand.slides, 0.03, 1.0)
+        q.append(np.clip(closure.q + noise * scale * rng.normal(size=hand.n), hand.lower, hand.upper))
+        change = np.eye(4)
+        change[:3, :3], change[:3, 3] = pin.exp3(noise / 2 * rng.normal(size=3)), noise / 20 * rng.normal(size=3)
+        roots.append(body.pose @ change @ np.linalg.inv(body.pose) @ hand.pose)
+    return np.array(q), np.array(roots)
+
+
+def searched(hand: pg.HandModel, body: pg.objects.body.Body, seed: int, samples: int) -> pg.synthesis.GraspSearch:
+    return pg.find_grasps(hand, body, pg.GraspConditions(mu=MU), count=samples, seed=seed)
+
+
+def throughput(name: str, count: int, seed: int) -> None:
+    """Grasps a second on one core and on two, and where the time goes."""
+    hand = pg.load_hand(name)
+    body = watering_can(width(hand))
+    q, roots = perturbed(searched(hand, body, seed, 32), count, 0.01, np.random.default_rng(seed))
+    roots = body.pose @ np.linalg.inv(body.pose) @ roots
+    pg.warm_up()
+    for jobs in (1, 2):
+        slices = np.array_split(np.arange(count), max(jobs, count // 4096))
+        started = time.perf_counter()
+        with Parallel(jobs) as parallel:
+            blocks = parallel(delayed(_certified)(hand, body, q[own], roots[own]) for own in slices)
+        took = time.perf_counter() - started
+        reasons = Counter(Reason(one).name for block in blocks for one in block[0].tolist())
+        spent = {stage: sum(block[1][stage] for block in blocks) / count * 1e6 for stage in blocks[0][1]}
+        print(
+            f"{jobs} core(s): {count / took:.0f} grasps a second; us a grasp: "
+            + ", ".join(f"{stage} {value:.0f}" for stage, value in spent.items())
+        )
+    print(f"{len(body.convex_parts.corners)} parts; " + ", ".join(f"{k} {v}" for k, v in reasons.most_common()))
+    most = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    print(f"largest memory of a process {most / 1024:.0f} MiB")
+
+
+def _certified(hand: pg.HandModel, body: pg.objects.body.Body, q: np.ndarray, roots: np.ndarray) -> tuple:
+    os.environ["OMP_NUM_THREADS"] = "1"
+    found = Certifier(hand, body, pg.GraspConditions(mu=MU), threads=1)(q, roots)
+    return found.reason, found.elapsed
+
+
+def trial(certificates: Certificates, rough: Certificates, i: int) -> dict:
+    """What the simulation makes of grasp i, and whether the certificate said so."""
+    reason, reserve, mu = Reason(certificates.reason[i]), certificates.reserve[i], certificates.least_mu[i]
+    row = {
+        "hand": certificates.hand.name,
+        "object": type(certificates.object).__name__,
+        "reason": reason.name,
+        "reserve": f"{reserve:.3f}",
+        "least_mu": f"{mu:.3f}",
+        "effort": f"{certificates.effort[i]:.3f}",
+        "contacts": int(certificates.counts[i]),
+    }
+    disturbance = Disturbance(shake=SHAKE, shake_frequency=2.0)
+    source, near = certificates, 1 - BAND < certificates.effort[i] < 1 + BAND or abs(mu / MU - 1) < BAND
+    if reason in (Reason.FRICTION, Reason.NO_FORCES):
+        source = rough
+        disturbance = Disturbance(mu=MU)
+    elif reason is not Reason.HELD:
+        near |= reserve > 1 - BAND
+        push = Push(wrench_o=certificates.weakest[i], start=0.2, duration=0.8)
+        disturbance = Disturbance(pushes=(push,))
+    try:
+        task = trial_of(source, i)
+        verdict = pg.simulate(task, disturbance=disturbance).verdict
+    except PinograspError as error:
+        return row | {"near": near, "held": "", "agrees": "", "why": str(error)[:200]}
+    why = "; ".join(verdict.causes) if not verdict.held else ""
+    agrees = verdict.held == (reason is Reason.HELD)
+    force = f"{source.normal_forces[i].max():.3g}"
+    return row | {"force_N": force, "near": near, "held": verdict.held, "agrees": agrees, "why": why[:200]}
+
+
+def referee(count: int, seed: int, jobs: int, hands: list[str], noise: float) -> list[dict]:
+    """Trials of ``count`` grasps that touch, in equal parts of hands and simple objects."""
+    rng = np.random.default_rng(seed)
+    tasks = []
+    pairs = [(hand, shape) for hand in hands for shape in ("cylinder", "sphere", "box")]
+    for name, shape in pairs:
+        hand = pg.load_hand(name)
+        body = objects(width(hand))[shape]
+        search = searched(hand, body, seed, 32)
+        q, roots = perturbed(search, 4 * (count // len(pairs) + 1), noise, rng)
+        found = pg.certification.certify(hand, body, q, pg.GraspConditions(mu=MU), roots=roots)
+        rough = pg.certification.certify(hand, body, q, pg.GraspConditions(mu=ROUGH), roots=roots)
+        touching = [i for i in range(len(q)) if Reason(found.reason[i]) not in GEOMETRIC]
+        tasks += [delayed(trial)(found, rough, i) for i in touching[: count // len(pairs) + 1]]
+    done = Parallel(jobs, return_as="generator")(tasks)
+    return list(tqdm(done, total=len(tasks)))

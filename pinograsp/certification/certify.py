@@ -1,0 +1,85 @@
+"""Grasps that others made, judged: contacts, forces, torques, reserve, and the reason where one does not hold."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pinograsp.certification.block import Asked, Block
+from pinograsp.certification.record import Certificates
+from pinograsp.checks import array_of, instance_of, placements_of
+from pinograsp.forces import GraspConditions
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array
+
+BLOCK = 1024  # postures at once
+
+
+class Certifier:
+    """A hand, an object and what is asked of its grasps, prepared once for any number of postures.
+
+    Arguments and errors as of :func:`certify`.
+    """
+
+    def __init__(
+        self,
+        hand: HandModel,
+        body: Body,
+        conditions: GraspConditions,
+        *,
+        tolerance: float = 2e-3,
+        palm: bool = True,
+        patches: bool = True,
+        threads: int | None = None,
+    ):
+        instance_of("hand", hand, HandModel)
+        self._asked = Asked(hand, body, conditions, tolerance, palm=palm, patches=patches, threads=threads)
+
+    def __call__(self, postures: ArrayLike, roots: ArrayLike | None = None) -> Certificates:
+        """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4), or where the hand is."""
+        hand = self._asked.hand
+        q = array_of("postures", postures, (None, hand.n))
+        if roots is None:
+            placed: Array = np.tile(hand.pose, (len(q), 1, 1))
+        else:
+            placed = placements_of("roots", roots, len(q))
+        blocks = [
+            Block(self._asked, q[i : i + BLOCK], placed[i : i + BLOCK]).certificates()
+            for i in range(0, max(len(q), 1), BLOCK)
+        ]
+        return Certificates.joined(blocks)
+
+
+def certify(
+    hand: HandModel,
+    body: Body,
+    postures: ArrayLike,
+    conditions: GraspConditions,
+    *,
+    roots: ArrayLike | None = None,
+    tolerance: float = 2e-3,
+    palm: bool = True,
+    patches: bool = True,
+    threads: int | None = None,
+) -> Certificates:
+    """Whether grasps hold ``body``, each by its posture: forces, torques, reserve, or the reason; without any motion.
+
+    Args:
+        hand: the hand.
+        body: the object, where it is.
+        postures: of the joints (N, n) [rad or m], in the order of ``hand.joint_names``; coupled joints follow.
+        conditions: friction, gravity, torque limits and the reserve. A grasp is held where one squeeze holds the weight
+            and all that the reserve adds, as :func:`~pinograsp.certification.elastic.offsets` tells.
+        roots: oMh, where the hand's root is in the world for each posture (N, 4, 4); None: where the hand is.
+        tolerance: distance from the surface [m] up to which a link touches, outside or inside; deeper ones penetrate.
+        palm: whether the palm's contact counts.
+        patches: a contact at up to four corners of a flat area; else one in its middle.
+        threads: of the force methods; None: one for each core.
+
+    Raises:
+        InvalidInput: shapes that do not go together, a hand without geometry, or conditions that cannot be used.
+        ExtraMissing: numba (extra ``fast``), or for objects that are not convex coacd (extra ``mesh``).
+    """
+    certifier = Certifier(hand, body, conditions, tolerance=tolerance, palm=palm, patches=patches, threads=threads)
+    return certifier(postures, roots)

@@ -1,0 +1,213 @@
+"""What is known of many grasps: which hold, how hard they press, and why the others do not hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from pinograsp.checks import brief, read_only
+from pinograsp.contacts import PALM, Contact, ContactSet
+from pinograsp.errors import InvalidInput
+from pinograsp.forces import ForceProblem, GraspConditions
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array, BoolArray, IntArray, tangent_frame
+
+
+class Reason(IntEnum):
+    """Why a grasp does not hold; 0 where it does. The numbers stay as they are: files have them."""
+
+    HELD = 0
+    JOINT_LIMIT = 1
+    PENETRATES = 2
+    SELF_COLLISION = 3
+    NO_CONTACT = 4
+    NO_FORCES = 5
+    FRICTION = 6
+    RESERVE = 7
+    TORQUE = 8
+    DRIVES = 9
+    UNDECIDED = 10
+    GEOMETRY_FAILED = 11
+
+    @property
+    def words(self) -> str:
+        """The reason as a sentence without its figures."""
+        return _WORDS[self]
+
+
+_WORDS = {
+    Reason.HELD: "holds the weight and the reserve",
+    Reason.JOINT_LIMIT: "a joint is beyond its limits",
+    Reason.PENETRATES: "a link is deeper in the object than the tolerance",
+    Reason.SELF_COLLISION: "links of the hand overlap",
+    Reason.NO_CONTACT: "fewer than two links touch the object",
+    Reason.NO_FORCES: "no forces at these contacts hold the weight, whatever the friction (proven up to mu = 2)",
+    Reason.FRICTION: "no forces at these contacts hold the weight with this friction (proven); with more some do",
+    Reason.RESERVE: "the weight is held, but not all that the reserve adds to it",
+    Reason.TORQUE: "forces hold the object, but the squeeze takes more torque than the joints have",
+    Reason.DRIVES: "forces hold the object, but the hand's drives cannot make them together",
+    Reason.UNDECIDED: "the solver gave no answer that passes its certificate",
+    Reason.GEOMETRY_FAILED: "the distance from the object could not be computed",
+}
+
+
+# Arrays with an entry for each contact.
+_PADDED = ("links", "points_o", "normals_o", "gaps", "forces_o", "torsion")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Certificates:
+    """What :func:`~pinograsp.certification.certify` finds out about N grasps of one object by one hand.
+
+    Up to k contacts each; entries beyond ``counts`` are zero. Not a number: there is no such value, see ``reason``.
+
+    Attributes:
+        hand: the hand.
+        object: where it is.
+        conditions: friction, limits and the reserve.
+        q: postures (N, n) [rad or m].
+        roots: oMh of the hand's root (N, 4, 4).
+        reason: a :class:`Reason` each (N,); 0: held.
+        counts: contacts (N,).
+        links: of each contact (N, k), an index into ``link_names``.
+        link_names: names of the links.
+        points_o: contact points (N, k, 3), world [m].
+        normals_o: inward unit normals (N, k, 3).
+        gaps: distance of each contact's link from the surface (N, k) [m], negative inside.
+        forces_o: contact forces on the object under its weight (N, k, 3), world [N].
+        torsion: moments about the normals (N, k) [N m].
+        torques: that hold them and the hand itself (N, n) [N m or N].
+        reserve: multiple of the reserve's disturbances that these forces bear before a contact slips (N,) [-]; below 1
+            the largest that was found.
+        weakest: the disturbance that it bears least (N, 6), as large as the reserve has it: a wrench about the centre
+            of mass, on top of the weight [N, N m]; zero where there are no forces. ``reserve`` times it makes a contact
+            slip.
+        least_mu: least friction coefficient with which some forces hold the weight (N,) [-]; infinity: none up to 2.
+        largest_load: the largest weight that the hand certainly holds within its torque limits (N,) [N]; infinity where
+            it has none.
+        effort: largest share of a joint's torque limit (N,) [-].
+        unproducible: share of the depths pressed that the hand's joints cannot choose (N,) [-].
+        residual: of the balance (N,) [N, moments over the contacts' mean distance].
+        depth: of the deepest link beyond the tolerance (N,) [m]; 0: none.
+        elapsed: computing time by stage [s].
+    """
+
+    hand: HandModel
+    object: Body
+    conditions: GraspConditions
+    q: Array
+    roots: Array
+    reason: NDArray[Any]
+    counts: IntArray
+    links: IntArray
+    link_names: tuple[str, ...]
+    points_o: Array
+    normals_o: Array
+    gaps: Array
+    forces_o: Array
+    torsion: Array
+    torques: Array
+    reserve: Array
+    weakest: Array
+    least_mu: Array
+    largest_load: Array
+    effort: Array
+    unproducible: Array
+    residual: Array
+    depth: Array
+    elapsed: dict[str, float]
+
+    __repr__ = brief("hand", "object", "elapsed")
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Certificates]) -> Certificates:
+        """Certificates of one hand, object and conditions, one after the other."""
+        most = max(block.points_o.shape[1] for block in blocks)
+        joined: dict[str, Any] = {}
+        for one in fields(cls):
+            values = [getattr(block, one.name) for block in blocks]
+            if not isinstance(values[0], np.ndarray):
+                joined[one.name] = values[0]
+                continue
+            if one.name in _PADDED:
+                spare = [[(0, 0), (0, most - value.shape[1]), *[(0, 0)] * (value.ndim - 2)] for value in values]
+                values = [np.pad(value, widths) for value, widths in zip(values, spare)]
+            joined[one.name] = read_only(np.concatenate(values))
+        joined["elapsed"] = {stage: sum(block.elapsed[stage] for block in blocks) for stage in blocks[0].elapsed}
+        return cls(**joined)
+
+    @property
+    def held(self) -> BoolArray:
+        """Which grasps hold the object with its reserve (N,)."""
+        held: BoolArray = self.reason == Reason.HELD
+        return held
+
+    @property
+    def normal_forces(self) -> Array:
+        """F_n of each contact (N, k) [N]."""
+        forces: Array = np.einsum("nkx,nkx->nk", self.forces_o, self.normals_o)
+        return forces
+
+    @property
+    def producible(self) -> BoolArray:
+        """Whether the hand's drives can make the forces (N,)."""
+        made: BoolArray = (self.counts > 0) & ~np.isin(
+            self.reason, [Reason.DRIVES, Reason.TORQUE, Reason.NO_FORCES, Reason.FRICTION, Reason.NO_CONTACT]
+        )
+        return made
+
+    def words(self, i: int) -> str:
+        """Why grasp i does not hold, or that it does, with its figures."""
+        reason = Reason(self.reason[i])
+        figure = {
+            Reason.PENETRATES: f"{1e3 * self.depth[i]:.2g} mm",
+            Reason.FRICTION: f"mu = {self.conditions.mu:g}, {self.least_mu[i]:.2g} is needed",
+            Reason.TORQUE: f"{self.effort[i]:.2g} times a joint's limit",
+            Reason.DRIVES: f"{100 * self.unproducible[i]:.0f} % of the depths",
+        }.get(reason, "")
+        return f"{reason.words} ({figure})" if figure else reason.words
+
+    def contacts(self, i: int) -> ContactSet:
+        """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.placed(roots[i])``.
+
+        Raises:
+            InvalidInput: it has none.
+        """
+        count = int(self.counts[i])
+        if not count:
+            raise InvalidInput(f"grasp {i}: expected one that touches the object: {Reason(self.reason[i]).words}")
+        hand = self.hand.placed(self.roots[i])
+        data = hand.model.createData()
+        pin.forwardKinematics(hand.model, data, np.array(self.q[i]))
+        found = []
+        for c in range(count):
+            link = self.link_names[self.links[i, c]]
+            finger = next((one for one in hand.fingers if link in one.links), None)
+            joint = 0 if finger is None else finger.joint_of(link)
+            local = data.oMi[joint].actInv(self.points_o[i, c])
+            found.append(
+                Contact(
+                    finger=PALM if finger is None else finger.name,
+                    link=link,
+                    point_o=self.points_o[i, c],
+                    rotation_oc=tangent_frame(self.normals_o[i, c], self.conditions.gravity_o),
+                    length=float(np.linalg.norm(local)),
+                    distance=0.0,
+                    point_l=read_only(local),
+                )
+            )
+        return ContactSet(contacts=tuple(found), com_o=self.object.com_o, posture=self.q[i])
+
+    def problem(self, i: int) -> ForceProblem:
+        """The force problem of grasp i, without the reserve, as :func:`~pinograsp.forces.optimize_grasp` takes it."""
+        return self.conditions.problem(self.object, self.contacts(i))

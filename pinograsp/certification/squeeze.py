@@ -1,0 +1,228 @@
+"""Contact forces of many grasps: the squeeze that bears the reserve, the weight alone, the least friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pinograsp.certification.elastic import Reactions, factors, offsets, springs
+from pinograsp.contacts import Friction
+from pinograsp.errors import Status
+from pinograsp.forces import ForceBatch, Reserve, solve_batch
+from pinograsp.forces.reserve import LEAST_FORCE
+from pinograsp.spatial import Array, BoolArray, IntArray
+
+MOST_MU = 2.0  # tried
+# Rounds that press less hard, shares of a step that are tried, and what rounding may miss of a wrench.
+_ROUNDS, _SHARES, _ROUNDING = 1, (1.0, 0.5, 0.2), 1e-6
+_SHARE_HALVINGS = 5  # of the reserve
+_HALVINGS = 8  # of the range of mu: to less than a hundredth
+_SQUARES = {"work": np.array([[1.0, 2.0]])}  # the cost of soft fingers, sum of F_n^2, as a power of F_n
+_UNCAPPED, _TRACE = 100.0, 1e-4  # times the weight: no squeeze is worth more, and no contact of soft fingers has less
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grips:
+    """Contacts of N grasps, up to k each.
+
+    Attributes:
+        points: from the centre of mass (N, k, 3) [m].
+        rotations: contact frames (N, k, 3, 3).
+        counts: contacts (N,), at least one.
+    """
+
+    points: Array
+    rotations: Array
+    counts: IntArray
+
+    @property
+    def used(self) -> BoolArray:
+        """Which contacts there are (N, k)."""
+        used: BoolArray = np.arange(self.points.shape[1]) < self.counts[:, None]
+        return used
+
+    def of(self, which: BoolArray | IntArray) -> Grips:
+        """Some of them."""
+        return Grips(points=self.points[which], rotations=self.rotations[which], counts=self.counts[which])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Forces:
+    """Forces of N grasps; zero where there are none.
+
+    Attributes:
+        status: of each (N,), a :class:`~pinograsp.errors.Status`.
+        local: in contact axes, the normal last (N, k, d) [N, N m].
+        residual: of the balance (N,) [N, moments over the contacts' mean distance].
+    """
+
+    status: NDArray[np.object_]
+    local: Array
+    residual: Array
+
+    @property
+    def found(self) -> BoolArray:
+        """Which have forces (N,)."""
+        found: BoolArray = self.status == Status.OK
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Holding:
+    """An object to be held, and with what friction.
+
+    Attributes:
+        friction: the model, with its safety factor.
+        mu: friction coefficient.
+        weight: the load (6,), about the centre of mass [N, N m].
+        cap: largest F_n [N]; infinity: none.
+    """
+
+    friction: Friction
+    mu: float
+    weight: Array
+    cap: float
+
+    @property
+    def size(self) -> float:
+        """[N]."""
+        return float(np.linalg.norm(self.weight))
+
+    def kept_back(self, reserve: Reserve) -> Holding:
+        """The same with the friction that a reserve does not rely on."""
+        if not reserve.friction:
+            return self
+        return replace(self, friction=replace(self.friction, safety=self.friction.safety / (1.0 - reserve.friction)))
+
+
+def squeezed(
+    grips: Grips,
+    holding: Holding,
+    reserve: Reserve,
+    wrenches: Array,
+    threads: int | None,
+    shares: Array | float = 1.0,
+) -> tuple[Forces, Reactions]:
+    """Forces under the weight that bear wrenches (m, 6) added to it, with what the reserve keeps back.
+
+    Those whose contacts cannot balance some wrench at all have none. The reactions are to all of the wrenches, the
+    forces bear ``shares`` (N,) of them.
+    """
+    kept = holding.kept_back(reserve)
+    floor = max(LEAST_FORCE, reserve.normal_force * holding.size) if reserve.normal_force else 0.0
+    contacts = springs(grips.points, grips.rotations, grips.used, kept.friction, wrenches)
+    whole = contacts.reactions()
+    contacts, reacted = contacts.times(shares), whole.times(shares)
+    first = _above(grips, kept, offsets(reacted, kept.friction, kept.mu), floor, threads)
+    status = np.where(reacted.borne.all(axis=1), first.status, Status.INFEASIBLE)
+    best = Forces(status=status, local=first.local, residual=first.residual)
+    rows = np.flatnonzero(best.found)
+    for _ in range(_ROUNDS if len(rows) else 0):
+        own, some = grips.of(rows), contacts.of(rows)
+        spread = some.spread(reacted.of(rows), best.local[rows, :, -1])
+        needed = offsets(spread, kept.friction, kept.mu, best.local[rows])
+        better = _above(own, kept, needed, floor, threads)
+        _take(best, better, rows, spread, own.used, kept)
+    local = best.local * best.found[:, None, None]
+    return Forces(status=best.status, local=local, residual=best.residual), whole
+
+
+def as_much_as_can_be(
+    grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, threads: int | None
+) -> tuple[Forces, Array]:
+    """Forces that bear the largest shares (N,) below 1 of the wrenches that halving finds; none where not any."""
+    low, high = np.zeros(len(grips.points)), np.ones(len(grips.points))
+    best: Forces | None = None
+    for _ in range(_SHARE_HALVINGS):
+        middle = (low + high) / 2
+        found, _ = squeezed(grips, holding, reserve, wrenches, threads, middle)
+        if best is None:
+            best = found
+        for name in ("status", "local", "residual"):
+            getattr(best, name)[found.found] = getattr(found, name)[found.found]
+        low, high = np.where(found.found, middle, low), np.where(found.found, high, middle)
+    assert best is not None  # there is at least one halving
+    return best, low
+
+
+def _take(best: Forces, better: Forces, rows: IntArray, reacted: Reactions, used: BoolArray, holding: Holding) -> None:
+    """Put in what presses less hard, or as much of it as bears the wrenches: such forces are a convex set."""
+    cost, before = ((one[..., -1] ** 2).sum(axis=1) for one in (better.local, best.local[rows]))
+    left = np.flatnonzero(better.found & (cost < before))
+    for share in _SHARES:
+        if not len(left):
+            return
+        mixed = share * better.local[left] + (1.0 - share) * best.local[rows[left]]
+        borne = factors(mixed, reacted.of(left), used[left], holding.friction, holding.mu) >= 1.0 - _ROUNDING
+        good = borne.all(axis=1)
+        best.local[rows[left[good]]] = mixed[good]
+        best.residual[rows[left[good]]] = np.maximum(best.residual[rows[left[good]]], better.residual[left[good]])
+        left = left[~good]
+
+
+def _above(grips: Grips, holding: Holding, above: Array, floor: float, threads: int | None) -> Forces:
+    """Forces under the weight whose F_n exceed what friction needs by ``above`` (N, k), and ``floor`` [N]."""
+    above = np.where(grips.used, above, 0.0)
+    normals = above[..., None] * grips.rotations[..., 2]
+    loads = np.concatenate([normals.sum(axis=1), np.cross(grips.points, normals).sum(axis=1)], axis=1)
+    high = np.maximum(min(holding.cap, _UNCAPPED * holding.size) - above, 0.0)
+    low = np.minimum(np.maximum(floor - above, 0.0), high)
+    found = _solved(grips, holding, holding.weight + loads, low, high, threads)
+    local = found.local.copy()
+    local[..., -1] += above * found.found[:, None]
+    return Forces(status=found.status, local=local, residual=found.residual)
+
+
+def held(grips: Grips, holding: Holding, threads: int | None, mu: Array | None = None) -> Forces:
+    """Forces that hold the weight, as the friction allows; ``mu`` (N,): instead of the one of all."""
+    loads = np.broadcast_to(holding.weight, (len(grips.points), 6))
+    high = np.full(grips.points.shape[:2], min(holding.cap, _UNCAPPED * holding.size))
+    return _solved(grips, holding, loads, np.zeros_like(high), high, threads, mu)
+
+
+def least_mu(grips: Grips, holding: Holding, threads: int | None) -> Array:
+    """The least friction coefficient (N,) with which some forces hold the weight, from above to a hundredth.
+
+    Infinity where 2 is not enough. More friction never hurts, so that halving the range finds it.
+    """
+    most = replace(holding, mu=MOST_MU, cap=np.inf)
+    low, high = np.zeros(len(grips.points)), np.where(held(grips, most, threads).found, MOST_MU, np.inf)
+    asked = np.flatnonzero(np.isfinite(high))
+    for _ in range(_HALVINGS if len(asked) else 0):
+        middle = (low[asked] + high[asked]) / 2
+        holds = held(grips.of(asked), most, threads, middle).found
+        high[asked], low[asked] = np.where(holds, middle, high[asked]), np.where(holds, low[asked], middle)
+    return high
+
+
+def _solved(
+    grips: Grips,
+    holding: Holding,
+    loads: Array,
+    low: Array,
+    high: Array,
+    threads: int | None,
+    mu: Array | None = None,
+) -> Forces:
+    friction = holding.friction
+    # The compiled method knows least squares of plain friction, and of soft fingers powers of F_n that is not zero.
+    soft = friction.model == "soft"
+    low = np.maximum(low, np.minimum(_TRACE * holding.size, high)) if soft else low
+    batch = ForceBatch(
+        points=grips.points,
+        rotations=grips.rotations,
+        loads=loads,
+        mu=np.broadcast_to(np.reshape(holding.mu if mu is None else mu, (-1, 1)), low.shape),
+        low=low,
+        high=high,
+        counts=grips.counts,
+        friction=friction,
+        energies=_SQUARES if soft else {},
+    )
+    found = solve_batch(batch, objective="work" if soft else "least_squares", threads=threads)
+    local = found.forces_c
+    if friction.d == 4:
+        local = np.concatenate([local[..., :2], found.torsion[..., None], local[..., 2:]], axis=2)
+    return Forces(status=found.status, local=local, residual=found.residual_norm)

@@ -1,0 +1,358 @@
+"""Where a hand touches an object at many postures: one acceleration structure, arrays in and arrays out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.checks import brief, instance_of
+from pinograsp.contacts.clearance import Distances, HandPart, check_geometry, parts_of
+from pinograsp.contacts.self_collision import SelfCollisions
+from pinograsp.contacts.support import CORNERS, common_corners, support_shape, tilted
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
+from pinograsp.objects.mesh import Mesh
+from pinograsp.spatial import Array, BoolArray, IntArray
+
+_OFF = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
+_ROUNDS, _ALIKE = 3, 0.05  # of finding the direction, and where it has settled [rad]
+_FAILED = 1e3  # [m] farther off than any object: coal failed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BulkContacts:
+    """Where a hand touches an object at N postures: t touches in all, a link each.
+
+    Attributes:
+        grasp: to which posture each touch belongs (t,), ascending.
+        part: the hand's part (t,), an index into ``BulkScene.parts``.
+        gap: distance from the surface (t,) [m], negative inside.
+        points_o: on the object's surface (t, 3), world [m].
+        normals_o: inward unit normals (t, 3).
+        corners_o: of the areas that touch (t, 4, 3) [m]; the first ``counts`` count.
+        counts: corners of each area (t,), 1 where it is a point.
+        jacobians_o: of the touching points of the links (t, 6, n), world axes, linear first; the palm's are zero.
+        depth: of the deepest link that is farther inside than the tolerance (N,) [m]; 0: none.
+        deepest: its part (N,); -1: none.
+        failed: whether some distance could not be computed (N,): a degenerate mesh.
+        collision: the links that overlap, an index into ``BulkScene.pairs`` (N,); -1: none.
+        gravity_torques: that hold the hand's own weight (N, n) [N m].
+    """
+
+    grasp: IntArray
+    part: IntArray
+    gap: Array
+    points_o: Array
+    normals_o: Array
+    corners_o: Array
+    counts: IntArray
+    jacobians_o: Array
+    depth: Array
+    deepest: IntArray
+    failed: BoolArray
+    collision: IntArray
+    gravity_torques: Array
+
+    __repr__ = brief("points_o", "gap", "depth")
+
+
+class BulkScene:
+    """A hand and an object, prepared once for any number of postures.
+
+    The object is that of its convex parts (:attr:`Mesh.convex_parts <pinograsp.objects.Mesh.convex_parts>`) where these
+    tell what is near, and itself where distances and normals are measured.
+
+    Raises:
+        ExtraMissing: the object is not convex, and coacd (extra ``mesh``) is not installed.
+        InvalidInput: a hand without geometry.
+    """
+
+    def __init__(self, hand: HandModel, body: Body):
+        check_geometry(hand)
+        self.hand, self.body = hand, instance_of("body", body, Body)
+        self.parts: list[HandPart] = parts_of(hand)
+        self.model, self.data = hand.model, hand.model.createData()
+        self.distances = Distances(hand, body)
+        self.solids = _solids(body)
+        self.whole = len(self.solids) == 1 and self.solids[0] is body.collision_geometry
+        self._bounds = _bounds(self.solids)
+        self._shapes = [support_shape(part.hull) for part in self.parts]
+        self._solid_shapes = [support_shape(solid) for solid in self.solids]
+        self._spheres = _spheres(self.parts)
+        self.joints = np.array([part.joint for part in self.parts], dtype=np.int64)
+        self.placements = np.array([part.placement.homogeneous for part in self.parts])
+        keys = [(part.joint, part.link) for part in self.parts]
+        links = list(dict.fromkeys(keys))
+        self.links = [name for _, name in links]
+        self.link_of = np.array([links.index(key) for key in keys], dtype=np.int64)
+        self.collisions = SelfCollisions(hand)
+        self.pairs = self.collisions.names
+
+    def contacts(self, q: Array, roots: Array, tolerance: float, gravity_o: Array) -> BulkContacts:
+        """The touches of postures (N, n), the hand's root at ``roots`` (N, 4, 4) in the world.
+
+        Args:
+            q: postures [rad or m].
+            roots: oMh of each.
+            tolerance: distance from the surface [m] up to which a link touches, outside or inside.
+            gravity_o: gravity (3,) [m/s^2].
+        """
+        # The hand stays where it is, and the object is seen from there.
+        there = self.hand.pose @ _inverse(roots)
+        objects = there @ self.body.pose
+        oMi = self._kinematics(q)
+        placed = oMi[:, self.joints] @ self.placements
+        touching = self._touching(q, placed, objects, tolerance)
+        grasp, part = touching.grasp, touching.part
+        back = roots @ _inverse(self.hand.pose[None])
+        turn = back[grasp, :3, :3]
+        points = _moved(turn, touching.points) + back[grasp, :3, 3]
+        normals = _moved(turn, touching.normals)
+        shallow = touching.gap >= -tolerance
+        depth, deepest = np.zeros(len(q)), np.full(len(q), -1)
+        for i in np.flatnonzero(~shallow):
+            if -touching.gap[i] > depth[grasp[i]]:
+                depth[grasp[i]], deepest[grasp[i]] = -touching.gap[i], part[i]
+        corners, counts = self._corners(touching, placed, objects)
+        corners = np.einsum("tij,taj->tai", turn, corners) + back[grasp, None, :3, 3]
+        jacobians = np.einsum("tij,tbjn->tbin", turn, touching.jacobians.reshape(len(grasp), 2, 3, -1))
+        jacobians = jacobians.reshape(len(grasp), 6, -1)
+        return BulkContacts(
+            grasp=grasp[shallow],
+            part=part[shallow],
+            gap=touching.gap[shallow],
+            points_o=points[shallow],
+            normals_o=normals[shallow],
+            corners_o=corners[shallow],
+            counts=counts[shallow],
+            jacobians_o=jacobians[shallow],
+            depth=depth,
+            deepest=deepest,
+            failed=touching.failed,
+            collision=self.collisions.first(oMi),
+            gravity_torques=self._gravity(q, there, gravity_o),
+        )
+
+    def _kinematics(self, q: Array) -> Array:
+        """Placements (N, joints, 4, 4) of the joints."""
+        found = np.empty((len(q), self.model.njoints, 4, 4))
+        for i, posture in enumerate(q):
+            pin.forwardKinematics(self.model, self.data, posture)
+            for j, pose in enumerate(self.data.oMi):
+                found[i, j] = pose.homogeneous
+        return found
+
+    def _gravity(self, q: Array, there: Array, gravity_o: Array) -> Array:
+        """Torques (N, n) that hold the hand itself, gravity as it acts on each."""
+        seen = _moved(there[:, :3, :3], np.broadcast_to(gravity_o, (len(q), 3)))
+        model, before = self.model, np.array(self.model.gravity.linear)
+        found = np.empty(q.shape)
+        try:
+            for i, (posture, gravity) in enumerate(zip(q, seen)):
+                model.gravity.linear = gravity
+                found[i] = pin.computeGeneralizedGravity(model, self.data, posture)
+        finally:
+            model.gravity.linear = before
+        return found
+
+    def _near(self, placed: Array, objects: Array, reach: float) -> tuple[IntArray, IntArray, IntArray]:
+        """Grasp, part of the hand and part of the object of all pairs whose bounding volumes are nearer than that."""
+        low, high, centres, radii = self._bounds
+        own, own_radii, halves = self._spheres
+        seen = _inverse(objects)[:, None] @ placed  # hand's parts in the object's frame
+        middle = seen[..., :3, :3] @ own[None, :, :, None]
+        middle = middle[..., 0] + seen[..., :3, 3]
+        outside = np.maximum(np.maximum(low - middle[:, :, None], middle[:, :, None] - high), 0.0)
+        squared = np.einsum("gpsx,gpsx->gps", outside, outside)
+        grasp, part, solid = np.nonzero(squared <= (own_radii[:, None] + reach) ** 2)
+        local = np.einsum("pji,pj->pi", seen[grasp, part, :3, :3], centres[solid] - middle[grasp, part])
+        outside = np.maximum(np.abs(local) - halves[part], 0.0)
+        near = np.einsum("px,px->p", outside, outside) <= (radii[solid] + reach) ** 2
+        return grasp[near], part[near], solid[near]
+
+    def _touching(self, q: Array, placed: Array, objects: Array, tolerance: float) -> _Touching:
+        """The nearest part of each link, where it is within the tolerance or deeper, in the hand's own world."""
+        grasps, parts, solids = self._near(placed, objects, tolerance)
+        request, result = self.distances.request, self.distances.result
+        rows: list[_Row] = []
+        failed = np.zeros(len(q), dtype=bool)
+        at = np.searchsorted(grasps, np.arange(len(q) + 1)).tolist()
+        part_list, solid_list, links = parts.tolist(), solids.tolist(), self.link_of.tolist()
+        for i in range(len(q)):
+            if at[i] == at[i + 1]:
+                continue
+            here = coal.Transform3s(objects[i, :3, :3], objects[i, :3, 3])
+            best: dict[int, tuple[float, int, int, coal.Transform3s]] = {}
+            part, pose = -1, coal.Transform3s()
+            for j in range(at[i], at[i + 1]):
+                if part_list[j] != part:
+                    part = part_list[j]
+                    pose = coal.Transform3s(placed[i, part, :3, :3], placed[i, part, :3, 3])
+                result.clear()
+                gap = coal.distance(self.parts[part].hull, pose, self.solids[solid_list[j]], here, request, result)
+                link = links[part]
+                if gap <= tolerance and (link not in best or gap < best[link][0]):
+                    best[link] = gap, part, solid_list[j], pose
+            if best:
+                pin.computeJointJacobians(self.model, self.data, q[i])
+            for _, part, solid, pose in best.values():
+                found = self._measured(part, pose, solid, here)
+                if found is None:
+                    failed[i] = True
+                elif found[0] <= tolerance:
+                    rows.append((i, part, solid, *found, *self._jacobian(part)))
+        return _Touching(rows, failed, self.hand.n)
+
+    def _measured(
+        self, part: int, pose: coal.Transform3s, solid: int, here: coal.Transform3s
+    ) -> tuple[float, Array, Array] | None:
+        """Gap [m], the point on the object's surface (3,), and the inward normal (3,): its own, not its parts'.
+
+        The object is moved off along the normal until it is clear, where nearest points tell the direction. None where
+        coal finds no way out.
+        """
+        result, request, hand_part = self.distances.result, self.distances.request, self.parts[part]
+        result.clear()
+        gap = coal.distance(hand_part.hull, pose, self.solids[solid], here, request, result)
+        mine, other = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
+        apart = other - mine
+        size = float(np.sqrt(apart @ apart))
+        if size > _OFF / 10 and gap > 0:
+            normal = apart / size
+            if self.whole:
+                return size, other, normal
+        else:
+            normal = np.array(result.normal)
+        found = gap, other, normal
+        off = _OFF - gap
+        for _ in range(_ROUNDS):
+            moved = coal.Transform3s(here.getRotation(), here.getTranslation() + off * normal)
+            result.clear()
+            gap = coal.distance(hand_part.geometry, pose, self.distances.shape, moved, self.distances.plain, result)
+            if not -_FAILED < gap < _FAILED:
+                return None
+            if gap < _OFF / 10:  # deeper than thought
+                off += _OFF + max(-gap, 0.0)
+                continue
+            mine, other = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
+            direction = (other - mine) / gap
+            surface = other - off * normal
+            turned = float(direction @ normal)
+            found = float((surface - mine) @ direction), surface, direction
+            if turned > 1 - _ALIKE**2 / 2:
+                break
+            off, normal = max(off - gap + _OFF, _OFF), direction
+        return found
+
+    def _jacobian(self, part: int) -> tuple[Array, Array]:
+        """Jacobian (6, n) of the origin of a part's joint, and where that is (3,)."""
+        joint = self.parts[part].joint
+        if not joint:
+            return np.zeros((6, self.hand.n)), np.zeros(3)
+        J = pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)
+        return J, np.array(self.data.oMi[joint].translation)
+
+    def _corners(self, touching: _Touching, placed: Array, objects: Array) -> tuple[Array, IntArray]:
+        """Corners (t, 4, 3) of the areas that touch, and their counts (t,), in the hand's own world."""
+        count = len(touching.grasp)
+        directions = tilted(touching.normals)
+        mirrored = (
+            directions
+            - 2 * touching.normals[:, None] * np.einsum("tax,tx->ta", directions, touching.normals)[..., None]
+        )
+        mine = np.repeat(touching.points[:, None], directions.shape[1], axis=1)
+        other = mine.copy()
+        for shapes, which, poses, found, along in (
+            (self._shapes, touching.part, placed[touching.grasp, touching.part], mine, directions),
+            (self._solid_shapes, touching.solid, objects[touching.grasp], other, mirrored),
+        ):
+            local = np.einsum("tji,taj->tai", poses[:, :3, :3], along)
+            for i in np.unique(which) if count else ():
+                shape, own = shapes[i], which == i
+                if shape is not None:
+                    pose = poses[own]
+                    found[own] = np.einsum("tij,taj->tai", pose[:, :3, :3], shape.support(local[own]))
+                    found[own] += pose[:, None, :3, 3]
+        if not count:
+            return np.zeros((0, CORNERS, 3)), np.zeros(0, dtype=np.int64)
+        return common_corners(mine, other, touching.points, touching.normals)
+
+
+# Posture, part of the hand and of the object, gap, point and normal; Jacobian of the joint's origin, and its place.
+_Row: TypeAlias = tuple[int, int, int, float, Array, Array, Array, Array]
+
+
+class _Touching:
+    """Touches in the hand's own world, as arrays."""
+
+    def __init__(self, rows: list[_Row], failed: BoolArray, n: int):
+        t = len(rows)
+        self.failed = failed
+        self.grasp, self.part, self.solid = (
+            np.array([row[i] for row in rows], dtype=np.int64).reshape(t) for i in range(3)
+        )
+        self.gap = np.array([row[3] for row in rows]).reshape(t)
+        self.points, self.normals = (np.array([row[i] for row in rows]).reshape(t, 3) for i in (4, 5))
+        self.jacobians = np.array([row[6] for row in rows]).reshape(t, 6, n)
+        arms = self.points - np.array([row[7] for row in rows]).reshape(t, 3)
+        self.jacobians[:, :3] += np.cross(self.jacobians[:, 3:], arms[:, :, None], axis=1)
+
+
+def _solids(body: Body) -> list[coal.CollisionGeometry]:
+    """Convex geometry in the object's frame that together is about the object."""
+    if not isinstance(body, Mesh) or body.convex:
+        return [body.collision_geometry]
+    return [_hull(corners) for corners in body.convex_parts.corners]
+
+
+def _hull(corners: Array) -> coal.ConvexBase:
+    points = coal.StdVec_Vec3s()
+    for corner in corners:
+        points.append(np.array(corner))
+    return coal.Convex.convexHull(points, True, "Qt")
+
+
+def _bounds(solids: list[coal.CollisionGeometry]) -> tuple[Array, Array, Array, Array]:
+    """Lower and upper corners (s, 3) of boxes, centres (s, 3) and radii (s,) of spheres around solids [m]."""
+    for solid in solids:
+        solid.computeLocalAABB()
+    low, high = (np.array([side(solid.aabb_local) for solid in solids]) for side in (_low, _high))
+    return low, high, (low + high) / 2, np.array([solid.aabb_radius for solid in solids])
+
+
+def _low(box: coal.AABB) -> Array:
+    return np.array(box.min_)
+
+
+def _high(box: coal.AABB) -> Array:
+    return np.array(box.max_)
+
+
+def _spheres(parts: list[HandPart]) -> tuple[Array, Array, Array]:
+    """Centres (p, 3) and radii (p,) of spheres around parts, and halves (p, 3) of the boxes around the same centres."""
+    for part in parts:
+        part.hull.computeLocalAABB()
+    boxes = [part.hull.aabb_local for part in parts]
+    centres = np.array([(_low(box) + _high(box)) / 2 for box in boxes]).reshape(-1, 3)
+    halves = np.array([(_high(box) - _low(box)) / 2 for box in boxes]).reshape(-1, 3)
+    return centres, np.array([part.hull.aabb_radius for part in parts]), halves
+
+
+def _inverse(poses: Array) -> Array:
+    """Inverses of rigid placements (..., 4, 4)."""
+    found = np.zeros_like(poses)
+    turned = np.swapaxes(poses[..., :3, :3], -1, -2)
+    found[..., :3, :3] = turned
+    found[..., :3, 3] = -np.einsum("...ij,...j->...i", turned, poses[..., :3, 3])
+    found[..., 3, 3] = 1.0
+    return found
+
+
+def _moved(rotations: Array, vectors: Array) -> Array:
+    """Vectors (t, 3) turned by rotations (t, 3, 3)."""
+    found: Array = np.einsum("tij,tj->ti", rotations, vectors)
+    return found

@@ -1,0 +1,120 @@
+"""Areas in which convex shapes meet when they are pressed together: for many pairs at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import coal
+import numpy as np
+
+from pinograsp.objects.body import tangents
+from pinograsp.spatial import Array, BoolArray, IntArray
+
+CORNERS = 4  # of an area, at most
+# [rad] by which faces may lean: on contacts of the default stiffness 1 N closes the gap that this leaves over 30 mm.
+_TILT = 0.01
+_AZIMUTHS = 0.3 + np.pi / 4 * np.arange(8)  # askew, since along an edge any of its points is as near
+_WIDER = 1e-4  # [m] by which areas are enlarged, so that points and edges have an inside
+_SAME = 1e-3  # [m] corners nearer to each other are one
+_ROUND = 48  # corners of a circle
+
+
+class SupportShape(NamedTuple):
+    """A convex shape: the hull of points (v, 3), and all that is within a radius of it [m], in its own frame."""
+
+    points: Array
+    radius: float
+
+    def support(self, directions: Array) -> Array:
+        """Its points (..., 3) that are farthest along unit vectors (..., 3)."""
+        found: Array = self.points[np.argmax(directions @ self.points.T, axis=-1)] + self.radius * directions
+        return found
+
+
+def support_shape(geometry: coal.CollisionGeometry) -> SupportShape | None:
+    """Coal's convex geometry as such a shape; None of one that is curved everywhere or of a kind unknown."""
+    if isinstance(geometry, coal.Sphere):
+        return SupportShape(np.zeros((1, 3)), geometry.radius)
+    if isinstance(geometry, coal.Capsule):
+        return SupportShape(np.array([[0, 0, 1.0], [0, 0, -1.0]]) * geometry.halfLength, geometry.radius)
+    if isinstance(geometry, coal.Box):
+        signs = np.array(np.meshgrid(*3 * [[-1.0, 1.0]])).reshape(3, -1).T
+        return SupportShape(signs * geometry.halfSide, 0.0)
+    if isinstance(geometry, coal.Cylinder):
+        turns = 2 * np.pi / _ROUND * np.arange(_ROUND)
+        ring = geometry.radius * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(_ROUND)])
+        end = np.array([0.0, 0.0, geometry.halfLength])
+        return SupportShape(np.concatenate([ring + end, ring - end]), 0.0)
+    if isinstance(geometry, coal.ConvexBase):
+        return SupportShape(np.array(geometry.points(), dtype=float).reshape(-1, 3), 0.0)
+    return None
+
+
+def tilted(normals: Array) -> Array:
+    """Unit vectors (t, 8, 3) around unit normals (t, 3), which lean by the tilt that separates corners of an area."""
+    across = np.einsum("txi,ai->tax", tangents(normals), np.column_stack([np.cos(_AZIMUTHS), np.sin(_AZIMUTHS)]))
+    found: Array = np.cos(_TILT) * normals[:, None] + np.sin(_TILT) * across
+    return found
+
+
+def common_corners(one: Array, other: Array, points: Array, normals: Array) -> tuple[Array, IntArray]:
+    """Corners of the area that two faces have in common, seen along the normals.
+
+    Args:
+        one: supports (t, 8, 3) of one shape along :func:`tilted` normals [m].
+        other: supports (t, 8, 3) of the other along the same, with the normal's part reversed [m].
+        points: where the shapes touch (t, 3) [m].
+        normals: unit normals (t, 3).
+
+    Returns:
+        Corners (t, 4, 3) in the planes through the points across the normals, and how many count (t,): 1 (the middle of
+        what is smaller than a millimetre), 2 (along an edge), 3 or 4.
+    """
+    plane = tangents(normals)
+    around = np.column_stack([np.cos(_AZIMUTHS), np.sin(_AZIMUTHS)])
+    a, b = (np.einsum("tax,txi->tai", shape - points[:, None], plane) + _WIDER * around for shape in (one, other))
+    edges_a, edges_b = np.roll(a, -1, axis=1) - a, np.roll(b, -1, axis=1) - b
+    crossings, cross = _crossings(a, edges_a, b, edges_b)
+    candidates = np.concatenate([a, b, crossings], axis=1)
+    valid = np.concatenate([_inside(a, b, edges_b), _inside(b, a, edges_a), cross], axis=1)
+    # The farthest in each of four directions: all corners of a rectangle, whichever way it lies.
+    far = np.where(valid[:, None], np.einsum("tci,ai->tac", candidates, around[::2]), -np.inf)
+    best = np.take_along_axis(candidates, far.argmax(axis=2)[..., None], axis=1)
+    best[~valid.any(axis=1)] = 0.0  # they meet beside each other's faces: at the point alone
+    flat, counts = _distinct(best)
+    return points[:, None] + np.einsum("txi,tai->tax", plane, flat), counts
+
+
+def _inside(points: Array, corners: Array, edges: Array) -> BoolArray:
+    """Which points (t, p, 2) lie in convex polygons with corners and edges (t, e, 2), counter-clockwise (t, p)."""
+    offset = points[:, :, None] - corners[:, None]
+    side = edges[:, None, :, 0] * offset[..., 1] - edges[:, None, :, 1] * offset[..., 0]
+    return np.asarray((side >= -1e-12).all(axis=2), dtype=bool)
+
+
+def _crossings(a: Array, along_a: Array, b: Array, along_b: Array) -> tuple[Array, BoolArray]:
+    """Where edges of two polygons cross (t, e e, 2), and whether they do (t, e e)."""
+    offset = b[:, None] - a[:, :, None]
+    turn = along_a[:, :, None, 0] * along_b[:, None, :, 1] - along_a[:, :, None, 1] * along_b[:, None, :, 0]
+    safe = np.where(np.abs(turn) > 1e-15, turn, 1.0)
+    s = (offset[..., 0] * along_b[:, None, :, 1] - offset[..., 1] * along_b[:, None, :, 0]) / safe
+    r = (offset[..., 0] * along_a[:, :, None, 1] - offset[..., 1] * along_a[:, :, None, 0]) / safe
+    found = (np.abs(turn) > 1e-15) & (s >= 0) & (s <= 1) & (r >= 0) & (r <= 1)
+    points = a[:, :, None] + s[..., None] * along_a[:, :, None]
+    return points.reshape(len(a), -1, 2), found.reshape(len(a), -1)
+
+
+def _distinct(corners: Array) -> tuple[Array, IntArray]:
+    """Corners (t, 4, 2) with the different ones first, and how many these are (t,)."""
+    counts = np.zeros(len(corners), dtype=np.int64)
+    found = np.repeat(corners.mean(axis=1)[:, None], CORNERS, axis=1)
+    rows = np.arange(len(corners))
+    for i in range(CORNERS):
+        gaps = np.linalg.norm(found - corners[:, i : i + 1], axis=2)
+        gaps[np.arange(CORNERS) >= counts[:, None]] = np.inf
+        new = gaps.min(axis=1) > _SAME
+        found[rows[new], counts[new]] = corners[new, i]
+        counts += new
+    alone = counts == 1
+    found[alone, 0] = corners[alone].mean(axis=1)
+    return found, counts
