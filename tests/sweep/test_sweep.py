@@ -503,7 +503,7 @@ def test_a_crash_at_any_moment_of_writing_loses_and_doubles_nothing(tmp_path, mo
 
 
 def test_many_parts_become_one(tmp_path, monkeypatch):
-    from pinograsp.sweep import store as module
+    from pinograsp.sweep import parts as module
 
     monkeypatch.setattr(module, "_MERGED", 5)
     with Store(tmp_path / "out", {}, 23, {"status": "text"}) as store:
@@ -517,7 +517,7 @@ def test_many_parts_become_one(tmp_path, monkeypatch):
 
 def test_an_interruption_while_rows_are_saved_doubles_none(tmp_path, monkeypatch):
     """Ctrl-C right after the rename: the rows are saved again, under the same name."""
-    from pinograsp.sweep import store as module
+    from pinograsp.sweep import parts as module
 
     plain, hits = module.write_file, []
 
@@ -627,7 +627,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from pinograsp.errors import ResultsNotWritten
-from pinograsp.sweep import store as module
+from pinograsp.sweep import parts as module
 module._MERGED = 5
 print("ready", flush=True)
 while True:
@@ -682,7 +682,7 @@ def test_folders_that_cannot_be_read(grid, tmp_path):
     (tmp_path / "_manifest.json").write_bytes((grid.folder / "_manifest.json").read_bytes())
     assert read_sweep(tmp_path).num_rows == 0 and "work_J" in read_sweep(tmp_path).column_names
     (tmp_path / "part-000000-000000.parquet").write_bytes(b"PAR1")
-    with pytest.raises(InvalidInput, match="remove it, and its rows are planned again"):
+    with pytest.raises(InvalidInput, match="remove it, and its rows are computed again"):
         read_sweep(tmp_path)
 
 
