@@ -43,7 +43,7 @@ def sweep(
     """
     from pinograsp.checks import one_of
     from pinograsp.sweep import sweep
-    from pinograsp.sweep.run import BACKENDS
+    from pinograsp.sweep.workers import BACKENDS
     from pinograsp.writing import safe_name
 
     folder = out if out is not None else Path("runs") / safe_name(file.stem)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import math
-import socket
 import time
 from collections import deque
 from collections.abc import Generator
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 import joblib
 import numpy as np
@@ -19,21 +17,18 @@ from tqdm import tqdm
 
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.checks import one_of, processes
-from pinograsp.errors import ExtraMissing, InvalidInput, PinograspError
-from pinograsp.interrupts import interrupts_kept, parallel_results
+from pinograsp.interrupts import interrupts_kept
 from pinograsp.spatial import IntArray
 from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
+from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend
 
 if TYPE_CHECKING:
     import pyarrow
 
-Backend = Literal["joblib", "dask"]
-BACKENDS: tuple[Backend, ...] = get_args(Backend)
 _SAVED_EVERY = 2.0  # [s] between writes: the rows that may be lost when the process is killed
 _CHUNK = 0.3  # [s] of work in a chunk: long compared with its transfer, short compared with the sweep
 _MOST_AT_ONCE = 2000  # rows of a chunk
-_ANSWERED_WITHIN, _CONNECTED_WITHIN = 3, 10  # [s] for the address of a scheduler, and for the scheduler itself
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,17 +104,19 @@ def sweep(
     started = time.perf_counter()
     jobs = processes(jobs)
     one_of("backend", backend, BACKENDS)
-    if (backend == "dask") != (scheduler is not None):
-        raise InvalidInput("scheduler: expected the address of a Dask scheduler with backend='dask', and only there")
+    check_backend(backend, scheduler)
     spec = spec if isinstance(spec, SweepSpec) else load_sweep(spec)
     payload = spec.base.model_dump_json()
     kinds = {key: kind_of(values) for key, values in spec.inputs.items()}
     with Store(Path(folder), spec.settings(), spec.rows, {**kinds, **FIGURES[spec.what]}) as store:
         chunks = _Chunks(spec, np.flatnonzero(~store.have))
         if scheduler is not None:
-            results, chunks.workers = _by_dask(scheduler, payload, chunks), 1
+            # A map, unlike a generator, goes on with rows that workers return after the last chunk was sent.
+            work = map(lambda rows: (payload, rows), chunks)
+            results: Generator[ChunkResult, None, None] = by_dask(run_chunk, work, scheduler, chunks.employ)
         else:
-            results, chunks.workers = _by_joblib(jobs, payload, chunks), joblib.effective_n_jobs(jobs)
+            chunks.employ(joblib.effective_n_jobs(jobs))
+            results = _by_joblib(jobs, payload, chunks)
         with contextlib.closing(results):
             interrupted = _collect(results, chunks, store, progress)
         if not interrupted:
@@ -187,6 +184,10 @@ class _Chunks:
         self.at = min(start + count - len(rows), len(self.left))
         return [(index, self.spec.row(index)) for index in (*rows, *self.left[start : self.at].tolist())]
 
+    def employ(self, workers: int) -> None:
+        """Record the number of workers."""
+        self.workers = workers
+
     def report(self, pace: float, back: list[int]) -> None:
         """Record the ``pace`` of a chunk [s per row], and the rows that it left over."""
         self.pace = pace
@@ -194,63 +195,5 @@ class _Chunks:
 
 
 def _by_joblib(jobs: int, payload: str, chunks: _Chunks) -> Generator[ChunkResult, None, None]:
-    try:
-        while len(chunks):  # workers may have returned rows after the last chunk was sent
-            work = ((payload, rows) for rows in chunks)
-            with parallel_results(run_chunk, work, jobs, return_as="generator_unordered", batch_size=1) as results:
-                yield from results
-    except BrokenProcessPool as error:
-        why = str(error).splitlines()[0]
-        raise PinograspError(
-            f"a worker was lost, by lack of memory or a crash; completed rows are kept: start again ({why})"
-        ) from error
-
-
-def _check_answer(scheduler: str) -> None:
-    """Refuse an address where no scheduler answers: Dask's own client reports that late, or waits for ever."""
-    scheme, _, rest = scheduler.rpartition("://")
-    host, _, port = rest.rpartition(":")
-    if not host or not (port.isascii() and port.isdecimal()) or not 1 <= int(port) <= 65535:
-        raise InvalidInput(
-            f"scheduler: expected an address with a port from 1 to 65535, as tcp://10.0.0.1:8786, got '{scheduler}'"
-        )
-    if scheme not in ("", "tcp", "tls"):
-        return
-    try:
-        with socket.create_connection((host.strip("[]"), int(port)), timeout=_ANSWERED_WITHIN) as link:
-            if scheme != "tls" and not link.recv(1):  # a scheduler sends first
-                raise OSError("the connection was closed")
-    except (OSError, UnicodeError) as error:
-        raise InvalidInput(
-            f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})"
-        ) from error
-
-
-def _by_dask(scheduler: str, payload: str, chunks: _Chunks) -> Generator[ChunkResult, None, None]:
-    try:
-        import distributed
-    except ImportError as error:
-        raise ExtraMissing(f"sweeps on a cluster need distributed: pip install 'pinograsp[dask]' ({error})") from error
-    _check_answer(scheduler)
-    try:
-        client = distributed.Client(scheduler, timeout=_CONNECTED_WITHIN, set_as_default=False)
-    except Exception as error:  # an unknown server's answer can cause any error
-        raise InvalidInput(
-            f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})"
-        ) from error
-    with client:
-        ahead = distributed.as_completed(loop=client.loop, with_results=True)
-        try:
-            while True:
-                chunks.workers = max(1, sum(client.nthreads().values()))
-                while ahead.count() < 2 * chunks.workers and (rows := next(chunks, None)):
-                    ahead.add(client.submit(run_chunk, payload, rows, pure=False))
-                if not ahead.count():
-                    return
-                yield next(ahead)[1]
-        except distributed.scheduler.KilledWorker as error:
-            raise PinograspError(
-                f"workers were lost repeatedly; completed rows are kept: start again ({error})"
-            ) from error
-        finally:
-            client.cancel([*ahead.futures])
+    while len(chunks):  # workers may have returned rows after the last chunk was sent
+        yield from by_joblib(run_chunk, ((payload, rows) for rows in chunks), jobs)

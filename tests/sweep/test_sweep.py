@@ -21,7 +21,7 @@ import pinograsp as pg
 from pinograsp.cases import case as case_module, load_case
 from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten, Status, status_of
 from pinograsp.forces import optimize_forces
-from pinograsp.sweep import load_sweep, read_sweep, rows as rows_module, run, sweep
+from pinograsp.sweep import load_sweep, read_sweep, rows as rows_module, run, sweep, workers
 from pinograsp.sweep.rows import kind_of
 from pinograsp.sweep.store import Store
 
@@ -931,7 +931,7 @@ def test_a_dask_cluster_finds_the_same(grid, tmp_path, command):
 
 def test_no_dask_scheduler_there(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(run, "_CONNECTED_WITHIN", 0.5)
+    monkeypatch.setattr(workers, "_CONNECTED_WITHIN", 0.5)
     with pytest.raises(InvalidInput, match="expected the address of a running Dask scheduler, got 'tcp://127.0.0.1:1'"):
         sweep(GRID, tmp_path / "out", backend="dask", scheduler="tcp://127.0.0.1:1", progress=False)
 
@@ -947,7 +947,7 @@ def test_an_address_without_host_and_port_is_refused(tmp_path, address):
 
 def test_a_port_where_somebody_else_listens_is_refused(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(run, "_ANSWERED_WITHIN", 0.2)
+    monkeypatch.setattr(workers, "_ANSWERED_WITHIN", 0.2)
     wanted = "expected the address of a running Dask scheduler"
     with socket.create_server(("127.0.0.1", 0)) as silent, pytest.raises(InvalidInput, match=wanted):
         sweep(
@@ -977,7 +977,7 @@ def test_missing_extras_are_named(tmp_path):
         "import pinograsp.sweep as s\n"
         "def tried(call):\n"
         "    try:\n        call()\n"
-        "    except s.run.PinograspError as error:\n        print(type(error).__name__, error)\n"
+        "    except s.workers.PinograspError as error:\n        print(type(error).__name__, error)\n"
         "tried(lambda: s.sweep('sweep.yaml', 'out', jobs=1))\n"
         "tried(lambda: s.sweep('sweep.yaml', 'out', backend='dask', scheduler='tcp://127.0.0.1:1'))\n"
         "tried(lambda: s.sweep({'case': 'paper', 'what': 'forces', 'set': {'impact_time': 0.9}, 'over': "
