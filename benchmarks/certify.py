@@ -15,6 +15,7 @@ need or by the reserve they bear, are counted apart. Writes certify.csv beside t
 
 from __future__ import annotations
 
+import argparse
 import os
 import resource
 import tempfile
@@ -27,6 +28,7 @@ import pinocchio as pin
 import trimesh
 from grasps import objects, width
 from joblib import Parallel, delayed
+from results import header, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -91,7 +93,6 @@ def throughput(name: str, count: int, seed: int) -> None:
     hand = pg.load_hand(name)
     body = watering_can(width(hand))
     q, roots = perturbed(searched(hand, body, seed, 32), count, 0.01, np.random.default_rng(seed))
-    roots = body.pose @ np.linalg.inv(body.pose) @ roots
     pg.warm_up()
     for jobs in (1, 2):
         slices = np.array_split(np.arange(count), max(jobs, count // 4096))
@@ -164,3 +165,46 @@ def referee(count: int, seed: int, jobs: int, hands: list[str], noise: float) ->
         tasks += [delayed(trial)(found, rough, i) for i in touching[: count // len(pairs) + 1]]
     done = Parallel(jobs, return_as="generator")(tasks)
     return list(tqdm(done, total=len(tasks)))
+
+
+COLUMNS = (
+    *("hand", "object", "reason", "reserve", "least_mu", "effort", "contacts", "force_N", "near", "held", "agrees"),
+    "why",
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--count", type=int, default=20000, help="postures of the throughput")
+    parser.add_argument("--hand", default="allegro_right", help="of the throughput")
+    parser.add_argument("--referee", type=int, default=0, help="grasps to simulate")
+    parser.add_argument(
+        "--hands", nargs="+", default=["allegro_right", "psyonic_right", "hey5", "panda", "baxter_left"]
+    )
+    parser.add_argument("--noise", type=float, default=0.02, help="of the joints [rad]")
+    parser.add_argument("--jobs", type=int, default=2)
+    args = parser.parse_args()
+    if not args.referee:
+        throughput(args.hand, args.count, args.seed)
+        return
+    rows = referee(args.referee, args.seed, args.jobs, args.hands, args.noise)
+    notes = (f"seed {args.seed}", f"noise {args.noise:g}", f"mu {MU}", f"{DENSITY:g} kg/m^3")
+    table = [{name: row.get(name, "") for name in COLUMNS} for row in rows]
+    write_rows(HERE / "certify.csv", header(("numpy", "pin", "coal", "mujoco"), *notes), table)
+    print_agreement(rows)
+
+
+def print_agreement(rows: list[dict]) -> None:
+    """By reason: how many were held, lost and not tried; and the share that agrees, away from the threshold."""
+    print(f"{'reason':>12} {'near':>6} {'held':>6} {'lost':>6} {'not tried':>10}")
+    table = Counter((row["reason"], bool(row["near"]), str(row["held"])) for row in rows)
+    for reason, near in sorted({key[:2] for key in table}):
+        held, lost, none = (table[reason, near, value] for value in ("True", "False", ""))
+        print(f"{reason:>12} {'near' if near else '':>6} {held:>6} {lost:>6} {none:>10}")
+    clear = [bool(row["agrees"]) for row in rows if not row["near"] and row["held"] != ""]
+    print(f"{sum(clear)} of {len(clear)} agree away from the threshold: {100 * np.mean(clear):.1f} %")
+
+
+if __name__ == "__main__":
+    main()

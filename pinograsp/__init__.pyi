@@ -3,11 +3,13 @@
 from .cases import (
     load_case as load_case,
 )
+from .certification import (
+    certify as certify,
+)
 from .contacts import (
     Compliance as Compliance,
     Contact as Contact,
     ContactSet as ContactSet,
-    DecelerationShape as DecelerationShape,
     Friction as Friction,
     close_hand as close_hand,
     contacts_at as contacts_at,

@@ -32,9 +32,11 @@ ROOMS = [
     "forces",
     "actuation",
     "motion",
+    "data",
     "synthesis",
     "storage",
     "referee",
+    "certification",
     "handover",
     "viz",
     "report",
@@ -44,7 +46,7 @@ ROOMS = [
     "cli",
 ]
 OWNERS = {
-    "pinocchio": {"hands", "contacts", "motion", "synthesis", "referee"},
+    "pinocchio": {"hands", "contacts", "motion", "synthesis", "referee", "certification"},
     "coacd": {"objects"},
     "coal": {"hands", "objects", "contacts", "referee"},
     "mujoco": {"referee", "handover"},

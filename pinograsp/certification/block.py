@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pinograsp.certification.elastic import factors
+from pinograsp.certification.elastic import Reactions, factors
 from pinograsp.certification.record import Certificates, Reason
 from pinograsp.certification.squeeze import Forces, Grips, Holding, as_much_as_can_be, held, least_mu, squeezed
 from pinograsp.checks import flag, instance_of, number, read_only
@@ -21,6 +21,7 @@ from pinograsp.contacts.support import CORNERS
 from pinograsp.errors import Status
 from pinograsp.forces import GraspConditions, Reserve
 from pinograsp.forces.conditions import CONE, SOFT
+from pinograsp.forces.reserve import LEAST_FORCE
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import ratios_of
 from pinograsp.motion import effort_of
@@ -32,6 +33,8 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 _NEAR = 1e-9  # [rad or m] beyond a limit that is rounding, and of shares
+# Faces lean by what the depth that a share of the weight presses closes over a pad's length [m].
+_CONTACTS, _PAD, _LEANS = 6, 0.03, (1e-3, 0.02)
 _UNMADE = 0.2  # share of the depths that the hand's joints cannot choose: more is not what it makes
 
 
@@ -65,8 +68,11 @@ class Asked:
         weight = np.concatenate([body.mass * conditions.gravity_o, np.zeros(3)])
         self.wrenches = self.reserve.load_set(body, conditions.gravity_o).loads - weight
         self.wrenches = self.wrenches[np.abs(self.wrenches).max(axis=1) > 0]
+        law = conditions.compliance
+        usual = max(LEAST_FORCE, float(np.linalg.norm(weight)) / _CONTACTS)
+        self.lean = float(np.clip((usual / law.stiffness) ** (1 / law.exponent) / _PAD, *_LEANS))
         cap = np.inf if conditions.max_normal_force is None else conditions.max_normal_force
-        deepest = float(conditions.compliance.stiffness * conditions.max_depth**conditions.compliance.exponent)
+        deepest = float(law.stiffness * conditions.max_depth**law.exponent)
         self.holding = Holding(friction=CONE, mu=conditions.mu, weight=weight, cap=min(cap, deepest))
         ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
         self.ratios = np.array([ratio.row for ratio in ratios]).reshape(-1, hand.n)
@@ -94,7 +100,9 @@ class Block:
         """Where each posture touches, as padded arrays of contacts (N, k)."""
         own = self.own
         with self._timed("contacts"):
-            found = own.scene.contacts(self.q, self.roots, own.tolerance, own.conditions.gravity_o)
+            found = own.scene.contacts(
+                self.q, self.roots, tolerance=own.tolerance, lean=own.lean, gravity_o=own.conditions.gravity_o
+            )
             self.depth, self.failed = found.depth, found.failed
             self.collision, self.gravity_torques = found.collision, found.gravity_torques
             self._pack(found)
@@ -131,9 +139,31 @@ class Block:
         self.rotations = padded(frames)
         self.rotations[~self.used] = np.eye(3)
         self.links = padded(own.scene.link_of[found.part[touch]])
+        self._pair(found)
         touched = np.zeros((count, own.fingers.max() + 2), dtype=bool)
         touched[grasp, fingers[touch]] = True
         self.touched = touched.sum(axis=1)
+
+    def _pair(self, found: BulkContacts) -> None:
+        """Of grasps by two links: tan of the largest angle between a normal and the line through both touches."""
+        own = self.own
+        fingers = own.fingers[found.part]
+        touch = np.flatnonzero((fingers >= 0) if own.palm else (fingers > 0))
+        grasp = found.grasp[touch]
+        two = np.flatnonzero(np.bincount(grasp, minlength=len(self.q)) == 2)
+        first = touch[np.searchsorted(grasp, two)]
+        second = touch[np.searchsorted(grasp, two) + 1]
+        middle = (
+            np.where(np.arange(CORNERS)[:, None] < found.counts[:, None, None], found.corners_o, 0.0).sum(axis=1)
+            / found.counts[:, None]
+        )
+        line = middle[second] - middle[first]
+        size = np.linalg.norm(line, axis=1)
+        along = np.stack([np.einsum("tx,tx->t", line, found.normals_o[i]) for i in (first, second)])
+        cosine = np.minimum(along[0], -along[1]) / np.where(size > 0, size, 1.0)
+        self.antipodal_mu = np.full(len(self.q), np.inf)
+        facing = cosine > 0
+        self.antipodal_mu[two[facing]] = np.sqrt(np.maximum(1.0 / cosine[facing] ** 2 - 1.0, 0.0))
 
     def find_forces(self) -> None:
         """The squeeze of each grasp that touches with two links or more."""
@@ -161,12 +191,12 @@ class Block:
         holding = replace(own.holding, friction=friction)
         with self._timed("forces"):
             plain = held(grips, holding, own.threads)
-            squeeze, reacted = squeezed(grips, holding, own.reserve, own.wrenches, own.threads)
+            squeeze, ways = squeezed(grips, holding, own.reserve, own.wrenches, own.threads)
             found = squeeze.found.copy()
             self.weight_held[chosen], self.squeezed[chosen] = plain.found | found, found
             self.status[chosen] = np.where(found | plain.found, Status.OK, plain.status)
             forces = np.where(found[:, None, None], squeeze.local, plain.local)
-            weak = np.flatnonzero(plain.found & ~found & reacted.borne.all(axis=1))
+            weak = np.flatnonzero(plain.found & ~found & ways[0].borne.all(axis=1))
             if len(weak):
                 some, _ = as_much_as_can_be(grips.of(weak), holding, own.reserve, own.wrenches, own.threads)
                 forces[weak] = np.where(some.found[:, None, None], some.local, forces[weak])
@@ -174,9 +204,10 @@ class Block:
             self.local[chosen[:, None], :, np.array(columns)] = np.swapaxes(forces, 1, 2)
             self.residual[chosen] = np.where(found, squeeze.residual, plain.residual)
             pressed = found | plain.found
-            multiples = factors(forces, reacted, grips.used, holding.friction, holding.mu)
+            either = [factors(forces, one, grips.used, holding.friction, holding.mu) for one in ways]
+            multiples = np.maximum(*either)
             self._margins(chosen[pressed], multiples[pressed])
-            self._torques(chosen, plain, reacted.normal, reacted.tangential, friction)
+            self._torques(chosen, plain, ways[0], friction)
         with self._timed("friction"):
             self.least_mu[chosen] = least_mu(grips, holding, own.threads)
 
@@ -187,7 +218,7 @@ class Block:
         self.reserve[chosen] = multiples.min(axis=1)
         self.weakest[chosen] = self.own.wrenches[multiples.argmin(axis=1)]
 
-    def _torques(self, chosen: IntArray, plain: Forces, normal: Array, tangential: Array, friction: Friction) -> None:
+    def _torques(self, chosen: IntArray, plain: Forces, reacted: Reactions, friction: Friction) -> None:
         """Holding torques, their largest share of a limit under all loads, and the load that the limits allow."""
         own = self.own
         columns = self._torque_columns(chosen, friction)
@@ -195,7 +226,7 @@ class Block:
         forces = self.local[chosen][..., [0, 1, 2, 3] if friction.d == 4 else [0, 1, 3]]
         tau = bias + np.einsum("nkdj,nkd->nj", columns, forces)
         self.torques[chosen] = tau
-        change = np.concatenate([tangential, normal[:, :, None]], axis=2)
+        change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
         added = np.einsum("nkdj,nkdm->nmj", columns, change)
         usable = own.limit * (1.0 - own.reserve.torque)
         limited = np.isfinite(own.limit)
@@ -303,6 +334,7 @@ class Block:
             reserve=read_only(self.reserve),
             weakest=read_only(self.weakest),
             least_mu=read_only(self.least_mu),
+            antipodal_mu=read_only(self.antipodal_mu),
             largest_load=read_only(self.largest_load),
             effort=read_only(self.effort),
             unproducible=read_only(self.unproducible),

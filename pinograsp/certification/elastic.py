@@ -5,9 +5,9 @@ the load changes their forces by df = -G^+ dw. Contact i then stays within its f
 
     |f_t,i| <= mu (F_i - a_i),    a_i = max over l of (|df_t,il| / mu - dF_il),
 
-since |f_t + df_t| <= |f_t| + |df_t|. Friction may as well react in the ratio of what the contacts bear. With g = f - a n
-this is a force problem for the load w + G (a n), which any method for a single load solves. What it finds bears all
-loads; it may press harder than the least squeeze that does.
+since |f_t + df_t| <= |f_t| + |df_t|. Friction may as well react in the ratio of what the contacts bear. With
+g = f - a n this is a force problem for the load w + G (a n), which any method for a single load solves. What it finds
+bears all loads; it may press harder than the least squeeze that does.
 """
 
 from __future__ import annotations

@@ -90,6 +90,9 @@ class Certificates:
             of mass, on top of the weight [N, N m]; zero where there are no forces. ``reserve`` times it makes a contact
             slip.
         least_mu: least friction coefficient with which some forces hold the weight (N,) [-]; infinity: none up to 2.
+        antipodal_mu: of grasps by two links, the least friction coefficient with which they can squeeze the object (N,)
+            [-]: tan of the larger angle between a normal and the line through both (Nguyen 1988), as GraspNet-1Billion
+            scores jaws; infinity where they do not face each other, and for all other grasps.
         largest_load: the largest weight that the hand certainly holds within its torque limits (N,) [N]; infinity where
             it has none.
         effort: largest share of a joint's torque limit (N,) [-].
@@ -117,6 +120,7 @@ class Certificates:
     reserve: Array
     weakest: Array
     least_mu: Array
+    antipodal_mu: Array
     largest_load: Array
     effort: Array
     unproducible: Array

@@ -15,8 +15,8 @@ from pinograsp.forces.reserve import LEAST_FORCE
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 MOST_MU = 2.0  # tried
-# Rounds that press less hard, shares of a step that are tried, and what rounding may miss of a wrench.
-_ROUNDS, _SHARES, _ROUNDING = 1, (1.0, 0.5, 0.2), 1e-6
+# Shares of a step to a softer squeeze that are tried, and what rounding may miss of a wrench.
+_SHARES, _ROUNDING = (1.0, 0.5, 0.2), 1e-6
 _SHARE_HALVINGS = 5  # of the reserve
 _HALVINGS = 8  # of the range of mu: to less than a hundredth
 _SQUARES = {"work": np.array([[1.0, 2.0]])}  # the cost of soft fingers, sum of F_n^2, as a power of F_n
@@ -104,11 +104,11 @@ def squeezed(
     wrenches: Array,
     threads: int | None,
     shares: Array | float = 1.0,
-) -> tuple[Forces, Reactions]:
+) -> tuple[Forces, tuple[Reactions, Reactions]]:
     """Forces under the weight that bear wrenches (m, 6) added to it, with what the reserve keeps back.
 
-    Those whose contacts cannot balance some wrench at all have none. The reactions are to all of the wrenches, the
-    forces bear ``shares`` (N,) of them.
+    Those whose contacts cannot balance some wrench at all have none. The reactions are to all of the wrenches, two ways
+    to react of which one bears all; the forces bear ``shares`` (N,) of them.
     """
     kept = holding.kept_back(reserve)
     floor = max(LEAST_FORCE, reserve.normal_force * holding.size) if reserve.normal_force else 0.0
@@ -118,15 +118,14 @@ def squeezed(
     first = _above(grips, kept, offsets(reacted, kept.friction, kept.mu), floor, threads)
     status = np.where(reacted.borne.all(axis=1), first.status, Status.INFEASIBLE)
     best = Forces(status=status, local=first.local, residual=first.residual)
+    spread = contacts.spread(reacted, best.local[..., -1])
     rows = np.flatnonzero(best.found)
-    for _ in range(_ROUNDS if len(rows) else 0):
-        own, some = grips.of(rows), contacts.of(rows)
-        spread = some.spread(reacted.of(rows), best.local[rows, :, -1])
-        needed = offsets(spread, kept.friction, kept.mu, best.local[rows])
-        better = _above(own, kept, needed, floor, threads)
-        _take(best, better, rows, spread, own.used, kept)
+    if len(rows):
+        own, some = grips.of(rows), spread.of(rows)
+        needed = offsets(some, kept.friction, kept.mu, best.local[rows])
+        _take(best, _above(own, kept, needed, floor, threads), rows, some, own.used, kept)
     local = best.local * best.found[:, None, None]
-    return Forces(status=best.status, local=local, residual=best.residual), whole
+    return Forces(status=best.status, local=local, residual=best.residual), (whole, spread)
 
 
 def as_much_as_can_be(

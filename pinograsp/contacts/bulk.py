@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import brief, instance_of
+from pinograsp.checks import brief, instance_of, read_only
 from pinograsp.contacts.clearance import Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support import CORNERS, common_corners, support_shape, tilted
@@ -21,6 +21,7 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 _OFF = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _ROUNDS, _ALIKE = 3, 0.05  # of finding the direction, and where it has settled [rad]
 _FAILED = 1e3  # [m] farther off than any object: coal failed
+DOWN = read_only(np.array([0.0, 0.0, -9.81]))  # [m/s^2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,13 +93,16 @@ class BulkScene:
         self.collisions = SelfCollisions(hand)
         self.pairs = self.collisions.names
 
-    def contacts(self, q: Array, roots: Array, tolerance: float, gravity_o: Array) -> BulkContacts:
+    def contacts(
+        self, q: Array, roots: Array, *, tolerance: float, lean: float = 0.01, gravity_o: Array = DOWN
+    ) -> BulkContacts:
         """The touches of postures (N, n), the hand's root at ``roots`` (N, 4, 4) in the world.
 
         Args:
             q: postures [rad or m].
             roots: oMh of each.
             tolerance: distance from the surface [m] up to which a link touches, outside or inside.
+            lean: of faces that are to touch as areas [rad]: what pressing closes.
             gravity_o: gravity (3,) [m/s^2].
         """
         # The hand stays where it is, and the object is seen from there.
@@ -117,7 +121,7 @@ class BulkScene:
         for i in np.flatnonzero(~shallow):
             if -touching.gap[i] > depth[grasp[i]]:
                 depth[grasp[i]], deepest[grasp[i]] = -touching.gap[i], part[i]
-        corners, counts = self._corners(touching, placed, objects)
+        corners, counts = self._corners(touching, placed, objects, lean)
         corners = np.einsum("tij,taj->tai", turn, corners) + back[grasp, None, :3, 3]
         jacobians = np.einsum("tij,tbjn->tbin", turn, touching.jacobians.reshape(len(grasp), 2, 3, -1))
         jacobians = jacobians.reshape(len(grasp), 6, -1)
@@ -220,14 +224,16 @@ class BulkScene:
         gap = coal.distance(hand_part.hull, pose, self.solids[solid], here, request, result)
         mine, other = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
         apart = other - mine
-        size = float(np.sqrt(apart @ apart))
-        if size > _OFF / 10 and gap > 0:
+        size = float(np.abs(apart).max())
+        if gap > _OFF / 10 and size < 2 * gap:  # coal's points of an overlap are often none
+            size = float(np.linalg.norm(apart))
             normal = apart / size
             if self.whole:
                 return size, other, normal
         else:
             normal = np.array(result.normal)
-        found = gap, other, normal
+        # Where no way out is found: the parts' own answer, at a point that counts for nothing.
+        found = gap, np.array(pose.getTranslation()), normal
         off = _OFF - gap
         for _ in range(_ROUNDS):
             moved = coal.Transform3s(here.getRotation(), here.getTranslation() + off * normal)
@@ -256,10 +262,10 @@ class BulkScene:
         J = pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)
         return J, np.array(self.data.oMi[joint].translation)
 
-    def _corners(self, touching: _Touching, placed: Array, objects: Array) -> tuple[Array, IntArray]:
+    def _corners(self, touching: _Touching, placed: Array, objects: Array, lean: float) -> tuple[Array, IntArray]:
         """Corners (t, 4, 3) of the areas that touch, and their counts (t,), in the hand's own world."""
         count = len(touching.grasp)
-        directions = tilted(touching.normals)
+        directions = tilted(touching.normals, lean)
         mirrored = (
             directions
             - 2 * touching.normals[:, None] * np.einsum("tax,tx->ta", directions, touching.normals)[..., None]

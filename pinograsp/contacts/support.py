@@ -11,8 +11,6 @@ from pinograsp.objects.body import tangents
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 CORNERS = 4  # of an area, at most
-# [rad] by which faces may lean: on contacts of the default stiffness 1 N closes the gap that this leaves over 30 mm.
-_TILT = 0.01
 _AZIMUTHS = 0.3 + np.pi / 4 * np.arange(8)  # askew, since along an edge any of its points is as near
 _WIDER = 1e-4  # [m] by which areas are enlarged, so that points and edges have an inside
 _SAME = 1e-3  # [m] corners nearer to each other are one
@@ -50,10 +48,13 @@ def support_shape(geometry: coal.CollisionGeometry) -> SupportShape | None:
     return None
 
 
-def tilted(normals: Array) -> Array:
-    """Unit vectors (t, 8, 3) around unit normals (t, 3), which lean by the tilt that separates corners of an area."""
+def tilted(normals: Array, lean: float) -> Array:
+    """Unit vectors (t, 8, 3) around unit normals (t, 3), off them by ``lean`` [rad].
+
+    Of faces that lean less than this against each other, they find the corners.
+    """
     across = np.einsum("txi,ai->tax", tangents(normals), np.column_stack([np.cos(_AZIMUTHS), np.sin(_AZIMUTHS)]))
-    found: Array = np.cos(_TILT) * normals[:, None] + np.sin(_TILT) * across
+    found: Array = np.cos(lean) * normals[:, None] + np.sin(lean) * across
     return found
 
 

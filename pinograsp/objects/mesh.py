@@ -14,9 +14,9 @@ from pinograsp.checks import array_of, brief, flag, frozen, number, one_line, re
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.decomposition import ConvexParts, convex_parts
-from pinograsp.objects.mesh_checks import convex_surface, is_convex
+from pinograsp.objects.mesh_checks import convex_surface
 from pinograsp.objects.mesh_files import mesh_files, read_surface
-from pinograsp.objects.mesh_union import concatenated, one_of_several, one_solid
+from pinograsp.objects.mesh_union import concatenated, convex_pieces, one_of_several, one_solid
 from pinograsp.objects.triangles import TriangleSurface
 from pinograsp.spatial import Array, IntArray
 
@@ -117,10 +117,9 @@ class Mesh(Body):
         except InvalidInput as error:
             rest = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
             raise InvalidInput(f"mesh file '{paths[0]}'{rest}: {error}") from None
-        if len(surfaces) > 1 and not convex and all(is_convex(*surface) for surface in surfaces.values()):
+        if not convex and (pieces := convex_pieces(surfaces.values())):
             moved = mesh.file_frame_b[:3, 3]
-            corners = tuple(read_only(vertices + moved) for vertices, _ in surfaces.values())
-            mesh._derived.parts = ConvexParts(corners, 0.0)
+            mesh._derived.parts = ConvexParts(tuple(read_only(corners + moved) for corners in pieces), 0.0)
         return mesh
 
     def _check_shape(self) -> None:
@@ -200,8 +199,8 @@ class Mesh(Body):
     def convex_parts(self) -> ConvexParts:
         """Convex parts that together are about the solid, in the body frame, and their error.
 
-        Of several files that are convex each, these. Otherwise the same mesh has the same parts; they take seconds,
-        once, or a minute where the surface crosses itself, and need the extra ``mesh``.
+        Those of the files, where these are convex each, as in a decomposition. Otherwise the same mesh has the same
+        parts; they take seconds, once, or a minute where the surface crosses itself, and need the extra ``mesh``.
 
         Raises:
             ExtraMissing: coacd (extra ``mesh``) is not installed.

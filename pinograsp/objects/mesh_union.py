@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.errors import InvalidInput
-from pinograsp.objects.mesh_checks import PartsMeet, closed_surface, grouped, part_labels
+from pinograsp.objects.mesh_checks import PartsMeet, closed_surface, grouped, is_convex, part_labels
 from pinograsp.spatial import Array, IntArray
 
 _INSTALL = "pip install 'pinograsp[mesh]'"
+_MOST_PIECES = 256  # of a decomposition; a scan in more is none
 # Parts that share a face up to the digits of a file touch, and stay apart in a union. They are enlarged until they
 # meet, by these lengths at their farthest corners [m].
 _ENLARGED = (0.0, 2e-5, 2e-4)
@@ -60,6 +61,18 @@ def concatenated(surfaces: Iterable[tuple[Array, IntArray]]) -> tuple[Array, Int
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in given[:-1])])
     faces = np.concatenate([faces + start for (_, faces), start in zip(given, starts)])
     return np.concatenate([vertices for vertices, _ in given]), faces
+
+
+def convex_pieces(surfaces: Iterable[tuple[Array, IntArray]]) -> list[Array] | None:
+    """The corners (n, 3) of each part of surfaces; None where it is one part, or one is not convex."""
+    found: list[Array] = []
+    for vertices, faces in surfaces:
+        for part in _parts_of(np.asarray(faces, dtype=np.int64)):
+            used, own = np.unique(part, return_inverse=True)
+            if len(found) >= _MOST_PIECES or len(used) < 4 or not is_convex(vertices[used], own.reshape(-1, 3)):
+                return None
+            found.append(vertices[used])
+    return found if len(found) > 1 else None
 
 
 def _parts_of(faces: IntArray) -> list[IntArray]:

@@ -125,7 +125,7 @@ def _fill() -> None:
     point = {"point_o": np.array([0.01, 0.0, 0.0]), "rotation_oc": np.eye(3), "length": 0.03, "distance": 0.0}
     call(pg.Contact, finger="thumb", link="thumb_distal", **point, point_l=np.zeros(3))
     call(pg.ContactSet, contacts=w.contacts.contacts, com_o=w.contacts.com_o, posture=w.q)
-    shape = pg.DecelerationShape
+    shape = pg.contacts.DecelerationShape
     call(shape.linear, start=1.0, end=0.5)
     call(shape.polynomial, coefficients=[1.0, -0.5])
     call(shape.sampled, values=[1.0, 0.7, 0.2])

@@ -1,0 +1,318 @@
+"""Data sets of grasps certified, file by file, on all cores or on a cluster: a table with a row per grasp."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import pickle
+import time
+from collections import Counter
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from tqdm import tqdm
+
+from pinograsp.certification import Certifier
+from pinograsp.checks import instance_of, number, one_of, path_of, processes
+from pinograsp.data import placed, read_grasps
+from pinograsp.errors import InvalidInput, PinograspError
+from pinograsp.forces import GraspConditions
+from pinograsp.hands import HandModel
+from pinograsp.interrupts import interrupts_kept
+from pinograsp.objects.lookup import object_in
+from pinograsp.spatial import Array
+from pinograsp.sweep.certified_table import REFUSED, certified_table, refused_table, schema_of
+from pinograsp.sweep.parts import Parts, Work, read_part, read_parts
+from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_WORK = Work("pinograsp.certified/1", "certification", "certify")
+_SAVED_EVERY = 2.0  # [s] between writes: what may have to be computed again when the process is killed
+_BLOCK = 512  # grasps at once
+_PREPARED = 2  # objects that a worker keeps
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Certified:
+    """Result of a certification of files. Its rows are in its folder; :meth:`table` reads them.
+
+    Attributes:
+        folder: that holds the rows.
+        rows: number of grasps in the folder, those of earlier runs included.
+        counts: number of grasps by reason, and of faults.
+        faults: what could not be read or used, ``{file: message}``.
+        interrupted: whether Ctrl-C stopped it; the same call continues it.
+        elapsed: of this run [s].
+    """
+
+    folder: Path
+    rows: int
+    counts: dict[str, int]
+    faults: dict[str, str]
+    interrupted: bool
+    elapsed: float
+
+    def table(self) -> pa.Table:
+        """The rows by file and number, a ``pyarrow.Table``: see :func:`read_certified`."""
+        return read_certified(self.folder)
+
+    def summary(self) -> dict[str, Any]:
+        """As plain JSON values."""
+        return {
+            "rows": self.rows,
+            "counts": dict(self.counts),
+            "faults": dict(self.faults),
+            "interrupted": self.interrupted,
+            "elapsed_s": self.elapsed,
+            "folder": str(self.folder),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DataSet:
+    """Files of grasps, and what they do not say.
+
+    Attributes:
+        files: of grasps, each of one object.
+        hand: the hand that they are of.
+        objects: folder of the objects that they name, see :func:`~pinograsp.objects.lookup.find_object`.
+        format: a name of :data:`pinograsp.data.FORMATS`, or ``"auto"``.
+        mass: of each object [kg]; None: by its density.
+        density: [kg/m^3] of each object.
+        joints: names of the hand's joints for names in the files, ``{file's: hand's}``, where these are not known.
+        palm: where the files' frame of the hand is in the hand's root frame (4, 4), or the name of a link; None: by
+            the format.
+    """
+
+    files: Sequence[Path]
+    hand: HandModel
+    objects: Path
+    format: str = "auto"
+    mass: float | None = None
+    density: float | None = None
+    joints: dict[str, str] | None = None
+    palm: Array | str | None = None
+
+    def __post_init__(self) -> None:
+        files = tuple(path_of("file of grasps", one) for one in self.files)
+        if not files:
+            raise InvalidInput("files: expected at least one file of grasps")
+        object.__setattr__(self, "files", files)
+        instance_of("hand", self.hand, HandModel)
+        object.__setattr__(self, "objects", path_of("folder of objects", self.objects))
+        if (self.mass is None) == (self.density is None):
+            raise InvalidInput("objects: expected mass [kg] or density [kg/m^3], one of them: data sets have neither")
+        for name, unit in (("mass", "kg"), ("density", "kg/m^3")):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, number(name, getattr(self, name), above=0, unit=unit))
+
+
+def certify_files(
+    data: DataSet,
+    folder: str | Path,
+    conditions: GraspConditions,
+    *,
+    tolerance: float = 2e-3,
+    jobs: int = -1,
+    backend: Backend = "joblib",
+    scheduler: str | None = None,
+    progress: bool | None = None,
+) -> Certified:
+    """Certify the grasps of files; called again with the same arguments, it continues.
+
+    Rows are written every two seconds, whole blocks at once, so that nothing is lost or doubled where the process is
+    killed. A file that cannot be read, or whose object is not found, is a fault: a row without a number, with its
+    message; what was read before it is kept.
+
+    Args:
+        data: the files, their hand and their objects.
+        folder: for the rows, as Parquet files; a new folder, or one of this certification.
+        conditions: as for :func:`~pinograsp.certification.certify`.
+        tolerance: likewise [m].
+        jobs: processes; -1: all cores; 1: this process.
+        backend: ``"joblib"``, or ``"dask"``, whose workers need this package, and the objects at the same paths.
+        scheduler: address of a Dask scheduler, such as ``"tcp://10.0.0.1:8786"``.
+        progress: bar on stderr: None (on a terminal), True or False.
+
+    Raises:
+        InvalidInput: options that cannot be used.
+        ResultsNotWritten: the folder holds another certification or other files, is in use, or cannot be written.
+        ExtraMissing: pyarrow (extra ``sweep``), numba (``fast``), h5py (``data``) or distributed (``dask``).
+        PinograspError: workers were lost; completed rows are kept.
+    """
+    started = time.perf_counter()
+    instance_of("data", data, DataSet)
+    instance_of("conditions", conditions, GraspConditions)
+    jobs = processes(jobs)
+    one_of("backend", backend, BACKENDS)
+    check_backend(backend, scheduler)
+    payload = pickle.dumps(_Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance))
+    settings = {
+        "files": [str(one) for one in data.files],
+        "format": data.format,
+        "objects": str(data.objects),
+        "asked": hashlib.sha256(payload).hexdigest(),
+        "joints": data.hand.joint_names,
+        "tolerance": tolerance,
+    }
+    with Parts(Path(folder), _WORK, settings, {}) as parts:
+        run = _Run(data, parts)
+        if scheduler is not None:
+            results = by_dask(_certified, run.work(payload), scheduler)
+        else:
+            results = by_joblib(_certified, run.work(payload), jobs)
+        with contextlib.closing(results):
+            interrupted = run.collect(results, progress)
+        if not interrupted:
+            parts.merge()
+        return Certified(
+            folder=Path(folder),
+            rows=sum(run.counts.values()) - run.counts[REFUSED],
+            counts=dict(run.counts),
+            faults=run.faults,
+            interrupted=interrupted,
+            elapsed=time.perf_counter() - started,
+        )
+
+
+def read_certified(folder: str | Path) -> pa.Table:
+    """The rows of a certification as a ``pyarrow.Table``, by file and number; its columns are in the documentation.
+
+    Raises:
+        InvalidInput: the folder holds no certification, or a damaged one.
+        ExtraMissing: pyarrow (extra ``sweep``) is not installed.
+    """
+    tables = read_parts(Path(folder), _WORK)
+    import pyarrow as pa
+
+    if not tables:
+        empty: pa.Table = schema_of().empty_table()
+        return empty
+    return pa.concat_tables(tables).sort_by([("file", "ascending"), ("row", "ascending")])
+
+
+class _Run:
+    """The files that are left, block by block, and what came of them."""
+
+    def __init__(self, data: DataSet, parts: Parts):
+        self.data, self.parts = data, parts
+        self.counts: Counter[str] = Counter()
+        self.faults: dict[str, str] = {}
+        self.done: set[tuple[str, int]] = set()
+        self.kept: list[pa.Table] = []
+        for one in parts.live:
+            self._count(read_part(one, ["file", "row", "reason", "message"]))
+
+    def _count(self, table: pa.Table) -> None:
+        columns = (table[name].to_pylist() for name in ("file", "row", "reason", "message"))
+        for file, row, reason, message in zip(*columns):
+            self.counts[reason] += 1
+            if reason == REFUSED:
+                self.faults[file] = message
+            self.done.add((file, row))
+
+    def work(self, payload: bytes) -> Iterator[tuple[object, ...]]:
+        """The blocks that are left, in the order of the files."""
+        for path in self.data.files:
+            name = str(path)
+            if (name, -1) in self.done:
+                continue
+            rows = read_grasps(path, format=self.data.format, block=_BLOCK)
+            while True:
+                try:
+                    block = next(rows, None)
+                except PinograspError as error:
+                    yield payload, name, None, str(error)
+                    break
+                if block is None:
+                    break
+                if all((name, block.first + i) in self.done for i in range(len(block))):
+                    continue
+                try:
+                    roots, q = placed(block, self.data.hand, joints=self.data.joints, palm=self.data.palm)
+                except PinograspError as error:
+                    yield payload, name, None, str(error)
+                    break
+                yield payload, name, Posed(block.first, block.object, block.scale, roots, q, block.labels), ""
+
+    def collect(self, results: Generator[pa.Table, None, None], progress: bool | None) -> bool:
+        """Store the rows as they come; returns whether Ctrl-C stopped it."""
+        bar = tqdm(
+            desc="certify",
+            initial=sum(self.counts.values()),
+            unit="grasp",
+            disable=None if progress is None else not progress,
+            leave=False,
+        )
+        saved = time.perf_counter()
+        with bar, interrupts_kept() as interrupt:
+            try:
+                for table in results:
+                    self.kept.append(table)
+                    bar.update(table.num_rows)
+                    if time.perf_counter() - saved >= _SAVED_EVERY:
+                        self.save()
+                        saved = time.perf_counter()
+                    interrupt()
+            except KeyboardInterrupt:
+                return True
+            finally:
+                self.save()
+        return False
+
+    def save(self) -> None:
+        """Write what came. Called again after an interruption, it writes no row twice."""
+        if not self.kept:
+            return
+        import pyarrow as pa
+
+        table = pa.concat_tables(self.kept)
+        self.parts.write(table)
+        self.kept, self.parts.next = [], self.parts.next + 1
+        self._count(table)
+        self.parts.merge_some()
+
+
+class Posed(NamedTuple):
+    """A block of grasps of one object: its first row, the hand's roots (N, 4, 4) in the object's frame, q (N, n)."""
+
+    first: int
+    object: str
+    scale: float
+    roots: Array
+    q: Array
+    labels: dict[str, Array]
+
+
+class _Prepared(NamedTuple):
+    """What all blocks have in common."""
+
+    hand: HandModel
+    objects: Path
+    mass: float | None
+    density: float | None
+    conditions: GraspConditions
+    tolerance: float
+
+
+def _certified(payload: bytes, file: str, block: Posed | None, message: str) -> pa.Table:
+    """The rows of a block, or of a fault."""
+    if block is None:
+        return refused_table(file, message)
+    try:
+        certifier = _certifier(payload, block.object, block.scale)
+    except PinograspError as error:
+        return refused_table(file, str(error))
+    return certified_table(file, block.first, block.object, block.scale, certifier(block.q, block.roots), block.labels)
+
+
+@functools.lru_cache(maxsize=_PREPARED)
+def _certifier(payload: bytes, name: str, scale: float) -> Certifier:
+    given: _Prepared = pickle.loads(payload)
+    body = object_in(given.objects, name, scale=scale, mass=given.mass, density=given.density)
+    return Certifier(given.hand, body, given.conditions, tolerance=given.tolerance, threads=1)

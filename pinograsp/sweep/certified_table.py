@@ -1,0 +1,117 @@
+"""The table of certified grasps: its columns, and how certificates fill them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinograsp.certification import Certificates, Reason
+from pinograsp.spatial import Array, BoolArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+REFUSED = "refused"  # of a file, from some row on
+SCHEMA_VERSION = 1
+
+
+def schema_of() -> pa.Schema:
+    """The columns; lists have an entry for each contact, or three numbers."""
+    import pyarrow as pa
+
+    whole, text, real, numbers = pa.int64(), pa.string(), pa.float64(), pa.list_(pa.float64())
+    return pa.schema(
+        [
+            ("file", text),
+            ("row", whole),
+            ("object", text),
+            ("scale", real),
+            ("reason", text),
+            ("code", pa.int16()),
+            ("message", text),
+            ("contacts", whole),
+            ("links", pa.list_(text)),
+            ("points_m", numbers),
+            ("normals", numbers),
+            ("gaps_m", numbers),
+            ("forces_N", numbers),
+            ("normal_forces_N", numbers),
+            ("torques_Nm", numbers),
+            ("reserve", real),
+            ("weakest", numbers),
+            ("least_mu", real),
+            ("antipodal_mu", real),
+            ("largest_load_N", real),
+            ("effort", real),
+            ("producible", pa.bool_()),
+            ("unproducible", real),
+            ("depth_m", real),
+            ("residual_N", real),
+            ("labels", text),
+        ]
+    )
+
+
+def refused_table(file: str, message: str) -> pa.Table:
+    """One row, number -1: the file could not be used from there on."""
+    import pyarrow as pa
+
+    row = {"file": file, "row": -1, "reason": REFUSED, "code": -1, "message": message}
+    return pa.Table.from_pylist([row], schema=schema_of())
+
+
+def certified_table(
+    file: str, first: int, object_name: str, scale: float, found: Certificates, labels: dict[str, Array]
+) -> pa.Table:
+    """The rows of a block of certificates, in the object's frame."""
+    import pyarrow as pa
+
+    count, schema = len(found), schema_of()
+    used = np.arange(found.points_o.shape[1]) < found.counts[:, None]
+    names = np.array(found.link_names, dtype=object)
+    columns: dict[str, Any] = {
+        "file": [file] * count,
+        "row": first + np.arange(count),
+        "object": [object_name] * count,
+        "scale": np.full(count, scale),
+        "reason": [Reason(one).name.lower() for one in found.reason.tolist()],
+        "code": found.reason,
+        "message": [found.words(i) for i in range(count)],
+        "contacts": found.counts,
+        "links": _lists(names[found.links], used, 1),
+        "points_m": _lists(found.points_o, used, 3),
+        "normals": _lists(found.normals_o, used, 3),
+        "gaps_m": _lists(found.gaps, used, 1),
+        "forces_N": _lists(found.forces_o, used, 3),
+        "normal_forces_N": _lists(found.normal_forces, used, 1),
+        "torques_Nm": _rows(found.torques),
+        "reserve": found.reserve,
+        "weakest": _rows(found.weakest),
+        "least_mu": found.least_mu,
+        "antipodal_mu": found.antipodal_mu,
+        "largest_load_N": found.largest_load,
+        "effort": found.effort,
+        "producible": found.producible,
+        "unproducible": found.unproducible,
+        "depth_m": found.depth,
+        "residual_N": found.residual,
+        "labels": [
+            json.dumps({name: np.asarray(values[i]).tolist() for name, values in labels.items()}) for i in range(count)
+        ],
+    }
+    return pa.table({name: columns[name] for name in schema.names}, schema=schema)
+
+
+def _lists(values: Array, used: BoolArray, width: int) -> pa.Array:
+    """Lists of the entries that are used, of each row."""
+    import pyarrow as pa
+
+    offsets = np.concatenate([[0], np.cumsum(used.sum(axis=1) * width)]).astype(np.int32)
+    return pa.ListArray.from_arrays(pa.array(offsets), pa.array(values[used].ravel()))
+
+
+def _rows(values: Array) -> pa.Array:
+    """Lists of all entries of each row."""
+    return _lists(values, np.ones(values.shape, dtype=bool), 1)

@@ -1,0 +1,174 @@
+"""One squeeze for many loads: reactions of springs, offsets of friction cones, multiples that are borne."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_grasps import contact_set_of
+
+from pinograsp.certification.elastic import factors, offsets, springs
+from pinograsp.certification.squeeze import MOST_MU, Grips, Holding, held, least_mu, squeezed
+from pinograsp.contacts import Friction
+from pinograsp.forces import ForceProblem, Reserve
+from pinograsp.forces.margins import disturbance_margin
+from pinograsp.forces.matrices import elastic_reaction
+from pinograsp.forces.reserve import least_squeeze
+from pinograsp.objects import Sphere
+from pinograsp.spatial import tangent_frame
+
+MODELS = [Friction(model="cone"), Friction(model="soft", torsion=5e-3), Friction(model="pyramid")]
+NAMES = [model.model for model in MODELS]
+MU, RADIUS = 0.6, 0.04
+BALL = Sphere(radius=RADIUS, mass=0.15)
+WEIGHT = np.array([0, 0, -9.81 * 0.15, 0, 0, 0])
+
+
+def around_a_ball(rng, count, k):
+    """Contacts all round a ball (count, k), the last one of every second grasp missing."""
+    normals = rng.normal(size=(count, k, 3))
+    normals /= np.linalg.norm(normals, axis=2)[..., None]
+    frames = np.array([[tangent_frame(normal) for normal in row] for row in normals])
+    counts = np.where(np.arange(count) % 2, k - 1, k)
+    return Grips(points=-RADIUS * normals, rotations=frames, counts=counts)
+
+
+def wrench_of(grips, local, i):
+    """The wrench of forces (k, d) of grasp i, from its definition."""
+    total = np.zeros(6)
+    for c in range(grips.counts[i]):
+        R, p, f = grips.rotations[i, c], grips.points[i, c], local[c]
+        force = R[:, 0] * f[0] + R[:, 1] * f[1] + R[:, 2] * f[-1]
+        total[:3] += force
+        total[3:] += np.cross(p, force) + (R[:, 2] * f[2] if len(f) == 4 else 0.0)
+    return total
+
+
+@pytest.mark.parametrize("friction", MODELS[:2], ids=NAMES[:2])
+def test_springs_balance_what_is_added_and_press_as_the_packages_own(friction):
+    rng = np.random.default_rng(1)
+    grips, wrenches = around_a_ball(rng, 6, 5), rng.normal(size=(7, 6)) * [1, 1, 1, 0.03, 0.03, 0.03]
+    reacted = springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
+    assert reacted.borne.all()
+    change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
+    for i in range(6):
+        own = grips.counts[i]
+        for m, wrench in enumerate(wrenches):
+            assert np.allclose(wrench_of(grips, change[i, :, :, m], i), -wrench, atol=1e-9)
+        assert not change[i, own:].any()
+        contacts = contact_set_of(grips.points[i, :own], grips.rotations[i, :own, :, 2])
+        problem = ForceProblem(contacts=contacts, load=WEIGHT, mu=MU, friction=friction)
+        scaled = wrenches / np.repeat([1.0, problem.moment_length], 3)
+        assert np.allclose(reacted.normal[i, :own], elastic_reaction(problem) @ scaled.T, atol=1e-9)
+
+
+def test_wrenches_that_contacts_cannot_balance_are_told():
+    """Two plain contacts do not resist turning about their line; with torsion they do."""
+    normals = np.array([[[1.0, 0, 0], [-1.0, 0, 0]]])
+    frames = np.array([[tangent_frame(normal) for normal in normals[0]]])
+    wrenches = np.array([[0, 0, 1.0, 0, 0, 0], [0, 0, 0, 0.1, 0, 0]])
+    plain, soft = (
+        springs(-RADIUS * normals, frames, np.ones((1, 2), bool), friction, wrenches).reactions()
+        for friction in MODELS[:2]
+    )
+    assert plain.borne.tolist() == [[True, False]] and soft.borne.tolist() == [[True, True]]
+
+
+@pytest.mark.parametrize("friction", MODELS, ids=NAMES)
+def test_a_squeeze_bears_every_load_it_is_for(friction):
+    """Balance and friction under every load, written out from their definitions."""
+    rng, reserve = np.random.default_rng(3), Reserve()
+    grips = around_a_ball(rng, 24, 5)
+    wrenches = reserve.load_set(BALL).loads - WEIGHT
+    holding = Holding(friction=friction, mu=MU, weight=WEIGHT, cap=np.inf)
+    found, ways = squeezed(grips, holding, reserve, wrenches, 1)
+    assert found.found.sum() >= 12
+    kept = holding.kept_back(reserve).friction
+    both = np.maximum(*(factors(found.local, way, grips.used, kept, MU) for way in ways))
+    assert both[found.found].min() > 1 - 1e-6
+    for i in np.flatnonzero(found.found)[:8]:
+        own, local = grips.counts[i], found.local[i]
+        assert np.allclose(wrench_of(grips, local, i), -WEIGHT, atol=1e-7)
+        problem = ForceProblem(
+            contacts=contact_set_of(grips.points[i, :own], grips.rotations[i, :own, :, 2]),
+            load=WEIGHT,
+            mu=MU,
+            friction=friction,
+            object=BALL,
+            max_depth=1.0,
+            acceleration_range=(1e-9, 1e4),
+        )
+        # With its own springs and friction free to react, within what the reserve relies on.
+        strict = replace(problem, friction=kept)
+        for wrench in wrenches[:: 3 if i else 1]:
+            borne = disturbance_margin(strict, wrench, normal_forces=local[:own, -1], reaction="elastic")
+            assert borne > 1 - 1e-5
+        least = least_squeeze(problem, reserve)
+        assert least is not None and local[:own, -1].max() >= least.max() * (1 - 1e-6)
+        assert (local[:own, -1] >= 0.05 * 9.81 * 0.15 * (1 - 1e-6)).all()
+
+
+@pytest.mark.parametrize("friction", MODELS, ids=NAMES)
+def test_multiples_that_are_borne_are_where_a_contact_leaves_its_cone(friction):
+    rng = np.random.default_rng(4)
+    grips, wrenches = around_a_ball(rng, 8, 4), rng.normal(size=(5, 6)) * [1, 1, 1, 0.03, 0.03, 0.03]
+    reacted = springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
+    local = rng.normal(size=(8, 4, friction.d))
+    local[..., -1] = rng.uniform(2.0, 5.0, size=(8, 4))
+    limits = friction.scale(np.array([MU]))[0]
+    local[..., :-1] *= 0.4 * limits * local[..., -1:]
+    found = factors(local, reacted, grips.used, friction, MU)
+    change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
+
+    def room(i, m, s):
+        own = grips.counts[i]
+        f = local[i, :own] + s * change[i, :own, :, m]
+        return (f[:, -1] - friction.gauge(f[:, :-1] / limits)).min()
+
+    tried = 0
+    for i in range(8):
+        for m in range(5):
+            if room(i, m, 0.0) < 0 or not np.isfinite(found[i, m]):
+                continue
+            tried += 1
+            assert abs(room(i, m, found[i, m])) < 1e-9 * max(1.0, found[i, m])
+            assert all(room(i, m, share * found[i, m]) > 0 for share in np.linspace(0.0, 0.999, 25))
+    assert tried > 20
+
+
+def test_offsets_are_enough_for_any_tangential_force_and_exact_for_one():
+    rng, friction = np.random.default_rng(5), MODELS[0]
+    grips, wrenches = around_a_ball(rng, 4, 4), rng.normal(size=(6, 6)) * [1, 1, 1, 0.03, 0.03, 0.03]
+    reacted = springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
+    above = offsets(reacted, friction, MU)
+    for _ in range(20):
+        t = rng.normal(size=(4, 4, 2))
+        F = above + np.linalg.norm(t, axis=2) / MU
+        local = np.concatenate([t, F[..., None]], axis=2)
+        ahead = t[..., None] + reacted.tangential
+        assert (np.linalg.norm(ahead, axis=2) <= MU * (F[..., None] + reacted.normal) + 1e-12)[grips.used].all()
+        exact = offsets(reacted, friction, MU, local)
+        assert (exact <= above + 1e-12).all()
+        F = exact + np.linalg.norm(t, axis=2) / MU
+        slack = (MU * (F[..., None] + reacted.normal) - np.linalg.norm(ahead, axis=2)).min(axis=2)
+        assert (slack[grips.used] > -1e-12).all() and (slack[(exact > 0) & grips.used] < 1e-9).all()
+
+
+@pytest.mark.parametrize("angle", [0.05, 0.2, 0.35, 0.5])
+def test_two_soft_fingers_need_the_friction_of_their_line(angle):
+    """Nguyen's theorem: the line through both lies in both cones, so mu = tan of the larger angle."""
+    normals = np.array([[[1.0, 0, 0], [-np.cos(angle), np.sin(angle), 0.0]]])
+    frames = np.array([[tangent_frame(normal) for normal in normals[0]]])
+    grips = Grips(points=np.array([[[-RADIUS, 0, 0], [RADIUS, 0, 0]]]), rotations=frames, counts=np.array([2]))
+    holding = Holding(friction=MODELS[1], mu=MU, weight=1e-3 * WEIGHT, cap=np.inf)
+    found = least_mu(grips, holding, 1)[0]
+    # The weight, a thousandth, takes a little more; halving the range ends at a hundredth above.
+    assert np.tan(angle) - 1e-3 <= found <= np.tan(angle) + 0.03
+
+
+def test_no_friction_helps_contacts_on_one_side():
+    normals = np.array([[[0, 0, -1.0], [0, 0.1, -1.0]]])
+    normals /= np.linalg.norm(normals, axis=2)[..., None]
+    frames = np.array([[tangent_frame(normal) for normal in normals[0]]])
+    grips = Grips(points=-RADIUS * normals, rotations=frames, counts=np.array([2]))
+    holding = Holding(friction=MODELS[1], mu=MOST_MU, weight=WEIGHT, cap=np.inf)
+    assert np.isinf(least_mu(grips, holding, 1)).all() and not held(grips, holding, 1).found.any()
