@@ -123,8 +123,8 @@ class BulkScene:
                 depth[grasp[i]], deepest[grasp[i]] = -touching.gap[i], part[i]
         corners, counts = self._corners(touching, placed, objects, lean)
         corners = np.einsum("tij,taj->tai", turn, corners) + back[grasp, None, :3, 3]
-        jacobians = np.einsum("tij,tbjn->tbin", turn, touching.jacobians.reshape(len(grasp), 2, 3, -1))
-        jacobians = jacobians.reshape(len(grasp), 6, -1)
+        jacobians = np.einsum("tij,tbjn->tbin", turn, touching.jacobians.reshape(len(grasp), 2, 3, self.hand.n))
+        jacobians = jacobians.reshape(len(grasp), 6, self.hand.n)
         return BulkContacts(
             grasp=grasp[shallow],
             part=part[shallow],
