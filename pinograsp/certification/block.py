@@ -15,7 +15,7 @@ from pinograsp.certification.elastic import Reactions, factors
 from pinograsp.certification.record import Certificates, Reason
 from pinograsp.certification.squeeze import Forces, Grips, Holding, as_much_as_can_be, held, least_mu, squeezed
 from pinograsp.checks import flag, instance_of, number, read_only
-from pinograsp.contacts import PALM, Friction
+from pinograsp.contacts import Friction
 from pinograsp.contacts.bulk import BulkContacts, BulkScene
 from pinograsp.contacts.support import CORNERS
 from pinograsp.errors import Status
@@ -58,9 +58,7 @@ class Asked:
         self.palm, self.patches = flag("palm", palm), flag("patches", patches)
         self.threads = threads
         self.scene = BulkScene(hand, body)
-        # 0: the palm, then the fingers; -1: links of no finger, which are no contacts.
-        names = [PALM, *(finger.name for finger in hand.fingers)]
-        self.fingers = np.array([names.index(part.finger) if part.finger else -1 for part in self.scene.parts])
+        self.fingers = self.scene.fingers
         pressing = np.concatenate([finger.dofs for finger in hand.fingers])
         self.idle = np.setdiff1d(np.arange(hand.n), pressing)
         self.limit = effort_of(hand, conditions.torque_limit)

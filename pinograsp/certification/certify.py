@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from pinograsp.certification.block import Asked, Block
 from pinograsp.certification.record import Certificates
 from pinograsp.checks import array_of, instance_of, placements_of
+from pinograsp.contacts.jaw_closing import close_jaws
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -44,6 +45,18 @@ class Certifier:
             placed: Array = np.tile(hand.pose, (len(q), 1, 1))
         else:
             placed = placements_of("roots", roots, len(q))
+        return self._certified(q, placed)
+
+    def jaws(self, roots: ArrayLike) -> Certificates:
+        """The certificates of jaws (a hand of one joint) that close with their root at ``roots`` (N, 4, 4).
+
+        They close until they touch, see :func:`~pinograsp.contacts.jaw_closing.close_jaws`.
+        """
+        placed = placements_of("roots", roots, len(np.asarray(roots)))
+        q, moved, _ = close_jaws(self._asked.scene, placed)
+        return self._certified(q, moved)
+
+    def _certified(self, q: Array, placed: Array) -> Certificates:
         blocks = [
             Block(self._asked, q[i : i + BLOCK], placed[i : i + BLOCK]).certificates()
             for i in range(0, max(len(q), 1), BLOCK)

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import brief, instance_of, read_only
-from pinograsp.contacts.clearance import Distances, HandPart, check_geometry, parts_of
+from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support import CORNERS, common_corners, support_shape, tilted
 from pinograsp.hands import HandModel
@@ -90,6 +90,9 @@ class BulkScene:
         links = list(dict.fromkeys(keys))
         self.links = [name for _, name in links]
         self.link_of = np.array([links.index(key) for key in keys], dtype=np.int64)
+        # 0: the palm, then the fingers; -1: links of no finger, which are no contacts.
+        names = [PALM, *(finger.name for finger in hand.fingers)]
+        self.fingers = np.array([names.index(part.finger) if part.finger else -1 for part in self.parts])
         self.collisions = SelfCollisions(hand)
         self.pairs = self.collisions.names
 
@@ -140,6 +143,31 @@ class BulkScene:
             collision=self.collisions.first(oMi),
             gravity_torques=self._gravity(q, there, gravity_o),
         )
+
+    def placed_parts(self, q: Array, roots: Array) -> Array:
+        """Placements oMp (N, p, 4, 4) of the hand's parts at postures (N, n), the root at ``roots`` (N, 4, 4)."""
+        own = self._kinematics(q)[:, self.joints] @ self.placements
+        placed: Array = (roots @ _inverse(self.hand.pose[None]))[:, None] @ own
+        return placed
+
+    def gaps(self, q: Array, roots: Array, parts: IntArray, reach: float) -> Array:
+        """Distances (N,) [m] of some of the hand's parts from the object, up to ``reach``: of convex hulls, from below.
+
+        Arguments as for :meth:`contacts`.
+        """
+        objects = self.hand.pose @ _inverse(roots) @ self.body.pose
+        placed = self._kinematics(q)[:, self.joints] @ self.placements
+        found = np.full(len(q), reach)
+        request, result = self.distances.request, self.distances.result
+        wanted = np.isin(np.arange(len(self.parts)), parts)
+        for i, part, solid in zip(*(one.tolist() for one in self._near(placed, objects, reach))):
+            if wanted[part]:
+                pose = coal.Transform3s(placed[i, part, :3, :3], placed[i, part, :3, 3])
+                here = coal.Transform3s(objects[i, :3, :3], objects[i, :3, 3])
+                result.clear()
+                gap = coal.distance(self.parts[part].hull, pose, self.solids[solid], here, request, result)
+                found[i] = min(found[i], gap)
+        return found
 
     def _kinematics(self, q: Array) -> Array:
         """Placements (N, joints, 4, 4) of the joints."""
