@@ -84,7 +84,7 @@ Hulls = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
-def _pairs(option: str, given: list[str] | None) -> dict[str, str]:
+def pairs(option: str, given: list[str] | None) -> dict[str, str]:
     """The NAME=VALUE of a repeatable option."""
     found: dict[str, str] = {}
     for one in given or []:
@@ -98,7 +98,7 @@ def _pairs(option: str, given: list[str] | None) -> dict[str, str]:
 def posture_of(given: list[str] | None) -> dict[str, float]:
     """Positions by joint; :class:`InvalidInput` for texts that are not NAME=NUMBER, and for names given twice."""
     found = {}
-    for joint, text in _pairs("--posture", given).items():
+    for joint, text in pairs("--posture", given).items():
         try:
             found[joint] = float(text)
         except ValueError:
@@ -123,9 +123,9 @@ def loading(
 
     return {
         "palm": palm,
-        "fingers": _pairs("--finger", fingers) or None,
-        "packages": {name: os.path.expanduser(folder) for name, folder in _pairs("--package", packages).items()},
-        "xacro_args": xacro_arguments(_pairs("--arg", arguments)),
+        "fingers": pairs("--finger", fingers) or None,
+        "packages": {name: os.path.expanduser(folder) for name, folder in pairs("--package", packages).items()},
+        "xacro_args": xacro_arguments(pairs("--arg", arguments)),
         "trusted": trusted,
         "masses": masses,
         "exclude": exclude or [],

@@ -3,38 +3,39 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
+import os
 import pickle
 import time
 from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from pinograsp.certification import Certifier
 from pinograsp.checks import instance_of, number, one_of, path_of, processes
-from pinograsp.data import placed, read_grasps
-from pinograsp.errors import InvalidInput, PinograspError
+from pinograsp.data import joined, read_grasps, write_grasps
+from pinograsp.errors import GraspsNotRead, InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.interrupts import interrupts_kept
-from pinograsp.objects.lookup import object_in
 from pinograsp.spatial import Array
-from pinograsp.sweep.certified_table import REFUSED, certified_table, refused_table, schema_of
+from pinograsp.sweep.certified_rows import Prepared, blocks_of, certified_block
+from pinograsp.sweep.certified_table import REFUSED, schema_of
 from pinograsp.sweep.parts import Parts, Work, read_part, read_parts
 from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend
+from pinograsp.writing import place_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 _WORK = Work("pinograsp.certified/1", "certification", "certify")
+# Labels that are written back, and the largest number that 32 bits hold.
+_WRITTEN, _MOST = ("reserve", "least_mu", "largest_load_N"), 3.4e38
 _SAVED_EVERY = 2.0  # [s] between writes: what may have to be computed again when the process is killed
-_BLOCK = 512  # grasps at once
-_PREPARED = 2  # objects that a worker keeps
+_BLOCK = 512  # grasps at once: half a second of work
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +152,7 @@ def certify_files(
     jobs = processes(jobs)
     one_of("backend", backend, BACKENDS)
     check_backend(backend, scheduler)
-    payload = pickle.dumps(_Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance))
+    payload = pickle.dumps(Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance))
     settings = {
         "files": [str(one) for one in data.files],
         "format": data.format,
@@ -163,9 +164,9 @@ def certify_files(
     with Parts(Path(folder), _WORK, settings, {}) as parts:
         run = _Run(data, parts)
         if scheduler is not None:
-            results = by_dask(_certified, run.work(payload), scheduler)
+            results = by_dask(certified_block, run.work(payload), scheduler)
         else:
-            results = by_joblib(_certified, run.work(payload), jobs)
+            results = by_joblib(certified_block, run.work(payload), jobs)
         with contextlib.closing(results):
             interrupted = run.collect(results, progress)
         if not interrupted:
@@ -196,6 +197,51 @@ def read_certified(folder: str | Path) -> pa.Table:
     return pa.concat_tables(tables).sort_by([("file", "ascending"), ("row", "ascending")])
 
 
+def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple[list[Path], dict[str, str]]:
+    """The files again in their own formats, with forces, points and what was certified, into ``target``.
+
+    Rows without forces have zeros. Labels are ``held``, ``reason_code``, ``reserve``, ``least_mu`` and
+    ``largest_load_N``; infinities are written as the largest number of 32 bits.
+
+    Returns:
+        The paths, and what could not be written, ``{file: message}``: files with faults, and formats without a place for
+        forces.
+
+    Raises:
+        ResultsNotWritten: the folder cannot be written.
+    """
+    import pyarrow.compute as pc
+
+    table, target = read_certified(folder), Path(target)
+    place_of(target)
+    above = Path(os.path.commonpath([one.resolve().parent for one in data.files]))
+    done, refused = list[Path](), dict[str, str]()
+    for path in data.files:
+        own = table.filter(pc.field("file") == str(path))
+        try:
+            rows = joined(read_grasps(path, format=data.format))
+            if own.num_rows != rows.n:
+                raise InvalidInput(f"{own.num_rows} of its {rows.n} grasps are certified")
+            forces, points = (_padded(own[name]) for name in ("forces_N", "points_m"))
+            labels = {"held": own["code"].to_numpy() == int(Reason.HELD), "reason_code": own["code"].to_numpy()}
+            labels |= {name: np.minimum(own[name].to_numpy(), _MOST) for name in _WRITTEN}
+            goal = target / path.resolve().relative_to(above)
+            goal.parent.mkdir(parents=True, exist_ok=True)
+            done.append(write_grasps(goal, rows, forces=forces, points=points, labels=labels))
+        except (InvalidInput, GraspsNotRead) as error:
+            refused[str(path)] = str(error)
+    return done, refused
+
+
+def _padded(column: pa.ChunkedArray) -> Array:
+    """Lists of three numbers for each contact as an array (N, k, 3), filled with zeros."""
+    lists = column.to_pylist()
+    found = np.zeros((len(lists), max((len(one) for one in lists), default=0) // 3, 3))
+    for i, one in enumerate(lists):
+        found[i, : len(one) // 3] = np.reshape(one, (-1, 3))
+    return found
+
+
 class _Run:
     """The files that are left, block by block, and what came of them."""
 
@@ -222,23 +268,13 @@ class _Run:
             name = str(path)
             if (name, -1) in self.done:
                 continue
-            rows = read_grasps(path, format=self.data.format, block=_BLOCK)
-            while True:
-                try:
-                    block = next(rows, None)
-                except PinograspError as error:
-                    yield payload, name, None, str(error)
-                    break
-                if block is None:
-                    break
-                if all((name, block.first + i) in self.done for i in range(len(block))):
-                    continue
-                try:
-                    roots, q = placed(block, self.data.hand, joints=self.data.joints, palm=self.data.palm)
-                except PinograspError as error:
-                    yield payload, name, None, str(error)
-                    break
-                yield payload, name, Posed(block.first, block.object, block.scale, roots, q, block.labels), ""
+            try:
+                for rows in read_grasps(path, format=self.data.format, block=_BLOCK):
+                    for block in blocks_of(rows, self.data.hand, joints=self.data.joints, palm=self.data.palm):
+                        if not all((name, row) in self.done for row in block.rows.tolist()):
+                            yield payload, name, block, ""
+            except PinograspError as error:
+                yield payload, name, None, str(error)
 
     def collect(self, results: Generator[pa.Table, None, None], progress: bool | None) -> bool:
         """Store the rows as they come; returns whether Ctrl-C stopped it."""
@@ -276,43 +312,3 @@ class _Run:
         self.kept, self.parts.next = [], self.parts.next + 1
         self._count(table)
         self.parts.merge_some()
-
-
-class Posed(NamedTuple):
-    """A block of grasps of one object: its first row, the hand's roots (N, 4, 4) in the object's frame, q (N, n)."""
-
-    first: int
-    object: str
-    scale: float
-    roots: Array
-    q: Array
-    labels: dict[str, Array]
-
-
-class _Prepared(NamedTuple):
-    """What all blocks have in common."""
-
-    hand: HandModel
-    objects: Path
-    mass: float | None
-    density: float | None
-    conditions: GraspConditions
-    tolerance: float
-
-
-def _certified(payload: bytes, file: str, block: Posed | None, message: str) -> pa.Table:
-    """The rows of a block, or of a fault."""
-    if block is None:
-        return refused_table(file, message)
-    try:
-        certifier = _certifier(payload, block.object, block.scale)
-    except PinograspError as error:
-        return refused_table(file, str(error))
-    return certified_table(file, block.first, block.object, block.scale, certifier(block.q, block.roots), block.labels)
-
-
-@functools.lru_cache(maxsize=_PREPARED)
-def _certifier(payload: bytes, name: str, scale: float) -> Certifier:
-    given: _Prepared = pickle.loads(payload)
-    body = object_in(given.objects, name, scale=scale, mass=given.mass, density=given.density)
-    return Certifier(given.hand, body, given.conditions, tolerance=given.tolerance, threads=1)

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinograsp.certification import Certificates, Reason
-from pinograsp.spatial import Array, BoolArray
+from pinograsp.spatial import Array, BoolArray, IntArray
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 REFUSED = "refused"  # of a file, from some row on
-SCHEMA_VERSION = 1
 
 
 def schema_of() -> pa.Schema:
@@ -62,18 +61,25 @@ def refused_table(file: str, message: str) -> pa.Table:
     return pa.Table.from_pylist([row], schema=schema_of())
 
 
+# Seven arguments: where the rows come from, and what is known of them.
 def certified_table(
-    file: str, first: int, object_name: str, scale: float, found: Certificates, labels: dict[str, Array]
+    file: str,
+    rows: IntArray,
+    object_name: str,
+    scale: float,
+    object_pose: Array,
+    found: Certificates,
+    labels: dict[str, Array],
 ) -> pa.Table:
-    """The rows of a block of certificates, in the object's frame."""
+    """The rows of a block of certificates, in the frame of the object at ``object_pose`` oMb (4, 4)."""
     import pyarrow as pa
 
     count, schema = len(found), schema_of()
     used = np.arange(found.points_o.shape[1]) < found.counts[:, None]
-    names = np.array(found.link_names, dtype=object)
+    names, turn = np.array(found.link_names, dtype=object), object_pose[:3, :3]
     columns: dict[str, Any] = {
         "file": [file] * count,
-        "row": first + np.arange(count),
+        "row": rows,
         "object": [object_name] * count,
         "scale": np.full(count, scale),
         "reason": [Reason(one).name.lower() for one in found.reason.tolist()],
@@ -81,14 +87,14 @@ def certified_table(
         "message": [found.words(i) for i in range(count)],
         "contacts": found.counts,
         "links": _lists(names[found.links], used, 1),
-        "points_m": _lists(found.points_o, used, 3),
-        "normals": _lists(found.normals_o, used, 3),
+        "points_m": _lists((found.points_o - object_pose[:3, 3]) @ turn, used, 3),
+        "normals": _lists(found.normals_o @ turn, used, 3),
         "gaps_m": _lists(found.gaps, used, 1),
-        "forces_N": _lists(found.forces_o, used, 3),
+        "forces_N": _lists(found.forces_o @ turn, used, 3),
         "normal_forces_N": _lists(found.normal_forces, used, 1),
         "torques_Nm": _rows(found.torques),
         "reserve": found.reserve,
-        "weakest": _rows(found.weakest),
+        "weakest": _rows((found.weakest.reshape(-1, 2, 3) @ turn).reshape(-1, 6)),
         "least_mu": found.least_mu,
         "antipodal_mu": found.antipodal_mu,
         "largest_load_N": found.largest_load,

@@ -1,0 +1,177 @@
+"""``pinograsp certify``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pinograsp.cli.app import (
+    Arguments,
+    Exclude,
+    Fingers,
+    Json,
+    Masses,
+    Mu,
+    Packages,
+    Palm,
+    Quiet,
+    Root,
+    Srdf,
+    Trusted,
+    Verbose,
+    app,
+    bar,
+    console,
+    loading,
+    pairs,
+)
+from pinograsp.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from pinograsp.sweep import Certified
+
+_SHOWN = 5  # faults
+
+
+# An option per thing that files of grasps do not say.
+@app.command()
+def certify(
+    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files of grasps, or folders of them.")],
+    hand: Annotated[str, typer.Option(help="The hand: a name of 'pinograsp hands', or a URDF, xacro or MJCF file.")],
+    objects: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the objects that the files name.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the rows, as Parquet files.")],
+    format: Annotated[str, typer.Option(help="Of the files: auto, or a name that the documentation lists.")] = "auto",
+    mass: Annotated[float | None, typer.Option(help="Of each object \\[kg].")] = None,
+    density: Annotated[float | None, typer.Option(help="Of each object \\[kg/m^3], where --mass is not given.")] = None,
+    mu: Mu = 0.6,
+    tolerance: Annotated[float, typer.Option(help="Distance at which a link touches, outside or inside \\[m].")] = 2e-3,
+    gravity: Annotated[
+        tuple[float, float, float],
+        typer.Option(metavar="X Y Z", help="In the object's frame, or its file's world \\[m/s^2]."),
+    ] = (0.0, 0.0, -9.81),
+    reserve: Annotated[bool, typer.Option(help="Ask for the reserve besides the weight.")] = True,
+    joints: Annotated[
+        list[str] | None,
+        typer.Option("--joint", metavar="FILE'S=HAND'S", help="The hand's name of a joint; repeatable."),
+    ] = None,
+    frame: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Link of the hand whose frame the files tell the place of.")
+    ] = None,
+    back: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the files again, with newtons, into this folder.")
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Picture of what holds, why not, and the newtons: .png or .svg.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = -1,
+    backend: Annotated[str, typer.Option(help="joblib: this machine, or dask: the cluster of --scheduler.")] = "joblib",
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
+    ] = None,
+    root: Root = None,
+    palm: Palm = None,
+    fingers: Fingers = None,
+    packages: Packages = None,
+    arguments: Arguments = None,
+    trusted: Trusted = False,
+    masses: Masses = "kept",
+    exclude: Exclude = None,
+    srdf: Srdf = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Certify grasps of a data set: which hold, with how many newtons, and why the others do not. After an
+    interruption, the same command continues.
+
+    Examples:
+      pinograsp certify grasps/*.npy --hand shadow.xml --objects meshes --density 300 --out certified
+
+      pinograsp certify mug.h5 --hand panda --objects meshes --mass 0.3 --out certified --mu 0.4 --back with_newtons
+    """
+    from pinograsp.checks import one_of
+    from pinograsp.data import FORMATS
+    from pinograsp.forces import GraspConditions, Reserve
+    from pinograsp.hands import load_hand
+    from pinograsp.sweep import DataSet, certify_files, written_back
+    from pinograsp.sweep.workers import BACKENDS
+    from pinograsp.viz.certified import certified_picture
+
+    one_of("--format", format, ["auto", *FORMATS])
+    if out.resolve() in [path.resolve() for path in (objects, back) if path is not None]:
+        raise InvalidInput("--out: expected a folder of its own")
+    data = DataSet(
+        files=_listed(files),
+        hand=load_hand(hand, root=root, **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)),
+        objects=objects,
+        format=format,
+        mass=mass,
+        density=density,
+        joints=pairs("--joint", joints) or None,
+        palm=frame,
+    )
+    conditions = GraspConditions(mu=mu, gravity_o=gravity, reserve=Reserve() if reserve else None)
+    done = certify_files(
+        data,
+        out,
+        conditions,
+        tolerance=tolerance,
+        jobs=jobs,
+        backend=one_of("backend", backend, BACKENDS),
+        scheduler=scheduler,
+        progress=bar(as_json),
+    )
+    written, unwritten = ([], {}) if back is None or done.interrupted else written_back(data, out, back)
+    if picture is not None and done.rows:
+        certified_picture(done.table().to_pydict(), picture)
+    if as_json:
+        more = {"written": [str(path) for path in written], "unwritten": unwritten}
+        typer.echo(json.dumps(done.summary() | more, allow_nan=False))
+    else:
+        _print(done, written, unwritten)
+    if done.interrupted:
+        raise typer.Exit(130)
+    if not done.rows:
+        raise typer.Exit(3)
+
+
+def _listed(given: list[Path]) -> list[Path]:
+    """The files, those of folders in the order of their names."""
+    found: list[Path] = []
+    for path in given:
+        inside = sorted(one for one in path.rglob("*") if one.is_file() and not one.name.startswith("."))
+        if path.is_dir() and not inside:
+            raise InvalidInput(f"FILES: expected files of grasps, got '{path}', an empty folder")
+        found += inside if path.is_dir() else [path]
+    return found
+
+
+def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> None:
+    from rich.table import Table
+
+    from pinograsp.certification import Reason
+
+    screen = console()
+    table = Table(box=None, header_style="bold")
+    table.add_column("reason")
+    for name in ("grasps", "share"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    words = {reason.name.lower(): reason.words for reason in Reason}
+    for reason, count in sorted(done.counts.items(), key=lambda one: -one[1]):
+        if reason in words:
+            table.add_row(reason, str(count), f"{100 * count / done.rows:.1f} %", words[reason])
+    screen.print(table)
+    for file, message in list(done.faults.items())[:_SHOWN]:
+        screen.print(f"not used: {file}: {message}", style="yellow", soft_wrap=True, highlight=False)
+    if len(done.faults) > _SHOWN:
+        screen.print(f"... and {len(done.faults) - _SHOWN} more files that could not be used, see the rows 'refused'")
+    left = "; some are left: the same command continues" if done.interrupted else ""
+    screen.print(f"\n{done.rows} grasps in {done.folder}, {done.elapsed:.1f} s{left}", soft_wrap=True)
+    if written:
+        screen.print(f"{len(written)} files with newtons in {written[0].parent}", soft_wrap=True)
+    for file, message in list(unwritten.items())[:_SHOWN]:
+        screen.print(f"not written: {file}: {message}", style="yellow", soft_wrap=True, highlight=False)
