@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from tqdm import tqdm
 
+from pinograsp.certification import Reason
 from pinograsp.checks import instance_of, number, one_of, path_of, processes
 from pinograsp.data import joined, read_grasps, write_grasps
 from pinograsp.errors import GraspsNotRead, InvalidInput, PinograspError
@@ -204,8 +206,8 @@ def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple
     ``largest_load_N``; infinities are written as the largest number of 32 bits.
 
     Returns:
-        The paths, and what could not be written, ``{file: message}``: files with faults, and formats without a place for
-        forces.
+        The paths, and what could not be written, ``{file: message}``: files with faults, and formats without a place
+        for forces.
 
     Raises:
         ResultsNotWritten: the folder cannot be written.
