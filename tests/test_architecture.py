@@ -32,6 +32,7 @@ ROOMS = [
     "forces",
     "actuation",
     "motion",
+    "data",
     "synthesis",
     "storage",
     "referee",
@@ -44,12 +45,13 @@ ROOMS = [
     "cli",
 ]
 OWNERS = {
-    "pinocchio": {"hands", "contacts", "motion", "synthesis", "referee"},
+    "pinocchio": {"hands", "contacts", "motion", "data", "synthesis", "referee"},
     "coacd": {"objects"},
     "coal": {"hands", "objects", "contacts", "referee"},
     "mujoco": {"referee", "handover"},
     "trimesh": {"hands", "objects"},
     "fast_simplification": {"hands"},
+    "h5py": {"data"},
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
     "qpsolvers": {"forces"},
