@@ -66,6 +66,22 @@ class CaseRejected(InvalidInput):
     """A case file is missing, is not valid YAML, or holds a value that cannot be used."""
 
 
+class GraspsNotRead(InvalidInput):
+    """A file of grasps could not be used: another format, broken, hostile, or a value that no grasp has.
+
+    Attributes:
+        source: the file.
+        problem: what was expected, what came, and what to do.
+        row: the row it is about, from 0; None for the file. Rows before it were good.
+    """
+
+    def __init__(self, source: str | Path, problem: str, row: int | None = None):
+        self.source, self.problem, self.row = str(source), problem, row
+        where = "" if row is None else f", row {row}"
+        name = self.source if len(self.source) <= 300 else f"...{self.source[-297:]}"
+        super().__init__(f"grasps '{name}'{where}: {problem}")
+
+
 class ResultsNotWritten(InvalidInput):
     """The output cannot be written: its folder exists, holds files that are not ours or belongs to another writer, or
     the disk is full.

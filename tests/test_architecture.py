@@ -46,12 +46,13 @@ ROOMS = [
     "cli",
 ]
 OWNERS = {
-    "pinocchio": {"hands", "contacts", "motion", "synthesis", "referee", "certification"},
+    "pinocchio": {"hands", "contacts", "motion", "data", "synthesis", "referee", "certification"},
     "coacd": {"objects"},
     "coal": {"hands", "objects", "contacts", "referee"},
     "mujoco": {"referee", "handover"},
     "trimesh": {"hands", "objects"},
     "fast_simplification": {"hands"},
+    "h5py": {"data"},
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
     "qpsolvers": {"forces"},

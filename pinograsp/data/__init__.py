@@ -1,0 +1,26 @@
+"""Grasps of others: the files of public data sets read without running any of them, put on a hand's own description,
+and written back with newtons.
+"""
+
+from pinograsp.data.alignment import Alignment, JointAxes, alignment, joint_axes
+from pinograsp.data.conventions import CONVENTIONS, Convention
+from pinograsp.data.placing import placed
+from pinograsp.data.reading import FORMATS, read_grasps
+from pinograsp.data.rows import Format, GraspRows
+from pinograsp.data.writing import joined, write_grasps
+
+__all__ = [
+    "CONVENTIONS",
+    "FORMATS",
+    "Alignment",
+    "Convention",
+    "Format",
+    "GraspRows",
+    "JointAxes",
+    "alignment",
+    "joined",
+    "joint_axes",
+    "placed",
+    "read_grasps",
+    "write_grasps",
+]

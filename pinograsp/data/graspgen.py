@@ -1,0 +1,85 @@
+"""GraspGen: a JSON file of one mapping.
+
+Layout as of ``docs/GRASP_DATASET_FORMAT.md`` of NVlabs/GraspGen: ``object`` {``file``, ``scale``}, ``grasps``
+{``transforms`` (N, 4, 4) of the gripper's base link in the object's frame (fingers close along x, and reach along z),
+``object_in_gripper`` (N,)}. The gripper is not named in the file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any, NoReturn
+
+import numpy as np
+
+from pinograsp.checks import one_line
+from pinograsp.data.files import File
+from pinograsp.data.keys import Keys, as_numbers
+from pinograsp.data.rows import Draft, GraspRows
+from pinograsp.data.written import Payload
+from pinograsp.errors import GraspsNotRead
+
+_GRASPS = ("transforms", "object_in_gripper")
+
+
+def read(file: File) -> Iterator[Draft]:
+    """The grasps of a file."""
+    try:
+        value = json.loads(file.content.decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        raise GraspsNotRead(file.source, f"graspgen: the JSON is broken or cut off ({one_line(error)})") from error
+    keys = Keys(file.source, value, "graspgen")
+    keys.need(["object", "grasps"])
+    about, grasps = keys.inner("object"), keys.inner("grasps")
+    about.need(["file", "scale"])
+    grasps.need(_GRASPS)
+    transforms = grasps.get("transforms")
+    if not isinstance(transforms, list):
+        raise grasps.refusal("'transforms': expected a list of 4 x 4 matrices")
+    matrices = [as_numbers(one) for one in transforms]
+    good = [one is not None and one.shape == (4, 4) for one in matrices]
+    success = grasps.array("object_in_gripper", (len(transforms),)) if transforms else np.zeros(0)
+    labels, extras = grasps.leftovers(_GRASPS, len(transforms))
+    draft = Draft(
+        poses=np.array(
+            [one if is_good else np.full((4, 4), np.nan) for one, is_good in zip(matrices, good)], dtype=float
+        ).reshape(-1, 4, 4),
+        q=np.zeros((len(transforms), 0)),
+        scale=np.full(len(transforms), about.number("scale")),
+        object_name=about.text("file"),
+        hand_name=keys.inner("gripper").text("name") if "gripper" in keys else "",
+        labels={"object_in_gripper": success != 0, **labels},
+        extras=extras,
+    )
+    draft.refuse(~np.array(good, dtype=bool), "'grasps/transforms': expected a 4 x 4 matrix of numbers")
+    yield draft
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    document = dict(pairs)
+    if len(document) < len(pairs):
+        raise ValueError("expected each key once")
+    return document
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"expected finite numbers, got {name}")
+
+
+def write(rows: GraspRows, payload: Payload) -> bytes:
+    """The file of these grasps; the hand's name stands under ``gripper``, where there is one."""
+    labels = dict(payload.labels)
+    success = labels.pop("object_in_gripper", np.ones(rows.n, dtype=bool))
+    document: dict[str, Any] = {
+        "object": {"file": rows.object_name, "scale": float(rows.scale[0]) if rows.n else 1.0},
+        "grasps": {
+            "transforms": rows.poses.tolist(),
+            "object_in_gripper": (success != 0).tolist(),
+            **{name: array.tolist() for table in (labels, payload.extras) for name, array in table.items()},
+            **payload.texts,
+        },
+    }
+    if rows.hand_name:
+        document["gripper"] = {"name": rows.hand_name}
+    return (json.dumps(document, allow_nan=False) + "\n").encode("utf-8")

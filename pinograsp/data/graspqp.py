@@ -1,0 +1,70 @@
+"""GraspQP: a PyTorch file (``.dexgrasp.pt``) of one dict of tensors.
+
+Layout as of ``scripts/fit.py`` of leggedrobotics/graspqp: ``parameters`` with ``root_pose`` (N, 7) = x y z [m] and w
+x y z of the URDF's root link in the object's frame, and each joint by its name (N,); ``values`` (N,) energies;
+``grasp_velocities`` and alike, {joint: (N,)}; ``grasp_type``, ``contact_links``. The object's scale is not in the
+file: its meshes have their size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from pinograsp.data.files import File
+from pinograsp.data.keys import Keys, as_numbers
+from pinograsp.data.pickled import PickleRefused
+from pinograsp.data.rotations import poses_from_wxyz, wxyz_from_poses
+from pinograsp.data.rows import Draft, GraspRows
+from pinograsp.data.torch_file import read_torch, write_torch
+from pinograsp.data.written import Payload
+from pinograsp.errors import GraspsNotRead
+
+_SUFFIX = ".dexgrasp"
+_ROOT = "root_pose"
+
+
+def read(file: File) -> Iterator[Draft]:
+    """The grasps of a file."""
+    try:
+        value = read_torch(file.content)
+    except PickleRefused as refusal:
+        raise GraspsNotRead(file.source, f"graspqp: {refusal}") from None
+    keys = Keys(file.source, value, "graspqp")
+    parameters = keys.inner("parameters")
+    root = parameters.array(_ROOT, (None, 7))
+    count = len(root)
+    joints = tuple(name for name in parameters.values if name != _ROOT)
+    if not all(isinstance(name, str) for name in joints):
+        raise parameters.refusal("expected names of joints")
+    poses, bad = poses_from_wxyz(root)
+    labels, extras = keys.leftovers((), count)
+    for name, inner in keys.values.items():
+        if name != "parameters" and isinstance(inner, dict) and set(inner) == set(joints) and joints:
+            arrays = [as_numbers(inner[joint]) for joint in joints]
+            if all(one is not None and one.shape == (count,) for one in arrays):
+                extras[str(name)] = np.stack(arrays, axis=1)  # type: ignore[arg-type]
+    columns = [parameters.array(joint, (count,)) for joint in joints]
+    draft = Draft(
+        poses=poses,
+        q=np.stack(columns, axis=1) if columns else np.zeros((count, 0)),
+        joint_names=joints,
+        scale=np.ones(count),
+        object_name=file.path.stem.removesuffix(_SUFFIX),
+        labels=labels,
+        extras=extras,
+    )
+    draft.refuse(bad, "'root_pose': expected unit quaternions w x y z after x y z")
+    yield draft
+
+
+def write(rows: GraspRows, payload: Payload) -> bytes:
+    """The file of these grasps; ``torch.load`` reads it, also with ``weights_only=True``."""
+    out: dict[str, Any] = {name: np.array(array) for name, array in payload.labels.items()}
+    for name, array in payload.extras.items():
+        by_joint = array.shape == rows.q.shape and "velocities" in name
+        out[name] = dict(zip(rows.joint_names, np.array(array).T)) if by_joint else np.array(array)
+    out["parameters"] = {**dict(zip(rows.joint_names, np.array(rows.q).T)), _ROOT: wxyz_from_poses(rows.poses)}
+    return write_torch({**out, **payload.texts})

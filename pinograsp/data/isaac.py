@@ -1,0 +1,229 @@
+"""Isaac grasp files: YAML.
+
+Layout as of NVIDIA's documentation of Isaac Sim's grasp editor, and of ``grasp_gen/dataset/eval_utils.py`` of
+NVlabs/GraspGen: ``format: isaac_grasp``, ``format_version: 1.0``, and ``grasps`` {name: {``confidence``, ``position``
+[m] and ``orientation`` {``w``, ``xyz``} of the gripper's frame in the object's, ``cspace_position`` and
+``pregrasp_cspace_position`` {joint: value}}}. ``object_frame`` and ``gripper_frame`` are remarks for people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pinograsp.checks import one_line
+from pinograsp.data.files import File
+from pinograsp.data.keys import Keys, as_numbers
+from pinograsp.data.rotations import poses_from_wxyz, wxyz_from_poses
+from pinograsp.data.rows import Draft, GraspRows
+from pinograsp.data.written import Payload
+from pinograsp.errors import GraspsNotRead
+from pinograsp.spatial import Array
+
+_DEEPEST = 10  # mappings and lists within each other
+_TAKEN = ("confidence", "position", "orientation", "cspace_position", "pregrasp_cspace_position")
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+
+def read(file: File) -> Iterator[Draft]:
+    """The grasps of a file."""
+    value, problem = _document(file)
+    keys = Keys(file.source, value, "isaac")
+    if problem is not None and "grasps" not in keys:
+        raise GraspsNotRead(file.source, problem)
+    keys.need(["format", "format_version", "grasps"])
+    if keys.get("format") != "isaac_grasp" or keys.get("format_version") != 1.0:
+        raise keys.refusal("expected format: isaac_grasp and format_version: 1.0")
+    grasps = keys.inner("grasps")
+    rows: list[_Row] = []
+    draft_fault: str | None = None
+    for at, name in enumerate(grasps.values):
+        try:
+            rows.append(_Row(Keys(file.source, grasps.get(name), "isaac", f"grasps/{name}", at), rows[:1]))
+        except GraspsNotRead as refusal:
+            draft_fault = refusal.problem
+            break
+    if not rows and (draft_fault or problem):
+        raise GraspsNotRead(file.source, draft_fault or problem or "", row=0 if draft_fault else None)
+    yield _draft(rows, keys, draft_fault, problem)
+
+
+def _draft(rows: list[_Row], keys: Keys, fault: str | None, problem: str | None) -> Draft:
+    count = len(rows)
+    more = rows + rows[-1:] if fault else rows  # one more row, which is refused after those before it
+    poses, bad = poses_from_wxyz(np.array([row.pose for row in more]).reshape(-1, 7))
+    draft = Draft(
+        poses=poses,
+        q=np.array([row.q for row in more], dtype=float).reshape(len(more), -1 if more else 0),
+        joint_names=rows[0].joints if rows else (),
+        scale=np.ones(len(more)),
+        object_name=keys.text("object_frame") if "object_frame" in keys else "",
+        hand_name=keys.text("gripper_frame") if "gripper_frame" in keys else "",
+        labels={"confidence": np.array([row.confidence for row in more])},
+        last=problem,
+    )
+    if rows and rows[0].before is not None:
+        draft.pregrasp_q = np.array([row.before for row in more], dtype=float)
+    for name in rows[0].others if rows else ():
+        arrays = [row.others.get(name) for row in more]
+        if all(one is not None and one.shape == arrays[0].shape for one in arrays):  # type: ignore[union-attr]
+            (draft.extras if arrays[0].ndim else draft.labels)[name] = np.array(arrays)  # type: ignore[union-attr]
+    draft.refuse(bad, "orientation: expected a unit quaternion w, xyz")
+    if fault and draft.fault is None:
+        draft.fault, draft.last = (count, fault), None
+    return draft
+
+
+class _Row:
+    """One grasp, with the joints of the first one."""
+
+    def __init__(self, keys: Keys, first: list[_Row]):
+        keys.need(["confidence", "position", "orientation"])
+        orientation = keys.inner("orientation")
+        orientation.need(["w", "xyz"])
+        self.pose = np.concatenate(
+            [keys.array("position", (3,)), [orientation.number("w")], orientation.array("xyz", (3,))]
+        )
+        self.confidence = keys.number("confidence")
+        joints: tuple[str, ...] | None = first[0].joints if first else None
+        self.joints: tuple[str, ...]
+        self.q, self.joints = _joints(keys, "cspace_position", joints)
+        self.before: Array | None = None
+        if "pregrasp_cspace_position" in keys:
+            self.before = _joints(keys, "pregrasp_cspace_position", self.joints)[0]
+        if first and (self.before is None) != (first[0].before is None):
+            raise keys.refusal("expected 'pregrasp_cspace_position' in all grasps or in none")
+        self.others = {
+            name: array
+            for name, value in keys.values.items()
+            if isinstance(name, str) and name not in _TAKEN and (array := as_numbers(value)) is not None
+        }
+
+
+def _joints(keys: Keys, name: str, joints: tuple[str, ...] | None) -> tuple[Array, tuple[str, ...]]:
+    if name not in keys:
+        if joints:
+            raise keys.refusal(f"expected '{name}', as in the grasps before")
+        return np.zeros(0), ()
+    inner = keys.inner(name)
+    names = tuple(inner.values)
+    if not all(isinstance(one, str) for one in names) or (joints is not None and set(names) != set(joints)):
+        raise inner.refusal("expected the same names of joints in all grasps")
+    names = names if joints is None else joints
+    return np.array([inner.number(one) for one in names]), names
+
+
+# -- YAML
+
+
+def _document(file: File) -> tuple[Any, str | None]:
+    """Plain data, as far as the file goes, and what is wrong after it."""
+    try:
+        text = file.content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise GraspsNotRead(file.source, f"isaac: expected YAML in UTF-8 ({one_line(error)})") from error
+    builder = _Builder(text)
+    try:
+        builder.run()
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        return builder.root, f"isaac: the YAML is broken or cut off ({one_line(error)})"
+    return builder.root, None
+
+
+class _Builder:
+    """Plain data from the events of a YAML file, as they come; aliases and tags are refused."""
+
+    def __init__(self, text: str):
+        self._loader = _LOADER(text)
+        self.root: Any = None
+
+    def run(self) -> None:
+        """Read to the end."""
+        try:
+            self._value(self._begin, 0)
+            while self._loader.check_event():
+                if isinstance(self._loader.get_event(), yaml.DocumentStartEvent):
+                    raise ValueError("expected one document")
+        finally:
+            self._loader.dispose()
+
+    def _begin(self, value: Any) -> None:
+        self.root = value
+
+    def _value(self, put: Any, depth: int) -> None:
+        event = self._loader.get_event()
+        while isinstance(event, yaml.StreamStartEvent | yaml.DocumentStartEvent):
+            event = self._loader.get_event()
+        if depth > _DEEPEST:
+            raise ValueError(f"expected at most {_DEEPEST} mappings and lists within each other")
+        if isinstance(event, yaml.AliasEvent) or (event is not None and getattr(event, "tag", None) is not None):
+            raise ValueError("expected plain values, without aliases and tags")
+        if isinstance(event, yaml.ScalarEvent):
+            put(self._scalar(event))
+        elif isinstance(event, yaml.SequenceStartEvent):
+            items: list[Any] = []
+            put(items)
+            while not self._loader.check_event(yaml.SequenceEndEvent):
+                self._value(items.append, depth + 1)
+            self._loader.get_event()
+        elif isinstance(event, yaml.MappingStartEvent):
+            self._mapping(put, depth)
+        else:
+            raise ValueError("expected a value")
+
+    def _mapping(self, put: Any, depth: int) -> None:
+        items: dict[str, Any] = {}
+        late = depth >= 2  # a grasp counts when it is complete; the mappings around it from their first one on
+        if not late:
+            put(items)
+        while not self._loader.check_event(yaml.MappingEndEvent):
+            event = self._loader.get_event()
+            if not isinstance(event, yaml.ScalarEvent) or event.value in items:
+                raise ValueError("expected texts as keys, each once")
+            self._value(lambda value, key=event.value: items.__setitem__(key, value), depth + 1)
+        self._loader.get_event()
+        if late:
+            put(items)
+
+    def _scalar(self, event: yaml.ScalarEvent) -> Any:
+        tag = self._loader.resolve(yaml.ScalarNode, event.value, event.implicit)
+        if tag.rpartition(":")[2] not in ("int", "float", "bool", "null", "str"):
+            return event.value
+        if len(event.value) > 400 and tag.rpartition(":")[2] == "int":
+            raise ValueError("expected numbers, got one of too many digits")
+        return self._loader.construct_object(yaml.ScalarNode(tag, event.value))
+
+
+def write(rows: GraspRows, payload: Payload) -> bytes:
+    """The file of these grasps."""
+    labels = dict(payload.labels)
+    confidence = labels.pop("confidence", np.ones(rows.n))
+    values = wxyz_from_poses(rows.poses)
+    grasps: dict[str, Any] = {}
+    for i in range(rows.n):
+        grasp: dict[str, Any] = {
+            "confidence": float(confidence[i]),
+            "position": values[i, :3].tolist(),
+            "orientation": {"w": float(values[i, 3]), "xyz": values[i, 4:].tolist()},
+        }
+        if rows.joint_names:
+            grasp["cspace_position"] = dict(zip(rows.joint_names, rows.q[i].tolist()))
+        if rows.joint_names and rows.pregrasp_q is not None:
+            grasp["pregrasp_cspace_position"] = dict(zip(rows.joint_names, rows.pregrasp_q[i].tolist()))
+        for table in (labels, payload.extras):
+            grasp.update({name: array[i].tolist() for name, array in table.items()})
+        grasps[f"grasp_{rows.first + i}"] = grasp
+    document = {
+        "format": "isaac_grasp",
+        "format_version": 1.0,
+        "object_frame": rows.object_name,
+        "gripper_frame": rows.hand_name,
+        **payload.texts,
+        "grasps": grasps,
+    }
+    content: bytes = yaml.dump(document, Dumper=_DUMPER, sort_keys=False, encoding="utf-8", default_flow_style=None)
+    return content

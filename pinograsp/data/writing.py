@@ -1,0 +1,153 @@
+"""Grasps written back in the formats they came in, with newtons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pinograsp.checks import array_of, items_of, mapping_of, one_of, read_only
+from pinograsp.data import acronym, bodex, dexgraspbench, dexgraspnet, get_a_grip, graspgen, graspqp, isaac
+from pinograsp.data.keys import as_numbers
+from pinograsp.data.reading import FORMATS
+from pinograsp.data.rows import Format, GraspRows
+from pinograsp.data.written import UNIT, Payload
+from pinograsp.errors import InvalidInput
+from pinograsp.writing import write_file
+
+_FORCES, _POINTS = "contact_force", "contact_point"
+_WRITERS: dict[str, Callable[[GraspRows, Payload], bytes]] = {
+    "dexgraspnet": dexgraspnet.write,
+    "bodex": bodex.write,
+    "dexgraspbench": dexgraspbench.write,
+    "dexonomy": dexgraspbench.write_dexonomy,
+    "graspqp": graspqp.write,
+    "get_a_grip": get_a_grip.write,
+    "acronym": acronym.write,
+    "graspgen": graspgen.write,
+    "isaac": isaac.write,
+}
+_ONE_GRASP = ("dexgraspbench", "dexonomy")
+_WITH_JOINTS = ("dexgraspnet", "bodex", "graspqp")
+_EACH_SCALE = ("dexgraspnet",)
+
+
+def write_grasps(
+    path: str | Path,
+    rows: GraspRows | Iterable[GraspRows],
+    *,
+    format: Format | None = None,
+    forces: ArrayLike | None = None,
+    points: ArrayLike | None = None,
+    labels: Mapping[str, ArrayLike] | None = None,
+) -> Path:
+    """Write grasps in a data set's own format, completely or not at all, and return the path.
+
+    What was read from a file is written so that it is read back equal; keys of the file that hold no numbers of each
+    row are not kept. Forces come under ``contact_force``, with ``force_unit: N`` and ``force_frame: object``, points
+    under ``contact_point``.
+
+    Args:
+        path: the new file; an old one is replaced.
+        rows: the grasps (N), also in blocks as :func:`read_grasps` yields them, all of one object and hand.
+        format: how to write; None: as they were read.
+        forces: on the object, in the object's frame b (N, k, 3) [N].
+        points: where they act, in the same frame (N, k, 3) [m].
+        labels: further numbers of each grasp, {name: (N,)}; they replace labels of the same name.
+
+    Raises:
+        InvalidInput: a format that cannot hold these grasps: GraspNet's labels are a grid, those of DexGraspBench and
+            Dexonomy have one grasp a file.
+        ResultsNotWritten: the file cannot be written.
+        ExtraMissing: ACRONYM's file without h5py (extra ``data``).
+    """
+    rows = joined(rows)
+    kind = rows.format if format is None else one_of("format", format, FORMATS)
+    _check(rows, kind)
+    payload = _payload(rows, forces, points, labels or {})
+    return write_file(path, _WRITERS[kind](rows, payload))
+
+
+def joined(rows: GraspRows | Iterable[GraspRows]) -> GraspRows:
+    """Blocks of one file as one record.
+
+    Raises:
+        InvalidInput: none, or grasps of different files.
+    """
+    if isinstance(rows, GraspRows):
+        return rows
+    blocks = items_of("rows", rows, GraspRows)
+    if not blocks:
+        raise InvalidInput("rows: expected grasps, got none")
+    head = blocks[0]
+    for one in blocks[1:]:
+        for name in ("format", "object_name", "hand_name", "joint_names"):
+            if getattr(one, name) != getattr(head, name):
+                raise InvalidInput(f"rows: expected grasps of one file, got different {name}")
+    if len(blocks) == 1:
+        return head
+    names = ("poses", "q", "scale", "pregrasp_poses", "pregrasp_q", "squeeze_poses", "squeeze_q", "widths")
+    arrays: dict[str, Any] = {
+        name: read_only(np.concatenate([getattr(one, name) for one in blocks]))
+        for name in names
+        if all(getattr(one, name) is not None for one in blocks)
+    }
+    tables: dict[str, Any] = {
+        table: {
+            key: read_only(np.concatenate([getattr(one, table)[key] for one in blocks]))
+            for key in getattr(head, table)
+            if all(key in getattr(one, table) for one in blocks)
+        }
+        for table in ("labels", "extras")
+    }
+    return replace(head, **arrays, **tables)
+
+
+def _check(rows: GraspRows, kind: str) -> None:
+    if kind == "graspnet":
+        raise InvalidInput(
+            "format: GraspNet's labels are a grid of all points, views, angles and depths, which single grasps do not "
+            "fill: write graspgen, acronym or isaac"
+        )
+    if kind in _ONE_GRASP and rows.n != 1:
+        raise InvalidInput(f"format: {kind} has one grasp a file, got {rows.n}: write each to a file of its own")
+    if kind in _WITH_JOINTS and len(rows.joint_names) != rows.q.shape[1]:
+        raise InvalidInput(
+            f"format: {kind} names the joints, which the file of format {rows.format} does not: "
+            "dataclasses.replace(rows, joint_names=...) gives them"
+        )
+    if kind == "get_a_grip" and not rows.q.shape[1]:
+        raise InvalidInput(
+            "format: get_a_grip holds joint angles of a hand, and these grasps have none: write graspgen"
+        )
+    if kind not in _EACH_SCALE and len(set(rows.scale.tolist())) > 1:
+        raise InvalidInput(f"format: {kind} has one scale a file, got grasps of several: write each scale on its own")
+    if kind in ("graspqp", "isaac") and not np.allclose(rows.scale, 1):
+        raise InvalidInput(
+            f"format: {kind} has no scale of the object, got {rows.scale[0]:g}: scale its mesh, and give 1"
+        )
+
+
+def _payload(
+    rows: GraspRows, forces: ArrayLike | None, points: ArrayLike | None, labels: Mapping[str, ArrayLike]
+) -> Payload:
+    table: dict[str, NDArray[Any]] = dict(rows.labels)
+    for name, values in mapping_of("labels", labels).items():
+        array = as_numbers(np.asarray(values))
+        if array is None or array.shape != (rows.n,) or not np.isfinite(array).all():
+            raise InvalidInput(f"labels: '{name}': expected {rows.n} finite numbers or truth values")
+        table[name] = array
+    extras: dict[str, NDArray[Any]] = dict(rows.extras)
+    if forces is None:
+        if points is not None:
+            raise InvalidInput("points: expected forces with them")
+        return Payload(labels=table, extras=extras, texts={})
+    extras[_FORCES] = array_of("forces", forces, (rows.n, None, 3))
+    extras.pop(_POINTS, None)
+    if points is not None:
+        extras[_POINTS] = array_of("points", points, extras[_FORCES].shape)
+    return Payload(labels=table, extras=extras, texts=dict(UNIT))
