@@ -21,6 +21,7 @@ import resource
 import tempfile
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,8 @@ def trial(certificates: Certificates, rough: Certificates, i: int) -> dict:
         near |= reserve > 1 - BAND
         push = Push(wrench_o=certificates.weakest[i], start=0.2, duration=0.8)
         disturbance = Disturbance(pushes=(push,))
+    if source is rough and not rough.normal_forces[i].any():
+        source = squeezing(certificates, i)
     try:
         task = trial_of(source, i)
         verdict = pg.simulate(task, disturbance=disturbance).verdict
@@ -147,6 +150,17 @@ def trial(certificates: Certificates, rough: Certificates, i: int) -> dict:
     agrees = verdict.held == (reason is Reason.HELD)
     force = f"{source.normal_forces[i].max():.3g}"
     return row | {"force_N": force, "near": near, "held": verdict.held, "agrees": agrees, "why": why[:200]}
+
+
+def squeezing(found: Certificates, i: int) -> Certificates:
+    """Grasp i with all contacts pressing with the weight, where no friction has forces that balance."""
+    weight = found.object.mass * 9.81
+    forces = weight * found.normals_o
+    count, hand = int(found.counts[i]), found.hand.placed(found.roots[i])
+    limits = pg.torque_limits(hand, found.contacts(i), found.q[i], limit=np.inf)
+    torques = np.array(found.torques)
+    torques[i] = limits.torques(forces[i, :count])
+    return replace(found, forces_o=forces, torques=torques)
 
 
 def referee(count: int, seed: int, jobs: int, hands: list[str], noise: float) -> list[dict]:

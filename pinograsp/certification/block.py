@@ -13,15 +13,24 @@ from numpy.typing import NDArray
 
 from pinograsp.certification.elastic import Reactions, factors
 from pinograsp.certification.record import Certificates, Reason
-from pinograsp.certification.squeeze import Forces, Grips, Holding, as_much_as_can_be, held, least_mu, squeezed
+from pinograsp.certification.squeeze import (
+    Forces,
+    Grips,
+    Holding,
+    as_much_as_can_be,
+    held,
+    least_mu,
+    pressing,
+    squeezed,
+)
 from pinograsp.checks import flag, instance_of, number, read_only
-from pinograsp.contacts import Friction
+from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.contacts.bulk import BulkContacts, BulkScene
 from pinograsp.contacts.support import CORNERS
 from pinograsp.errors import Status
 from pinograsp.forces import GraspConditions, Reserve
 from pinograsp.forces.conditions import CONE, SOFT
-from pinograsp.forces.reserve import LEAST_FORCE
+from pinograsp.forces.reserve import least_squeeze
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import ratios_of
 from pinograsp.motion import effort_of
@@ -33,8 +42,6 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 _NEAR = 1e-9  # [rad or m] beyond a limit that is rounding, and of shares
-# Faces lean by what the depth that a share of the weight presses closes over a pad's length [m].
-_CONTACTS, _PAD, _LEANS = 6, 0.03, (1e-3, 0.02)
 _UNMADE = 0.2  # share of the depths that the hand's joints cannot choose: more is not what it makes
 
 
@@ -50,12 +57,14 @@ class Asked:
         *,
         palm: bool,
         patches: bool,
+        exact: bool,
         threads: int | None,
     ):
         instance_of("conditions", conditions, GraspConditions)
         self.hand, self.body, self.conditions = hand, body, conditions
         self.tolerance = number("tolerance", tolerance, at_least=1e-7, unit="m")
         self.palm, self.patches = flag("palm", palm), flag("patches", patches)
+        self.exact = flag("exact", exact)
         self.threads = threads
         self.scene = BulkScene(hand, body)
         self.fingers = self.scene.fingers
@@ -67,8 +76,6 @@ class Asked:
         self.wrenches = self.reserve.load_set(body, conditions.gravity_o).loads - weight
         self.wrenches = self.wrenches[np.abs(self.wrenches).max(axis=1) > 0]
         law = conditions.compliance
-        usual = max(LEAST_FORCE, float(np.linalg.norm(weight)) / _CONTACTS)
-        self.lean = float(np.clip((usual / law.stiffness) ** (1 / law.exponent) / _PAD, *_LEANS))
         cap = np.inf if conditions.max_normal_force is None else conditions.max_normal_force
         deepest = float(law.stiffness * conditions.max_depth**law.exponent)
         self.holding = Holding(friction=CONE, mu=conditions.mu, weight=weight, cap=min(cap, deepest))
@@ -98,9 +105,7 @@ class Block:
         """Where each posture touches, as padded arrays of contacts (N, k)."""
         own = self.own
         with self._timed("contacts"):
-            found = own.scene.contacts(
-                self.q, self.roots, tolerance=own.tolerance, lean=own.lean, gravity_o=own.conditions.gravity_o
-            )
+            found = own.scene.contacts(self.q, self.roots, tolerance=own.tolerance, gravity_o=own.conditions.gravity_o)
             self.depth, self.failed = found.depth, found.failed
             self.collision, self.gravity_torques = found.collision, found.gravity_torques
             self._pack(found)
@@ -133,7 +138,11 @@ class Block:
         normals = found.normals_o[touch]
         frames = np.concatenate([tangents(normals), normals[:, :, None]], axis=2)
         self.used = np.arange(shape[1]) < self.counts[:, None]
-        self.points_o, self.gaps, self.jacobians = padded(points), padded(found.gap[touch]), padded(J)
+        leaning = found.leaning[touch, corner] if own.patches else np.zeros(len(touch))
+        self.points_o, self.gaps, self.jacobians = padded(points), padded(found.gap[touch] + leaning), padded(J)
+        # What closes the gap that leaning faces leave.
+        law = own.conditions.compliance
+        self.closing = padded(law.stiffness * leaning**law.exponent)
         self.rotations = padded(frames)
         self.rotations[~self.used] = np.eye(3)
         self.links = padded(own.scene.link_of[found.part[touch]])
@@ -185,6 +194,7 @@ class Block:
             points=(self.points_o[chosen] - com) * self.used[chosen][..., None],
             rotations=self.rotations[chosen],
             counts=self.counts[chosen],
+            least=np.minimum(self.closing[chosen], own.holding.cap),
         )
         holding = replace(own.holding, friction=friction)
         with self._timed("forces"):
@@ -195,6 +205,12 @@ class Block:
             self.status[chosen] = np.where(found | plain.found, Status.OK, plain.status)
             forces = np.where(found[:, None, None], squeeze.local, plain.local)
             weak = np.flatnonzero(plain.found & ~found & ways[0].borne.all(axis=1))
+            if own.exact and len(weak):
+                better = self._exactly(chosen[weak], grips.of(weak), holding)
+                forces[weak] = np.where(better.found[:, None, None], better.local, forces[weak])
+                self.squeezed[chosen[weak]] |= better.found
+                self.reserve[chosen[weak[better.found]]] = 1.0
+                weak = weak[~better.found]
             if len(weak):
                 some, _ = as_much_as_can_be(grips.of(weak), holding, own.reserve, own.wrenches, own.threads)
                 forces[weak] = np.where(some.found[:, None, None], some.local, forces[weak])
@@ -209,11 +225,41 @@ class Block:
         with self._timed("friction"):
             self.least_mu[chosen] = least_mu(grips, holding, own.threads)
 
+    def _exactly(self, chosen: IntArray, grips: Grips, holding: Holding) -> Forces:
+        """The least squeezes that bear the reserve, where the quick way finds none: a program each."""
+        own = self.own
+        conditions = replace(own.conditions, friction=holding.friction)
+        normal = np.zeros(grips.used.shape)
+        for row, (i, count) in enumerate(zip(chosen.tolist(), grips.counts.tolist())):
+            contacts = ContactSet(
+                contacts=tuple(
+                    Contact(
+                        finger=f"contact {c + 1}",
+                        link="",
+                        point_o=self.points_o[i, c],
+                        rotation_oc=self.rotations[i, c],
+                        length=None,
+                        distance=0.0,
+                    )
+                    for c in range(count)
+                ),
+                com_o=own.body.com_o,
+            )
+            problem = conditions.problem(own.body, contacts)
+            problem = replace(problem, min_normal_force=self.closing[i, :count])
+            found = least_squeeze(problem, own.reserve)
+            normal[row, :count] = 0.0 if found is None else found
+        kept = holding.kept_back(own.reserve)
+        forces = pressing(grips, kept, normal, own.threads)
+        status = np.where((normal > 0).any(axis=1), forces.status, Status.INFEASIBLE)
+        return Forces(status=status, local=forces.local, residual=forces.residual)
+
     def _margins(self, chosen: IntArray, multiples: Array) -> None:
         if not multiples.shape[1]:
             self.reserve[chosen] = np.inf
             return
-        self.reserve[chosen] = multiples.min(axis=1)
+        # At least what a program has proven.
+        self.reserve[chosen] = np.maximum(self.reserve[chosen], multiples.min(axis=1))
         self.weakest[chosen] = self.own.wrenches[multiples.argmin(axis=1)]
 
     def _torques(self, chosen: IntArray, plain: Forces, reacted: Reactions, friction: Friction) -> None:

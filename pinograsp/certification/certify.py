@@ -32,10 +32,11 @@ class Certifier:
         tolerance: float = 2e-3,
         palm: bool = True,
         patches: bool = True,
+        exact: bool = True,
         threads: int | None = None,
     ):
         instance_of("hand", hand, HandModel)
-        self._asked = Asked(hand, body, conditions, tolerance, palm=palm, patches=patches, threads=threads)
+        self._asked = Asked(hand, body, conditions, tolerance, palm=palm, patches=patches, exact=exact, threads=threads)
 
     def __call__(self, postures: ArrayLike, roots: ArrayLike | None = None) -> Certificates:
         """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4), or where the hand is."""
@@ -74,6 +75,7 @@ def certify(
     tolerance: float = 2e-3,
     palm: bool = True,
     patches: bool = True,
+    exact: bool = True,
     threads: int | None = None,
 ) -> Certificates:
     """Whether grasps hold ``body``, each by its posture: forces, torques, reserve, or the reason; without any motion.
@@ -88,11 +90,15 @@ def certify(
         tolerance: distance from the surface [m] up to which a link touches, outside or inside; deeper ones penetrate.
         palm: whether the palm's contact counts.
         patches: a contact at up to four corners of a flat area; else one in its middle.
+        exact: where the quick way finds no squeeze for the reserve, solve the full program (some 10 ms each); else such
+            grasps are ``RESERVE`` without more ado.
         threads: of the force methods; None: one for each core.
 
     Raises:
         InvalidInput: shapes that do not go together, a hand without geometry, or conditions that cannot be used.
         ExtraMissing: numba (extra ``fast``), or for objects that are not convex coacd (extra ``mesh``).
     """
-    certifier = Certifier(hand, body, conditions, tolerance=tolerance, palm=palm, patches=patches, threads=threads)
+    certifier = Certifier(
+        hand, body, conditions, tolerance=tolerance, palm=palm, patches=patches, exact=exact, threads=threads
+    )
     return certifier(postures, roots)

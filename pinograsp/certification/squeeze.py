@@ -31,11 +31,13 @@ class Grips:
         points: from the centre of mass (N, k, 3) [m].
         rotations: contact frames (N, k, 3, 3).
         counts: contacts (N,), at least one.
+        least: F_n that each has at least (N, k) [N]; None: 0.
     """
 
     points: Array
     rotations: Array
     counts: IntArray
+    least: Array | None = None
 
     @property
     def used(self) -> BoolArray:
@@ -45,7 +47,8 @@ class Grips:
 
     def of(self, which: BoolArray | IntArray) -> Grips:
         """Some of them."""
-        return Grips(points=self.points[which], rotations=self.rotations[which], counts=self.counts[which])
+        least = None if self.least is None else self.least[which]
+        return Grips(points=self.points[which], rotations=self.rotations[which], counts=self.counts[which], least=least)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,7 +114,11 @@ def squeezed(
     to react of which one bears all; the forces bear ``shares`` (N,) of them.
     """
     kept = holding.kept_back(reserve)
-    floor = max(LEAST_FORCE, reserve.normal_force * holding.size) if reserve.normal_force else 0.0
+    floor = np.full(
+        grips.used.shape, max(LEAST_FORCE, reserve.normal_force * holding.size) * bool(reserve.normal_force)
+    )
+    if grips.least is not None:
+        floor = np.maximum(floor, grips.least)
     contacts = springs(grips.points, grips.rotations, grips.used, kept.friction, wrenches)
     whole = contacts.reactions()
     contacts, reacted = contacts.times(shares), whole.times(shares)
@@ -123,7 +130,7 @@ def squeezed(
     if len(rows):
         own, some = grips.of(rows), spread.of(rows)
         needed = offsets(some, kept.friction, kept.mu, best.local[rows])
-        _take(best, _above(own, kept, needed, floor, threads), rows, some, own.used, kept)
+        _take(best, _above(own, kept, needed, floor[rows], threads), rows, some, own.used, kept)
     local = best.local * best.found[:, None, None]
     return Forces(status=best.status, local=local, residual=best.residual), (whole, spread)
 
@@ -146,6 +153,12 @@ def as_much_as_can_be(
     return best, low
 
 
+def pressing(grips: Grips, holding: Holding, normal: Array, threads: int | None) -> Forces:
+    """Forces under the weight with these F_n (N, k) [N]."""
+    loads = np.broadcast_to(holding.weight, (len(grips.points), 6))
+    return _solved(grips, holding, loads, normal, normal, threads)
+
+
 def _take(best: Forces, better: Forces, rows: IntArray, reacted: Reactions, used: BoolArray, holding: Holding) -> None:
     """Put in what presses less hard, or as much of it as bears the wrenches: such forces are a convex set."""
     cost, before = ((one[..., -1] ** 2).sum(axis=1) for one in (better.local, best.local[rows]))
@@ -161,8 +174,8 @@ def _take(best: Forces, better: Forces, rows: IntArray, reacted: Reactions, used
         left = left[~good]
 
 
-def _above(grips: Grips, holding: Holding, above: Array, floor: float, threads: int | None) -> Forces:
-    """Forces under the weight whose F_n exceed what friction needs by ``above`` (N, k), and ``floor`` [N]."""
+def _above(grips: Grips, holding: Holding, above: Array, floor: Array, threads: int | None) -> Forces:
+    """Forces under the weight whose F_n exceed what friction needs by ``above`` (N, k), and ``floor`` (N, k) [N]."""
     above = np.where(grips.used, above, 0.0)
     normals = above[..., None] * grips.rotations[..., 2]
     loads = np.concatenate([normals.sum(axis=1), np.cross(grips.points, normals).sum(axis=1)], axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -60,6 +60,12 @@ def certify(
     frame: Annotated[
         str | None, typer.Option(metavar="LINK", help="Link of the hand whose frame the files tell the place of.")
     ] = None,
+    convention: Annotated[
+        str | None, typer.Option(help="What the files mean by their hand: a name that the documentation lists.")
+    ] = None,
+    original: Annotated[
+        str | None, typer.Option(metavar="FILE", help="The data set's own description of the hand, to compare with.")
+    ] = None,
     back: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write the files again, with newtons, into this folder.")
     ] = None,
@@ -92,28 +98,32 @@ def certify(
 
       pinograsp certify mug.h5 --hand panda --objects meshes --mass 0.3 --out certified --mu 0.4 --back with_newtons
     """
+    import numpy as np
+
     from pinograsp.checks import one_of
-    from pinograsp.data import FORMATS
+    from pinograsp.data import FORMATS, Format
     from pinograsp.forces import GraspConditions, Reserve
     from pinograsp.hands import load_hand
     from pinograsp.sweep import DataSet, certify_files, written_back
     from pinograsp.sweep.workers import BACKENDS
     from pinograsp.viz.certified import certified_picture
 
-    one_of("--format", format, ["auto", *FORMATS])
+    kind: Format | Literal["auto"] = "auto" if format == "auto" else one_of("--format", format, FORMATS)
     if out.resolve() in [path.resolve() for path in (objects, back) if path is not None]:
         raise InvalidInput("--out: expected a folder of its own")
     data = DataSet(
         files=_listed(files),
         hand=load_hand(hand, root=root, **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)),
         objects=objects,
-        format=format,
+        format=kind,
         mass=mass,
         density=density,
         joints=pairs("--joint", joints) or None,
-        palm=frame,
+        frame=frame,
+        convention=convention,
+        original=None if original is None else load_hand(original, trusted=trusted),
     )
-    conditions = GraspConditions(mu=mu, gravity_o=gravity, reserve=Reserve() if reserve else None)
+    conditions = GraspConditions(mu=mu, gravity_o=np.array(gravity), reserve=Reserve() if reserve else None)
     done = certify_files(
         data,
         out,

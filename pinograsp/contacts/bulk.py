@@ -21,6 +21,7 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 _OFF = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _ROUNDS, _ALIKE = 3, 0.05  # of finding the direction, and where it has settled [rad]
 _FAILED = 1e3  # [m] farther off than any object: coal failed
+LEAN = 0.03  # [rad] of faces that are to touch as areas: jaws turn what they squeeze by more
 DOWN = read_only(np.array([0.0, 0.0, -9.81]))  # [m/s^2]
 
 
@@ -36,6 +37,7 @@ class BulkContacts:
         normals_o: inward unit normals (t, 3).
         corners_o: of the areas that touch (t, 4, 3) [m]; the first ``counts`` count.
         counts: corners of each area (t,), 1 where it is a point.
+        leaning: by how much each corner is farther off than the nearest (t, 4) [m], where faces lean.
         jacobians_o: of the touching points of the links (t, 6, n), world axes, linear first; the palm's are zero.
         depth: of the deepest link that is farther inside than the tolerance (N,) [m]; 0: none.
         deepest: its part (N,); -1: none.
@@ -51,6 +53,7 @@ class BulkContacts:
     normals_o: Array
     corners_o: Array
     counts: IntArray
+    leaning: Array
     jacobians_o: Array
     depth: Array
     deepest: IntArray
@@ -97,7 +100,7 @@ class BulkScene:
         self.pairs = self.collisions.names
 
     def contacts(
-        self, q: Array, roots: Array, *, tolerance: float, lean: float = 0.01, gravity_o: Array = DOWN
+        self, q: Array, roots: Array, *, tolerance: float, lean: float = LEAN, gravity_o: Array = DOWN
     ) -> BulkContacts:
         """The touches of postures (N, n), the hand's root at ``roots`` (N, 4, 4) in the world.
 
@@ -105,7 +108,7 @@ class BulkScene:
             q: postures [rad or m].
             roots: oMh of each.
             tolerance: distance from the surface [m] up to which a link touches, outside or inside.
-            lean: of faces that are to touch as areas [rad]: what pressing closes.
+            lean: of faces that are to touch as areas [rad].
             gravity_o: gravity (3,) [m/s^2].
         """
         # The hand stays where it is, and the object is seen from there.
@@ -124,7 +127,7 @@ class BulkScene:
         for i in np.flatnonzero(~shallow):
             if -touching.gap[i] > depth[grasp[i]]:
                 depth[grasp[i]], deepest[grasp[i]] = -touching.gap[i], part[i]
-        corners, counts = self._corners(touching, placed, objects, lean)
+        corners, counts, leaning = self._corners(touching, placed, objects, lean)
         corners = np.einsum("tij,taj->tai", turn, corners) + back[grasp, None, :3, 3]
         jacobians = np.einsum("tij,tbjn->tbin", turn, touching.jacobians.reshape(len(grasp), 2, 3, self.hand.n))
         jacobians = jacobians.reshape(len(grasp), 6, self.hand.n)
@@ -136,6 +139,7 @@ class BulkScene:
             normals_o=normals[shallow],
             corners_o=corners[shallow],
             counts=counts[shallow],
+            leaning=leaning[shallow],
             jacobians_o=jacobians[shallow],
             depth=depth,
             deepest=deepest,
@@ -290,8 +294,10 @@ class BulkScene:
         J = pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)
         return J, np.array(self.data.oMi[joint].translation)
 
-    def _corners(self, touching: _Touching, placed: Array, objects: Array, lean: float) -> tuple[Array, IntArray]:
-        """Corners (t, 4, 3) of the areas that touch, and their counts (t,), in the hand's own world."""
+    def _corners(
+        self, touching: _Touching, placed: Array, objects: Array, lean: float
+    ) -> tuple[Array, IntArray, Array]:
+        """Corners (t, 4, 3) of the areas that touch, their counts (t,) and leanings (t, 4), in the hand's own world."""
         count = len(touching.grasp)
         directions = tilted(touching.normals, lean)
         mirrored = (
@@ -312,7 +318,7 @@ class BulkScene:
                     found[own] = np.einsum("tij,taj->tai", pose[:, :3, :3], shape.support(local[own]))
                     found[own] += pose[:, None, :3, 3]
         if not count:
-            return np.zeros((0, CORNERS, 3)), np.zeros(0, dtype=np.int64)
+            return np.zeros((0, CORNERS, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, CORNERS))
         return common_corners(mine, other, touching.points, touching.normals)
 
 

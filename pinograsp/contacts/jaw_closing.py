@@ -7,7 +7,7 @@ import numpy as np
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
-from pinograsp.spatial import Array, BoolArray
+from pinograsp.spatial import Array, BoolArray, IntArray
 
 _TOUCH = 1e-6  # [m] a gap that counts as touching
 _ROUNDS = 40  # of conservative advancement
@@ -48,7 +48,7 @@ def close_jaws(scene: BulkScene, roots: Array) -> tuple[Array, Array, BoolArray]
     return q[:, None], moved, np.all(touching, axis=0)
 
 
-def _stops(scene: BulkScene, roots: Array, parts: Array, opened: float, closed: float) -> tuple[Array, BoolArray]:
+def _stops(scene: BulkScene, roots: Array, parts: IntArray, opened: float, closed: float) -> tuple[Array, BoolArray]:
     """Where some parts of the hand first touch on the way from open to closed (N,), and whether they do."""
     q, speed = np.full(len(roots), opened), max(float(scene.parts[i].reach[0]) for i in parts)
     touching = np.zeros(len(roots), dtype=bool)

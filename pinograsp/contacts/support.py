@@ -58,7 +58,7 @@ def tilted(normals: Array, lean: float) -> Array:
     return found
 
 
-def common_corners(one: Array, other: Array, points: Array, normals: Array) -> tuple[Array, IntArray]:
+def common_corners(one: Array, other: Array, points: Array, normals: Array) -> tuple[Array, IntArray, Array]:
     """Corners of the area that two faces have in common, seen along the normals.
 
     Args:
@@ -68,8 +68,9 @@ def common_corners(one: Array, other: Array, points: Array, normals: Array) -> t
         normals: unit normals (t, 3).
 
     Returns:
-        Corners (t, 4, 3) in the planes through the points across the normals, and how many count (t,): 1 (the middle of
-        what is smaller than a millimetre), 2 (along an edge), 3 or 4.
+        Corners (t, 4, 3) in the planes through the points across the normals; how many count (t,): 1 (the middle of
+        what is smaller than a millimetre), 2 (along an edge), 3 or 4; and by how much the faces are farther apart at
+        each than where they are nearest (t, 4) [m], since they lean.
     """
     plane = tangents(normals)
     around = np.column_stack([np.cos(_AZIMUTHS), np.sin(_AZIMUTHS)])
@@ -83,7 +84,20 @@ def common_corners(one: Array, other: Array, points: Array, normals: Array) -> t
     best = np.take_along_axis(candidates, far.argmax(axis=2)[..., None], axis=1)
     best[~valid.any(axis=1)] = 0.0  # they meet beside each other's faces: at the point alone
     flat, counts = _distinct(best)
-    return points[:, None] + np.einsum("txi,tai->tax", plane, flat), counts
+    slopes = _slope(other - points[:, None], plane, normals) - _slope(one - points[:, None], plane, normals)
+    rise = np.einsum("ti,tai->ta", slopes, flat)
+    lowest = np.where(np.arange(CORNERS) < counts[:, None], rise, np.inf).min(axis=1)
+    return points[:, None] + np.einsum("txi,tai->tax", plane, flat), counts, np.maximum(rise - lowest[:, None], 0.0)
+
+
+def _slope(supports: Array, plane: Array, normals: Array) -> Array:
+    """How faces rise along the normals (t, 2): of the plane through their supports (t, 8, 3), the least that fits."""
+    across = np.einsum("tax,txi->tai", supports, plane)
+    height = np.einsum("tax,tx->ta", supports, normals)
+    across, height = across - across.mean(axis=1, keepdims=True), height - height.mean(axis=1, keepdims=True)
+    spread = np.einsum("tai,taj->tij", across, across) + _SAME**2 * np.eye(2)
+    found: Array = np.linalg.solve(spread, np.einsum("tai,ta->ti", across, height)[..., None])[..., 0]
+    return found
 
 
 def _inside(points: Array, corners: Array, edges: Array) -> BoolArray:

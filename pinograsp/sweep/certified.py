@@ -11,14 +11,14 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from tqdm import tqdm
 
 from pinograsp.certification import Reason
 from pinograsp.checks import instance_of, number, one_of, path_of, processes
-from pinograsp.data import joined, read_grasps, write_grasps
+from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
 from pinograsp.errors import GraspsNotRead, InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
@@ -87,32 +87,42 @@ class DataSet:
         format: a name of :data:`pinograsp.data.FORMATS`, or ``"auto"``.
         mass: of each object [kg]; None: by its density.
         density: [kg/m^3] of each object.
-        joints: names of the hand's joints for names in the files, ``{file's: hand's}``, where these are not known.
-        palm: where the files' frame of the hand is in the hand's root frame (4, 4), or the name of a link; None: by
-            the format.
+        joints: as for :func:`~pinograsp.data.placed`.
+        frame: likewise.
+        convention: likewise.
+        original: likewise.
     """
 
     files: Sequence[Path]
     hand: HandModel
     objects: Path
-    format: str = "auto"
+    format: Format | Literal["auto"] = "auto"
     mass: float | None = None
     density: float | None = None
     joints: dict[str, str] | None = None
-    palm: Array | str | None = None
+    frame: str | None = None
+    convention: str | None = None
+    original: HandModel | None = None
 
     def __post_init__(self) -> None:
         files = tuple(path_of("file of grasps", one) for one in self.files)
         if not files:
             raise InvalidInput("files: expected at least one file of grasps")
         object.__setattr__(self, "files", files)
+        one_of("format", self.format, ("auto", *FORMATS))
         instance_of("hand", self.hand, HandModel)
         object.__setattr__(self, "objects", path_of("folder of objects", self.objects))
+        instance_of("original", self.original, HandModel, type(None))
         if (self.mass is None) == (self.density is None):
             raise InvalidInput("objects: expected mass [kg] or density [kg/m^3], one of them: data sets have neither")
         for name, unit in (("mass", "kg"), ("density", "kg/m^3")):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, number(name, getattr(self, name), above=0, unit=unit))
+
+    @property
+    def meant(self) -> dict[str, Any]:
+        """What the files mean, for :func:`~pinograsp.data.placed`."""
+        return {name: getattr(self, name) for name in ("joints", "frame", "convention", "original")}
 
 
 def certify_files(
@@ -160,7 +170,8 @@ def certify_files(
         "format": data.format,
         "objects": str(data.objects),
         "asked": hashlib.sha256(payload).hexdigest(),
-        "joints": data.hand.joint_names,
+        "joints": list(data.hand.joint_names),
+        "meant": {name: str(value) for name, value in data.meant.items() if value is not None},
         "tolerance": tolerance,
     }
     with Parts(Path(folder), _WORK, settings, {}) as parts:
@@ -272,7 +283,7 @@ class _Run:
                 continue
             try:
                 for rows in read_grasps(path, format=self.data.format, block=_BLOCK):
-                    for block in blocks_of(rows, self.data.hand, joints=self.data.joints, palm=self.data.palm):
+                    for block in blocks_of(rows, self.data.hand, **self.data.meant):
                         if not all((name, row) in self.done for row in block.rows.tolist()):
                             yield payload, name, block, ""
             except PinograspError as error:

@@ -6,7 +6,7 @@ import functools
 import pickle
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -58,15 +58,20 @@ class Block(NamedTuple):
     labels: dict[str, Array]
 
 
-def blocks_of(
-    rows: GraspRows, hand: HandModel, *, joints: dict[str, str] | None, palm: Array | str | None
-) -> Iterator[Block]:
+def blocks_of(rows: GraspRows, hand: HandModel, **meant: Any) -> Iterator[Block]:
     """The rows for a hand, those of each size of the object for themselves.
+
+    Args:
+        rows: as they were read.
+        hand: of one joint, where the file gives none: jaws that are to close.
+        meant: as for :func:`~pinograsp.data.placed`.
 
     Raises:
         InvalidInput: they are not of this hand.
     """
-    poses, q = placed(rows, hand, joints=joints, palm=palm)
+    closing = hand.n == 1 and not rows.q.shape[1]
+    at = {hand.joint_names[0]: float(hand.resting[0])} if closing else None
+    poses, q = placed(rows, hand, at=at, **meant)
     pose = np.eye(4) if rows.object_pose is None else np.asarray(rows.object_pose)
     for scale in np.unique(rows.scale):
         own = np.flatnonzero(rows.scale == scale)
@@ -76,8 +81,8 @@ def blocks_of(
             scale=float(scale),
             object_pose=pose,
             poses=poses[own],
-            q=None if q is None else q[own],
-            labels={name: values[own] for name, values in rows.labels.items()},
+            q=None if closing else q[own],
+            labels={name: np.asarray(values)[own] for name, values in rows.labels.items()},
         )
 
 

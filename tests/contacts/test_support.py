@@ -16,7 +16,8 @@ def corners_of(one, placed_one, other, placed_other, normal=UP):
     directions = tilted(normal, LEAN)
     for shape, (R, p), along in ((one, placed_one, directions), (other, placed_other, directions * [1, 1, -1])):
         supports.append(support_shape(shape).support(along @ R) @ R.T + p)
-    found, counts = common_corners(*supports, np.zeros((1, 3)), normal)
+    found, counts, leaning = common_corners(*supports, np.zeros((1, 3)), normal)
+    corners_of.leaning = leaning[0, : counts[0]]
     return found[0, : counts[0]]
 
 
@@ -85,6 +86,16 @@ def test_a_tilt_beyond_what_pressing_closes_leaves_an_edge():
     tilt = np.array([[1, 0, 0], [0, np.cos(0.1), -np.sin(0.1)], [0, np.sin(0.1), np.cos(0.1)]])
     found = corners_of(coal.Box(0.04, 0.04, 0.004), (tilt, -tilt @ [0, 0.02, 0.002]), coal.Box(0.1, 0.1, 0.02), above())
     assert len(found) == 2 and np.allclose(np.sort(found[:, 0]), [-0.02, 0.02], atol=4e-4)
+
+
+def test_faces_that_lean_a_little_are_apart_by_what_they_lean():
+    angle = 0.006
+    tilt = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
+    found = corners_of(coal.Box(0.04, 0.04, 0.004), (tilt, -tilt @ [0, 0.02, 0.002]), coal.Box(0.1, 0.1, 0.02), above())
+    assert len(found) == 4
+    far = found[:, 1] < -0.03
+    assert far.sum() == 2 and np.allclose(corners_of.leaning[far], 0.04 * angle, rtol=0.05)
+    assert np.allclose(corners_of.leaning[~far], 0.0, atol=1e-6)
 
 
 def test_unknown_shapes_have_none():
