@@ -83,7 +83,7 @@ def certify(
     packages: Packages = None,
     arguments: Arguments = None,
     trusted: Trusted = False,
-    masses: Masses = "kept",
+    masses: Masses = "estimate",
     exclude: Exclude = None,
     srdf: Srdf = None,
     as_json: Json = False,
@@ -111,9 +111,10 @@ def certify(
     kind: Format | Literal["auto"] = "auto" if format == "auto" else one_of("--format", format, FORMATS)
     if out.resolve() in [path.resolve() for path in (objects, back) if path is not None]:
         raise InvalidInput("--out: expected a folder of its own")
+    told = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
     data = DataSet(
         files=_listed(files),
-        hand=load_hand(hand, root=root, **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)),
+        hand=load_hand(hand, root=root, **told.pop("xacro_args"), **told),
         objects=objects,
         format=kind,
         mass=mass,

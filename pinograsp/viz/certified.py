@@ -64,8 +64,14 @@ def certified_picture(columns: Mapping[str, Sequence[Any]], path: str | Path) ->
     left.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
     for i, name in enumerate(shown):
         if newtons[name]:
-            right.boxplot([newtons[name]], positions=[i], orientation="horizontal", widths=0.6, showfliers=False)
-    right.set_yticks(at, left.get_yticklabels())
+            right.boxplot(
+                [newtons[name]],
+                positions=[i],
+                orientation="horizontal",
+                widths=0.6,
+                showfliers=False,
+                manage_ticks=False,
+            )
     right.set(xlabel="largest normal force of those held [N]")
     right.grid(axis="x", alpha=0.3, linewidth=0.5)
     held = sum(reason == "held" for reason, _, _ in rows)
