@@ -32,9 +32,9 @@ _DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 def read(file: File) -> Iterator[Draft]:
     """The grasps of a file."""
     value, problem = _document(file)
-    keys = Keys(file.source, value, "isaac")
-    if problem is not None and "grasps" not in keys:
+    if problem is not None and not (isinstance(value, dict) and value.get("grasps") and "format_version" in value):
         raise GraspsNotRead(file.source, problem)
+    keys = Keys(file.source, value, "isaac")
     keys.need(["format", "format_version", "grasps"])
     if keys.get("format") != "isaac_grasp" or keys.get("format_version") != 1.0:
         raise keys.refusal("expected format: isaac_grasp and format_version: 1.0")
