@@ -20,6 +20,7 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 
 _OFF = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _ROUNDS, _ALIKE = 3, 0.05  # of finding the direction, and where it has settled [rad]
+_MOST_CORNERS = 1000  # of a hull that tells what is near
 _FAILED = 1e3  # [m] farther off than any object: coal failed
 LEAN = 0.03  # [rad] of faces that are to touch as areas: jaws turn what they squeeze by more
 DOWN = read_only(np.array([0.0, 0.0, -9.81]))  # [m/s^2]
@@ -350,6 +351,13 @@ def _solids(body: Body) -> list[coal.CollisionGeometry]:
 
 
 def _hull(corners: Array) -> coal.ConvexBase:
+    """The convex hull of points (n, 3); of very many, that of those farthest in a thousand directions."""
+    if len(corners) > _MOST_CORNERS:
+        turns = np.pi * (3 - np.sqrt(5)) * np.arange(_MOST_CORNERS)
+        height = 1 - (2 * np.arange(_MOST_CORNERS) + 1) / _MOST_CORNERS
+        flat = np.sqrt(1 - height**2)
+        spiral = np.column_stack([flat * np.cos(turns), flat * np.sin(turns), height])
+        corners = corners[np.unique(np.argmax(spiral @ corners.T, axis=1))]
     points = coal.StdVec_Vec3s()
     for corner in corners:
         points.append(np.array(corner))

@@ -8,6 +8,7 @@ import numpy as np
 
 from pinograsp.checks import read_only
 from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.objects.mesh_checks import is_convex
 from pinograsp.objects.triangles import TriangleSurface
 from pinograsp.spatial import Array, IntArray
 
@@ -45,8 +46,9 @@ def convex_parts(vertices: Array, faces: IntArray, surface: TriangleSurface) -> 
     """
     import trimesh
 
+    if is_convex(vertices, faces):
+        return ConvexParts((read_only(vertices),), 0.0)
     _check_crossing(surface)
-
     try:
         import coacd
     except ImportError as error:

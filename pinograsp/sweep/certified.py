@@ -33,6 +33,7 @@ from pinograsp.writing import place_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_MEANT = ("joints", "frame", "convention", "original", "palm_in_root")
 _WORK = Work("pinograsp.certified/1", "certification", "certify")
 # Labels that are written back, and the largest number that 32 bits hold.
 _WRITTEN, _MOST = ("reserve", "least_mu", "largest_load_N"), 3.4e38
@@ -91,6 +92,7 @@ class DataSet:
         frame: likewise.
         convention: likewise.
         original: likewise.
+        palm_in_root: likewise.
     """
 
     files: Sequence[Path]
@@ -103,6 +105,7 @@ class DataSet:
     frame: str | None = None
     convention: str | None = None
     original: HandModel | None = None
+    palm_in_root: Array | None = None
 
     def __post_init__(self) -> None:
         files = tuple(path_of("file of grasps", one) for one in self.files)
@@ -122,7 +125,7 @@ class DataSet:
     @property
     def meant(self) -> dict[str, Any]:
         """What the files mean, for :func:`~pinograsp.data.placed`."""
-        return {name: getattr(self, name) for name in ("joints", "frame", "convention", "original")}
+        return {name: getattr(self, name) for name in _MEANT}
 
 
 def certify_files(

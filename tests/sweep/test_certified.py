@@ -213,6 +213,7 @@ def command(world, out, *more):
     ]
 
 
+@pytest.mark.slow
 def test_kill_minus_nine_loses_and_doubles_nothing(world, tmp_path):
     out, kills = tmp_path / "out", 0
     for _ in range(12):
