@@ -102,4 +102,4 @@ def test_scores_are_within_a_step_of_known_answers(tmp_path, name, answer):
     # None is the step after 1.0.
     close = np.abs(np.where(found > 0, found, 1.1) - expected) < 0.1 + 1e-9
     assert close.mean() >= 0.99
-    assert (found == expected).mean() > 0.9
+    assert (found == expected).mean() > 0.8  # facets of 2 mm turn normals by a degree
