@@ -23,9 +23,10 @@ from pinograsp.contacts.penetration import Penetration
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import Finger, HandModel, servo_gains
 from pinograsp.motion.contact_ik import ContactPostures
+from pinograsp.motion.contact_springs import Servos, object_motion
 from pinograsp.motion.grasp_ik import FingerMotion, points_along
-from pinograsp.motion.jacobian import contact_jacobian
-from pinograsp.motion.letting_go import LetGo, Servos, friction_built_up, let_go
+from pinograsp.motion.jacobian import point_jacobians
+from pinograsp.motion.letting_go import LetGo, friction_built_up, let_go
 from pinograsp.spatial import Array
 
 # Contact points must follow their path to this [m]; a thousandth of a typical penetration.
@@ -160,7 +161,7 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
         on_the_way.append(now)
     servos = solver.servos(on_the_way, course)
     pressed = friction_built_up(solver.problem, depths, slid, servos)
-    rest = let_go(solver.problem, depths[-1], pressed, None if servos is None else servos[-1])
+    rest = let_go(solver.problem, depths[-1], pressed, None if servos is None else servos[-1], solver.motion)
     return ClosedPress(course, q, shift, depths, missing, frozenset(limited), rest)
 
 
@@ -209,6 +210,7 @@ class _Solver:
         self.shifts = np.column_stack([self.normals, np.cross(arms, self.normals)])
         # Rigid motions of the object by the displacements of its contacts that they cause.
         arm = max(1e-3, float(np.sqrt((arms**2).sum(axis=1).mean())))
+        self.motion = object_motion(self.problem)
         self.joint_costs = np.where(hand.slides, 1.0 / _STROKE, 1.0)
         self.shift_costs = np.repeat([1.0, arm], 3) / _SHIFTING
         # Joints of no finger, of a wrist, stay.
@@ -221,20 +223,17 @@ class _Solver:
         """How deep the contacts are, and how joints move them."""
         model = self.hand.model
         pin.computeJointJacobians(model, self.data, q)
-        material = np.array([self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)])
         if self.surfaces is None:
+            material = np.array([self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)])
             depth, normals = ((material - self.origins) * self.normals).sum(axis=1), self.normals
             on_object = material - depth[:, None] * normals
         else:
             depth, normals, on_object = self.surfaces.at(q)
-        deepening, across = np.zeros((len(depth), model.nv)), np.zeros((len(depth), 4, model.nv))
-        for i, joint in enumerate(self.joints):
-            if joint:  # the palm does not move
-                # The same for all points on the normal.
-                J = contact_jacobian(model, self.data, joint, self.data.oMi[joint].actInv(on_object[i]))
-                deepening[i] = normals[i] @ J[:3]
-                across[i, :3] = J[:3] - np.outer(normals[i], deepening[i])
-                across[i, 3] = normals[i] @ J[3:]
+        J = point_jacobians(model, self.data, self.joints, on_object)  # the depth's are the same all along the normal
+        along = (normals[:, None, None] @ J.reshape(len(depth), 2, 3, model.nv))[:, :, 0]
+        deepening = along[:, 0]
+        J[:, :3] -= normals[:, :, None] * deepening[:, None]
+        across = np.concatenate([J[:, :3], along[:, 1:]], axis=1)
         return _Pressed(depth, deepening, across)
 
     def servos(self, on_the_way: Sequence[_Pressed], course: Array) -> tuple[Servos, ...] | None:
