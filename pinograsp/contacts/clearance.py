@@ -342,22 +342,31 @@ class Hit(NamedTuple):
 
 def deepest_hit(hand: HandModel, body: Body, postures: ArrayLike, *, allowed: float = 0.0) -> Hit | None:
     """Where the hand is deepest in ``body`` on its way (m, n); None: nowhere deeper than ``allowed`` [m]."""
-    check_geometry(hand)
-    distances = Distances(hand, instance_of("body", body, Body))
-    parts = parts_of(hand)
-    worst: Hit | None = None
-    way = array_of("postures", postures, (None, hand.n))
-    for sample, near in enumerate(distances.near(parts, way)):
-        if not near.any():
-            continue
-        distances.put(way[sample])
-        for part in itertools.compress(parts, near):
-            if distances.rough(part) >= -allowed:
+    return Way(hand, body).deepest_hit(postures, allowed=allowed)
+
+
+class Way:
+    """A hand on several ways past the same object."""
+
+    def __init__(self, hand: HandModel, body: Body):
+        check_geometry(hand)
+        self.n, self.distances, self.parts = hand.n, Distances(hand, instance_of("body", body, Body)), parts_of(hand)
+
+    def deepest_hit(self, postures: ArrayLike, *, allowed: float = 0.0) -> Hit | None:
+        """As :func:`deepest_hit`, on one of them."""
+        distances, way = self.distances, array_of("postures", postures, (None, self.n))
+        worst: Hit | None = None
+        for q, near, sample in zip(way, distances.near(self.parts, way), itertools.count()):
+            if not near.any():
                 continue
-            depth = -distances.of(part)[0]
-            if depth > max(allowed, 0.0 if worst is None else worst.depth):
-                worst = Hit(sample=sample, link=part.link, depth=depth)
-    return worst
+            distances.put(q)
+            for part in itertools.compress(self.parts, near):
+                if distances.rough(part) >= -allowed:
+                    continue
+                depth = -distances.of(part)[0]
+                if depth > max(allowed, 0.0 if worst is None else worst.depth):
+                    worst = Hit(sample=sample, link=part.link, depth=depth)
+        return worst
 
 
 class NearPoint(NamedTuple):

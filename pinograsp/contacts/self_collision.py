@@ -85,8 +85,17 @@ class SelfCollisions:
 
     def between(self, start: Array, q: Array) -> tuple[tuple[str, str], ...]:
         """Pairs of links that overlap at q (n,) but not at ``start`` (n,)."""
-        after = self.at(q)
-        return tuple(sorted(after - self.at(start))) if after else ()
+        return tuple(self.after(start, q[None]))
+
+    def after(self, start: Array, postures: Array) -> list[tuple[str, str]]:
+        """Pairs of links that overlap at postures (m, n) but not at ``start`` (n,), posture by posture."""
+        before: set[tuple[str, str]] | None = None
+        found: list[tuple[str, str]] = []
+        for q in postures:
+            if now := self.at(q):
+                before = self.at(start) if before is None else before
+                found += sorted(now - before)
+        return found
 
 
 def _near(model: pin.Model) -> BoolArray:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
 from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
-from pinograsp.contacts.clearance import deepest_hit
+from pinograsp.contacts.clearance import Way
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import InvalidInput, Status
@@ -148,7 +148,7 @@ class _Planning:
         self.tracking, self.slip = np.zeros(k), np.zeros(k)
         self.notes, self.remedies = list(hand.notes), list[str]()
         self.within_limits = self.on_path = self.clear = True
-        self.closing: list[tuple[Finger, FingerMotion]] = []
+        self.closing: list[tuple[Finger, FingerMotion, JointPath]] = []  # with their paths at first
         self.pressed: ClosedPress | None = None
         if self.problem.contacts.posture is not None:
             self.pressed = self.closed(solution, self.problem.contacts.posture, corrected)
@@ -189,7 +189,7 @@ class _Planning:
         if found.method == "closing" and self.pressed is not None:
             motion = press_surfaces(hand, finger, contacts, which, found, self.pressed, self.profile, self.after)
             candidates, paths = [motion], [self.gentle_path(finger, motion)]
-            self.closing.append((finger, motion))
+            self.closing.append((finger, motion, paths[0]))
         else:
             own = [contacts[i] for i in which]
             candidates = [
@@ -211,20 +211,21 @@ class _Planning:
         body = self.problem.object
         if not self.closing or body is None:
             return
-        collisions = SelfCollisions(self.hand)
+        way_there, collisions = Way(self.hand, body), SelfCollisions(self.hand)
         tried: list[tuple[float, str, list[JointPath]]] = []
+        paths = [path for _, _, path in self.closing]
         for last_part, order in itertools.product(_LAST_PARTS, _ORDERS):
             # Some samples are enough: the way is smooth, and ends where the last part begins.
             looked_at = np.unique(np.linspace(0, (1 - last_part) * self.impact, _LOOKS).astype(int))
-            paths = [self.gentle_path(finger, motion, order, last_part) for finger, motion in self.closing]
-            for (finger, _), path in zip(self.closing, paths):
-                self.follow(finger, path)
+            if tried:  # at first they follow theirs already
+                paths = [self.gentle_path(finger, motion, order, last_part) for finger, motion, _ in self.closing]
+                self.follow_all(paths)
             way = self.path.q[looked_at]
-            what, hit = "the object", deepest_hit(self.hand, body, way, allowed=_HIT)
+            what, hit = "the object", way_there.deepest_hit(way, allowed=_HIT)
             if hit is None and self.spec.table is not None:
                 what, hit = "the table", deepest_below(self.hand, self.spec.table, np.vstack([way, self.path.q[-1:]]))
             if hit is None:
-                crossing = [pair for q in way[1::_EVERY] for pair in collisions.between(way[0], q)]
+                crossing = collisions.after(way[0], way[1::_EVERY])
                 if not crossing:
                     return
                 tried.append((0.0, f"{' and '.join(crossing[0])} hit each other on the way", paths))
@@ -233,11 +234,15 @@ class _Planning:
                 where = f"{hit.link} hits {what} on the way, at {time:.2g} s, {1e3 * hit.depth:.2g} mm deep"
                 tried.append((hit.depth, where, paths))
         _, why, paths = min(tried, key=lambda one: one[0])
-        for (finger, _), path in zip(self.closing, paths):
-            self.follow(finger, path)
+        self.follow_all(paths)
         self.clear = False
         self.notes.append(why)
         self.remedies.append(f"{why}: start elsewhere, or take another grasp")
+
+    def follow_all(self, paths: Sequence[JointPath]) -> None:
+        """Take the closing fingers' paths into the hand's."""
+        for (finger, _, _), path in zip(self.closing, paths):
+            self.follow(finger, path)
 
     def follow(self, finger: Finger, path: JointPath) -> None:
         """Take a finger's path into the hand's."""
@@ -316,6 +321,8 @@ class _Planning:
         torques: Sequence[Array],
     ) -> int:
         """The candidate with the fewest faults, among them the one with the least peak torque."""
+        if len(candidates) == 1:
+            return 0
         peaks = [self.peak_torque(finger, path, own) for path, own in zip(paths, torques)]
         faults = [
             int(motion.errors.max() > TRACKED) + bool(motion.limited or _outside_limits(self.hand, finger, path.q))
