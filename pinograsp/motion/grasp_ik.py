@@ -18,6 +18,7 @@ from pinograsp.checks import array_of, brief, frozen
 from pinograsp.contacts import Contact, PenetrationProfile
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Finger, HandModel
+from pinograsp.motion.chains import points_at
 from pinograsp.motion.jacobian import contact_jacobian
 from pinograsp.spatial import Array
 
@@ -142,11 +143,8 @@ def points_along(
 
     Linear velocity first, world axes. ``points_l`` (c, 3) in the joints' frames; ``posture`` (n,) of the other joints.
     """
-    chain = _Chain(hand, finger, contacts, points_l)
-    if posture is not None:
-        chain.q[:] = posture
-    points, jacobians = zip(*(chain.at(one) for one in q))
-    return np.array(points), np.array(jacobians)
+    joints = [finger.joint_of(contact.link) for contact in contacts]
+    return points_at(hand, finger, joints, points_l, q, hand.resting if posture is None else posture)
 
 
 class _Chain:

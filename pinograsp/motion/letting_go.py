@@ -134,6 +134,10 @@ def _rest(contacts: Contacts, pull: Array, since: Array, stretched: Array) -> No
     known = contacts.known(since, stretched)
     now = Now(contacts, known, since)
     enough = _BALANCED * max(float(now.normal.sum()), _BALANCED)
+    # From so near, Newton's method mostly leads there at once.
+    soon = _balanced(contacts, pull, now, known, enough)
+    if contacts.size(soon.left + pull) < enough:
+        return soon
     for _ in range(_ROUNDS):
         # As if normal forces gave the cones their size, but no more: a convex energy, whose least is always found.
         y = _least_energy(contacts, pull, now.y, known, now.normal, enough)

@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.linalg import lapack
 
 from pinograsp.checks import frozen
 from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
@@ -294,7 +295,7 @@ class _Solver:
         step, stopped = np.zeros(n + 6), set[int]()
         free = np.concatenate([self.moving, np.ones(6, dtype=bool)])
         while True:
-            step[free] = np.linalg.lstsq(rows[:, free], left - rows[:, ~free] @ step[~free], rcond=None)[0]
+            step[free] = _least_squares(rows[:, free], left - rows[:, ~free] @ step[~free])
             after = np.clip(q + step[:n], self.lower, self.upper)
             beyond = free[:n] & (np.abs(after - q - step[:n]) > _AT_LIMIT)
             step[:n] = after - q
@@ -303,6 +304,12 @@ class _Solver:
             # A joint that meets its limit stays there; the others do what they can.
             stopped |= set(np.flatnonzero(beyond).tolist())
             free[:n] &= ~beyond
+
+
+def _least_squares(rows: Array, right: Array) -> Array:
+    """The x (p,) with the least |rows x - right|, of independent columns: every unknown has a cost of its own."""
+    found: Array = lapack.dgels(rows, right)[1][: rows.shape[1]]
+    return found
 
 
 def press_surfaces(
