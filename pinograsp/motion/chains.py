@@ -47,20 +47,23 @@ def points_at(
                 known[j] = _moved(known[model.parents[j]], own, finger, q - q[0])
         last = known[joint]
         points[:, c] = last.turned @ data.oMi[joint].act(point_l) + last.moved
-        for dof, screws in last.passed:
-            jacobians[:, c, :3, dof] += screws[:, :3] + np.cross(screws[:, 3:], points[:, c])
-            jacobians[:, c, 3:, dof] += screws[:, 3:]
+        for dof, before, linear, angular in last.passed:
+            # The point where it would be if the joints before this one had not moved.
+            point = (before.turned.transpose(0, 2, 1) @ (points[:, c] - before.moved)[:, :, None])[:, :, 0]
+            speed = linear + point @ skew(angular).T
+            jacobians[:, c, :3, dof] += (before.turned @ speed[:, :, None])[:, :, 0]
+            jacobians[:, c, 3:, dof] += before.turned @ angular
     return points, jacobians
 
 
 class _Screws:
     """Where a joint has been carried at m postures: ``turned`` (m, 3, 3) and ``moved`` (m, 3) from where it was.
 
-    ``own`` (6, n): its Jacobian at the first posture; ``passed``: of all joints on the way the index in the finger and
-    the screws (m, 6), linear first.
+    ``own`` (6, n): its Jacobian at the first posture; ``passed``: of all joints on the way the index in the finger, the
+    joint before, and the screw at the first posture: linear (3,) and angular (3,) part.
     """
 
-    def __init__(self, own: Array, turned: Array, moved: Array, passed: list[tuple[int, Array]]):
+    def __init__(self, own: Array, turned: Array, moved: Array, passed: list[tuple[int, _Screws, Array, Array]]):
         self.own, self.turned, self.moved, self.passed = own, turned, moved, passed
 
 
@@ -71,17 +74,16 @@ def _moved(before: _Screws, own: Array, finger: Finger, distances: Array) -> _Sc
     screw = own[:, finger.dofs] - before.own[:, finger.dofs]
     for dof in np.flatnonzero(np.abs(screw).max(axis=0, initial=0.0) > _TURNS).tolist():
         linear, angular = screw[:3, dof], screw[3:, dof]
-        here = np.empty((len(distances), 6))
-        here[:, 3:] = turned @ angular
-        here[:, :3] = turned @ linear + np.cross(moved, here[:, 3:])
-        passed = [*passed, (dof, here)]
+        passed = [*passed, (dof, before, linear, angular)]
         rate = float(np.linalg.norm(angular))
         if rate < _TURNS:
             moved = moved + (turned @ linear) * distances[:, dof, None]
             continue
         angle, axis = rate * distances[:, dof], angular / rate
         across = skew(axis)
-        turn = np.eye(3) + np.sin(angle)[:, None, None] * across + (1 - np.cos(angle))[:, None, None] * across @ across
+        turn = (
+            np.eye(3) + np.sin(angle)[:, None, None] * across + (1 - np.cos(angle))[:, None, None] * (across @ across)
+        )
         centre = np.cross(axis, linear / rate)  # a point on the axis
         moved = moved + turned @ centre
         turned = turned @ turn

@@ -10,7 +10,7 @@ axes) and, of soft fingers, about the normal. Its force F(z) (k, r) follows cont
 from __future__ import annotations
 
 import copy
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -117,8 +117,9 @@ class Contacts:
         self.columns = np.concatenate([into[:, None], rows], axis=1)
         self.flat = self.columns.reshape(self.columns.shape[0] * self.columns.shape[1], len(own))
         self.own, self.units = own, units
-        self.live = np.flatnonzero(units)
-        self.scale = np.outer(units[self.live], units[self.live])
+        live = np.flatnonzero(units)
+        self._live, self._pairs = live, np.ix_(live, live)
+        self._scale = units[live, None] * units[live]
 
     def at_depths(self, depths: Array) -> Contacts:
         """The same contacts with other depths (k,) [m]."""
@@ -143,20 +144,28 @@ class Contacts:
 
     def size(self, left: Array) -> float:
         """Of what is left (p,) [N]."""
-        return float(np.abs(self.units * left).max(initial=0.0))
+        return float(np.abs(self.units * left).max()) if len(left) else 0.0
+
+    def least_motions(self, stiffness: Array) -> Callable[[Array], Array]:
+        """The least motion (p,) that takes away what is left (p,), as a function of that."""
+        live, units = self._live, self.units
+        if not len(live):
+            return np.zeros_like
+        if len(live) == len(units):
+            solve = _least(self._scale * stiffness)
+            return lambda left: units * solve(units * left)
+        solve, own = _least(self._scale * stiffness[self._pairs]), units[live]
+
+        def motion(left: Array) -> Array:
+            found = np.zeros_like(left)
+            found[live] = own * solve(own * left[live])
+            return found
+
+        return motion
 
     def least_motion(self, stiffness: Array, left: Array) -> Array:
         """The least motion (p,) that takes away what is left (p,)."""
-        live, all_of_them = self.live, len(self.live) == len(left)
-        if not len(live):
-            return np.zeros_like(left)
-        scaled = self.scale * (stiffness if all_of_them else stiffness[np.ix_(live, live)])
-        found = self.units[live] * _least(scaled, self.units[live] * left[live])
-        if all_of_them:
-            return found
-        motion = np.zeros_like(left)
-        motion[live] = found
-        return motion
+        return self.least_motions(stiffness)(left)
 
     def response(self, now: Now) -> Array:
         """How depths at rest follow those that joints give (k, k), to first order."""
@@ -281,15 +290,14 @@ class Capped(Now):
 
 def _kept(pull: Array, most: Array) -> Array:
     """The share (k,) of what springs are asked to stretch that is left where they slip beyond ``most``."""
-    return np.where(pull > most, most / np.maximum(pull, _TINY), 1.0)
+    return np.minimum(1.0, (most + _TINY) / (pull + _TINY))
 
 
-def _least(matrix: Array, right: Array) -> Array:
+def _least(matrix: Array) -> Callable[[Array], Array]:
     """The least solution (p,) of matrix x = right; by elimination where it is the only one, far from singular."""
     factors, pivots, singular = lapack.dgetrf(matrix)
     if not singular:
-        reciprocal, _ = lapack.dgecon(factors, np.abs(matrix).sum(axis=0).max())
-        if reciprocal > len(right) * _RANK and math.isfinite(reciprocal):
-            found: Array = lapack.dgetrs(factors, pivots, right)[0]
-            return found
-    return np.asarray(np.linalg.lstsq(matrix, right, rcond=_RANK)[0])
+        reciprocal, _ = lapack.dgecon(factors, lapack.dlange("1", matrix))
+        if reciprocal > len(matrix) * _RANK:
+            return lambda right: lapack.dgetrs(factors, pivots, right)[0]
+    return lambda right: np.asarray(np.linalg.lstsq(matrix, right, rcond=_RANK)[0])

@@ -38,7 +38,9 @@ __all__ = [
 _PARTS = 4  # steps of the sliding between two known depths
 _STAGES = 4  # of the support as it fades
 _ROUNDS, _STEPS, _HALVINGS = 20, 30, 25  # in each: cones of other sizes, Newton steps to the least energy, and halvings
-_FULL_STEPS, _LEFT = 6, 0.5  # Newton steps with all that changes, and the share of the imbalance that one may leave
+# Newton steps with all that changes, the share of the imbalance that one may leave, and from which on the next one
+# needs a stiffness of its own.
+_FULL_STEPS, _LEFT, _QUICK = 10, 0.5, 0.1
 _BALANCED = 1e-6  # share of the forces
 _NEARLY = 1e-2  # share of them that a rest may leave
 
@@ -89,6 +91,7 @@ def friction_built_up(
         servos: of the joints at each depth (c,); None: joints do not give way.
     """
     stretched, given = np.zeros(slid.shape[1:]), np.zeros(0 if servos is None else len(servos[0].stiffness))
+    before = given
     for i in range(1, len(depths)):
         held = Contacts(problem, depths[i], servos=None if servos is None else servos[i], free=False)
         for part in np.arange(1, _PARTS + 1) / _PARTS:
@@ -98,8 +101,8 @@ def friction_built_up(
                 now = contacts.at(given, given, asked)
             else:
                 sent = servos[i - 1].torques + part * (servos[i].torques - servos[i - 1].torques)
-                now = _rest(contacts, sent, given, asked)
-                given = now.y
+                now = _rest(contacts, sent, given, asked, given + (given - before))
+                before, given = given, now.y
             stretched = now.stretched
     return Pressed(stretched * springs_of(problem), given)
 
@@ -120,22 +123,28 @@ def let_go(
     y = np.concatenate([np.zeros(6), pressed.given])
     stretched = pressed.friction / np.where(springs > 0, springs, 1.0)
     now = contacts.at(y, y, stretched)
+    before = y
     support = np.concatenate([-(now.left + pull)[:6], np.zeros(len(pressed.given))])
     for stage in range(1, _STAGES + 1):
-        now = _rest(contacts, pull + support * (1 - stage / _STAGES), now.y, stretched)
+        ahead = now.y + (now.y - before)
+        before = now.y
+        now = _rest(contacts, pull + support * (1 - stage / _STAGES), before, stretched, ahead)
         stretched = now.stretched
     balanced = contacts.size(now.left + pull) < _NEARLY * float(now.normal.sum())
     stiffness, gripping = now.stiffness[:6, :6], now.gripping[:6, :6]
     return LetGo(now.y[:6], now.normal, now.friction, stiffness, gripping, contacts.response(now), balanced)
 
 
-def _rest(contacts: Contacts, pull: Array, since: Array, stretched: Array) -> Now:
-    """The contacts in balance with ``pull`` (p,), or nearly; springs ``stretched`` (k, 4) at the motions ``since``."""
+def _rest(contacts: Contacts, pull: Array, since: Array, stretched: Array, ahead: Array) -> Now:
+    """The contacts in balance with ``pull`` (p,), or nearly; springs ``stretched`` (k, 4) at the motions ``since``.
+
+    ``ahead``: motions (p,) where the balance may be.
+    """
     known = contacts.known(since, stretched)
     now = Now(contacts, known, since)
     enough = _BALANCED * max(float(now.normal.sum()), _BALANCED)
-    # From so near, Newton's method mostly leads there at once.
-    soon = _balanced(contacts, pull, now, known, enough)
+    # Newton's method mostly leads there at once.
+    soon = _balanced(contacts, pull, Now(contacts, known, ahead), known, enough)
     if contacts.size(soon.left + pull) < enough:
         return soon
     for _ in range(_ROUNDS):
@@ -167,16 +176,21 @@ def _least_energy(contacts: Contacts, pull: Array, y: Array, known: Array, norma
 
 
 def _balanced(contacts: Contacts, pull: Array, now: Now, known: Array, enough: float) -> Now:
-    """Newton's method for the balance, as long as it leads there."""
-    left = now.left + pull
+    """Newton's method for the balance, as long as it leads there; with the last stiffness, as long as that is quick."""
+    left, step = now.left + pull, None
     off = contacts.size(left)
     for _ in range(_FULL_STEPS):
         if off < enough:
             break
-        tried = Now(contacts, known, now.y + contacts.least_motion(now.stiffness, left))
+        new = step is None
+        step = contacts.least_motions(now.stiffness) if step is None else step
+        tried = Now(contacts, known, now.y + step(left))
         tried_left = tried.left + pull
         size = contacts.size(tried_left)
-        if size > _LEFT * off:
+        if size > _LEFT * off and new:
             break
-        now, left, off = tried, tried_left, size
+        if size > _QUICK * off:
+            step = None
+        if size <= _LEFT * off:
+            now, left, off = tried, tried_left, size
     return now
