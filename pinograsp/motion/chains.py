@@ -81,9 +81,8 @@ def _moved(before: _Screws, own: Array, finger: Finger, distances: Array) -> _Sc
             continue
         angle, axis = rate * distances[:, dof], angular / rate
         across = skew(axis)
-        turn = (
-            np.eye(3) + np.sin(angle)[:, None, None] * across + (1 - np.cos(angle))[:, None, None] * (across @ across)
-        )
+        sine, versed = np.sin(angle)[:, None, None], 1 - np.cos(angle)[:, None, None]
+        turn = np.eye(3) + sine * across + versed * (across @ across)
         centre = np.cross(axis, linear / rate)  # a point on the axis
         moved = moved + turned @ centre
         turned = turned @ turn

@@ -141,17 +141,18 @@ def _rest(contacts: Contacts, pull: Array, since: Array, stretched: Array, ahead
     ``ahead``: motions (p,) where the balance may be.
     """
     known = contacts.known(since, stretched)
-    now = Now(contacts, known, since)
+    now = Now(contacts, known, ahead)
     enough = _BALANCED * max(float(now.normal.sum()), _BALANCED)
     # Newton's method mostly leads there at once.
-    soon = _balanced(contacts, pull, Now(contacts, known, ahead), known, enough)
-    if contacts.size(soon.left + pull) < enough:
-        return soon
+    now, balanced = _balanced(contacts, pull, now, known, enough)
+    if balanced:
+        return now
+    now = Now(contacts, known, since)
     for _ in range(_ROUNDS):
         # As if normal forces gave the cones their size, but no more: a convex energy, whose least is always found.
         y = _least_energy(contacts, pull, now.y, known, now.normal, enough)
-        now = _balanced(contacts, pull, Now(contacts, known, y), known, enough)
-        if contacts.size(now.left + pull) < enough:
+        now, balanced = _balanced(contacts, pull, Now(contacts, known, y), known, enough)
+        if balanced:
             break
     return now
 
@@ -175,8 +176,11 @@ def _least_energy(contacts: Contacts, pull: Array, y: Array, known: Array, norma
     return now.y
 
 
-def _balanced(contacts: Contacts, pull: Array, now: Now, known: Array, enough: float) -> Now:
-    """Newton's method for the balance, as long as it leads there; with the last stiffness, as long as that is quick."""
+def _balanced(contacts: Contacts, pull: Array, now: Now, known: Array, enough: float) -> tuple[Now, bool]:
+    """Newton's method for the balance, as long as it leads there; with the last stiffness, as long as that is quick.
+
+    Returns where it led, and whether that is in balance.
+    """
     left, step = now.left + pull, None
     off = contacts.size(left)
     for _ in range(_FULL_STEPS):
@@ -193,4 +197,4 @@ def _balanced(contacts: Contacts, pull: Array, now: Now, known: Array, enough: f
             step = None
         if size <= _LEFT * off:
             now, left, off = tried, tried_left, size
-    return now
+    return now, off < enough

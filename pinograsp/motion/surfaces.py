@@ -146,7 +146,7 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
     depths, missing = np.zeros((_KNOTS, len(final))), np.zeros((_KNOTS, len(final)))
     slid = np.zeros((_KNOTS, len(final), 4))
     limited: set[int] = set()
-    now = solver.at(solver.posture)
+    now = solver.start
     on_the_way = [now]
     for i in range(1, _KNOTS):
         # On from where the last steps led.
@@ -190,7 +190,7 @@ class _Before(NamedTuple):
 
     def slid_at(self, q: Array, across: Array) -> Array:
         """How far links have slid and turned (k, 4) [m, rad] at the posture ``q`` (n,), moved by ``across``."""
-        slid: Array = self.slid + np.einsum("kin,n->ki", 0.5 * (self.across + across), q - self.q)
+        slid: Array = self.slid + 0.5 * ((self.across + across) @ (q - self.q))
         return slid
 
 
@@ -219,6 +219,8 @@ class _Solver:
         self.moving = np.zeros(hand.n, dtype=bool)
         self.moving[np.concatenate([finger.dofs for finger in hand.fingers])] = True
         self.lower, self.upper = np.minimum(hand.lower, posture), np.maximum(hand.upper, posture)
+        self.rows = self._costs()
+        self.start = self.at(self.posture)
 
     def at(self, q: Array) -> _Pressed:
         """How deep the contacts are, and how joints move them."""
@@ -266,7 +268,7 @@ class _Solver:
             off = float(np.abs(missing / well).max())
             if best is None or off < best[0]:
                 best, halved = (off, q, shift, now), 0
-                to_q, to_shift, at_limit = self._step(q, shift, missing, now, towards, before)
+                to_q, to_shift, at_limit = self._step(q, shift, now, wanted, towards, before)
                 stopped |= at_limit
                 if off < 1.0 and np.abs(now.deepening @ (to_q - q)).max() < TRACKED:
                     break
@@ -280,22 +282,34 @@ class _Solver:
         _, q, shift, now = best
         return q, shift, now, {j for j in stopped if min(q[j] - self.lower[j], self.upper[j] - q[j]) < _AT_LIMIT}
 
-    def _step(
-        self, q: Array, shift: Array, missing: Array, now: _Pressed, towards: Array, before: _Before
-    ) -> tuple[Array, Array, set[int]]:
-        """Where the least-squares step leads joints and shift, and which joints meet their limits on it."""
-        n, k = len(q), len(missing)
+    def _costs(self) -> Array:
+        """The least-squares rows (4k + n + 6, n + 6), as far as they are the same for all steps."""
+        n, k = self.hand.n, len(self.normals)
         rows = np.zeros((4 * k + n + 6, n + 6))
-        rows[:k] = np.hstack([now.deepening, -self.shifts]) / _DEPTH
-        rows[k : 4 * k, :n] = now.across[:, :3].reshape(3 * k, n) / _SLIDING
+        rows[:k, n:] = -self.shifts / _DEPTH
         rows[4 * k : 4 * k + n, :n] = np.diag(self.joint_costs)
         rows[4 * k + n :, n:] = np.diag(self.shift_costs)
-        turned, slid = self.joint_costs * (self.posture - q), before.slid_at(q, now.across)[:, :3].ravel()
-        left = np.concatenate([missing / _DEPTH, -slid / _SLIDING, turned, self.shift_costs * (towards - shift)])
+        return rows
+
+    def _step(
+        self, q: Array, shift: Array, now: _Pressed, wanted: Array, towards: Array, before: _Before
+    ) -> tuple[Array, Array, set[int]]:
+        """Where the least-squares step leads joints and shift, and which joints meet their limits on it."""
+        n, k = len(q), len(wanted)
+        rows, left = self.rows.copy(), np.empty(len(self.rows))
+        rows[:k, :n] = now.deepening / _DEPTH
+        rows[k : 4 * k, :n] = now.across[:, :3].reshape(3 * k, n) / _SLIDING
+        left[:k] = (wanted + self.shifts @ shift - now.depth) / _DEPTH
+        left[k : 4 * k] = before.slid_at(q, now.across)[:, :3].ravel() / -_SLIDING
+        left[4 * k : 4 * k + n] = self.joint_costs * (self.posture - q)
+        left[4 * k + n :] = self.shift_costs * (towards - shift)
         step, stopped = np.zeros(n + 6), set[int]()
         free = np.concatenate([self.moving, np.ones(6, dtype=bool)])
         while True:
-            step[free] = _least_squares(rows[:, free], left - rows[:, ~free] @ step[~free])
+            if free.all():
+                step = _least_squares(rows, left)
+            else:
+                step[free] = _least_squares(rows[:, free], left - rows[:, ~free] @ step[~free])
             after = np.clip(q + step[:n], self.lower, self.upper)
             beyond = free[:n] & (np.abs(after - q - step[:n]) > _AT_LIMIT)
             step[:n] = after - q
