@@ -98,34 +98,35 @@ def deepest_of(
     Raises:
         GeometryFailed: the object cannot be moved off along the normals found.
     """
-    off, further, turned = 2 * _CLEAR, _CLEAR, np.inf
-    mine_at, moved, here = distances.placed(part), coal.Transform3s(distances.pose), distances.pose.getTranslation()
-    last: tuple[Array, Array, Array] | None = None
+    off, further, turned = 2 * _CLEAR, _CLEAR, math.inf
+    mine_at, moved, geometry = distances.placed(part), coal.Transform3s(distances.pose), part.geometry
+    # Three numbers at a time are quicker as floats than as arrays.
+    hx, hy, hz = distances.pose.getTranslation().tolist()
+    x, y, z = normal.tolist()
+    last: tuple[float, float, float, float] | None = None
     for _ in range(_ROUNDS):
-        away = off * normal
-        moved.setTranslation(here + away)
-        gap, mine = distances.placed_at(part, mine_at, moved, part.geometry)
+        moved.setTranslation(np.array((hx + off * x, hy + off * y, hz + off * z)))
+        gap, mine = distances.placed_at(part, mine_at, moved, geometry)
         if gap < 0.5 * _CLEAR:  # deeper than thought
             # Coal's own depth is rough, often next to nothing deep inside: each time twice as far.
             off += further + min(max(-gap, 0.0), 10 * _CLEAR)
             further *= 2
             continue
         further = _CLEAR
-        other = np.array(distances.result.getNearestPoint2())
-        direction = (other - mine) / gap
+        mx, my, mz = mine.tolist()
+        ox, oy, oz = distances.result.getNearestPoint2().tolist()
+        dx, dy, dz = ox - mx, oy - my, oz - mz  # along the next normal, gap long
         # Farther off than need be, the nearest points are others than those that overlap.
-        turn, spare = direction - normal, gap - _CLEAR
-        before, turned = turned, math.sqrt(turn @ turn)
+        spare = gap - _CLEAR
+        before, turned = turned, math.hypot(dx / gap - x, dy / gap - y, dz / gap - z)
         alike = turned < _ALIKE or 0.5 * before < turned < roughly
-        surface = other - away
+        last = off - (dx * x + dy * y + dz * z), ox - off * x, oy - off * y, oz - off * z
         if alike and abs(spare) <= 0.5 * _CLEAR:
-            return float((mine - surface) @ normal), normal, surface
-        last = mine, surface, normal
-        normal, off = direction, off - spare
+            break
+        x, y, z, off = dx / gap, dy / gap, dz / gap, off - spare
     if last is None:
         raise GeometryFailed(part.link, type(part.geometry).__name__)
-    mine, surface, along = last
-    return float((mine - surface) @ along), normal, surface
+    return last[0], np.array((x, y, z)), np.array(last[1:])
 
 
 def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLike) -> ContactSet:

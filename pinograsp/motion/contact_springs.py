@@ -9,7 +9,6 @@ axes) and, of soft fingers, about the normal. Its force F(z) (k, r) follows cont
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -121,17 +120,14 @@ class Contacts:
         self._live, self._pairs = live, np.ix_(live, live)
         self._scale = units[live, None] * units[live]
 
-    def at_depths(self, depths: Array) -> Contacts:
-        """The same contacts with other depths (k,) [m]."""
-        other = copy.copy(self)
-        other.depths = depths
-        return other
+    def known(self, since: Array, stretched: Array, depths: Array | None = None) -> Array:
+        """z_0 (k, r), where friction's springs were ``stretched`` (k, 4) [m, rad] at the motions ``since`` (p,).
 
-    def known(self, since: Array, stretched: Array) -> Array:
-        """z_0 (k, r), where friction's springs were ``stretched`` (k, 4) [m, rad] at the motions ``since`` (p,)."""
+        ``depths`` (k,) [m] before any motion: other ones than the contacts' own.
+        """
         found = (self.flat @ since).reshape(self.k, -1)
         found[:, 1:] += stretched[:, : found.shape[1] - 1]
-        found[:, 0] = self.depths
+        found[:, 0] = self.depths if depths is None else depths
         return found
 
     def at(self, y: Array, since: Array, stretched: Array) -> Now:
@@ -216,8 +212,10 @@ class Now:
         return self._of_four(self._forces[:, 1:] / self._contacts.springs)
 
     def _of_four(self, values: Array) -> Array:
+        if self._contacts.soft:
+            return values
         found = np.zeros((len(values), 4))
-        found[:, : values.shape[1]] = values
+        found[:, :3] = values
         return found
 
     @property

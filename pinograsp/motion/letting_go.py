@@ -95,13 +95,13 @@ def friction_built_up(
     for i in range(1, len(depths)):
         held = Contacts(problem, depths[i], servos=None if servos is None else servos[i], free=False)
         for part in np.arange(1, _PARTS + 1) / _PARTS:
-            contacts = held.at_depths(depths[i - 1] + part * (depths[i] - depths[i - 1]))
-            asked = stretched + (slid[i] - slid[i - 1]) / _PARTS
+            deep = depths[i - 1] + part * (depths[i] - depths[i - 1])
+            known = held.known(given, stretched + (slid[i] - slid[i - 1]) / _PARTS, deep)
             if servos is None:
-                now = contacts.at(given, given, asked)
+                now = Now(held, known, given)
             else:
                 sent = servos[i - 1].torques + part * (servos[i].torques - servos[i - 1].torques)
-                now = _rest(contacts, sent, given, asked, given + (given - before))
+                now = _rest(held, sent, known, given, given + (given - before))
                 before, given = given, now.y
             stretched = now.stretched
     return Pressed(stretched * springs_of(problem), given)
@@ -128,19 +128,19 @@ def let_go(
     for stage in range(1, _STAGES + 1):
         ahead = now.y + (now.y - before)
         before = now.y
-        now = _rest(contacts, pull + support * (1 - stage / _STAGES), before, stretched, ahead)
+        known = contacts.known(before, stretched)
+        now = _rest(contacts, pull + support * (1 - stage / _STAGES), known, before, ahead)
         stretched = now.stretched
     balanced = contacts.size(now.left + pull) < _NEARLY * float(now.normal.sum())
     stiffness, gripping = now.stiffness[:6, :6], now.gripping[:6, :6]
     return LetGo(now.y[:6], now.normal, now.friction, stiffness, gripping, contacts.response(now), balanced)
 
 
-def _rest(contacts: Contacts, pull: Array, since: Array, stretched: Array, ahead: Array) -> Now:
-    """The contacts in balance with ``pull`` (p,), or nearly; springs ``stretched`` (k, 4) at the motions ``since``.
+def _rest(contacts: Contacts, pull: Array, known: Array, since: Array, ahead: Array) -> Now:
+    """The contacts in balance with ``pull`` (p,), or nearly, from the motions ``since`` (p,) on.
 
-    ``ahead``: motions (p,) where the balance may be.
+    ``known``: z_0 (k, r) of the contacts; ``ahead``: motions (p,) where the balance may be.
     """
-    known = contacts.known(since, stretched)
     now = Now(contacts, known, ahead)
     enough = _BALANCED * max(float(now.normal.sum()), _BALANCED)
     # Newton's method mostly leads there at once.

@@ -22,10 +22,10 @@ from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import Finger, HandModel, servo_gains
 from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach, gentle_approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
-from pinograsp.motion.grasp_ik import FingerMotion, press
+from pinograsp.motion.grasp_ik import FingerMotion, press_all
 from pinograsp.motion.jacobian import contact_jacobian
 from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces
-from pinograsp.motion.torques import contact_torques, inverse_dynamics
+from pinograsp.motion.torques import contact_torques, finger_dynamics, inverse_dynamics
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array
 
@@ -192,10 +192,7 @@ class _Planning:
             self.closing.append((finger, motion, paths[0]))
         else:
             own = [contacts[i] for i in which]
-            candidates = [
-                press(hand, finger, own, angles, points, self.profile, which, self.after)
-                for angles, points in zip(found.angles, found.points_l)
-            ]
+            candidates = press_all(hand, finger, own, found.angles, found.points_l, self.profile, which, self.after)
             paths = [self.with_approach(motion, start) for motion in candidates]
         torques = [contact_torques(motion.jacobians, self.wrenches_o[:, which]) for motion in candidates]
         chosen = self.choose(finger, candidates, paths, torques)
@@ -323,22 +320,24 @@ class _Planning:
         """The candidate with the fewest faults, among them the one with the least peak torque."""
         if len(candidates) == 1:
             return 0
-        peaks = [self.peak_torque(finger, path, own) for path, own in zip(paths, torques)]
-        faults = [
-            int(motion.errors.max() > TRACKED) + bool(motion.limited or _outside_limits(self.hand, finger, path.q))
-            for motion, path in zip(candidates, paths)
-        ]
-        best = min(range(len(peaks)), key=lambda i: (faults[i], peaks[i]))
-        return next(i for i in range(len(peaks)) if faults[i] == faults[best] and peaks[i] <= peaks[best] + _TIE)
+        faults = np.array(
+            [
+                int(motion.errors.max() > TRACKED) + bool(motion.limited or _outside_limits(self.hand, finger, path.q))
+                for motion, path in zip(candidates, paths)
+            ]
+        )
+        fewest: list[int] = np.flatnonzero(faults == faults.min()).tolist()
+        peaks = self.peak_torques(finger, [paths[i] for i in fewest], [torques[i] for i in fewest])
+        return fewest[int(np.argmax(peaks <= peaks.min() + _TIE))]
 
-    def peak_torque(self, finger: Finger, path: JointPath, torques: Array) -> float:
-        """Infinity norm of the finger's torques over both phases [N m]."""
-        m, n = self.path.q.shape
-        q, dq, ddq = np.tile(self.start, (m, 1)), np.zeros((m, n)), np.zeros((m, n))
-        q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path.q, path.dq, path.ddq
-        total = inverse_dynamics(self.hand, q, dq, ddq, gravity_o=self.problem.gravity_o)[:, finger.dofs]
-        total[self.impact :] += torques
-        return float(np.abs(total).max())
+    def peak_torques(self, finger: Finger, paths: Sequence[JointPath], torques: Sequence[Array]) -> Array:
+        """Infinity norms of the finger's torques over both phases, path by path (s,) [N m]."""
+        q, dq, ddq = (np.concatenate([getattr(path, name) for path in paths]) for name in ("q", "dq", "ddq"))
+        total = finger_dynamics(self.hand, finger, self.start, (q, dq, ddq), self.problem.gravity_o)
+        total = total.reshape(len(paths), -1, finger.n)
+        total[:, self.impact :] += np.array(torques)
+        peaks: Array = np.abs(total).max(axis=(1, 2))
+        return peaks
 
     def judge(self, finger: Finger, which: Sequence[int], motion: FingerMotion, path: JointPath, closed: bool) -> None:
         """Note what keeps a finger off its path or takes it beyond its limits, and what helps."""
