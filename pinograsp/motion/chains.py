@@ -83,7 +83,7 @@ def _moved(before: _Screws, own: Array, finger: Finger, distances: Array) -> _Sc
         across = skew(axis)
         sine, versed = np.sin(angle)[:, None, None], 1 - np.cos(angle)[:, None, None]
         turn = np.eye(3) + sine * across + versed * (across @ across)
-        centre = np.cross(axis, linear / rate)  # a point on the axis
+        centre = across @ linear / rate  # a point on the axis
         moved = moved + turned @ centre
         turned = turned @ turn
         moved = moved - turned @ centre

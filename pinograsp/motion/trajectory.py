@@ -369,10 +369,11 @@ class _Planning:
     def result(self, postures: dict[str, int]) -> Motion:
         """The motion with its torques; ``postures`` were tried by finger."""
         hand, path, gravity_o = self.hand, self.path, self.problem.gravity_o
-        total = inverse_dynamics(hand, path.q, path.dq, path.ddq, gravity_o=gravity_o) + self.contact_torques
-        # The deceleration ends at t_F, and its torques with it.
+        # The deceleration ends at t_F, and its torques with it: one more sample, at rest.
         still = np.zeros((1, hand.n))
-        holding = inverse_dynamics(hand, path.q[-1:], still, still, gravity_o=gravity_o)[0] + self.contact_torques[-1]
+        moving = (np.vstack([path.q, path.q[-1:]]), np.vstack([path.dq, still]), np.vstack([path.ddq, still]))
+        total = inverse_dynamics(hand, *moving, gravity_o=gravity_o)
+        total, holding = total[:-1] + self.contact_torques, total[-1] + self.contact_torques[-1]
         self.notes += [
             f"{joint} needs up to {peak:.3g} N m, more than its effort limit of {limit:g} N m"
             for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
