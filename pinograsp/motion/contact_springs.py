@@ -102,21 +102,21 @@ class Contacts:
         # Springs slip where they are stretched further than this per newton [m/N, 1/N].
         self.slack = np.broadcast_to(problem.mu / TANGENTIAL, (self.k,))
         self.slack_about = problem.friction.torsion / springs[3] if self.soft else 0.0
-        into, moves, units, own = np.zeros((self.k, 0)), np.zeros((self.k, 4, 0)), np.zeros(0), np.zeros(0)
+        twists, n, rows = 6 * free, 0 if servos is None else len(servos.stiffness), len(self.springs)
+        self.columns = np.empty((self.k, 1 + rows, twists + n))
+        self.own, self.units = np.zeros(twists + n), np.zeros(twists + n)
         if free:
-            into, moves, units = object_motion(problem) if motion is None else motion
-            own = np.zeros(6)
+            into, moves, self.units[:6] = object_motion(problem) if motion is None else motion
+            self.columns[:, 0, :6], self.columns[:, 1:, :6] = into, moves[:, :rows]
         if servos is not None:
             # Links that go in deepen what the object lessens.
-            into, moves = np.hstack([into, -servos.deepening]), np.concatenate([moves, -servos.across], axis=2)
-            reach = np.sqrt((servos.deepening**2).sum(axis=0) + (servos.across[:, :3] ** 2).sum(axis=(0, 1)))
-            units = np.concatenate([units, np.divide(1.0, reach, out=np.zeros(len(reach)), where=reach > _LEAST_ARM)])
-            own = np.concatenate([own, servos.stiffness])
-        rows = moves if self.soft else moves[:, :3]
-        self.columns = np.concatenate([into[:, None], rows], axis=1)
-        self.flat = self.columns.reshape(self.columns.shape[0] * self.columns.shape[1], len(own))
-        self.own, self.units = own, units
-        live = np.flatnonzero(units)
+            self.columns[:, 0, twists:], self.columns[:, 1:, twists:] = -servos.deepening, -servos.across[:, :rows]
+            moving = self.columns[:, :4, twists:]
+            reach = np.sqrt((moving * moving).sum(axis=(0, 1)))
+            np.divide(1.0, reach, out=self.units[twists:], where=reach > _LEAST_ARM)
+            self.own[twists:] = servos.stiffness
+        self.flat = self.columns.reshape(self.k * (1 + rows), twists + n)
+        units, live = self.units, np.flatnonzero(self.units)
         self._live, self._pairs = live, np.ix_(live, live)
         self._scale = units[live, None] * units[live]
 
