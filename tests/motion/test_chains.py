@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from pinograsp.hands import load_hand
 from pinograsp.motion.chains import points_at
-from pinograsp.motion.contact_ik import _joined
 from pinograsp.motion.jacobian import contact_jacobian
 
 
@@ -18,7 +19,10 @@ def test_many_postures_at_once(name):
     hand, rng = load_hand(name), np.random.default_rng(3)
     model, data = hand.model, hand.model.createData()
     posture = rng.uniform(hand.lower, hand.upper)
-    for finger in [*hand.fingers, _joined(list(hand.fingers[:2]))]:
+    first, second = hand.fingers[0], hand.fingers[-1]
+    ids = tuple(dict.fromkeys([*first.joint_ids, *second.joint_ids]))
+    both = replace(first, joint_ids=ids, dofs=np.union1d(first.dofs, second.dofs))  # as one that shares its motors
+    for finger in [*hand.fingers, both]:
         joints = [0, *finger.joint_ids]
         points_l = rng.normal(scale=0.03, size=(len(joints), 3))
         q = rng.uniform(hand.lower[finger.dofs], hand.upper[finger.dofs], (7, finger.n))
