@@ -130,13 +130,15 @@ def array_of(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
         array.ndim != len(shape) or any(s is not None and s != a for s, a in zip(shape, array.shape))
     ):
         raise InvalidInput(f"{name}: expected shape {_words(shape)}, got {array.shape}")
-    # The sum of squares is quicker to look at, but may overflow.
-    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+    # The sum of squares is quicker to look at, but may overflow; of many numbers BLAS would start threads for it.
+    small = array.size <= _FEW and math.isfinite(np.vdot(array, array))
+    if not small and not np.isfinite(array).all():
         raise InvalidInput(f"{name}: expected finite numbers, got {shown(array.tolist())}")
     return frozen(array)
 
 
 _FLOAT, _EYE = np.dtype(float), np.eye(3)
+_FEW = 1000  # numbers: looked at one by one, as many take no longer
 _MOST_JOBS = 1000
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import coal
@@ -15,7 +19,7 @@ from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_of
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import FARTHEST, Array
+from pinograsp.spatial import FARTHEST, Array, BoolArray
 
 PALM = "palm"
 _FAR = 1e3  # [m] farther off than any part of a hand
@@ -39,21 +43,29 @@ class HandPart:
         own = model.frames[one.parentFrame].name
         self.finger, self.link = (PALM, hand.palm) if not one.parentJoint else names.get(one.parentJoint, ("", own))
         one.geometry.computeLocalAABB()
-        centre = one.placement.act(np.array(one.geometry.aabb_center))
-        reach = float(np.linalg.norm(centre)) + one.geometry.aabb_radius
-        # Bound of the speed of any of its points per unit rate of each actuated joint.
-        self.reach = np.zeros(hand.n)
-        j = one.parentJoint
-        while j:
-            joint = model.joints[j]
-            ratio = abs(hand.ratio(j))
-            self.reach[joint.idx_v] += ratio * (1.0 if hand.is_prismatic(j) else reach)
-            if hand.is_prismatic(j):
-                reach += ratio * max(abs(hand.lower[joint.idx_v]), abs(hand.upper[joint.idx_v]))
-            reach += float(np.linalg.norm(model.jointPlacements[j].translation))
-            j = model.parents[j]
+        self.hand = hand
+        # A ball around it: its centre in the joint's frame (3,) and its radius [m].
+        self.centre: Array = one.placement.act(np.array(one.geometry.aabb_center))
+        self.radius = float(one.geometry.aabb_radius)
         # A mesh's convex hull; where there is none, the geometry itself.
         self.hull = hull_of(one.geometry) or one.geometry
+
+    @cached_property
+    def reach(self) -> Array:
+        """Bound of the speed of any of its points per unit rate of each actuated joint (n,)."""
+        hand, model = self.hand, self.hand.model
+        reach, speeds = float(np.linalg.norm(self.centre)) + self.radius, np.zeros(hand.n)
+        lower, upper = hand.lower, hand.upper
+        j = self.joint
+        while j:
+            i, ratio = model.joints[j].idx_v, abs(hand.ratio(j))
+            slides = hand.is_prismatic(j)
+            speeds[i] += ratio * (1.0 if slides else reach)
+            if slides:
+                reach += ratio * max(abs(lower[i]), abs(upper[i]))
+            reach += float(np.linalg.norm(model.jointPlacements[j].translation))
+            j = model.parents[j]
+        return speeds
 
 
 def parts_of(hand: HandModel) -> list[HandPart]:
@@ -120,19 +132,53 @@ class Distances:
 
         What is below ``least`` [m] cannot be: coal takes some meshes that barely touch for deep inside.
         """
-        pose = _pose(self.data, part.joint, part.placement)
-        moved = coal.Transform3s(object_pose)
+        return self.placed_at(part, self.placed(part), object_pose, geometry, least)
+
+    def placed(self, part: HandPart) -> coal.Transform3s:
+        """Where a part is in the world."""
+        return _pose(self.data, part.joint, part.placement)
+
+    def placed_at(
+        self,
+        part: HandPart,
+        pose: coal.Transform3s,
+        object_pose: coal.Transform3s,
+        geometry: coal.CollisionGeometry,
+        least: float = -np.inf,
+    ) -> tuple[float, Array]:
+        """As :meth:`at`, of a part whose own pose is known."""
+        moved, least = object_pose, max(least, -_FAILED)
         for attempt in range(6):
             request = self.request if attempt % 2 == 0 else self.plain
             self.result.clear()
-            distance = coal.distance(geometry, pose, self.shape, moved, request, self.result)
+            distance: float = coal.distance(geometry, pose, self.shape, moved, request, self.result)
             point = np.array(self.result.getNearestPoint1())
-            if np.isfinite(point).all() and max(least, -_FAILED) <= distance < _FAILED:
+            if least <= distance < _FAILED and math.isfinite(point @ point):
                 return distance, point
             # At its finest tolerance coal can fail on slivers of a mesh: try a coarser one, then a tenth of a
             # micrometre aside.
-            moved.setTranslation(object_pose.getTranslation() + 1e-7 * np.array([attempt, 1.0, -attempt]))
+            aside = object_pose.getTranslation() + 1e-7 * np.array([attempt, 1.0, -attempt])
+            moved = coal.Transform3s(object_pose.getRotation(), aside)
         raise GeometryFailed(part.link, type(part.geometry).__name__)
+
+    def near(self, parts: Sequence[HandPart], postures: Array) -> BoolArray:
+        """Which parts (m, p) may touch the object at postures (m, n): those whose balls reach the box around it."""
+        self.shape.computeLocalAABB()
+        box, pose = self.shape.aabb_local, self.body.pose
+        joints = sorted({part.joint for part in parts})
+        column = np.array([joints.index(part.joint) for part in parts], dtype=int)
+        turned, moved = np.empty((len(postures), len(joints), 3, 3)), np.empty((len(postures), len(joints), 3))
+        for i, q in enumerate(postures):
+            pin.forwardKinematics(self.model, self.data, q)
+            for c, joint in enumerate(joints):
+                placed = self.data.oMi[joint]
+                turned[i, c], moved[i, c] = placed.rotation, placed.translation
+        centres = np.array([part.centre for part in parts]).reshape(-1, 3)
+        centres_o = np.einsum("mpij,pj->mpi", turned[:, column], centres) + moved[:, column]
+        centres_b = (centres_o - pose[:3, 3]) @ pose[:3, :3]
+        apart = np.maximum(np.maximum(box.min_ - centres_b, centres_b - box.max_), 0.0)
+        near: BoolArray = np.linalg.norm(apart, axis=2) <= np.array([part.radius for part in parts]) + _CLEAR
+        return near
 
     def surface(self, point: Array) -> tuple[Array, Array]:
         """The object's surface point nearest to a point (3,), and the inward normal there (3,)."""
@@ -296,19 +342,31 @@ class Hit(NamedTuple):
 
 def deepest_hit(hand: HandModel, body: Body, postures: ArrayLike, *, allowed: float = 0.0) -> Hit | None:
     """Where the hand is deepest in ``body`` on its way (m, n); None: nowhere deeper than ``allowed`` [m]."""
-    check_geometry(hand)
-    distances = Distances(hand, instance_of("body", body, Body))
-    parts = parts_of(hand)
-    worst: Hit | None = None
-    for sample, q in enumerate(array_of("postures", postures, (None, hand.n))):
-        distances.put(q)
-        for part in parts:
-            if distances.rough(part) >= -allowed:
+    return Way(hand, body).deepest_hit(postures, allowed=allowed)
+
+
+class Way:
+    """A hand on several ways past the same object."""
+
+    def __init__(self, hand: HandModel, body: Body):
+        check_geometry(hand)
+        self.n, self.distances, self.parts = hand.n, Distances(hand, instance_of("body", body, Body)), parts_of(hand)
+
+    def deepest_hit(self, postures: ArrayLike, *, allowed: float = 0.0) -> Hit | None:
+        """As :func:`deepest_hit`, on one of them."""
+        distances, way = self.distances, array_of("postures", postures, (None, self.n))
+        worst: Hit | None = None
+        for q, near, sample in zip(way, distances.near(self.parts, way), itertools.count()):
+            if not near.any():
                 continue
-            depth = -distances.of(part)[0]
-            if depth > max(allowed, 0.0 if worst is None else worst.depth):
-                worst = Hit(sample=sample, link=part.link, depth=depth)
-    return worst
+            distances.put(q)
+            for part in itertools.compress(self.parts, near):
+                if distances.rough(part) >= -allowed:
+                    continue
+                depth = -distances.of(part)[0]
+                if depth > max(allowed, 0.0 if worst is None else worst.depth):
+                    worst = Hit(sample=sample, link=part.link, depth=depth)
+        return worst
 
 
 class NearPoint(NamedTuple):

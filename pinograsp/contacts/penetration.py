@@ -8,6 +8,7 @@ is the next guess.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -44,8 +45,9 @@ class Penetration:
         self.hand, self.body, self.contacts = hand, body, contacts
         self.roughly = 0.0 if points else _ROUGHLY
         self.distances = Distances(hand, body)
-        parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects]
         joints = [self._joint(contact) for contact in contacts]
+        own = set(joints)
+        parts = [HandPart(hand, one, {}) for one in hand.geometry.geometryObjects if one.parentJoint in own]
         # Corners of a flat area are points of the link; where one point touches, the surface around it counts.
         self.corner = [joints.count(joint) > 1 for joint in joints]
         self.parts = [[part for part in parts if part.joint == joint] for joint in joints]
@@ -96,32 +98,35 @@ def deepest_of(
     Raises:
         GeometryFailed: the object cannot be moved off along the normals found.
     """
-    pose, off = distances.pose, 2 * _CLEAR
-    further, turned = _CLEAR, np.inf
-    last: tuple[float, Array, Array] | None = None
+    off, further, turned = 2 * _CLEAR, _CLEAR, math.inf
+    mine_at, moved, geometry = distances.placed(part), coal.Transform3s(distances.pose), part.geometry
+    # Three numbers at a time are quicker as floats than as arrays.
+    hx, hy, hz = distances.pose.getTranslation().tolist()
+    x, y, z = normal.tolist()
+    last: tuple[float, float, float, float] | None = None
     for _ in range(_ROUNDS):
-        moved = coal.Transform3s(pose.getRotation(), pose.getTranslation() + off * normal)
-        gap, mine = distances.at(part, moved, part.geometry)
+        moved.setTranslation(np.array((hx + off * x, hy + off * y, hz + off * z)))
+        gap, mine = distances.placed_at(part, mine_at, moved, geometry)
         if gap < 0.5 * _CLEAR:  # deeper than thought
             # Coal's own depth is rough, often next to nothing deep inside: each time twice as far.
             off += further + min(max(-gap, 0.0), 10 * _CLEAR)
             further *= 2
             continue
         further = _CLEAR
-        other = np.array(distances.result.getNearestPoint2())
-        direction = (other - mine) / gap
+        mx, my, mz = mine.tolist()
+        ox, oy, oz = distances.result.getNearestPoint2().tolist()
+        dx, dy, dz = ox - mx, oy - my, oz - mz  # along the next normal, gap long
         # Farther off than need be, the nearest points are others than those that overlap.
-        before, turned, spare = turned, float(np.linalg.norm(direction - normal)), gap - _CLEAR
+        spare = gap - _CLEAR
+        before, turned = turned, math.hypot(dx / gap - x, dy / gap - y, dz / gap - z)
         alike = turned < _ALIKE or 0.5 * before < turned < roughly
-        surface = other - off * normal
-        depth = float((mine - surface) @ normal)
+        last = off - (dx * x + dy * y + dz * z), ox - off * x, oy - off * y, oz - off * z
         if alike and abs(spare) <= 0.5 * _CLEAR:
-            return depth, normal, surface
-        normal, off = direction, off - spare
-        last = depth, normal, surface
+            break
+        x, y, z, off = dx / gap, dy / gap, dz / gap, off - spare
     if last is None:
         raise GeometryFailed(part.link, type(part.geometry).__name__)
-    return last
+    return last[0], np.array((x, y, z)), np.array(last[1:])
 
 
 def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLike) -> ContactSet:

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.hands import HandModel
-from pinograsp.spatial import Array, IntArray
+from pinograsp.spatial import Array, BoolArray, IntArray
 
 _LOOKS = 9  # at what one motor moves, over its range
 
@@ -32,21 +32,16 @@ class SelfCollisions:
         self.centres = np.array([one.placement.act(np.array(one.geometry.aabb_center)) for one in self.objects])
         radii = np.array([one.geometry.aabb_radius for one in self.objects])
         self.links = [model.frames[one.parentFrame].name for one in self.objects]
-        apart = np.array([[not _near(model, i, j) for j in range(model.njoints)] for i in range(model.njoints)])
         if not self.objects:
             self.pairs = np.zeros((0, 2), dtype=int)
             return
         disabled = {frozenset(pair) for pair in hand.disabled_collisions}
+        apart = ~_near(model)
         pairs = np.argwhere(np.tril(apart[np.ix_(self.joints, self.joints)], -1)).tolist()
         kept = [(b, a) for b, a in pairs if frozenset((self.links[a], self.links[b])) not in disabled]
         self.pairs = np.array(kept, dtype=int).reshape(-1, 2)
         self.reach = radii[self.pairs].sum(axis=1)
-        supports, joints = [set(support) for support in model.supports], self.joints.tolist()
-        coupled = [
-            (b, a)
-            for b, a in self.pairs.tolist()
-            if len({model.joints[j].idx_v for j in supports[joints[b]] ^ supports[joints[a]] if j}) == 1
-        ]
+        coupled = [tuple(pair) for pair in self.pairs[_moved_by_one(model, *self.joints[self.pairs].T)].tolist()]
         if coupled:
             linked = self._linked(hand, coupled)
             free = np.array([(self.links[a], self.links[b]) not in linked for b, a in self.pairs.tolist()])
@@ -62,7 +57,8 @@ class SelfCollisions:
         overlaps: Counter[tuple[str, str]] = Counter()
         for share in np.linspace(0.0, 1.0, _LOOKS):
             pin.forwardKinematics(self.model, self.data, hand.lower + share * (hand.upper - hand.lower))
-            overlaps.update({(self.links[a], self.links[b]) for b, a in coupled if self._collide(b, a)})
+            at = {i: self._placed(i) for i in {i for pair in coupled for i in pair}}
+            overlaps.update({(self.links[a], self.links[b]) for b, a in coupled if self._collide(b, a, at[b], at[a])})
         return {names for names, count in overlaps.items() if 2 * count >= _LOOKS}
 
     def at(self, q: Array) -> set[tuple[str, str]]:
@@ -70,14 +66,16 @@ class SelfCollisions:
         if not len(self.pairs):
             return set()
         pin.forwardKinematics(self.model, self.data, q)
-        rotations = np.array([pose.rotation for pose in self.data.oMi])[self.joints]
-        origins = np.array([pose.translation for pose in self.data.oMi])[self.joints]
-        centres = origins + np.einsum("pij,pj->pi", rotations, self.centres)
+        poses = [pose.homogeneous for pose in self.data.oMi]
+        placed = np.array(poses)[self.joints]
+        centres = placed[:, :3, 3] + np.einsum("pij,pj->pi", placed[:, :3, :3], self.centres)
         apart = np.linalg.norm(np.subtract(*centres[self.pairs.T]), axis=1)
         found: set[tuple[str, str]] = set()
-        for b, a in self.pairs[apart <= self.reach].tolist():
+        near = self.pairs[apart <= self.reach].tolist()
+        at = {i: self._placed(i) for i in {i for pair in near for i in pair}}
+        for b, a in near:
             pair = (self.links[a], self.links[b])
-            if pair not in found and self._collide(a, b):
+            if pair not in found and self._collide(a, b, at[a], at[b]):
                 found.add(pair)
         return found
 
@@ -95,35 +93,53 @@ class SelfCollisions:
         for i, k in np.argwhere(np.einsum("npx,npx->np", between, between) <= self.reach**2).tolist():
             if found[i] < 0:
                 b, a = self.pairs[k]
-                if self._overlap(a, b, *(pin.SE3(oMi[i, self.joints[one]]) for one in (a, b))):
+                own = [pin.SE3(oMi[i, self.joints[one]]) * self.objects[one].placement for one in (a, b)]
+                if self._collide(a, b, *(coal.Transform3s(pose.rotation, pose.translation) for pose in own)):
                     found[i] = k
         return found
 
-    def _collide(self, a: int, b: int) -> bool:
-        return self._overlap(a, b, *(self.data.oMi[self.objects[i].parentJoint] for i in (a, b)))
+    def _placed(self, i: int) -> coal.Transform3s:
+        one = self.objects[i]
+        pose = self.data.oMi[one.parentJoint] * one.placement
+        return coal.Transform3s(pose.rotation, pose.translation)
 
-    def _overlap(self, a: int, b: int, pose_a: pin.SE3, pose_b: pin.SE3) -> bool:
-        one, other = (self.objects[i] for i in (a, b))
-        poses = pose_a * one.placement, pose_b * other.placement
-        there, here = (coal.Transform3s(pose.rotation, pose.translation) for pose in poses)
-        return bool(coal.collide(one.geometry, there, other.geometry, here, self.request, coal.CollisionResult()))
+    def _collide(self, a: int, b: int, there: coal.Transform3s, here: coal.Transform3s) -> bool:
+        one, other = self.objects[a].geometry, self.objects[b].geometry
+        return bool(coal.collide(one, there, other, here, self.request, coal.CollisionResult()))
 
     def between(self, start: Array, q: Array) -> tuple[tuple[str, str], ...]:
         """Pairs of links that overlap at q (n,) but not at ``start`` (n,)."""
-        after = self.at(q)
-        return tuple(sorted(after - self.at(start))) if after else ()
+        return tuple(self.after(start, q[None]))
+
+    def after(self, start: Array, postures: Array) -> list[tuple[str, str]]:
+        """Pairs of links that overlap at postures (m, n) but not at ``start`` (n,), posture by posture."""
+        before: set[tuple[str, str]] | None = None
+        found: list[tuple[str, str]] = []
+        for q in postures:
+            if now := self.at(q):
+                before = self.at(start) if before is None else before
+                found += sorted(now - before)
+        return found
 
 
-def _near(model: pin.Model, one: int, other: int) -> bool:
-    """Whether one of two joints is the other, or comes within two joints after it in one chain."""
-    return one == other or _follows(model, one, other) or _follows(model, other, one)
+def _near(model: pin.Model) -> BoolArray:
+    """Which pairs of joints (j, j) are the same, or come within two joints after each other in one chain."""
+    parents, each = np.array(model.parents, dtype=int), np.arange(model.njoints)
+    near: BoolArray = np.eye(model.njoints, dtype=bool)
+    near[parents, each] = True
+    near[parents[parents], each] = True
+    near |= near.T
+    return near
 
 
-def _follows(model: pin.Model, inner: int, outer: int) -> bool:
-    for _ in range(2):
-        outer = model.parents[outer]
-        if outer == inner:
-            return True
-        if not outer:
-            return False
-    return False
+def _moved_by_one(model: pin.Model, one: IntArray, other: IntArray) -> BoolArray:
+    """Whether all that moves joints ``one`` (p,) against ``other`` (p,) is a single motor (p,)."""
+    supports = np.zeros((model.njoints, model.njoints), dtype=bool)
+    motors = np.zeros((model.njoints, model.nv), dtype=int)
+    for j, support in enumerate(model.supports):
+        supports[j, list(support)] = True
+        if j:
+            motors[j, model.joints[j].idx_v] = 1
+    between = (supports[one] ^ supports[other]).astype(int)
+    single: BoolArray = ((between @ motors) > 0).sum(axis=1) == 1
+    return single

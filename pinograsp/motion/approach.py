@@ -113,11 +113,20 @@ def gentle_approach(
     begin, end = (impact_time - duration) * ends[:, 0], (impact_time - duration) * ends[:, 1]
     u = np.clip((t - begin) / (end - begin), 0.0, 1.0)
     gap, span = at - a, end - begin
-    position = a + gap * u**3 * (10 - 15 * u + 6 * u**2)
-    rate = gap / span * 30 * u**2 * (1 - u) ** 2
-    curvature = gap / span**2 * 60 * u * (1 - u) * (1 - 2 * u)
+    still = u * (1 - u)
+    square = u * u
+    position = a + gap * (square * u) * (10 - 15 * u + 6 * square)
+    rate = gap / span * 30 * (still * still)
+    curvature = gap / span**2 * 60 * still * (1 - 2 * u)
     w = np.where(jumps, 0.0, np.clip((t - (impact_time - duration)) / duration, 0.0, 1.0))
-    position += duration * (dq_T * (w**3 - w**4 / 2) + duration * ddq_T * (w**4 / 4 - w**3 / 3))
-    rate += dq_T * (3 * w**2 - 2 * w**3) + duration * ddq_T * (w**3 - w**2)
-    curvature += dq_T / duration * 6 * w * (1 - w) + ddq_T * (3 * w**2 - 2 * w)
+    # Only the last samples are in the last part.
+    late = np.flatnonzero((w > 0).any(axis=1))
+    first = int(late[0]) if late.size else len(w)
+    w = w[first:]
+    square, cube = w * w, w * w * w
+    position[first:] += duration * (
+        dq_T * (cube - square * square / 2) + duration * ddq_T * (square * square / 4 - cube / 3)
+    )
+    rate[first:] += dq_T * (3 * square - 2 * cube) + duration * ddq_T * (cube - square)
+    curvature[first:] += dq_T / duration * 6 * w * (1 - w) + ddq_T * (3 * square - 2 * w)
     return JointPath(q=position, dq=rate, ddq=curvature), jumps

@@ -18,13 +18,15 @@ from pinograsp.checks import array_of, brief, frozen
 from pinograsp.contacts import Contact, PenetrationProfile
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Finger, HandModel
-from pinograsp.motion.jacobian import contact_jacobian
-from pinograsp.spatial import Array
+from pinograsp.motion.chains import points_at
+from pinograsp.spatial import Array, BoolArray, IntArray, skew
 
 # Damping sets in where the smallest singular value of a sub-manipulator's Jacobian [m] falls below this: one
 # hundredth of a phalanx. Away from singularities the inverse is exact.
 _NEAR_SINGULAR = 5e-4
 _MAX_DAMPING = 5e-4
+# Where it is surely above this, ten times as much, nothing is damped and normal equations lose no digits that count.
+_REGULAR = 5e-3
 _LIMIT_SLACK = 1e-9  # [rad]
 
 
@@ -86,48 +88,93 @@ def press(
         euler: the plain forward step of Eq. (18). ``feedback=False, euler=True`` is the paper's scheme, kept to show
             its drift.
     """
-    t = array_of("times", times, (None,))
-    if t.size < 3:
-        raise InvalidInput(f"times: expected at least 3 samples, got {t.size}")
-    dt = float(t[1] - t[0])
-    normals = np.array([contact.normal_o for contact in contacts])
-    origins = np.array([contact.point_o for contact in contacts])
-    chain = _Chain(hand, finger, contacts, points_l)
-    q = np.array(array_of("start", start, (finger.n,)))
-    m, c, n = t.size, len(contacts), finger.n
-    columns = list(which)
-    depth, rate, middle = profile.depth(t), profile.rate(t), profile.rate((t[:-1] + t[1:]) / 2)
-    depth, rate, middle = depth[:, columns], rate[:, columns], middle[:, columns]
-    out_q, out_dq = np.empty((m, n)), np.empty((m, n))
-    jacobians, errors = np.empty((m, c, 6, n)), np.empty((m, c))
-    limited: set[int] = set()
-    # What is corrected in one step: never faster than the contact's own impact, so that a path that cannot be followed
-    # (a singular posture, too few joints) does not drive the joints wild.
-    fastest = rate.max(axis=0)[:, None]
+    path = _Path(contacts, profile, which, times)
+    starts = array_of("start", start, (finger.n,))[None]
+    return _pressed(hand, finger, contacts, starts, points_l[None], path, feedback=feedback, euler=euler)[0]
+
+
+def press_all(
+    hand: HandModel,
+    finger: Finger,
+    contacts: Sequence[Contact],
+    starts: Array,
+    points_l: Array,
+    profile: PenetrationProfile,
+    which: Sequence[int],
+    times: ArrayLike,
+) -> list[FingerMotion]:
+    """As :func:`press`, from all of the postures ``starts`` (s, n_f) with their points (s, c, 3) at once."""
+    return _pressed(hand, finger, contacts, starts, points_l, _Path(contacts, profile, which, times))
+
+
+class _Path:
+    """Where c contact points are to be at m times, how fast they are there and half-way to the next ones."""
+
+    def __init__(
+        self, contacts: Sequence[Contact], profile: PenetrationProfile, which: Sequence[int], times: ArrayLike
+    ):
+        t = array_of("times", times, (None,))
+        if t.size < 3:
+            raise InvalidInput(f"times: expected at least 3 samples, got {t.size}")
+        self.step = float(t[1] - t[0])
+        normals = np.array([contact.normal_o for contact in contacts])
+        origins = np.array([contact.point_o for contact in contacts])
+        depth, rate, middle = (
+            of[:, list(which), None] for of in (profile.depth(t), profile.rate(t), profile.rate((t[:-1] + t[1:]) / 2))
+        )
+        self.points, self.velocities, self.middle = origins + depth * normals, rate * normals, middle * normals
+        # What is corrected in one step: never faster than the contact's own impact, so that a path that cannot be
+        # followed (a singular posture, too few joints) does not drive the joints wild.
+        self.fastest = rate.max(axis=0)
+
+
+def _pressed(
+    hand: HandModel,
+    finger: Finger,
+    contacts: Sequence[Contact],
+    starts: Array,
+    points_l: Array,
+    path: _Path,
+    *,
+    feedback: bool = True,
+    euler: bool = False,
+) -> list[FingerMotion]:
+    """The motions from s postures: (s, n_f), contact points (s, c, 3)."""
+    chain, dt, q = _Chain(hand, finger, contacts, points_l), path.step, np.array(starts)
+    s, m, c, n = len(q), len(path.points), len(contacts), finger.n
+    out_q, out_dq = np.empty((s, m, n)), np.empty((s, m, n))
+    jacobians, errors = np.empty((s, m, c, 6, n)), np.empty((s, m, c))
+    limited = np.zeros((s, n), dtype=bool)
     for i in range(m):
         points, J = chain.at(q)
-        error = origins + depth[i][:, None] * normals - points
+        error = path.points[i] - points
         correction = error / dt * (1.0 if feedback else 0.0)
-        correction *= np.minimum(1.0, fastest / np.maximum(np.linalg.norm(correction, axis=1, keepdims=True), 1e-300))
-        dq, stopped = chain.rates(q, J, rate[i][:, None] * normals + correction, dt)
+        size = np.sqrt((correction * correction).sum(axis=2, keepdims=True))
+        correction *= np.minimum(1.0, path.fastest / np.maximum(size, 1e-300))
+        dq, stopped = chain.rates(q, J, path.velocities[i] + correction, dt)
         limited |= stopped
-        out_q[i], out_dq[i], jacobians[i], errors[i] = q, dq, J, np.linalg.norm(error, axis=1)
+        out_q[:, i], out_dq[:, i], jacobians[:, i] = q, dq, J
+        errors[:, i] = np.sqrt((error * error).sum(axis=2))
         if i == m - 1:
             break
         if not euler:
             _, J = chain.at(q + dq * dt / 2)
-            dq, stopped = chain.rates(q, J, middle[i][:, None] * normals + correction, dt)
+            dq, stopped = chain.rates(q, J, path.middle[i] + correction, dt)
             limited |= stopped
         q = np.clip(q + dq * dt, chain.lower, chain.upper)
-    return FingerMotion(
-        q=frozen(out_q),
-        dq=frozen(out_dq),
-        ddq=frozen(np.array(np.gradient(out_dq, dt, axis=0, edge_order=2))),
-        jacobians=frozen(jacobians),
-        errors=frozen(errors),
-        slips=frozen(np.zeros((m, c))),
-        limited=tuple(finger.actuated[j] for j in sorted(limited)),
-    )
+    ddq = np.gradient(out_dq, dt, axis=1, edge_order=2)
+    return [
+        FingerMotion(
+            q=frozen(out_q[j]),
+            dq=frozen(out_dq[j]),
+            ddq=frozen(ddq[j]),
+            jacobians=frozen(jacobians[j]),
+            errors=frozen(errors[j]),
+            slips=frozen(np.zeros((m, c))),
+            limited=tuple(name for name, met in zip(finger.actuated, limited[j]) if met),
+        )
+        for j in range(s)
+    ]
 
 
 def points_along(
@@ -142,23 +189,14 @@ def points_along(
 
     Linear velocity first, world axes. ``points_l`` (c, 3) in the joints' frames; ``posture`` (n,) of the other joints.
     """
-    chain = _Chain(hand, finger, contacts, points_l)
-    if posture is not None:
-        chain.q[:] = posture
-    points, jacobians = zip(*(chain.at(one) for one in q))
-    return np.array(points), np.array(jacobians)
+    joints = [finger.joint_of(contact.link) for contact in contacts]
+    return points_at(hand, finger, joints, points_l, q, hand.resting if posture is None else posture)
 
 
 class _Chain:
-    """One finger's contact points and Jacobians at a configuration, and its damped least-squares rates."""
+    """One finger's contact points and Jacobians at s configurations, and its damped least-squares rates."""
 
-    def __init__(
-        self,
-        hand: HandModel,
-        finger: Finger,
-        contacts: Sequence[Contact],
-        points_l: Array,
-    ):
+    def __init__(self, hand: HandModel, finger: Finger, contacts: Sequence[Contact], points_l: Array):
         self.model, self.data = hand.model, hand.model.createData()
         self.dofs = finger.dofs
         self.lower, self.upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
@@ -169,37 +207,70 @@ class _Chain:
         self.parts = [slice(a, b) for a, b in zip([0, *(e + 1 for e in ends[:-1])], [e + 1 for e in ends])]
 
     def at(self, q: Array) -> tuple[Array, Array]:
-        """Contact points (c, 3) and Jacobians (c, 6, n_f), linear first, world axes."""
-        self.q[self.dofs] = q
-        pin.computeJointJacobians(self.model, self.data, self.q)
-        points = [self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)]
-        J = [contact_jacobian(self.model, self.data, j, p)[:, self.dofs] for j, p in zip(self.joints, self.points_l)]
-        return np.array(points), np.array(J)
+        """Contact points (s, c, 3) and Jacobians (s, c, 6, n_f) at q (s, n_f), linear first, world axes."""
+        model, data, joints = self.model, self.data, self.joints
+        points = np.empty(self.points_l.shape)
+        J = np.empty((*points.shape[:2], 6, model.nv))
+        for i, (angles, points_l) in enumerate(zip(q, self.points_l)):
+            self.q[self.dofs] = angles
+            pin.computeJointJacobians(model, data, self.q)
+            for c, joint in enumerate(joints):
+                points[i, c] = data.oMi[joint].act(points_l[c])
+                J[i, c] = pin.getJointJacobian(model, data, joint, pin.WORLD).reshape(6, model.nv)
+        own = J[:, :, :, self.dofs]
+        # Pinocchio's are of the point of the link that is at the origin.
+        own[:, :, :3] -= skew(points) @ own[:, :, 3:]
+        return points, own
 
-    def rates(self, q: Array, J: Array, velocities: Array, dt: float) -> tuple[Array, set[int]]:
-        """Joint rates (n_f,) for contact-point velocities (c, 3) (Eqs. 17a, 17b), and the joints stopped at a limit."""
-        dq = np.zeros(len(q))
-        stopped: set[int] = set()
+    def rates(self, q: Array, J: Array, velocities: Array, dt: float) -> tuple[Array, BoolArray]:
+        """Joint rates (s, n_f) for contact-point velocities (s, c, 3) (Eqs. 17a, 17b), and which joints limits stop."""
+        dq = np.zeros(q.shape)
+        stopped = np.zeros(q.shape, dtype=bool)
         for contact, part in enumerate(self.parts):
-            velocity = velocities[contact] - J[contact][:3, : part.start] @ dq[: part.start]
-            free = np.arange(part.start, part.stop)
-            while free.size:
-                step = _damped_least_squares(J[contact][:3, free], velocity)
-                after = q[free] + step * dt
-                beyond = (after < self.lower[free] - _LIMIT_SLACK) | (after > self.upper[free] + _LIMIT_SLACK)
-                if not beyond.any():
-                    dq[free] = step
-                    break
-                # A joint at its limit stands still; the others do what they can.
-                stopped |= set(free[beyond].tolist())
-                free = free[~beyond]
+            rows = J[:, contact, :3]
+            velocity = velocities[:, contact]
+            if part.start:
+                velocity = velocity - (rows[:, :, : part.start] @ dq[:, : part.start, None])[:, :, 0]
+            if part.stop == part.start:
+                continue
+            dq[:, part] = _damped_least_squares(rows[:, :, part], velocity)
+            for i in np.flatnonzero(self._beyond(q[:, part] + dq[:, part] * dt, part).any(axis=1)):
+                dq[i, part], stopped[i, part] = self._within(q[i], rows[i], velocity[i], part, dt)
         return dq, stopped
+
+    def _beyond(self, q: Array, which: slice | IntArray) -> BoolArray:
+        beyond: BoolArray = (q < self.lower[which] - _LIMIT_SLACK) | (q > self.upper[which] + _LIMIT_SLACK)
+        return beyond
+
+    def _within(self, q: Array, rows: Array, velocity: Array, part: slice, dt: float) -> tuple[Array, BoolArray]:
+        """Rates of one posture's joints that stay within their limits: a joint at its limit stands still, the others do
+        what they can; which stand still.
+        """
+        dq, stopped = np.zeros(len(q)), np.zeros(len(q), dtype=bool)
+        free = np.arange(part.start, part.stop)
+        while free.size:
+            step = _damped_least_squares(rows[None, :, free], velocity[None])[0]
+            beyond = self._beyond(q[free] + step * dt, free)
+            if not beyond.any():
+                dq[free] = step
+                break
+            stopped[free[beyond]] = True
+            free = free[~beyond]
+        return dq[part], stopped[part]
 
 
 def _damped_least_squares(J: Array, velocity: Array) -> Array:
+    """Rates (s, n) for velocities (s, 3) of points with the Jacobians (s, 3, n), damped near singular postures."""
+    if J.shape[2] >= 3:
+        # J^T (J J^T)^-1 v, where nothing is damped: the least singular value is above sqrt(det) / (trace / 2).
+        square = J @ J.transpose(0, 2, 1)
+        half = 0.5 * np.trace(square, axis1=1, axis2=2)
+        if (np.linalg.det(square) > (_REGULAR * half) ** 2).all():
+            regular: Array = (J.transpose(0, 2, 1) @ np.linalg.solve(square, velocity[:, :, None]))[:, :, 0]
+            return regular
     U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
-    damping = 0.0
-    if sigma[-1] < _NEAR_SINGULAR:
-        damping = _MAX_DAMPING**2 * (1 - (sigma[-1] / _NEAR_SINGULAR) ** 2)
-    rates: Array = Vt.T @ (sigma / (sigma**2 + damping) * (U.T @ velocity))
+    least = sigma[:, -1:]
+    damping = np.where(least < _NEAR_SINGULAR, _MAX_DAMPING**2 * (1 - (least / _NEAR_SINGULAR) ** 2), 0.0)
+    along = (U.transpose(0, 2, 1) @ velocity[:, :, None])[:, :, 0]
+    rates: Array = (Vt.transpose(0, 2, 1) @ (sigma / (sigma**2 + damping) * along)[:, :, None])[:, :, 0]
     return rates

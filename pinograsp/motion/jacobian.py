@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -28,6 +30,21 @@ def contact_jacobian(model: pin.Model, data: pin.Data, joint: int, point_l: Arra
     arm = data.oMi[joint].rotation @ point_l
     J[:3] -= skew(arm) @ J[3:]
     return J
+
+
+def point_jacobians(model: pin.Model, data: pin.Data, joints: Sequence[int], points_o: Array) -> Array:
+    """Jacobians (k, 6, n), world axes, of points (k, 3) in the world [m], each fixed in a joint's link: linear first.
+
+    Needs ``pin.computeJointJacobians`` at the current q. Points of the palm, joint 0, do not move.
+    """
+    own = {0: np.zeros((6, model.nv))}
+    for joint in joints:
+        if joint not in own:
+            own[joint] = pin.getJointJacobian(model, data, joint, pin.WORLD).reshape(6, model.nv)
+    found = np.array([own[joint] for joint in joints]).reshape(-1, 6, model.nv)
+    # Pinocchio's are of the point of the link that is at the origin.
+    found[:, :3] -= skew(points_o) @ found[:, 3:]
+    return found
 
 
 def contact_jacobians(hand: HandModel, contacts: ContactSet, data: pin.Data, depth: ArrayLike = 0.0) -> Array:

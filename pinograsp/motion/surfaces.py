@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.linalg import lapack
 
 from pinograsp.checks import frozen
 from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
@@ -23,9 +24,10 @@ from pinograsp.contacts.penetration import Penetration
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import Finger, HandModel, servo_gains
 from pinograsp.motion.contact_ik import ContactPostures
+from pinograsp.motion.contact_springs import Servos, object_motion
 from pinograsp.motion.grasp_ik import FingerMotion, points_along
-from pinograsp.motion.jacobian import contact_jacobian
-from pinograsp.motion.letting_go import LetGo, Servos, friction_built_up, let_go
+from pinograsp.motion.jacobian import point_jacobians
+from pinograsp.motion.letting_go import LetGo, friction_built_up, let_go
 from pinograsp.spatial import Array
 
 # Contact points must follow their path to this [m]; a thousandth of a typical penetration.
@@ -144,7 +146,7 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
     depths, missing = np.zeros((_KNOTS, len(final))), np.zeros((_KNOTS, len(final)))
     slid = np.zeros((_KNOTS, len(final), 4))
     limited: set[int] = set()
-    now = solver.at(solver.posture)
+    now = solver.start
     on_the_way = [now]
     for i in range(1, _KNOTS):
         # On from where the last steps led.
@@ -160,7 +162,7 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
         on_the_way.append(now)
     servos = solver.servos(on_the_way, course)
     pressed = friction_built_up(solver.problem, depths, slid, servos)
-    rest = let_go(solver.problem, depths[-1], pressed, None if servos is None else servos[-1])
+    rest = let_go(solver.problem, depths[-1], pressed, None if servos is None else servos[-1], solver.motion)
     return ClosedPress(course, q, shift, depths, missing, frozenset(limited), rest)
 
 
@@ -188,7 +190,7 @@ class _Before(NamedTuple):
 
     def slid_at(self, q: Array, across: Array) -> Array:
         """How far links have slid and turned (k, 4) [m, rad] at the posture ``q`` (n,), moved by ``across``."""
-        slid: Array = self.slid + np.einsum("kin,n->ki", 0.5 * (self.across + across), q - self.q)
+        slid: Array = self.slid + 0.5 * ((self.across + across) @ (q - self.q))
         return slid
 
 
@@ -209,6 +211,7 @@ class _Solver:
         self.shifts = np.column_stack([self.normals, np.cross(arms, self.normals)])
         # Rigid motions of the object by the displacements of its contacts that they cause.
         arm = max(1e-3, float(np.sqrt((arms**2).sum(axis=1).mean())))
+        self.motion = object_motion(self.problem)
         self.joint_costs = np.where(hand.slides, 1.0 / _STROKE, 1.0)
         self.shift_costs = np.repeat([1.0, arm], 3) / _SHIFTING
         # Joints of no finger, of a wrist, stay.
@@ -216,25 +219,24 @@ class _Solver:
         self.moving = np.zeros(hand.n, dtype=bool)
         self.moving[np.concatenate([finger.dofs for finger in hand.fingers])] = True
         self.lower, self.upper = np.minimum(hand.lower, posture), np.maximum(hand.upper, posture)
+        self.rows = self._costs()
+        self.start = self.at(self.posture)
 
     def at(self, q: Array) -> _Pressed:
         """How deep the contacts are, and how joints move them."""
         model = self.hand.model
         pin.computeJointJacobians(model, self.data, q)
-        material = np.array([self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)])
         if self.surfaces is None:
+            material = np.array([self.data.oMi[j].act(p) for j, p in zip(self.joints, self.points_l)])
             depth, normals = ((material - self.origins) * self.normals).sum(axis=1), self.normals
             on_object = material - depth[:, None] * normals
         else:
             depth, normals, on_object = self.surfaces.at(q)
-        deepening, across = np.zeros((len(depth), model.nv)), np.zeros((len(depth), 4, model.nv))
-        for i, joint in enumerate(self.joints):
-            if joint:  # the palm does not move
-                # The same for all points on the normal.
-                J = contact_jacobian(model, self.data, joint, self.data.oMi[joint].actInv(on_object[i]))
-                deepening[i] = normals[i] @ J[:3]
-                across[i, :3] = J[:3] - np.outer(normals[i], deepening[i])
-                across[i, 3] = normals[i] @ J[3:]
+        J = point_jacobians(model, self.data, self.joints, on_object)  # the depth's are the same all along the normal
+        along = (normals[:, None, None] @ J.reshape(len(depth), 2, 3, model.nv))[:, :, 0]
+        deepening = along[:, 0]
+        J[:, :3] -= normals[:, :, None] * deepening[:, None]
+        across = np.concatenate([J[:, :3], along[:, 1:]], axis=1)
         return _Pressed(depth, deepening, across)
 
     def servos(self, on_the_way: Sequence[_Pressed], course: Array) -> tuple[Servos, ...] | None:
@@ -266,7 +268,7 @@ class _Solver:
             off = float(np.abs(missing / well).max())
             if best is None or off < best[0]:
                 best, halved = (off, q, shift, now), 0
-                to_q, to_shift, at_limit = self._step(q, shift, missing, now, towards, before)
+                to_q, to_shift, at_limit = self._step(q, shift, now, wanted, towards, before)
                 stopped |= at_limit
                 if off < 1.0 and np.abs(now.deepening @ (to_q - q)).max() < TRACKED:
                     break
@@ -280,22 +282,34 @@ class _Solver:
         _, q, shift, now = best
         return q, shift, now, {j for j in stopped if min(q[j] - self.lower[j], self.upper[j] - q[j]) < _AT_LIMIT}
 
-    def _step(
-        self, q: Array, shift: Array, missing: Array, now: _Pressed, towards: Array, before: _Before
-    ) -> tuple[Array, Array, set[int]]:
-        """Where the least-squares step leads joints and shift, and which joints meet their limits on it."""
-        n, k = len(q), len(missing)
+    def _costs(self) -> Array:
+        """The least-squares rows (4k + n + 6, n + 6), as far as they are the same for all steps."""
+        n, k = self.hand.n, len(self.normals)
         rows = np.zeros((4 * k + n + 6, n + 6))
-        rows[:k] = np.hstack([now.deepening, -self.shifts]) / _DEPTH
-        rows[k : 4 * k, :n] = now.across[:, :3].reshape(3 * k, n) / _SLIDING
+        rows[:k, n:] = -self.shifts / _DEPTH
         rows[4 * k : 4 * k + n, :n] = np.diag(self.joint_costs)
         rows[4 * k + n :, n:] = np.diag(self.shift_costs)
-        turned, slid = self.joint_costs * (self.posture - q), before.slid_at(q, now.across)[:, :3].ravel()
-        left = np.concatenate([missing / _DEPTH, -slid / _SLIDING, turned, self.shift_costs * (towards - shift)])
+        return rows
+
+    def _step(
+        self, q: Array, shift: Array, now: _Pressed, wanted: Array, towards: Array, before: _Before
+    ) -> tuple[Array, Array, set[int]]:
+        """Where the least-squares step leads joints and shift, and which joints meet their limits on it."""
+        n, k = len(q), len(wanted)
+        rows, left = self.rows.copy(), np.empty(len(self.rows))
+        rows[:k, :n] = now.deepening / _DEPTH
+        rows[k : 4 * k, :n] = now.across[:, :3].reshape(3 * k, n) / _SLIDING
+        left[:k] = (wanted + self.shifts @ shift - now.depth) / _DEPTH
+        left[k : 4 * k] = before.slid_at(q, now.across)[:, :3].ravel() / -_SLIDING
+        left[4 * k : 4 * k + n] = self.joint_costs * (self.posture - q)
+        left[4 * k + n :] = self.shift_costs * (towards - shift)
         step, stopped = np.zeros(n + 6), set[int]()
         free = np.concatenate([self.moving, np.ones(6, dtype=bool)])
         while True:
-            step[free] = np.linalg.lstsq(rows[:, free], left - rows[:, ~free] @ step[~free], rcond=None)[0]
+            if free.all():
+                step = _least_squares(rows, left)
+            else:
+                step[free] = _least_squares(rows[:, free], left - rows[:, ~free] @ step[~free])
             after = np.clip(q + step[:n], self.lower, self.upper)
             beyond = free[:n] & (np.abs(after - q - step[:n]) > _AT_LIMIT)
             step[:n] = after - q
@@ -304,6 +318,12 @@ class _Solver:
             # A joint that meets its limit stays there; the others do what they can.
             stopped |= set(np.flatnonzero(beyond).tolist())
             free[:n] &= ~beyond
+
+
+def _least_squares(rows: Array, right: Array) -> Array:
+    """The x (p,) with the least |rows x - right|, of independent columns: every unknown has a cost of its own."""
+    found: Array = lapack.dgels(rows, right)[1][: rows.shape[1]]
+    return found
 
 
 def press_surfaces(

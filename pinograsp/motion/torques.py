@@ -10,7 +10,7 @@ from pinograsp.checks import array_of, each_of, floats_of, instance_of, one_of, 
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
-from pinograsp.hands import HandModel, ratios_of
+from pinograsp.hands import Finger, HandModel, ratios_of
 from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
 from pinograsp.spatial import Array
 
@@ -37,6 +37,30 @@ def inverse_dynamics(
         model.gravity.linear = array_of("gravity", gravity_o, (3,))
     tau = pin.rneaInParallel(1, pin.ModelPool(model, 1), *(path.T for path in paths))  # one call, no loop in Python
     torques: Array = tau.reshape(hand.n, -1).T  # flat where there is one joint
+    return torques
+
+
+def finger_dynamics(
+    hand: HandModel, finger: Finger, posture: Array, path: tuple[Array, Array, Array], gravity_o: ArrayLike
+) -> Array:
+    """As :func:`inverse_dynamics`, of a finger's joints alone (m, n_f) along their ``path`` of q, dq and ddq (m, n_f).
+
+    All others stay as in ``posture`` (n,): what they carry besides does not load the finger.
+    """
+    if hand.model.njoints - 1 > hand.n:  # Pinocchio does not reduce models with mimic joints
+        whole_hand = [np.tile(posture, (len(path[0]), 1)), *np.zeros((2, len(path[0]), hand.n))]
+        for own, all_joints in zip(path, whole_hand):
+            all_joints[:, finger.dofs] = own
+        found: Array = inverse_dynamics(hand, *whole_hand, gravity_o=gravity_o)[:, finger.dofs]
+        return found
+    # Pinocchio's joints are in the order of q here, and the universe is the first.
+    others = [j for j in range(1, hand.model.njoints) if hand.model.joints[j].idx_v not in set(finger.dofs.tolist())]
+    model = pin.buildReducedModel(hand.model, others, np.array(posture))
+    model.gravity.linear = array_of("gravity", gravity_o, (3,))
+    order = np.argsort(finger.dofs)
+    tau = pin.rneaInParallel(1, pin.ModelPool(model, 1), *(one[:, order].T for one in path))
+    torques = np.empty(path[0].shape)
+    torques[:, order] = tau.reshape(finger.n, -1).T
     return torques
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
 from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
-from pinograsp.contacts.clearance import deepest_hit
+from pinograsp.contacts.clearance import Way
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import InvalidInput, Status
@@ -22,10 +22,10 @@ from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import Finger, HandModel, servo_gains
 from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach, gentle_approach
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
-from pinograsp.motion.grasp_ik import FingerMotion, press
+from pinograsp.motion.grasp_ik import FingerMotion, press_all
 from pinograsp.motion.jacobian import contact_jacobian
 from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces
-from pinograsp.motion.torques import contact_torques, inverse_dynamics
+from pinograsp.motion.torques import contact_torques, finger_dynamics, inverse_dynamics
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array
 
@@ -148,7 +148,7 @@ class _Planning:
         self.tracking, self.slip = np.zeros(k), np.zeros(k)
         self.notes, self.remedies = list(hand.notes), list[str]()
         self.within_limits = self.on_path = self.clear = True
-        self.closing: list[tuple[Finger, FingerMotion]] = []
+        self.closing: list[tuple[Finger, FingerMotion, JointPath]] = []  # with their paths at first
         self.pressed: ClosedPress | None = None
         if self.problem.contacts.posture is not None:
             self.pressed = self.closed(solution, self.problem.contacts.posture, corrected)
@@ -189,13 +189,10 @@ class _Planning:
         if found.method == "closing" and self.pressed is not None:
             motion = press_surfaces(hand, finger, contacts, which, found, self.pressed, self.profile, self.after)
             candidates, paths = [motion], [self.gentle_path(finger, motion)]
-            self.closing.append((finger, motion))
+            self.closing.append((finger, motion, paths[0]))
         else:
             own = [contacts[i] for i in which]
-            candidates = [
-                press(hand, finger, own, angles, points, self.profile, which, self.after)
-                for angles, points in zip(found.angles, found.points_l)
-            ]
+            candidates = press_all(hand, finger, own, found.angles, found.points_l, self.profile, which, self.after)
             paths = [self.with_approach(motion, start) for motion in candidates]
         torques = [contact_torques(motion.jacobians, self.wrenches_o[:, which]) for motion in candidates]
         chosen = self.choose(finger, candidates, paths, torques)
@@ -211,20 +208,21 @@ class _Planning:
         body = self.problem.object
         if not self.closing or body is None:
             return
-        collisions = SelfCollisions(self.hand)
+        way_there, collisions = Way(self.hand, body), SelfCollisions(self.hand)
         tried: list[tuple[float, str, list[JointPath]]] = []
+        paths = [path for _, _, path in self.closing]
         for last_part, order in itertools.product(_LAST_PARTS, _ORDERS):
             # Some samples are enough: the way is smooth, and ends where the last part begins.
             looked_at = np.unique(np.linspace(0, (1 - last_part) * self.impact, _LOOKS).astype(int))
-            paths = [self.gentle_path(finger, motion, order, last_part) for finger, motion in self.closing]
-            for (finger, _), path in zip(self.closing, paths):
-                self.follow(finger, path)
+            if tried:  # at first they follow theirs already
+                paths = [self.gentle_path(finger, motion, order, last_part) for finger, motion, _ in self.closing]
+                self.follow_all(paths)
             way = self.path.q[looked_at]
-            what, hit = "the object", deepest_hit(self.hand, body, way, allowed=_HIT)
+            what, hit = "the object", way_there.deepest_hit(way, allowed=_HIT)
             if hit is None and self.spec.table is not None:
                 what, hit = "the table", deepest_below(self.hand, self.spec.table, np.vstack([way, self.path.q[-1:]]))
             if hit is None:
-                crossing = [pair for q in way[1::_EVERY] for pair in collisions.between(way[0], q)]
+                crossing = collisions.after(way[0], way[1::_EVERY])
                 if not crossing:
                     return
                 tried.append((0.0, f"{' and '.join(crossing[0])} hit each other on the way", paths))
@@ -233,11 +231,15 @@ class _Planning:
                 where = f"{hit.link} hits {what} on the way, at {time:.2g} s, {1e3 * hit.depth:.2g} mm deep"
                 tried.append((hit.depth, where, paths))
         _, why, paths = min(tried, key=lambda one: one[0])
-        for (finger, _), path in zip(self.closing, paths):
-            self.follow(finger, path)
+        self.follow_all(paths)
         self.clear = False
         self.notes.append(why)
         self.remedies.append(f"{why}: start elsewhere, or take another grasp")
+
+    def follow_all(self, paths: Sequence[JointPath]) -> None:
+        """Take the closing fingers' paths into the hand's."""
+        for (finger, _, _), path in zip(self.closing, paths):
+            self.follow(finger, path)
 
     def follow(self, finger: Finger, path: JointPath) -> None:
         """Take a finger's path into the hand's."""
@@ -316,22 +318,26 @@ class _Planning:
         torques: Sequence[Array],
     ) -> int:
         """The candidate with the fewest faults, among them the one with the least peak torque."""
-        peaks = [self.peak_torque(finger, path, own) for path, own in zip(paths, torques)]
-        faults = [
-            int(motion.errors.max() > TRACKED) + bool(motion.limited or _outside_limits(self.hand, finger, path.q))
-            for motion, path in zip(candidates, paths)
-        ]
-        best = min(range(len(peaks)), key=lambda i: (faults[i], peaks[i]))
-        return next(i for i in range(len(peaks)) if faults[i] == faults[best] and peaks[i] <= peaks[best] + _TIE)
+        if len(candidates) == 1:
+            return 0
+        faults = np.array(
+            [
+                int(motion.errors.max() > TRACKED) + bool(motion.limited or _outside_limits(self.hand, finger, path.q))
+                for motion, path in zip(candidates, paths)
+            ]
+        )
+        fewest: list[int] = np.flatnonzero(faults == faults.min()).tolist()
+        peaks = self.peak_torques(finger, [paths[i] for i in fewest], [torques[i] for i in fewest])
+        return fewest[int(np.argmax(peaks <= peaks.min() + _TIE))]
 
-    def peak_torque(self, finger: Finger, path: JointPath, torques: Array) -> float:
-        """Infinity norm of the finger's torques over both phases [N m]."""
-        m, n = self.path.q.shape
-        q, dq, ddq = np.tile(self.start, (m, 1)), np.zeros((m, n)), np.zeros((m, n))
-        q[:, finger.dofs], dq[:, finger.dofs], ddq[:, finger.dofs] = path.q, path.dq, path.ddq
-        total = inverse_dynamics(self.hand, q, dq, ddq, gravity_o=self.problem.gravity_o)[:, finger.dofs]
-        total[self.impact :] += torques
-        return float(np.abs(total).max())
+    def peak_torques(self, finger: Finger, paths: Sequence[JointPath], torques: Sequence[Array]) -> Array:
+        """Infinity norms of the finger's torques over both phases, path by path (s,) [N m]."""
+        q, dq, ddq = (np.concatenate([getattr(path, name) for path in paths]) for name in ("q", "dq", "ddq"))
+        total = finger_dynamics(self.hand, finger, self.start, (q, dq, ddq), self.problem.gravity_o)
+        total = total.reshape(len(paths), -1, finger.n)
+        total[:, self.impact :] += np.array(torques)
+        peaks: Array = np.abs(total).max(axis=(1, 2))
+        return peaks
 
     def judge(self, finger: Finger, which: Sequence[int], motion: FingerMotion, path: JointPath, closed: bool) -> None:
         """Note what keeps a finger off its path or takes it beyond its limits, and what helps."""
@@ -363,10 +369,11 @@ class _Planning:
     def result(self, postures: dict[str, int]) -> Motion:
         """The motion with its torques; ``postures`` were tried by finger."""
         hand, path, gravity_o = self.hand, self.path, self.problem.gravity_o
-        total = inverse_dynamics(hand, path.q, path.dq, path.ddq, gravity_o=gravity_o) + self.contact_torques
-        # The deceleration ends at t_F, and its torques with it.
+        # The deceleration ends at t_F, and its torques with it: one more sample, at rest.
         still = np.zeros((1, hand.n))
-        holding = inverse_dynamics(hand, path.q[-1:], still, still, gravity_o=gravity_o)[0] + self.contact_torques[-1]
+        moving = (np.vstack([path.q, path.q[-1:]]), np.vstack([path.dq, still]), np.vstack([path.ddq, still]))
+        total = inverse_dynamics(hand, *moving, gravity_o=gravity_o)
+        total, holding = total[:-1] + self.contact_torques, total[-1] + self.contact_torques[-1]
         self.notes += [
             f"{joint} needs up to {peak:.3g} N m, more than its effort limit of {limit:g} N m"
             for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
