@@ -27,7 +27,7 @@ from pinograsp.checks import flag, instance_of, number, read_only
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.contacts.bulk import BulkContacts, BulkScene
 from pinograsp.contacts.support import CORNERS
-from pinograsp.errors import Status
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import GraspConditions, Reserve
 from pinograsp.forces.conditions import CONE, SOFT
 from pinograsp.forces.reserve import least_squeeze
@@ -61,6 +61,14 @@ class Asked:
         threads: int | None,
     ):
         instance_of("conditions", conditions, GraspConditions)
+        if conditions.balance != "wrench":
+            raise InvalidInput(
+                "conditions: expected balance='wrench': a free object turns where moments are not balanced"
+            )
+        if conditions.reserve is not None and conditions.reserve.stiffness_factors:
+            raise InvalidInput(
+                "conditions: expected a reserve with softer=1 and stiffer=1: servos are not looked at here"
+            )
         self.hand, self.body, self.conditions = hand, body, conditions
         self.tolerance = number("tolerance", tolerance, at_least=1e-7, unit="m")
         self.palm, self.patches = flag("palm", palm), flag("patches", patches)

@@ -256,6 +256,8 @@ def test_blocks_and_their_order_do_not_matter(allegro, monkeypatch):
         ({"roots": np.zeros((1, 4, 4))}, "roots: expected homogeneous placements"),
         ({"roots": np.tile(np.eye(4), (2, 1, 1))}, "roots: expected"),
         ({"tolerance": -1.0}, "tolerance"),
+        ({"conditions": pg.GraspConditions(mu=0.6, balance="force")}, "expected balance='wrench'"),
+        ({"conditions": pg.GraspConditions(mu=0.6, reserve=pg.Reserve(softer=5))}, "expected a reserve with softer=1"),
         ({"palm": "yes"}, "palm: expected True or False"),
     ],
 )
