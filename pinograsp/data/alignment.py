@@ -20,7 +20,7 @@ from pinograsp.checks import array_of, brief, instance_of, items_of, one_of, rea
 from pinograsp.data.rotations import inverse_of, placements
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
 
 _ARM = 0.05  # [m] at which an angle between axes counts like a distance: about a finger's length
 _ALIKE = 1e-4  # [m] of rounding in descriptions: below it all pairs count alike
@@ -35,11 +35,13 @@ class JointAxes:
         names: of the joints.
         origins: a point of each axis in the hand's root frame (n, 3) [m].
         directions: unit vectors along them (n, 3), about which, or along which, positions count.
+        slides: which joints slide (n,), so that only the direction of their axis is theirs; None: none of them.
     """
 
     names: tuple[str, ...]
     origins: Array
     directions: Array
+    slides: BoolArray | None = None
 
     __repr__ = brief("names")
 
@@ -47,7 +49,10 @@ class JointAxes:
         """Those of some joints, in this order."""
         at = [self.names.index(one_of("joint", name, self.names)) for name in names]
         return JointAxes(
-            names=tuple(names), origins=read_only(self.origins[at]), directions=read_only(self.directions[at])
+            names=tuple(names),
+            origins=read_only(self.origins[at]),
+            directions=read_only(self.directions[at]),
+            slides=None if self.slides is None else read_only(self.slides[at]),
         )
 
     def moved(self, pose: Array) -> JointAxes:
@@ -56,6 +61,7 @@ class JointAxes:
             names=self.names,
             origins=read_only(self.origins @ pose[:3, :3].T + pose[:3, 3]),
             directions=read_only(self.directions @ pose[:3, :3].T),
+            slides=self.slides,
         )
 
 
@@ -67,7 +73,7 @@ class Alignment:
         names: of the joints in the two hands (n pairs).
         pose: aMb (4, 4), the root frame of hand b in that of hand a.
         signs: 1 where a joint of b counts as that of a does, -1 where it counts the other way (n,).
-        distances: between the axes (n,) [m].
+        distances: between the axes (n,) [m]; 0 for joints that slide.
         angles: between the axes (n,) [rad].
     """
 
@@ -108,13 +114,14 @@ def joint_axes(
     data = model.createData()
     pin.computeJointJacobians(model, data, q)
     root = inverse_of(np.asarray(hand.pose))
-    origins, directions = [], []
+    origins, directions, slides = [], [], []
     for name in names:
         j = model.getJointId(name)
         # Mimic joints share the column of the one they follow; here it is of this joint, in its own frame.
         jacobian = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL).reshape(6, -1)
         motion = jacobian[:, model.joints[j].idx_v]
-        along = motion[3:] if np.abs(motion[3:]).max() > 0.5 else motion[:3]
+        slides.append(bool(np.abs(motion[3:]).max() < 0.5))
+        along = motion[:3] if slides[-1] else motion[3:]
         placed = root @ data.oMi[j].homogeneous
         origins.append(placed[:3, 3])
         directions.append(placed[:3, :3] @ along)
@@ -122,6 +129,7 @@ def joint_axes(
         names=names,
         origins=read_only(np.array(origins).reshape(-1, 3)),
         directions=read_only(np.array(directions).reshape(-1, 3)),
+        slides=read_only(np.array(slides, dtype=bool)),
     )
 
 
@@ -141,6 +149,7 @@ def alignment(a: JointAxes, b: JointAxes) -> Alignment:
         raise InvalidInput(f"alignment: expected at least three pairs of joints, got {n} and {len(b.names)}")
     p, u = array_of("a.origins", a.origins, (n, 3)), array_of("a.directions", a.directions, (n, 3))
     r, v = array_of("b.origins", b.origins, (n, 3)), array_of("b.directions", b.directions, (n, 3))
+    turning = ~np.any([np.zeros(n, dtype=bool) if one.slides is None else one.slides for one in (a, b)], axis=0)
 
     def lines(x: Array) -> tuple[Array, Array]:
         turn = Rotation.from_rotvec(x[:3]).as_matrix() @ start
@@ -149,7 +158,7 @@ def alignment(a: JointAxes, b: JointAxes) -> Alignment:
     def residuals(x: Array) -> Array:
         points, axes = lines(x)
         gaps = points - p
-        across = gaps - u * np.sum(gaps * u, axis=1, keepdims=True)
+        across = (gaps - u * np.sum(gaps * u, axis=1, keepdims=True)) * turning[:, None]
         result: Array = np.concatenate([across, _ARM * np.cross(u, axes)]).ravel()
         return result
 
@@ -167,7 +176,7 @@ def alignment(a: JointAxes, b: JointAxes) -> Alignment:
         names=tuple(zip(a.names, b.names)),
         pose=read_only(placements(shift + found.x[3:], turn)),
         signs=read_only(signs),
-        distances=read_only(np.linalg.norm(gaps - u * np.sum(gaps * u, axis=1, keepdims=True), axis=1)),
+        distances=read_only(np.linalg.norm(gaps - u * np.sum(gaps * u, axis=1, keepdims=True), axis=1) * turning),
         angles=read_only(np.arcsin(np.clip(np.linalg.norm(np.cross(u, axes), axis=1), 0, 1))),
     )
 

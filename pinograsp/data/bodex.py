@@ -89,13 +89,13 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
     }
     return npy_of(
         {
+            **{name: np.array(array)[None] for name, array in payload.labels.items()},
+            **extras,
+            **payload.texts,
             "robot_pose": np.stack(steps, axis=1)[None],
             "joint_names": list(rows.joint_names),
             "world_cfg": [{"mesh": {"object": mesh}}],
             "manip_name": ["object"],
             "scene_path": [""],
-            **{name: np.array(array)[None] for name, array in payload.labels.items()},
-            **extras,
-            **payload.texts,
         }
     )

@@ -92,11 +92,11 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
     steps = _steps(rows)
     return npy_of(
         {
+            **_numbers(payload),
             "obj_pose": _object_pose(rows),
             "obj_scale": float(rows.scale[0]),
             "obj_path": rows.object_name,
             **steps,
-            **_numbers(payload),
         }
     )
 

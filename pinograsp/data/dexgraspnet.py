@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pinograsp.data.files import File
-from pinograsp.data.keys import Keys, as_numbers
+from pinograsp.data.keys import Keys, as_numbers, stacked
 from pinograsp.data.rotations import poses_from_sxyz, sxyz_from_poses
 from pinograsp.data.rows import Draft, GraspRows
 from pinograsp.data.written import Payload, npy_of
@@ -53,9 +53,9 @@ def read(file: File) -> Iterator[Draft]:
         start = np.array([row.start for row in rows])
         draft.extras = {"start_poses": poses_from_sxyz(*_split(start[:, :6])), "start_q": start[:, 6:]}
     for name in rows[0].others:
-        arrays = [row.others.get(name) for row in rows]
-        if all(one is not None and one.shape == arrays[0].shape for one in arrays):  # type: ignore[union-attr]
-            (draft.extras if arrays[0].ndim else draft.labels)[name] = np.array(arrays)  # type: ignore[union-attr]
+        array = stacked([row.others.get(name) for row in rows], file.source)
+        if array is not None:
+            (draft.extras if array.ndim > 1 else draft.labels)[name] = array
     if fault is not None:  # one more row, which is refused after those before it
         draft.last = None
         yield from _with_fault(draft, fault[1])
@@ -92,7 +92,8 @@ class _Row:
         self.others = {
             name: array
             for name, value in keys.values.items()
-            if isinstance(name, str) and name not in taken and (array := as_numbers(value)) is not None
+            if isinstance(name, str) and name not in taken and not isinstance(value, list | tuple)
+            if (array := as_numbers(value)) is not None
         }
 
 
@@ -123,9 +124,8 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
         }
         if start_angles is not None and start[1] is not None:
             row["qpos_st"] = _qpos(rows.joint_names, start[0][i], start_angles[i], start[1][i])  # type: ignore[index]
-        row.update({name: array[i].item() for name, array in payload.labels.items()})
-        row.update({name: np.array(array[i]) for name, array in extras.items()})
-        out.append({**row, **payload.texts})
+        labels = {name: array[i].item() for name, array in payload.labels.items()}
+        out.append({**labels, **{name: np.array(array[i]) for name, array in extras.items()}, **payload.texts, **row})
     return npy_of(out)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -14,6 +14,14 @@ from pinograsp.data.pickled import PickleRefused, Unpickled
 from pinograsp.errors import GraspsNotRead
 
 LARGEST = 2**29  # [bytes] of a file that is read at once
+_LARGEST_TEXT = 2**26  # of JSON or YAML, which grow when they are taken apart
+
+
+def header_of(stream: IO[bytes], version: tuple[int, int]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, order and type of an .npy file; headers of other versions than 1 may be of any length, and are refused."""
+    if version != (1, 0):
+        raise ValueError(f"expected an .npy file of version 1, got {version[0]}")
+    return np.lib.format.read_array_header_1_0(stream)
 
 
 class File:
@@ -47,16 +55,22 @@ class File:
         except OSError as error:
             raise GraspsNotRead(self.source, one_line(error)) from error
 
+    @property
+    def text(self) -> bytes:
+        """All bytes of a text."""
+        if self.size > _LARGEST_TEXT:
+            raise GraspsNotRead(
+                self.source, f"expected at most {_LARGEST_TEXT} bytes of text, got {self.size}: split it"
+            )
+        return self.content
+
     @cached_property
     def pickled(self) -> tuple[Any, str | None]:
         """What an .npy file of objects holds: a list of rows, or one object; and what is wrong after these rows."""
         stream = io.BytesIO(self.content)
         try:
             version = np.lib.format.read_magic(stream)
-            header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-            shape, _, dtype = header[version](stream)
-        except KeyError:
-            raise GraspsNotRead(self.source, "expected an .npy file of version 1 or 2") from None
+            shape, _, dtype = header_of(stream, version)
         except Exception as error:  # the header is a text that NumPy takes apart
             raise GraspsNotRead(self.source, f"the .npy file is broken or cut off ({one_line(error)})") from error
         if dtype.kind != "O":

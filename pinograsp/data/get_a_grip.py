@@ -59,10 +59,10 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
     """The file of these grasps; with the object's code and scale, as its name need not have them."""
     return npy_of(
         {
+            **{name: np.array(array) for table in (payload.labels, payload.extras) for name, array in table.items()},
             "trans": np.array(rows.poses[:, :3, 3]),
             "rot": np.array(rows.poses[:, :3, :3]),
             "joint_angles": np.array(rows.q),
-            **{name: np.array(array) for table in (payload.labels, payload.extras) for name, array in table.items()},
             "object_code": rows.object_name,
             "object_scale": float(rows.scale[0]) if rows.n else 1.0,
             **payload.texts,

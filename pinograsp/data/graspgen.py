@@ -26,7 +26,7 @@ _GRASPS = ("transforms", "object_in_gripper")
 def read(file: File) -> Iterator[Draft]:
     """The grasps of a file."""
     try:
-        value = json.loads(file.content.decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_constant)
+        value = json.loads(file.text.decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
         raise GraspsNotRead(file.source, f"graspgen: the JSON is broken or cut off ({one_line(error)})") from error
     keys = Keys(file.source, value, "graspgen")
@@ -74,10 +74,10 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
     document: dict[str, Any] = {
         "object": {"file": rows.object_name, "scale": float(rows.scale[0]) if rows.n else 1.0},
         "grasps": {
-            "transforms": rows.poses.tolist(),
-            "object_in_gripper": (success != 0).tolist(),
             **{name: array.tolist() for table in (labels, payload.extras) for name, array in table.items()},
             **payload.texts,
+            "transforms": rows.poses.tolist(),
+            "object_in_gripper": (success != 0).tolist(),
         },
     }
     if rows.hand_name:

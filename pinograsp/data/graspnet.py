@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pinograsp.checks import one_line
-from pinograsp.data.files import File
+from pinograsp.data.files import File, header_of
 from pinograsp.data.rotations import placements
 from pinograsp.data.rows import Draft
 from pinograsp.errors import GraspsNotRead
@@ -72,9 +72,7 @@ class _Labels:
         return GraspsNotRead(self.file.source, f"graspnet: {problem}")
 
     def _header(self, name: str, stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-        version = np.lib.format.read_magic(stream)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read_header(stream)
+        shape, fortran, dtype = header_of(stream, np.lib.format.read_magic(stream))
         if dtype.kind not in "fiub" or fortran:
             raise self.refusal(f"'{name}': expected numbers, row by row, got {dtype}")
         return shape, dtype

@@ -16,7 +16,7 @@ import yaml
 
 from pinograsp.checks import one_line
 from pinograsp.data.files import File
-from pinograsp.data.keys import Keys, as_numbers
+from pinograsp.data.keys import Keys, as_numbers, stacked
 from pinograsp.data.rotations import poses_from_wxyz, wxyz_from_poses
 from pinograsp.data.rows import Draft, GraspRows
 from pinograsp.data.written import Payload
@@ -69,9 +69,9 @@ def _draft(rows: list[_Row], keys: Keys, fault: str | None, problem: str | None)
     if rows and rows[0].before is not None:
         draft.pregrasp_q = np.array([row.before for row in more], dtype=float)
     for name in rows[0].others if rows else ():
-        arrays = [row.others.get(name) for row in more]
-        if all(one is not None and one.shape == arrays[0].shape for one in arrays):  # type: ignore[union-attr]
-            (draft.extras if arrays[0].ndim else draft.labels)[name] = np.array(arrays)  # type: ignore[union-attr]
+        array = stacked([row.others.get(name) for row in more], keys.source)
+        if array is not None:
+            (draft.extras if array.ndim > 1 else draft.labels)[name] = array
     draft.refuse(bad, "orientation: expected a unit quaternion w, xyz")
     if fault and draft.fault is None:
         draft.fault, draft.last = (count, fault), None
@@ -123,7 +123,7 @@ def _joints(keys: Keys, name: str, joints: tuple[str, ...] | None) -> tuple[Arra
 def _document(file: File) -> tuple[Any, str | None]:
     """Plain data, as far as the file goes, and what is wrong after it."""
     try:
-        text = file.content.decode("utf-8-sig")
+        text = file.text.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise GraspsNotRead(file.source, f"isaac: expected YAML in UTF-8 ({one_line(error)})") from error
     builder = _Builder(text)
@@ -215,7 +215,7 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
         if rows.joint_names and rows.pregrasp_q is not None:
             grasp["pregrasp_cspace_position"] = dict(zip(rows.joint_names, rows.pregrasp_q[i].tolist()))
         for table in (labels, payload.extras):
-            grasp.update({name: array[i].tolist() for name, array in table.items()})
+            grasp = {**{name: array[i].tolist() for name, array in table.items()}, **grasp}
         grasps[f"grasp_{rows.first + i}"] = grasp
     document = {
         "format": "isaac_grasp",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from pinograsp.errors import GraspsNotRead
 from pinograsp.spatial import Array
 from pinograsp.words import printable
 
-_MOST_NUMBERS = 50_000_000
+_MOST_NUMBERS = 2_000_000  # in lists; arrays have no such limit
+_MOST_STACKED = 2**28  # [bytes] of arrays, which may be the same ones again and again
 _DEEPEST = 6  # lists within each other
 
 
@@ -30,7 +31,7 @@ class Keys:
     """
 
     def __init__(self, source: str, values: Any, format: str, where: str = "", row: int | None = None):
-        self._source, self._format, self._where, self._row = source, format, where, row
+        self.source, self._format, self._where, self._row = source, format, where, row
         if not isinstance(values, Mapping):
             raise self.refusal(f"expected a mapping {self._at()}, got a {type(values).__name__}".replace("  ", " "))
         self.values = values
@@ -38,7 +39,7 @@ class Keys:
     def refusal(self, problem: str) -> GraspsNotRead:
         """The exception that says ``problem`` of this file."""
         text = f"{problem} (read as {self._format}; format= says which it is)"
-        return GraspsNotRead(self._source, printable(text, 600), row=self._row)
+        return GraspsNotRead(self.source, printable(text, 600), row=self._row)
 
     def _at(self, name: str = "") -> str:
         path = f"{self._where}/{name}".strip("/")
@@ -60,7 +61,7 @@ class Keys:
 
     def inner(self, name: str) -> Keys:
         """The mapping that stands there."""
-        return Keys(self._source, self.get(name), self._format, f"{self._where}/{name}".strip("/"), self._row)
+        return Keys(self.source, self.get(name), self._format, f"{self._where}/{name}".strip("/"), self._row)
 
     def text(self, name: str) -> str:
         """A text that can be written down; arrays and lists of one text are that text."""
@@ -125,6 +126,20 @@ class Keys:
                 elif array.ndim > 1 and len(array) == count:
                     extras[printable(name)] = array
         return labels, extras
+
+
+def stacked(arrays: Sequence[NDArray[Any] | None], source: str) -> NDArray[Any] | None:
+    """Arrays of one shape in a first dimension; None where one is missing, or has another shape.
+
+    Raises:
+        GraspsNotRead: they are too large altogether.
+    """
+    first = arrays[0] if arrays else None
+    if first is None or any(one is None or one.shape != first.shape for one in arrays):
+        return None
+    if first.size * len(arrays) > _MOST_STACKED // 8:
+        raise GraspsNotRead(source, f"expected at most {_MOST_STACKED} bytes of one kind of numbers, got more")
+    return np.array(arrays)
 
 
 def _item(array: NDArray[Any]) -> Any:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 _MOST_OPCODES = 20_000_000  # each makes up to some hundred bytes
 _MOST_BYTES = 2**30  # of all arrays of a file, unpacked
+_OBJECT = 512  # [bytes] that an object in an array counts for: a list may be in many of them
 _MOST_DIMENSIONS = 32
 _LONGEST_LINE = 1000  # characters of a name or a number in text
 # Numbers, truth values and texts; sizes in bytes, of characters for U.
@@ -229,6 +230,7 @@ class Unpickled:
         if kind.dtype.kind == "O":
             if type(raw) is not list or len(raw) != count:
                 raise PickleRefused(f"an array of {count} objects from a {_kind(raw)} of others")
+            self.room_for(_OBJECT * count)
             objects = np.empty(count, dtype=object)
             for at, one in enumerate(raw):
                 objects[at] = _plain(one)

@@ -329,7 +329,8 @@ def _jaws(hand: HandModel, known: Convention, resting: dict[str, float]) -> Arra
             "for other jaws give palm_in_root=, the file's root frame in the hand's root frame"
         )
     frame = _frame(hand, link, resting)
-    axes = joint_axes(hand).moved(inverse_of(frame))
+    fingers = [name for finger in hand.fingers for name in finger.actuated]
+    axes = joint_axes(hand, list(dict.fromkeys(fingers)), resting).moved(inverse_of(frame))
     off = np.abs(np.cross(axes.directions, [0.0, 1.0, 0.0])).max(initial=0)
     height = np.abs(axes.origins[:, 2] - _JAW_AXIS).max(initial=0)
     if not len(axes.names) or off > 1e-3 or height > 1e-3:

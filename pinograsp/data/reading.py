@@ -5,9 +5,8 @@ from __future__ import annotations
 import itertools
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from pinograsp.checks import integer, one_of
 from pinograsp.data import acronym, bodex, dexgraspbench, dexgraspnet, get_a_grip, graspgen, graspnet, graspqp, isaac
@@ -75,7 +74,7 @@ def _read(
     for draft in _drafts(file, kind, block, keep):
         for rows in checked_rows(draft, source=file.source, kind=kind, first=first, block=block):
             if most is not None and rows.first + rows.n >= most:
-                yield first_of(rows, most - rows.first)
+                yield rows.only(range(most - rows.first))
                 return
             yield rows
         first += len(draft.poses)
@@ -97,15 +96,6 @@ def _drafts(file: File, kind: Format, block: int, keep: Keep) -> Iterator[Draft]
         "isaac": isaac.read,
     }
     return readers[kind](file)
-
-
-def first_of(rows: GraspRows, count: int) -> GraspRows:
-    """The first grasps of a record."""
-    names = ("poses", "q", "scale", "pregrasp_poses", "pregrasp_q", "squeeze_poses", "squeeze_q", "widths")
-    values: dict[str, Any] = {name: None if (array := getattr(rows, name)) is None else array[:count] for name in names}
-    for table in ("labels", "extras"):
-        values[table] = {key: array[:count] for key, array in getattr(rows, table).items()}
-    return replace(rows, **values)
 
 
 def container_of(file: File) -> str:

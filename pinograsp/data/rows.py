@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from pinograsp.checks import are_rotations, brief, integer, read_only
+from pinograsp.checks import brief, integer, one_of, read_only, shown
 from pinograsp.data.rotations import inverse_of, nearest_rotations
-from pinograsp.errors import GraspsNotRead
+from pinograsp.errors import GraspsNotRead, InvalidInput
 from pinograsp.spatial import FARTHEST, Array, BoolArray
 
 Format = Literal[
@@ -30,6 +30,7 @@ Table = Mapping[str, NDArray[Any]]
 
 _ROTATION_TOLERANCE = 2e-3  # of matrices and quaternions written in 32 bits, or with a few digits
 _LARGEST_JOINT = 1e3  # [rad or m]
+_LARGEST = 2**30  # [bytes] of labels and other arrays: the same array may stand under many names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,6 +84,39 @@ class GraspRows:
         """Number of grasps."""
         return len(self.poses)
 
+    def only(self, which: ArrayLike) -> GraspRows:
+        """Some of the grasps, by a mask (N,) or by indices (M,), in that order.
+
+        Raises:
+            InvalidInput: a mask of another length, or indices that there are not.
+        """
+        wanted = np.asarray(which)
+        mask = wanted.dtype.kind == "b" and wanted.shape == (self.n,)
+        indices = wanted.dtype.kind in "iu" and wanted.ndim == 1 and not ((wanted < 0) | (wanted >= self.n)).any()
+        if not (mask or indices or wanted.size == 0):
+            raise InvalidInput(f"which: expected a mask of {self.n} rows or indices below {self.n}, got {shown(which)}")
+        at = np.flatnonzero(wanted) if mask else wanted.astype(int).reshape(-1)
+        values: dict[str, Any] = {
+            name: None if (array := getattr(self, name)) is None else read_only(array[at]) for name in EACH_ROW
+        }
+        for table in ("labels", "extras"):
+            values[table] = {name: read_only(array[at]) for name, array in getattr(self, table).items()}
+        return replace(self, first=self.first + int(at[0]) if len(at) else self.first, **values)
+
+    def at(self, posture: Literal["pregrasp", "grasp", "squeeze"]) -> GraspRows:
+        """The same grasps with another posture as ``poses`` and ``q``: before the grasp, or the one that squeezes.
+
+        Raises:
+            InvalidInput: the file has no such posture.
+        """
+        one_of("posture", posture, ("pregrasp", "grasp", "squeeze"))
+        if posture == "grasp":
+            return self
+        poses, q = getattr(self, f"{posture}_poses"), getattr(self, f"{posture}_q")
+        if q is None:
+            raise InvalidInput(f"posture: a file of format {self.format} has no {posture} posture")
+        return replace(self, poses=self.poses if poses is None else poses, q=q)
+
     @property
     def world_poses(self) -> Array:
         """oMh (N, 4, 4), of the hand's root in the file's world; ``poses`` where the file has no world."""
@@ -126,7 +160,7 @@ class Draft:
 
 _POSES = ("poses", "pregrasp_poses", "squeeze_poses")
 _JOINTS = ("q", "pregrasp_q", "squeeze_q")
-_EACH_ROW = (*_POSES, *_JOINTS, "scale", "widths")
+EACH_ROW = (*_POSES, *_JOINTS, "scale", "widths")
 
 
 def checked_rows(draft: Draft, *, source: str, kind: Format, first: int, block: int) -> Iterator[GraspRows]:
@@ -136,6 +170,8 @@ def checked_rows(draft: Draft, *, source: str, kind: Format, first: int, block: 
         GraspsNotRead: after the rows before it, for that row or for what comes after the rows.
     """
     block = integer("block", block, at_least=1)
+    if sum(array.nbytes for table in (draft.labels, draft.extras) for array in table.values()) > _LARGEST:
+        raise GraspsNotRead(source, f"expected at most {_LARGEST} bytes of labels and other arrays, got more")
     _look(draft)
     count = len(draft.poses) if draft.fault is None else draft.fault[0]
     if draft.object_pose is not None:
@@ -177,7 +213,7 @@ def _rotations(matrices: Array) -> BoolArray:
 
 def _rows(draft: Draft, part: slice, *, source: str, kind: Format, first: int) -> GraspRows:
     values: dict[str, Any] = {}
-    for name in _EACH_ROW:
+    for name in EACH_ROW:
         array = getattr(draft, name)
         if array is not None:
             array = array[part]
@@ -199,11 +235,4 @@ def _rows(draft: Draft, part: slice, *, source: str, kind: Format, first: int) -
         joint_names=draft.joint_names,
         object_pose=None if draft.object_pose is None else read_only(draft.object_pose),
         object_facts={key: read_only(array) for key, array in draft.object_facts.items()},
-    )
-
-
-def is_pose(pose: Array) -> bool:
-    """Whether (4, 4) is a placement."""
-    return bool(np.isfinite(pose).all() and are_rotations(nearest_rotations(pose[None])[0, :3, :3])) and bool(
-        _rotations(pose[None, :3, :3])[0]
     )

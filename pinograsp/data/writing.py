@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from pinograsp.checks import array_of, items_of, mapping_of, one_of, read_only
 from pinograsp.data import acronym, bodex, dexgraspbench, dexgraspnet, get_a_grip, graspgen, graspqp, isaac
 from pinograsp.data.keys import as_numbers
 from pinograsp.data.reading import FORMATS
-from pinograsp.data.rows import Format, GraspRows
+from pinograsp.data.rows import EACH_ROW, Format, GraspRows
 from pinograsp.data.written import UNIT, Payload
 from pinograsp.errors import InvalidInput
 from pinograsp.writing import write_file
@@ -30,6 +31,15 @@ _WRITERS: dict[str, Callable[[GraspRows, Payload], bytes]] = {
     "acronym": acronym.write,
     "graspgen": graspgen.write,
     "isaac": isaac.write,
+}
+_NAME = re.compile(r"[A-Za-z][\w-]{0,99}")
+# Keys of the formats, and those that are written with forces.
+_RESERVED = {
+    *("qpos", "qpos_st", "scale", "robot_pose", "joint_names", "world_cfg", "manip_name", "scene_path", "hand_name"),
+    *("grasp_qpos", "pregrasp_qpos", "squeeze_qpos", "obj_pose", "obj_scale", "obj_path", "ho_c", "trans", "rot"),
+    *("joint_angles", "object_code", "object_scale", "parameters", "transforms", "qualities", "position"),
+    *("orientation", "cspace_position", "pregrasp_cspace_position"),
+    *("contact_force", "contact_point", "force_unit", "force_frame"),
 }
 _ONE_GRASP = ("dexgraspbench", "dexonomy")
 _WITH_JOINTS = ("dexgraspnet", "bodex", "graspqp")
@@ -90,10 +100,9 @@ def joined(rows: GraspRows | Iterable[GraspRows]) -> GraspRows:
                 raise InvalidInput(f"rows: expected grasps of one file, got different {name}")
     if len(blocks) == 1:
         return head
-    names = ("poses", "q", "scale", "pregrasp_poses", "pregrasp_q", "squeeze_poses", "squeeze_q", "widths")
     arrays: dict[str, Any] = {
         name: read_only(np.concatenate([getattr(one, name) for one in blocks]))
-        for name in names
+        for name in EACH_ROW
         if all(getattr(one, name) is not None for one in blocks)
     }
     tables: dict[str, Any] = {
@@ -137,6 +146,10 @@ def _payload(
 ) -> Payload:
     table: dict[str, NDArray[Any]] = dict(rows.labels)
     for name, values in mapping_of("labels", labels).items():
+        if name in _RESERVED or not _NAME.fullmatch(name):
+            raise InvalidInput(
+                f"labels: expected a name of letters, digits, '_', '-', that no format uses, got '{name}'"
+            )
         array = as_numbers(np.asarray(values))
         if array is None or array.shape != (rows.n,) or not np.isfinite(array).all():
             raise InvalidInput(f"labels: '{name}': expected {rows.n} finite numbers or truth values")

@@ -131,6 +131,9 @@ def test_an_alignment_tells_where_hands_differ(tmp_path):
     assert worse.worst == laid.names[4] and 4e-3 < worse.residual < 5e-3
     with pytest.raises(InvalidInput, match="three pairs"):
         alignment(axes.of(axes.names[:2]), theirs.of(theirs.names[:2]))
+    # Where a sliding joint has its origin says nothing: its direction alone counts.
+    sliding = dataclasses.replace(theirs, origins=origins, slides=np.arange(9) == 4)
+    assert alignment(axes, sliding).residual < 1e-7
     parallel = JointAxes(names=("a", "b", "c"), origins=np.eye(3), directions=np.tile([0.0, 0, 1], (3, 1)))
     with pytest.raises(InvalidInput, match="open"):
         alignment(parallel, parallel)

@@ -181,6 +181,35 @@ def test_blocks_are_the_same_rows(kind, tmp_path):
     assert not list(read_grasps(path, most=0))
 
 
+def test_some_rows_and_other_postures(tmp_path):
+    g = grasp_files.some_grasps()
+    rows = next(read_grasps(file_of("bodex", tmp_path, g)))
+    for which in ([1, 3], [False, True, False, True, False]):
+        some = rows.only(which)
+        assert some.n == 2 and some.first == 1 and some.labels["grasp_error"].tolist() == [1, 3]
+        np.testing.assert_array_equal(some.squeeze_q, g.after[[1, 3]])
+    assert rows.only([]).n == 0
+    for which in ([5], [-1], [True], [0.5], [[0]]):
+        with pytest.raises(InvalidInput, match="which"):
+            rows.only(which)
+    np.testing.assert_array_equal(rows.at("squeeze").q, g.after)
+    np.testing.assert_array_equal(rows.at("pregrasp").q, g.before)
+    assert rows.at("grasp") is rows
+    jaws = next(read_grasps(file_of("acronym", tmp_path, g)))
+    with pytest.raises(InvalidInput, match="no squeeze posture"):
+        jaws.at("squeeze")
+
+
+def test_the_formats_own_keys_are_not_overwritten(tmp_path):
+    g = grasp_files.some_grasps(n=1)
+    rows = next(read_grasps(file_of("dexonomy", tmp_path, g)))  # several pregrasps, under DexGraspBench's key for one
+    back = next(read_grasps(write_grasps(tmp_path / "out.npy", rows, format="dexgraspbench")))
+    np.testing.assert_array_equal(back.pregrasp_q, g.before)
+    for name in ("transforms", "qpos", "a/b", "", "contact_force"):
+        with pytest.raises(InvalidInput, match="that no format uses"):
+            write_grasps(tmp_path / "out.npy", rows, labels={name: [1.0]})
+
+
 def test_records_do_not_change(tmp_path):
     rows = next(read_grasps(file_of("bodex", tmp_path, grasp_files.some_grasps())))
     for name, array in arrays_of(rows):
