@@ -44,9 +44,10 @@ class HandPart:
         self.finger, self.link = (PALM, hand.palm) if not one.parentJoint else names.get(one.parentJoint, ("", own))
         one.geometry.computeLocalAABB()
         self.hand = hand
-        # A ball around it: its centre in the joint's frame (3,) and its radius [m].
+        # A ball and a box around it: their centre in the joint's frame (3,), the radius, half of the edges (3,) [m].
         self.centre: Array = one.placement.act(np.array(one.geometry.aabb_center))
         self.radius = float(one.geometry.aabb_radius)
+        self.half: Array = 0.5 * (one.geometry.aabb_local.max_ - one.geometry.aabb_local.min_)
         # A mesh's convex hull; where there is none, the geometry itself.
         self.hull = hull_of(one.geometry) or one.geometry
 
@@ -162,7 +163,7 @@ class Distances:
         raise GeometryFailed(part.link, type(part.geometry).__name__)
 
     def near(self, parts: Sequence[HandPart], postures: Array) -> BoolArray:
-        """Which parts (m, p) may touch the object at postures (m, n): those whose balls reach the box around it."""
+        """Which parts (m, p) may touch the object at postures (m, n): those whose boxes' spans reach its box."""
         self.shape.computeLocalAABB()
         box, pose = self.shape.aabb_local, self.body.pose
         joints = sorted({part.joint for part in parts})
@@ -176,8 +177,10 @@ class Distances:
         centres = np.array([part.centre for part in parts]).reshape(-1, 3)
         centres_o = np.einsum("mpij,pj->mpi", turned[:, column], centres) + moved[:, column]
         centres_b = (centres_o - pose[:3, 3]) @ pose[:3, :3]
-        apart = np.maximum(np.maximum(box.min_ - centres_b, centres_b - box.max_), 0.0)
-        near: BoolArray = np.linalg.norm(apart, axis=2) <= np.array([part.radius for part in parts]) + _CLEAR
+        own = np.array([part.placement.rotation for part in parts]).reshape(-1, 3, 3)
+        edges = np.abs(pose[:3, :3].T @ turned[:, column] @ own) * np.array([part.half for part in parts])[:, None]
+        apart = np.maximum(box.min_ - centres_b, centres_b - box.max_) - edges.sum(axis=3)
+        near: BoolArray = apart.max(axis=2) <= _CLEAR
         return near
 
     def surface(self, point: Array) -> tuple[Array, Array]:
