@@ -41,7 +41,10 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-_NEAR = 1e-9  # [rad or m] beyond a limit that is rounding, and of shares
+_NEAR = 1e-9  # of shares: rounding
+_BEYOND = 0.02  # [rad or, times the lever, m] beyond a limit that is the data set's carelessness: put on the limit
+# Motions that close gaps as a matter of course [rad; m with the lever], and what may be left of a gap [m].
+_REACH, _LEVER, _OPEN = 0.1, 0.03, 3e-4
 _UNMADE = 0.2  # share of the depths that the hand's joints cannot choose: more is not what it makes
 
 
@@ -95,8 +98,10 @@ class Block:
     """Some postures on their way to their verdicts; arrays as in :class:`Certificates`."""
 
     def __init__(self, asked: Asked, q: Array, roots: Array):
-        self.own, self.q, self.roots = asked, q, roots
         hand, count = asked.hand, len(q)
+        allowed = _BEYOND * np.where(hand.slides, _LEVER, 1.0)
+        self.beyond = ((q < hand.lower - allowed) | (q > hand.upper + allowed)).any(axis=1)
+        self.own, self.q, self.roots = asked, np.clip(q, hand.lower, hand.upper), roots
         self.reason = np.full(count, int(Reason.HELD))
         self.elapsed = {"contacts": 0.0, "forces": 0.0, "friction": 0.0}
         self.torques, self.reserve, self.weakest = np.zeros((count, hand.n)), np.zeros(count), np.zeros((count, 6))
@@ -119,14 +124,24 @@ class Block:
             self._pack(found)
 
     def _pack(self, found: BulkContacts) -> None:
-        """Touches as contacts, one at each corner of an area, those of fingers and palm alone."""
-        own, count = self.own, len(self.q)
+        """Touches of fingers and palm that can be at once as contacts, one at each corner of an area."""
+        own = self.own
         fingers = own.fingers[found.part]
-        touch = np.flatnonzero((fingers >= 0) if own.palm else (fingers > 0))
-        corners = found.counts[touch] if own.patches else np.ones(len(touch), dtype=np.int64)
-        touch = np.repeat(touch, corners)
+        self.touches = np.flatnonzero((fingers >= 0) if own.palm else (fingers > 0))
+        corners = found.counts[self.touches] if own.patches else np.ones(len(self.touches), dtype=np.int64)
+        touch = np.repeat(self.touches, corners)
         corner = np.arange(len(touch)) - np.repeat(np.cumsum(corners) - corners, corners)
-        grasp = found.grasp[touch]
+        self._fill(found, touch, corner)
+        if (open_ := self._stays_open()).any():
+            slot = np.arange(len(touch)) - np.repeat(np.cumsum(self.counts) - self.counts, self.counts)
+            kept = ~open_[found.grasp[touch], slot]
+            self._fill(found, touch[kept], corner[kept])
+        self._pair(found)
+
+    def _fill(self, found: BulkContacts, touch: IntArray, corner: IntArray) -> None:
+        """Contacts at corners of touches, as padded arrays."""
+        own, count, grasp = self.own, len(self.q), found.grasp[touch]
+        fingers = own.fingers[found.part]
         self.counts = np.bincount(grasp, minlength=count)
         slot = np.arange(len(touch)) - np.repeat(np.cumsum(self.counts) - self.counts, self.counts)
         shape = count, max(int(self.counts.max(initial=0)), 1)
@@ -136,10 +151,7 @@ class Block:
             result[grasp, slot] = values
             return result
 
-        points = found.corners_o[touch, corner]
-        if not own.patches:
-            weights = np.arange(CORNERS) < found.counts[:, None]
-            points = (np.einsum("tc,tcx->tx", weights, found.corners_o) / found.counts[:, None])[touch]
+        points = found.corners_o[touch, corner] if own.patches else _middles(found)[touch]
         arms = points - found.points_o[touch]
         J = found.jacobians_o[touch]
         J[:, :3] += np.cross(J[:, 3:], arms[:, :, None], axis=1)
@@ -154,24 +166,39 @@ class Block:
         self.rotations = padded(frames)
         self.rotations[~self.used] = np.eye(3)
         self.links = padded(own.scene.link_of[found.part[touch]])
-        self._pair(found)
         touched = np.zeros((count, own.fingers.max() + 2), dtype=bool)
         touched[grasp, fingers[touch]] = True
         self.touched = touched.sum(axis=1)
 
+    def _motions(self) -> tuple[Array, Array]:
+        """How joints (N, k, n) and the object's shift (N, k, 6), turns times the arm, bring contacts closer."""
+        own = self.own
+        normals = self.rotations[..., 2] * self.used[..., None]
+        moves = np.einsum("nkxj,nkx->nkj", self.jacobians[:, :, :3], normals)
+        moves[..., own.idle] = 0.0
+        arms = (self.points_o - own.body.com_o) * self.used[..., None]
+        arm = np.sqrt(np.einsum("nkx,nkx->n", arms, arms) / np.maximum(self.counts, 1))
+        turned = np.cross(arms, normals) / np.maximum(arm, HARDLY)[:, None, None]
+        return moves, np.concatenate([normals, turned], axis=2)
+
+    def _stays_open(self) -> BoolArray:
+        """Which contacts (N, k) are off the surface and cannot come to it while the others stay there.
+
+        The gaps that are left by the least motion of joints and object, as far as such motions go.
+        """
+        moves, shifts = self._motions()
+        B = np.concatenate([moves * _REACH, shifts * _REACH * _LEVER], axis=2) / _OPEN
+        left = _left(B, self.gaps)
+        return np.asarray((left > _OPEN) & self.used, dtype=bool)
+
     def _pair(self, found: BulkContacts) -> None:
         """Of grasps by two links: tan of the largest angle between a normal and the line through both touches."""
-        own = self.own
-        fingers = own.fingers[found.part]
-        touch = np.flatnonzero((fingers >= 0) if own.palm else (fingers > 0))
+        touch = self.touches
         grasp = found.grasp[touch]
         two = np.flatnonzero(np.bincount(grasp, minlength=len(self.q)) == 2)
         first = touch[np.searchsorted(grasp, two)]
         second = touch[np.searchsorted(grasp, two) + 1]
-        middle = (
-            np.where(np.arange(CORNERS)[:, None] < found.counts[:, None, None], found.corners_o, 0.0).sum(axis=1)
-            / found.counts[:, None]
-        )
+        middle = _middles(found)
         line = middle[second] - middle[first]
         size = np.linalg.norm(line, axis=1)
         along = np.stack([np.einsum("tx,tx->t", line, found.normals_o[i]) for i in (first, second)])
@@ -304,9 +331,7 @@ class Block:
 
     def judge(self) -> None:
         """The reason of each grasp, the first that applies."""
-        hand = self.own.hand
         self.unproducible = self._unproducible()
-        beyond = ((self.q < hand.lower - _NEAR) | (self.q > hand.upper + _NEAR)).any(axis=1)
         undecided = ~self.weight_held & (self.status != Status.INFEASIBLE)
         for reason, where in (
             (Reason.DRIVES, (self.unproducible > _UNMADE) | self._beyond_drives()),
@@ -319,7 +344,7 @@ class Block:
             (Reason.SELF_COLLISION, self.collision >= 0),
             (Reason.PENETRATES, self.depth > 0),
             (Reason.GEOMETRY_FAILED, self.failed),
-            (Reason.JOINT_LIMIT, beyond),
+            (Reason.JOINT_LIMIT, self.beyond),
         ):
             self.reason[where] = int(reason)
 
@@ -329,19 +354,12 @@ class Block:
         Of the depths d it is |(1 + B B^T)^-1 d| / |d|, where B has the motions of :func:`pressing_together
         <pinograsp.motion.pressing_together>` as columns, scaled likewise: what takes large motions does not count.
         """
-        own = self.own
-        law, normals = own.conditions.compliance, self.rotations[..., 2] * self.used[..., None]
+        law = self.own.conditions.compliance
         depths = (self.local[..., 3] / law.stiffness) ** (1.0 / law.exponent)
-        moves = np.einsum("nkxj,nkx->nkj", self.jacobians[:, :, :3], normals)
-        moves[..., own.idle] = 0.0
+        moves, shifts = self._motions()
         sizes = np.linalg.norm(moves, axis=1, keepdims=True)
         moves = moves / (JOINTS * np.where(sizes > HARDLY, sizes, np.inf))
-        arms = (self.points_o - own.body.com_o) * self.used[..., None]
-        arm = np.sqrt(np.einsum("nkx,nkx->n", arms, arms) / np.maximum(self.counts, 1))
-        shifts = np.concatenate([normals, np.cross(arms, normals) / np.maximum(arm, HARDLY)[:, None, None]], axis=2)
-        B = np.concatenate([moves, shifts / SHIFTS], axis=2)
-        k = B.shape[1]
-        left = np.linalg.solve(np.eye(k) + B @ np.swapaxes(B, 1, 2), depths[..., None])[..., 0]
+        left = _left(np.concatenate([moves, shifts / SHIFTS], axis=2), depths)
         size = np.linalg.norm(depths, axis=1)
         share: Array = np.where(size > 0, np.linalg.norm(left, axis=1) / np.where(size > 0, size, 1.0), 0.0)
         return share
@@ -394,3 +412,16 @@ class Block:
             depth=read_only(self.depth),
             elapsed=self.elapsed,
         )
+
+
+def _left(B: Array, wanted: Array) -> Array:
+    """What the motions B (N, k, m) leave of changes of k distances (N, k): (1 + B B^T)^-1 of these."""
+    k = B.shape[1]
+    left: Array = np.linalg.solve(np.eye(k) + B @ np.swapaxes(B, 1, 2), wanted[..., None])[..., 0]
+    return left
+
+
+def _middles(found: BulkContacts) -> Array:
+    """Middles of the areas that touch (t, 3)."""
+    counts = (np.arange(CORNERS) < found.counts[:, None])[..., None]
+    return np.asarray((found.corners_o * counts).sum(axis=1) / found.counts[:, None], dtype=float)

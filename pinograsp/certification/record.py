@@ -72,10 +72,10 @@ class Certificates:
         hand: the hand.
         object: where it is.
         conditions: friction, limits and the reserve.
-        q: postures (N, n) [rad or m].
+        q: postures (N, n) [rad or m], put on the limits where they were a little beyond.
         roots: oMh of the hand's root (N, 4, 4).
         reason: a :class:`Reason` each (N,); 0: held.
-        counts: contacts (N,).
+        counts: contacts (N,), without links that cannot come to the surface while the others stay there.
         links: of each contact (N, k), an index into ``link_names``.
         link_names: names of the links.
         points_o: contact points (N, k, 3), world [m].

@@ -11,6 +11,7 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 
 _TOUCH = 1e-6  # [m] a gap that counts as touching
 _ROUNDS = 40  # of conservative advancement
+_REFINED, _FILLED, _ACROSS = 2, 3e-3, 0.05  # rounds, [m], and closing speed against the normal [m per rad or m]
 _FAR = 0.02  # [m] step where nothing is near
 
 
@@ -37,7 +38,12 @@ def close_jaws(scene: BulkScene, roots: Array) -> tuple[Array, Array, BoolArray]
         )
     opened, closed = (float(q[0]) for q in open_and_closed(hand, scene.body))
     jaws = [np.flatnonzero(scene.fingers == i) for i in range(1, len(hand.fingers) + 1)]
-    stops, touching = zip(*(_stops(scene, roots, parts, opened, closed) for parts in jaws))
+    limits = min(opened, closed), max(opened, closed)
+    stops, touching = [], []
+    for parts in jaws:
+        q, touches = _stops(scene, roots, parts, opened, closed)
+        stops.append(_refined(scene, roots, parts, q, touches, limits))
+        touching.append(touches)
     q = np.mean(stops, axis=0)
     shift = np.zeros((len(roots), 3))
     for own, parts in zip(stops, jaws):
@@ -46,6 +52,24 @@ def close_jaws(scene: BulkScene, roots: Array) -> tuple[Array, Array, BoolArray]
     moved = np.array(roots)
     moved[:, :3, 3] -= shift
     return q[:, None], moved, np.all(touching, axis=0)
+
+
+def _refined(
+    scene: BulkScene, roots: Array, parts: IntArray, q: Array, touching: BoolArray, limits: tuple[float, float]
+) -> Array:
+    """Where they touch the object itself (N,): its convex parts may fill hollows, by less than 2 mm as a rule."""
+    q = q.copy()
+    for _ in range(_REFINED):
+        found = scene.contacts(q[:, None], roots, tolerance=_FILLED)
+        own = np.flatnonzero(np.isin(found.part, parts) & touching[found.grasp])
+        rate = np.einsum("tx,tx->t", found.normals_o[own], found.jacobians_o[own, :3, 0])
+        own, rate = own[np.abs(rate) > _ACROSS], rate[np.abs(rate) > _ACROSS]
+        step = np.full(len(q), np.inf)
+        np.minimum.at(step, found.grasp[own], found.gap[own] / np.abs(rate))
+        sign = np.zeros(len(q))
+        sign[found.grasp[own]] = np.sign(rate)
+        q = np.clip(q + sign * np.where(np.isfinite(step), step, 0.0), *limits)
+    return q
 
 
 def _stops(scene: BulkScene, roots: Array, parts: IntArray, opened: float, closed: float) -> tuple[Array, BoolArray]:
