@@ -417,8 +417,8 @@ class Block:
 def _left(B: Array, wanted: Array) -> Array:
     """What the motions B (N, k, m) leave of changes of k distances (N, k): (1 + B B^T)^-1 of these."""
     k = B.shape[1]
-    left: Array = np.linalg.solve(np.eye(k) + B @ np.swapaxes(B, 1, 2), wanted[..., None])[..., 0]
-    return left
+    left = np.linalg.solve(np.eye(k) + B @ np.swapaxes(B, 1, 2), wanted[..., None])[..., 0]
+    return np.asarray(left, dtype=float)
 
 
 def _middles(found: BulkContacts) -> Array:
