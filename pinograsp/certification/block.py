@@ -61,6 +61,7 @@ class Asked:
         palm: bool,
         patches: bool,
         exact: bool,
+        drives: bool,
         threads: int | None,
     ):
         instance_of("conditions", conditions, GraspConditions)
@@ -75,7 +76,7 @@ class Asked:
         self.hand, self.body, self.conditions = hand, body, conditions
         self.tolerance = number("tolerance", tolerance, at_least=1e-7, unit="m")
         self.palm, self.patches = flag("palm", palm), flag("patches", patches)
-        self.exact = flag("exact", exact)
+        self.exact, self.drives = flag("exact", exact), flag("drives", drives)
         self.threads = threads
         self.scene = BulkScene(hand, body)
         self.fingers = self.scene.fingers
@@ -332,9 +333,10 @@ class Block:
     def judge(self) -> None:
         """The reason of each grasp, the first that applies."""
         self.unproducible = self._unproducible()
+        self.producible = (self.unproducible <= _UNMADE) & ~self._beyond_drives() & self.weight_held
         undecided = ~self.weight_held & (self.status != Status.INFEASIBLE)
         for reason, where in (
-            (Reason.DRIVES, (self.unproducible > _UNMADE) | self._beyond_drives()),
+            (Reason.DRIVES, ~self.producible & self.own.drives),
             (Reason.TORQUE, self.effort > 1 + _NEAR),
             (Reason.RESERVE, ~self.squeezed),
             (Reason.FRICTION, ~self.weight_held & np.isfinite(self.least_mu)),
@@ -407,6 +409,7 @@ class Block:
             antipodal_mu=read_only(self.antipodal_mu),
             largest_load=read_only(self.largest_load),
             effort=read_only(self.effort),
+            producible=read_only(self.producible & (self.effort <= 1 + _NEAR)),
             unproducible=read_only(self.unproducible),
             residual=read_only(self.residual),
             depth=read_only(self.depth),

@@ -33,10 +33,13 @@ class Certifier:
         palm: bool = True,
         patches: bool = True,
         exact: bool = True,
+        drives: bool = True,
         threads: int | None = None,
     ):
         instance_of("hand", hand, HandModel)
-        self._asked = Asked(hand, body, conditions, tolerance, palm=palm, patches=patches, exact=exact, threads=threads)
+        self._asked = Asked(
+            hand, body, conditions, tolerance, palm=palm, patches=patches, exact=exact, drives=drives, threads=threads
+        )
 
     def __call__(self, postures: ArrayLike, roots: ArrayLike | None = None) -> Certificates:
         """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4), or where the hand is."""
@@ -76,6 +79,7 @@ def certify(
     palm: bool = True,
     patches: bool = True,
     exact: bool = True,
+    drives: bool = True,
     threads: int | None = None,
 ) -> Certificates:
     """Whether grasps hold ``body``, each by its posture: forces, torques, reserve, or the reason; without any motion.
@@ -92,6 +96,7 @@ def certify(
         patches: a contact at up to four corners of a flat area; else one in its middle.
         exact: where the quick way finds no squeeze for the reserve, solve the full program (some 10 ms each); else such
             grasps are ``RESERVE`` without more ado.
+        drives: whether forces that the hand's drives cannot make together are no grasp; ``producible`` tells it anyway.
         threads: of the force methods; None: one for each core.
 
     Raises:

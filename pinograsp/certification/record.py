@@ -16,6 +16,7 @@ from pinograsp.contacts import PALM, Contact, ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, GraspConditions
 from pinograsp.hands import HandModel
+from pinograsp.hands.drives import ratios_of
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, BoolArray, IntArray, tangent_frame
 
@@ -96,6 +97,7 @@ class Certificates:
         largest_load: the largest weight that the hand certainly holds within its torque limits (N,) [N]; infinity where
             it has none.
         effort: largest share of a joint's torque limit (N,) [-].
+        producible: whether there are forces that the hand's drives can make, within its torque limits (N,).
         unproducible: share of the depths pressed that the hand's joints cannot choose (N,) [-].
         residual: of the balance (N,) [N, moments over the contacts' mean distance].
         depth: of the deepest link beyond the tolerance (N,) [m]; 0: none.
@@ -123,6 +125,7 @@ class Certificates:
     antipodal_mu: Array
     largest_load: Array
     effort: Array
+    producible: BoolArray
     unproducible: Array
     residual: Array
     depth: Array
@@ -162,14 +165,6 @@ class Certificates:
         forces: Array = np.einsum("nkx,nkx->nk", self.forces_o, self.normals_o)
         return forces
 
-    @property
-    def producible(self) -> BoolArray:
-        """Whether the hand's drives can make the forces (N,)."""
-        made: BoolArray = (self.counts > 0) & ~np.isin(
-            self.reason, [Reason.DRIVES, Reason.TORQUE, Reason.NO_FORCES, Reason.FRICTION, Reason.NO_CONTACT]
-        )
-        return made
-
     def words(self, i: int) -> str:
         """Why grasp i does not hold, or that it does, with its figures."""
         reason = Reason(self.reason[i])
@@ -177,9 +172,15 @@ class Certificates:
             Reason.PENETRATES: f"{1e3 * self.depth[i]:.2g} mm",
             Reason.FRICTION: f"mu = {self.conditions.mu:g}, {self.least_mu[i]:.2g} is needed",
             Reason.TORQUE: f"{self.effort[i]:.2g} times a joint's limit",
-            Reason.DRIVES: f"{100 * self.unproducible[i]:.0f} % of the depths",
+            Reason.DRIVES: self._drives() if reason is Reason.DRIVES else "",
         }.get(reason, "")
         return f"{reason.words} ({figure})" if figure else reason.words
+
+    def _drives(self) -> str:
+        """What keeps the drives from making any forces."""
+        hand = self.hand
+        ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
+        return "; ".join(dict.fromkeys(ratio.why for ratio in ratios)) or "links share what presses"
 
     def contacts(self, i: int) -> ContactSet:
         """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.placed(roots[i])``.

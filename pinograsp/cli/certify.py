@@ -53,6 +53,9 @@ def certify(
         typer.Option(metavar="X Y Z", help="In the object's frame, or its file's world \\[m/s^2]."),
     ] = (0.0, 0.0, -9.81),
     reserve: Annotated[bool, typer.Option(help="Ask for the reserve besides the weight.")] = True,
+    drives: Annotated[
+        bool, typer.Option(help="Ask for forces that the hand's drives can make; the table has it anyway.")
+    ] = True,
     joints: Annotated[
         list[str] | None,
         typer.Option("--joint", metavar="FILE'S=HAND'S", help="The hand's name of a joint; repeatable."),
@@ -130,6 +133,7 @@ def certify(
         out,
         conditions,
         tolerance=tolerance,
+        drives=drives,
         jobs=jobs,
         backend=one_of("backend", backend, BACKENDS),
         scheduler=scheduler,

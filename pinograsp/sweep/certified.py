@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp.certification import Reason
-from pinograsp.checks import instance_of, number, one_of, path_of, processes
+from pinograsp.checks import flag, instance_of, number, one_of, path_of, processes
 from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
 from pinograsp.errors import GraspsNotRead, InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
@@ -134,6 +134,7 @@ def certify_files(
     conditions: GraspConditions,
     *,
     tolerance: float = 2e-3,
+    drives: bool = True,
     jobs: int = -1,
     backend: Backend = "joblib",
     scheduler: str | None = None,
@@ -150,6 +151,7 @@ def certify_files(
         folder: for the rows, as Parquet files; a new folder, or one of this certification.
         conditions: as for :func:`~pinograsp.certification.certify`.
         tolerance: likewise [m].
+        drives: likewise.
         jobs: processes; -1: all cores; 1: this process.
         backend: ``"joblib"``, or ``"dask"``, whose workers need this package, and the objects at the same paths.
         scheduler: address of a Dask scheduler, such as ``"tcp://10.0.0.1:8786"``.
@@ -167,7 +169,9 @@ def certify_files(
     jobs = processes(jobs)
     one_of("backend", backend, BACKENDS)
     check_backend(backend, scheduler)
-    payload = pickle.dumps(Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance))
+    payload = pickle.dumps(
+        Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance, flag("drives", drives))
+    )
     settings = {
         "files": [str(one) for one in data.files],
         "format": data.format,

@@ -34,6 +34,7 @@ class Prepared(NamedTuple):
     density: float | None
     conditions: GraspConditions
     tolerance: float
+    drives: bool
 
 
 class Block(NamedTuple):
@@ -104,7 +105,7 @@ def _certifier(payload: bytes, name: str, scale: float, pose: bytes) -> Certifie
     given = _given(payload)
     body = object_in(given.objects, name, scale=scale, mass=given.mass, density=given.density)
     body = body.placed(np.frombuffer(pose).reshape(4, 4) @ body.pose)
-    return Certifier(given.hand, body, given.conditions, tolerance=given.tolerance, threads=1)
+    return Certifier(given.hand, body, given.conditions, tolerance=given.tolerance, drives=given.drives, threads=1)
 
 
 @functools.lru_cache(maxsize=1)

@@ -17,6 +17,8 @@ from pinograsp.writing import write_errors
 
 _MOST = 20  # objects with a box of their own
 _LONGEST = 28  # characters of a name
+# The first is what holds.
+_COLOURS = ("#2a7f4f", *COLOURS[:2], *COLOURS[3:7], "#8c6d31", "#999999", "#7a0177", "#c7e9b4", "#fdd0a2")
 _ENDINGS = (".png", ".svg", ".pdf")
 
 
@@ -53,12 +55,11 @@ def certified_picture(columns: Mapping[str, Sequence[Any]], path: str | Path) ->
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1.6, 1.0])
     at, begin = np.arange(len(shown)), np.zeros(len(shown))
     totals = np.array([sum(counts[name, reason] for reason in reasons) for name in shown])
-    for i, reason in enumerate(reasons):
+    for i, reason in enumerate(reasons, start=int(reasons[0] != "held")):
         share = 100 * np.array([counts[name, reason] for name in shown]) / totals
-        colour = "#2a7f4f" if reason == "held" else COLOURS[i % len(COLOURS)]
-        left.barh(at, share, left=begin, color=colour, label=reason.replace("_", " "), height=0.7)
+        left.barh(at, share, left=begin, color=_COLOURS[i % len(_COLOURS)], label=reason.replace("_", " "), height=0.7)
         begin += share
-    left.set_yticks(at, [name if len(name) <= _LONGEST else f"...{name[3 - _LONGEST :]}" for name in shown])
+    left.set_yticks(at, [name if len(name) <= _LONGEST else f"{name[: _LONGEST - 3]}..." for name in shown])
     left.set(xlabel="share of the grasps [%]", xlim=(0, 100))
     left.invert_yaxis()
     left.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
