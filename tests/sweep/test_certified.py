@@ -245,3 +245,16 @@ def test_the_command_prints_counts_draws_and_speaks_json(world, tmp_path):
     assert picture.read_bytes()[:4] == b"\x89PNG" and len(list((tmp_path / "back").glob("*.npy"))) == 2
     done = subprocess.run(command(world, out, "--json"), capture_output=True, text=True, timeout=120)
     assert json.loads(done.stdout)["rows"] == 30
+
+
+@pytest.mark.slow
+def test_a_cluster_does_the_same(world, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
+    ) as cluster:
+        address = cluster.scheduler_address
+        done = certify_files(
+            data_of(world), tmp_path / "out", CONDITIONS, backend="dask", scheduler=address, progress=False
+        )
+    assert not done.faults and done.table()["code"].to_pylist() == world["expected"].reason.tolist()
