@@ -121,9 +121,10 @@ def deepest_of(
         before, turned = turned, math.hypot(dx / gap - x, dy / gap - y, dz / gap - z)
         alike = turned < _ALIKE or 0.5 * before < turned < roughly
         last = off - (dx * x + dy * y + dz * z), ox - off * x, oy - off * y, oz - off * z
-        if alike and abs(spare) <= 0.5 * _CLEAR:
+        # Where it is clear of the object by more, its place as it is tells: bringing it closer may go round it.
+        if alike and (abs(spare) <= 0.5 * _CLEAR or (off == 0.0 and spare > 0)):
             break
-        x, y, z, off = dx / gap, dy / gap, dz / gap, off - spare
+        x, y, z, off = dx / gap, dy / gap, dz / gap, max(off - spare, 0.0)
     if last is None:
         raise GeometryFailed(part.link, type(part.geometry).__name__)
     return last[0], np.array((x, y, z)), np.array(last[1:])
