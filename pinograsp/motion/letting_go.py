@@ -126,7 +126,8 @@ def let_go(
     before = y
     support = np.concatenate([-(now.left + pull)[:6], np.zeros(len(pressed.given))])
     for stage in range(1, _STAGES + 1):
-        ahead = now.y + (now.y - before)
+        # Forces that do not balance the moments let the object turn far, and there is more than one rest.
+        ahead = now.y + (now.y - before) if problem.balance == "wrench" else None
         before = now.y
         known = contacts.known(before, stretched)
         now = _rest(contacts, pull + support * (1 - stage / _STAGES), known, before, ahead)
@@ -136,18 +137,19 @@ def let_go(
     return LetGo(now.y[:6], now.normal, now.friction, stiffness, gripping, contacts.response(now), balanced)
 
 
-def _rest(contacts: Contacts, pull: Array, known: Array, since: Array, ahead: Array) -> Now:
+def _rest(contacts: Contacts, pull: Array, known: Array, since: Array, ahead: Array | None) -> Now:
     """The contacts in balance with ``pull`` (p,), or nearly, from the motions ``since`` (p,) on.
 
-    ``known``: z_0 (k, r) of the contacts; ``ahead``: motions (p,) where the balance may be.
+    ``known``: z_0 (k, r) of the contacts; ``ahead``: motions (p,) where the balance may be, None: far away.
     """
-    now = Now(contacts, known, ahead)
+    now = Now(contacts, known, since if ahead is None else ahead)
     enough = _BALANCED * max(float(now.normal.sum()), _BALANCED)
-    # Newton's method mostly leads there at once.
-    now, balanced = _balanced(contacts, pull, now, known, enough)
-    if balanced:
-        return now
-    now = Now(contacts, known, since)
+    if ahead is not None:
+        # Newton's method mostly leads there at once.
+        now, balanced = _balanced(contacts, pull, now, known, enough)
+        if balanced:
+            return now
+        now = Now(contacts, known, since)
     for _ in range(_ROUNDS):
         # As if normal forces gave the cones their size, but no more: a convex energy, whose least is always found.
         y = _least_energy(contacts, pull, now.y, known, now.normal, enough)
