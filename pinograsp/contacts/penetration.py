@@ -25,6 +25,7 @@ from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, IntArray
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
+_FAR = 0.05  # [m] off the object
 _ALIKE = 1e-7  # [rad] normals this close are the same
 # [rad] ... and for depths these, where they come no closer: of curved bodies coal's nearest points are often no better.
 # A depth changes with the square of it, by less than 1e-10 m; the points, by a micrometre.
@@ -121,10 +122,10 @@ def deepest_of(
         before, turned = turned, math.hypot(dx / gap - x, dy / gap - y, dz / gap - z)
         alike = turned < _ALIKE or 0.5 * before < turned < roughly
         last = off - (dx * x + dy * y + dz * z), ox - off * x, oy - off * y, oz - off * z
-        # Where it is clear of the object by more, its place as it is tells: bringing it closer may go round it.
+        # Far off, its place as it is tells: bringing the object closer may go round the part.
         if alike and (abs(spare) <= 0.5 * _CLEAR or (off == 0.0 and spare > 0)):
             break
-        x, y, z, off = dx / gap, dy / gap, dz / gap, max(off - spare, 0.0)
+        x, y, z, off = dx / gap, dy / gap, dz / gap, off - spare if off - spare > -_FAR else 0.0
     if last is None:
         raise GeometryFailed(part.link, type(part.geometry).__name__)
     return last[0], np.array((x, y, z)), np.array(last[1:])
