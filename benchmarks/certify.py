@@ -16,7 +16,6 @@ need or by the reserve they bear, are counted apart. Writes certify.csv beside t
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import tempfile
 import time
@@ -113,7 +112,6 @@ def throughput(name: str, count: int, seed: int) -> None:
 
 
 def _certified(hand: pg.HandModel, body: pg.objects.body.Body, q: np.ndarray, roots: np.ndarray) -> tuple:
-    os.environ["OMP_NUM_THREADS"] = "1"
     found = Certifier(hand, body, pg.GraspConditions(mu=MU), threads=1)(q, roots)
     return found.reason, found.elapsed
 

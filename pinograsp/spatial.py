@@ -65,6 +65,15 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     )
 
 
+def inverse_of(poses: Array) -> Array:
+    """Inverses of homogeneous placements (..., 4, 4)."""
+    found = np.zeros_like(poses)
+    turned = poses[..., :3, :3].swapaxes(-1, -2)
+    found[..., :3, :3], found[..., 3, 3] = turned, 1.0
+    found[..., :3, 3] = -(turned @ poses[..., :3, 3, None])[..., 0]
+    return found
+
+
 def pose_of(position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None) -> Array:
     """Homogeneous placement aMb (4, 4) from a position [m] and a rotation (3, 3)."""
     pose = np.eye(4)

@@ -24,8 +24,9 @@ from pinograsp.certification.squeeze import (
     squeezed,
 )
 from pinograsp.checks import flag, instance_of, number, read_only
-from pinograsp.contacts import Contact, ContactSet, Friction
+from pinograsp.contacts import Friction
 from pinograsp.contacts.bulk import BulkContacts, BulkScene
+from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.support import CORNERS
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import GraspConditions, Reserve
@@ -236,7 +237,7 @@ class Block:
         with self._timed("forces"):
             plain = held(grips, holding, own.threads)
             squeeze, ways = squeezed(grips, holding, own.reserve, own.wrenches, own.threads)
-            found = squeeze.found.copy()
+            found = squeeze.found
             self.weight_held[chosen], self.squeezed[chosen] = plain.found | found, found
             self.status[chosen] = np.where(found | plain.found, Status.OK, plain.status)
             forces = np.where(found[:, None, None], squeeze.local, plain.local)
@@ -248,7 +249,7 @@ class Block:
                 self.reserve[chosen[weak[better.found]]] = 1.0
                 weak = weak[~better.found]
             if len(weak):
-                some, _ = as_much_as_can_be(grips.of(weak), holding, own.reserve, own.wrenches, own.threads)
+                some = as_much_as_can_be(grips.of(weak), holding, own.reserve, own.wrenches, own.threads)
                 forces[weak] = np.where(some.found[:, None, None], some.local, forces[weak])
             columns = [0, 1, 2, 3] if friction.d == 4 else [0, 1, 3]
             self.local[chosen[:, None], :, np.array(columns)] = np.swapaxes(forces, 1, 2)
@@ -267,20 +268,7 @@ class Block:
         conditions = replace(own.conditions, friction=holding.friction)
         normal = np.zeros(grips.used.shape)
         for row, (i, count) in enumerate(zip(chosen.tolist(), grips.counts.tolist())):
-            contacts = ContactSet(
-                contacts=tuple(
-                    Contact(
-                        finger=f"contact {c + 1}",
-                        link="",
-                        point_o=self.points_o[i, c],
-                        rotation_oc=self.rotations[i, c],
-                        length=None,
-                        distance=0.0,
-                    )
-                    for c in range(count)
-                ),
-                com_o=own.body.com_o,
-            )
+            contacts = bare_contacts(self.points_o[i, :count], self.rotations[i, :count], own.body.com_o)
             problem = conditions.problem(own.body, contacts)
             problem = replace(problem, min_normal_force=self.closing[i, :count])
             found = least_squeeze(problem, own.reserve)

@@ -81,8 +81,7 @@ class Springs:
 
         Friction may react so: tangential forces of least sum of squares, each over its capacity.
         """
-        along = self.columns[:, :, -1:] * 1.0
-        left = self.wrenches + np.einsum("nkdi,nkdm->nim", along, reacted.normal[:, :, None])
+        left = self.wrenches + np.einsum("nki,nkm->nim", self.columns[:, :, -1], reacted.normal)
         weights = np.maximum(capacities, 1e-3 * capacities.max(axis=1, keepdims=True, initial=1e-12))
         change, lost = _balancing(self.columns[:, :, :-1] * weights[..., None, None], left)
         full = np.concatenate([change * weights[..., None, None], reacted.normal[:, :, None]], axis=2)

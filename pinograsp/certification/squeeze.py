@@ -11,7 +11,6 @@ from pinograsp.certification.elastic import Reactions, factors, offsets, springs
 from pinograsp.contacts import Friction
 from pinograsp.errors import Status
 from pinograsp.forces import ForceBatch, Reserve, solve_batch
-from pinograsp.forces.reserve import LEAST_FORCE
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 MOST_MU = 2.0  # tried
@@ -95,9 +94,7 @@ class Holding:
 
     def kept_back(self, reserve: Reserve) -> Holding:
         """The same with the friction that a reserve does not rely on."""
-        if not reserve.friction:
-            return self
-        return replace(self, friction=replace(self.friction, safety=self.friction.safety / (1.0 - reserve.friction)))
+        return replace(self, friction=reserve.kept_friction(self.friction))
 
 
 def squeezed(
@@ -114,9 +111,7 @@ def squeezed(
     to react of which one bears all; the forces bear ``shares`` (N,) of them.
     """
     kept = holding.kept_back(reserve)
-    floor = np.full(
-        grips.used.shape, max(LEAST_FORCE, reserve.normal_force * holding.size) * bool(reserve.normal_force)
-    )
+    floor = np.full(grips.used.shape, reserve.least_force(holding.size))
     if grips.least is not None:
         floor = np.maximum(floor, grips.least)
     contacts = springs(grips.points, grips.rotations, grips.used, kept.friction, wrenches)
@@ -135,22 +130,23 @@ def squeezed(
     return Forces(status=best.status, local=local, residual=best.residual), (whole, spread)
 
 
-def as_much_as_can_be(
-    grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, threads: int | None
-) -> tuple[Forces, Array]:
-    """Forces that bear the largest shares (N,) below 1 of the wrenches that halving finds; none where not any."""
-    low, high = np.zeros(len(grips.points)), np.ones(len(grips.points))
-    best: Forces | None = None
+def as_much_as_can_be(grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, threads: int | None) -> Forces:
+    """Forces that bear the largest share below 1 of the wrenches that halving finds; none where not any."""
+    count = len(grips.points)
+    low, high = np.zeros(count), np.ones(count)
+    best = Forces(
+        status=np.full(count, Status.INFEASIBLE, dtype=object),
+        local=np.zeros((*grips.used.shape, holding.friction.d)),
+        residual=np.zeros(count),
+    )
     for _ in range(_SHARE_HALVINGS):
         middle = (low + high) / 2
-        found, _ = squeezed(grips, holding, reserve, wrenches, threads, middle)
-        if best is None:
-            best = found
-        for name in ("status", "local", "residual"):
-            getattr(best, name)[found.found] = getattr(found, name)[found.found]
-        low, high = np.where(found.found, middle, low), np.where(found.found, high, middle)
-    assert best is not None  # there is at least one halving
-    return best, low
+        tried, _ = squeezed(grips, holding, reserve, wrenches, threads, middle)
+        found = tried.found
+        best.status[found], best.local[found] = tried.status[found], tried.local[found]
+        best.residual[found] = tried.residual[found]
+        low, high = np.where(found, middle, low), np.where(found, high, middle)
+    return best
 
 
 def pressing(grips: Grips, holding: Holding, normal: Array, threads: int | None) -> Forces:

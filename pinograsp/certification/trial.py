@@ -9,8 +9,8 @@ from scipy.optimize import lsq_linear
 from pinograsp.certification.record import Certificates
 from pinograsp.checks import integer, read_only
 from pinograsp.errors import InvalidInput
-from pinograsp.motion import effort_of
-from pinograsp.motion.jacobian import contact_jacobians
+from pinograsp.handover.quintic import between
+from pinograsp.motion import effort_of, torque_limits
 from pinograsp.referee.task import Task
 from pinograsp.spatial import Array
 
@@ -39,12 +39,10 @@ def trial_of(certificates: Certificates, i: int) -> Task:
     conditions, hand = certificates.conditions, certificates.hand.placed(certificates.roots[i])
     problem, q = certificates.problem(i), certificates.q[i]
     law, contacts = conditions.compliance, problem.contacts
-    model, data = hand.model.copy(), hand.model.createData()
-    model.gravity.linear = np.array(conditions.gravity_o)
-    own_weight = pin.computeGeneralizedGravity(model, data, q)
-    pin.computeJointJacobians(model, data, q)
+    limit = effort_of(hand, conditions.torque_limit)
+    joints = torque_limits(hand, contacts, q, limit=limit, gravity_o=conditions.gravity_o)
     normals = certificates.normals_o[i, :count]
-    rates = np.einsum("kx,kxn->kn", normals, contact_jacobians(hand, contacts, data)[:, :3])
+    rates = np.einsum("kx,kxn->kn", normals, joints.jacobian[:, :3])
     depths = (normal / law.stiffness) ** (1.0 / law.exponent)
     body = certificates.object
     arms = certificates.points_o[i, :count] - body.com_o
@@ -55,19 +53,20 @@ def trial_of(certificates: Certificates, i: int) -> Task:
     pose = np.array(body.pose)
     pose[:3, :3], pose[:3, 3] = pin.exp3(shift[3:]) @ pose[:3, :3], pose[:3, 3] + shift[:3]
     times = np.linspace(0.0, _FINAL, _SAMPLES)
-    share = times / _FINAL
-    way = (10 * share**3 - 15 * share**4 + 6 * share**5)[:, None]
-    speed = (30 * share**2 - 60 * share**3 + 30 * share**4)[:, None] / _FINAL
+    resting = np.zeros((2, hand.n))
+    path, speed, _ = between(np.array([0.0, _FINAL]), [np.array([opened, pressed]), resting, resting], times)
+    own_weight, zero = joints.bias, np.zeros((2, 1))
+    way, _, _ = between(np.array([0.0, _FINAL]), [np.array([[0.0], [1.0]]), zero, zero], times)
     torques = own_weight + way * (certificates.torques[i] - own_weight)
     return Task(
         hand=hand,
         body=body.placed(pose),
         times=read_only(times),
-        q=read_only(opened + way * (pressed - opened)),
-        dq=read_only(speed * (pressed - opened)),
+        q=read_only(path),
+        dq=read_only(speed),
         torques=read_only(torques),
         holding_torques=read_only(certificates.torques[i]),
-        torque_limit=read_only(effort_of(hand, conditions.torque_limit)),
+        torque_limit=joints.limit,
         impact_time=_IMPACT,
         final_time=_FINAL,
         names=tuple(contacts.names),

@@ -16,7 +16,7 @@ from pinograsp.contacts.support import CORNERS, common_corners, support_shape, t
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.objects.mesh import Mesh
-from pinograsp.spatial import Array, BoolArray, IntArray
+from pinograsp.spatial import Array, BoolArray, IntArray, inverse_of
 
 _OFF = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
 _ROUNDS, _ALIKE = 3, 0.05  # of finding the direction, and where it has settled [rad]
@@ -41,9 +41,8 @@ class BulkContacts:
         leaning: by how much each corner is farther off than the nearest (t, 4) [m], where faces lean.
         jacobians_o: of the touching points of the links (t, 6, n), world axes, linear first; the palm's are zero.
         depth: of the deepest link that is farther inside than the tolerance (N,) [m]; 0: none.
-        deepest: its part (N,); -1: none.
         failed: whether some distance could not be computed (N,): a degenerate mesh.
-        collision: the links that overlap, an index into ``BulkScene.pairs`` (N,); -1: none.
+        collision: links of the hand that overlap, an index into ``BulkScene.collisions.pairs`` (N,); -1: none.
         gravity_torques: that hold the hand's own weight (N, n) [N m].
     """
 
@@ -57,7 +56,6 @@ class BulkContacts:
     leaning: Array
     jacobians_o: Array
     depth: Array
-    deepest: IntArray
     failed: BoolArray
     collision: IntArray
     gravity_torques: Array
@@ -98,7 +96,6 @@ class BulkScene:
         names = [PALM, *(finger.name for finger in hand.fingers)]
         self.fingers = np.array([names.index(part.finger) if part.finger else -1 for part in self.parts])
         self.collisions = SelfCollisions(hand)
-        self.pairs = self.collisions.names
 
     def contacts(
         self, q: Array, roots: Array, *, tolerance: float, lean: float = LEAN, gravity_o: Array = DOWN
@@ -113,21 +110,19 @@ class BulkScene:
             gravity_o: gravity (3,) [m/s^2].
         """
         # The hand stays where it is, and the object is seen from there.
-        there = self.hand.pose @ _inverse(roots)
+        there = self.hand.pose @ inverse_of(roots)
         objects = there @ self.body.pose
         oMi = self._kinematics(q)
         placed = oMi[:, self.joints] @ self.placements
         touching = self._touching(q, placed, objects, tolerance)
         grasp, part = touching.grasp, touching.part
-        back = roots @ _inverse(self.hand.pose[None])
+        back = roots @ inverse_of(self.hand.pose[None])
         turn = back[grasp, :3, :3]
         points = _moved(turn, touching.points) + back[grasp, :3, 3]
         normals = _moved(turn, touching.normals)
         shallow = touching.gap >= -tolerance
-        depth, deepest = np.zeros(len(q)), np.full(len(q), -1)
-        for i in np.flatnonzero(~shallow):
-            if -touching.gap[i] > depth[grasp[i]]:
-                depth[grasp[i]], deepest[grasp[i]] = -touching.gap[i], part[i]
+        depth = np.zeros(len(q))
+        np.maximum.at(depth, grasp[~shallow], -touching.gap[~shallow])
         corners, counts, leaning = self._corners(touching, placed, objects, lean)
         corners = np.einsum("tij,taj->tai", turn, corners) + back[grasp, None, :3, 3]
         jacobians = np.einsum("tij,tbjn->tbin", turn, touching.jacobians.reshape(len(grasp), 2, 3, self.hand.n))
@@ -143,7 +138,6 @@ class BulkScene:
             leaning=leaning[shallow],
             jacobians_o=jacobians[shallow],
             depth=depth,
-            deepest=deepest,
             failed=touching.failed,
             collision=self.collisions.first(oMi),
             gravity_torques=self._gravity(q, there, gravity_o),
@@ -152,7 +146,7 @@ class BulkScene:
     def placed_parts(self, q: Array, roots: Array) -> Array:
         """Placements oMp (N, p, 4, 4) of the hand's parts at postures (N, n), the root at ``roots`` (N, 4, 4)."""
         own = self._kinematics(q)[:, self.joints] @ self.placements
-        placed: Array = (roots @ _inverse(self.hand.pose[None]))[:, None] @ own
+        placed: Array = (roots @ inverse_of(self.hand.pose[None]))[:, None] @ own
         return placed
 
     def gaps(self, q: Array, roots: Array, parts: IntArray, reach: float) -> Array:
@@ -160,18 +154,18 @@ class BulkScene:
 
         Arguments as for :meth:`contacts`.
         """
-        objects = self.hand.pose @ _inverse(roots) @ self.body.pose
+        objects = self.hand.pose @ inverse_of(roots) @ self.body.pose
         placed = self._kinematics(q)[:, self.joints] @ self.placements
         found = np.full(len(q), reach)
         request, result = self.distances.request, self.distances.result
-        wanted = np.isin(np.arange(len(self.parts)), parts)
-        for i, part, solid in zip(*(one.tolist() for one in self._near(placed, objects, reach))):
-            if wanted[part]:
-                pose = coal.Transform3s(placed[i, part, :3, :3], placed[i, part, :3, 3])
-                here = coal.Transform3s(objects[i, :3, :3], objects[i, :3, 3])
-                result.clear()
-                gap = coal.distance(self.parts[part].hull, pose, self.solids[solid], here, request, result)
-                found[i] = min(found[i], gap)
+        near = self._near(placed, objects, reach)
+        wanted = np.isin(near[1], parts)
+        for i, part, solid in zip(*(one[wanted].tolist() for one in near)):
+            pose = coal.Transform3s(placed[i, part, :3, :3], placed[i, part, :3, 3])
+            here = coal.Transform3s(objects[i, :3, :3], objects[i, :3, 3])
+            result.clear()
+            gap = coal.distance(self.parts[part].hull, pose, self.solids[solid], here, request, result)
+            found[i] = min(found[i], gap)
         return found
 
     def _kinematics(self, q: Array) -> Array:
@@ -200,7 +194,7 @@ class BulkScene:
         """Grasp, part of the hand and part of the object of all pairs whose bounding volumes are nearer than that."""
         low, high, centres, radii = self._bounds
         own, own_radii, halves = self._spheres
-        seen = _inverse(objects)[:, None] @ placed  # hand's parts in the object's frame
+        seen = inverse_of(objects)[:, None] @ placed  # hand's parts in the object's frame
         middle = seen[..., :3, :3] @ own[None, :, :, None]
         middle = middle[..., 0] + seen[..., :3, 3]
         outside = np.maximum(np.maximum(low - middle[:, :, None], middle[:, :, None] - high), 0.0)
@@ -388,16 +382,6 @@ def _spheres(parts: list[HandPart]) -> tuple[Array, Array, Array]:
     centres = np.array([(_low(box) + _high(box)) / 2 for box in boxes]).reshape(-1, 3)
     halves = np.array([(_high(box) - _low(box)) / 2 for box in boxes]).reshape(-1, 3)
     return centres, np.array([part.hull.aabb_radius for part in parts]), halves
-
-
-def _inverse(poses: Array) -> Array:
-    """Inverses of rigid placements (..., 4, 4)."""
-    found = np.zeros_like(poses)
-    turned = np.swapaxes(poses[..., :3, :3], -1, -2)
-    found[..., :3, :3] = turned
-    found[..., :3, 3] = -np.einsum("...ij,...j->...i", turned, poses[..., :3, 3])
-    found[..., 3, 3] = 1.0
-    return found
 
 
 def _moved(rotations: Array, vectors: Array) -> Array:

@@ -239,6 +239,17 @@ def contacts_at(
     return ContactSet(contacts=tuple(contacts), com_o=read_only(body.com_o))
 
 
+def bare_contacts(points_o: Array, rotations_oc: Array, com_o: Array) -> ContactSet:
+    """Contacts without a hand: at points (k, 3) [m] with frames (k, 3, 3), the centre of mass at ``com_o`` (3,) [m]."""
+    return ContactSet(
+        contacts=tuple(
+            Contact(finger=f"contact {i + 1}", link="", point_o=point, rotation_oc=rotation, length=None, distance=0.0)
+            for i, (point, rotation) in enumerate(zip(points_o, rotations_oc))
+        ),
+        com_o=com_o,
+    )
+
+
 def _points_by_finger(hand: HandModel | None, points: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, ArrayLike]:
     """Contact points by the name of the finger, or of the contact where there is no hand."""
     if not isinstance(points, Mapping):

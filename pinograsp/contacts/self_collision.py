@@ -47,11 +47,6 @@ class SelfCollisions:
             free = np.array([(self.links[a], self.links[b]) not in linked for b, a in self.pairs.tolist()])
             self.pairs, self.reach = self.pairs[free], self.reach[free]
 
-    @property
-    def names(self) -> list[tuple[str, str]]:
-        """The links of each pair that is looked at."""
-        return [(self.links[a], self.links[b]) for b, a in self.pairs.tolist()]
-
     def _linked(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[str, str]]:
         """Names of the links that overlap over half of the hand's range or more."""
         overlaps: Counter[tuple[str, str]] = Counter()

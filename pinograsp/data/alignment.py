@@ -17,10 +17,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pinograsp.checks import array_of, brief, instance_of, items_of, one_of, read_only
-from pinograsp.data.rotations import inverse_of, placements
+from pinograsp.data.rotations import placements
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
-from pinograsp.spatial import Array, BoolArray
+from pinograsp.spatial import Array, BoolArray, inverse_of
 
 _ARM = 0.05  # [m] at which an angle between axes counts like a distance: about a finger's length
 _ALIKE = 1e-4  # [m] of rounding in descriptions: below it all pairs count alike

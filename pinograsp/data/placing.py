@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, floats_of, instance_of, mapping_of, one_of, placement_of, read_only
 from pinograsp.data.alignment import Alignment, JointAxes, alignment, joint_axes
 from pinograsp.data.conventions import CONVENTIONS, Convention, convention_of, known_names
-from pinograsp.data.rotations import inverse_of
 from pinograsp.data.rows import GraspRows
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, inverse_of
 
 _ALIKE = (
     3e-3  # [m] between axes of two descriptions of the same hand: DexGraspNet's Shadow and newer ones differ by 1.8 mm

@@ -64,9 +64,3 @@ def nearest_rotations(poses: Array) -> Array:
     if rounded or poses.size:
         poses[..., 3, :] = [0.0, 0.0, 0.0, 1.0]
     return poses
-
-
-def inverse_of(poses: Array) -> Array:
-    """Inverses of placements (..., 4, 4)."""
-    turned = poses[..., :3, :3].swapaxes(-1, -2)
-    return placements(-(turned @ poses[..., :3, 3, None])[..., 0], turned)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import brief, integer, one_of, read_only, shown
-from pinograsp.data.rotations import inverse_of, nearest_rotations
+from pinograsp.data.rotations import nearest_rotations
 from pinograsp.errors import GraspsNotRead, InvalidInput
-from pinograsp.spatial import FARTHEST, Array, BoolArray
+from pinograsp.spatial import FARTHEST, Array, BoolArray, inverse_of
 
 Format = Literal[
     "dexgraspnet",

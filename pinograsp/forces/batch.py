@@ -27,8 +27,9 @@ from pinograsp.checks import (
     read_only,
     shown,
 )
-from pinograsp.contacts import Contact, ContactSet, Friction
+from pinograsp.contacts import Friction
 from pinograsp.contacts.compliance import MEASURES
+from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.backends import Backends
@@ -385,12 +386,8 @@ def _cores() -> int:
 
 def _problem(batch: ForceBatch, i: int) -> ForceProblem:
     own = batch.counts[i]
-    contacts = tuple(
-        Contact(finger=f"contact {j + 1}", link="", point_o=point, rotation_oc=rotation, length=None, distance=0.0)
-        for j, (point, rotation) in enumerate(zip(batch.points[i, :own], batch.rotations[i, :own]))
-    )
     return ForceProblem(
-        contacts=ContactSet(contacts=contacts, com_o=np.zeros(3)),
+        contacts=bare_contacts(batch.points[i, :own], batch.rotations[i, :own], np.zeros(3)),
         load=batch.loads[i],
         mu=batch.mu[i, :own],
         balance=batch.balance,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, instance_of, number, share_of
+from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
@@ -125,6 +126,14 @@ class Reserve:
             loads += [mass + moments for mass in masses]
         return LoadSet(loads=np.concatenate(loads))
 
+    def kept_friction(self, friction: Friction) -> Friction:
+        """The friction that is relied on."""
+        return replace(friction, safety=friction.safety / (1.0 - self.friction)) if self.friction else friction
+
+    def least_force(self, weight: float) -> float:
+        """The least normal force of each contact [N] under a weight [N]."""
+        return max(LEAST_FORCE, self.normal_force * weight) if self.normal_force else 0.0
+
     def problem(self, problem: ForceProblem) -> ForceProblem:
         """A problem with what the reserve keeps back: friction, torque limits, and a least normal force per contact.
 
@@ -133,12 +142,11 @@ class Reserve:
         """
         body = _held(problem)
         friction, torques, floor = problem.friction, problem.torques, problem.min_normal_force
-        if self.friction:
-            friction = replace(friction, safety=friction.safety / (1.0 - self.friction))
+        friction = self.kept_friction(friction)
         if self.torque and torques is not None:
             torques = replace(torques, reserve=1.0 - (1.0 - torques.reserve) * (1.0 - self.torque))
         if self.normal_force:
-            least = max(LEAST_FORCE, self.normal_force * body.mass * float(np.linalg.norm(problem.gravity_o)))
+            least = self.least_force(body.mass * float(np.linalg.norm(problem.gravity_o)))
             floor = np.maximum(least, np.zeros(problem.k) if floor is None else floor)
         return replace(problem, friction=friction, torques=torques, min_normal_force=floor)
 

@@ -65,14 +65,16 @@ def concatenated(surfaces: Iterable[tuple[Array, IntArray]]) -> tuple[Array, Int
 
 def convex_pieces(surfaces: Iterable[tuple[Array, IntArray]]) -> list[Array] | None:
     """The corners (n, 3) of each part of surfaces; None where it is one part, or one is not convex."""
+    parts = [(vertices, part) for vertices, faces in surfaces for part in _parts_of(np.asarray(faces, dtype=np.int64))]
+    if not 1 < len(parts) <= _MOST_PIECES:
+        return None
     found: list[Array] = []
-    for vertices, faces in surfaces:
-        for part in _parts_of(np.asarray(faces, dtype=np.int64)):
-            used, own = np.unique(part, return_inverse=True)
-            if len(found) >= _MOST_PIECES or len(used) < 4 or not is_convex(vertices[used], own.reshape(-1, 3)):
-                return None
-            found.append(vertices[used])
-    return found if len(found) > 1 else None
+    for vertices, part in parts:
+        used, own = np.unique(part, return_inverse=True)
+        if len(used) < 4 or not is_convex(vertices[used], own.reshape(-1, 3)):
+            return None
+        found.append(vertices[used])
+    return found
 
 
 def _parts_of(faces: IntArray) -> list[IntArray]:

@@ -22,12 +22,11 @@ from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
 from pinograsp.errors import GraspsNotRead, InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
-from pinograsp.interrupts import interrupts_kept
 from pinograsp.spatial import Array
 from pinograsp.sweep.certified_rows import Prepared, blocks_of, certified_block
 from pinograsp.sweep.certified_table import REFUSED, schema_of
 from pinograsp.sweep.parts import Parts, Work, read_part, read_parts
-from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend
+from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend, collected
 from pinograsp.writing import place_of
 
 if TYPE_CHECKING:
@@ -305,21 +304,12 @@ class _Run:
             disable=None if progress is None else not progress,
             leave=False,
         )
-        saved = time.perf_counter()
-        with bar, interrupts_kept() as interrupt:
-            try:
-                for table in results:
-                    self.kept.append(table)
-                    bar.update(table.num_rows)
-                    if time.perf_counter() - saved >= _SAVED_EVERY:
-                        self.save()
-                        saved = time.perf_counter()
-                    interrupt()
-            except KeyboardInterrupt:
-                return True
-            finally:
-                self.save()
-        return False
+
+        def take(table: pa.Table) -> None:
+            self.kept.append(table)
+            bar.update(table.num_rows)
+
+        return collected(results, take, self.save, _SAVED_EVERY, bar)
 
     def save(self) -> None:
         """Write what came. Called again after an interruption, it writes no row twice."""

@@ -17,11 +17,10 @@ from tqdm import tqdm
 
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.checks import one_of, processes
-from pinograsp.interrupts import interrupts_kept
 from pinograsp.spatial import IntArray
 from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
-from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend
+from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend, collected
 
 if TYPE_CHECKING:
     import pyarrow
@@ -141,22 +140,14 @@ def _collect(results: Generator[ChunkResult, None, None], chunks: _Chunks, store
         disable=None if progress is None else not progress,
         leave=False,
     )
-    saved = time.perf_counter()
-    with bar, interrupts_kept() as interrupt:
-        try:
-            for rows, seconds, left in results:
-                chunks.report(seconds / len(rows), left)
-                store.add(rows)
-                bar.update(len(rows))
-                if time.perf_counter() - saved >= _SAVED_EVERY:
-                    store.save()
-                    saved = time.perf_counter()
-                interrupt()
-        except KeyboardInterrupt:
-            return True
-        finally:
-            store.save()
-    return False
+
+    def take(result: ChunkResult) -> None:
+        rows, seconds, left = result
+        chunks.report(seconds / len(rows), left)
+        store.add(rows)
+        bar.update(len(rows))
+
+    return collected(results, take, store.save, _SAVED_EVERY, bar)
 
 
 class _Chunks:

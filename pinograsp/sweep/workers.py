@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from typing import Literal, TypeVar, get_args
 
+from tqdm import tqdm
+
 from pinograsp.errors import ExtraMissing, InvalidInput, PinograspError
-from pinograsp.interrupts import parallel_results
+from pinograsp.interrupts import interrupts_kept, parallel_results
 
 Backend = Literal["joblib", "dask"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
@@ -38,6 +41,30 @@ def by_joblib(
         raise PinograspError(
             f"a worker was lost, by lack of memory or a crash; completed rows are kept: start again ({why})"
         ) from error
+
+
+def collected(
+    results: Generator[_Result, None, None],
+    take: Callable[[_Result], object],
+    save: Callable[[], None],
+    every: float,
+    bar: tqdm,
+) -> bool:
+    """Take the results as they come, and save them ``every`` so many seconds; returns whether Ctrl-C stopped it."""
+    saved = time.perf_counter()
+    with bar, interrupts_kept() as interrupt:
+        try:
+            for result in results:
+                take(result)
+                if time.perf_counter() - saved >= every:
+                    save()
+                    saved = time.perf_counter()
+                interrupt()
+        except KeyboardInterrupt:
+            return True
+        finally:
+            save()
+    return False
 
 
 def _check_answer(scheduler: str) -> None:
