@@ -104,6 +104,14 @@ def certify(
         ExtraMissing: numba (extra ``fast``), or for objects that are not convex coacd (extra ``mesh``).
     """
     certifier = Certifier(
-        hand, body, conditions, tolerance=tolerance, palm=palm, patches=patches, exact=exact, threads=threads
+        hand,
+        body,
+        conditions,
+        tolerance=tolerance,
+        palm=palm,
+        patches=patches,
+        exact=exact,
+        drives=drives,
+        threads=threads,
     )
     return certifier(postures, roots)

@@ -306,6 +306,11 @@ class _Run:
         )
 
         def take(table: pa.Table) -> None:
+            file, reason = (table[name][0].as_py() for name in ("file", "reason"))
+            if reason == REFUSED:
+                if file in self.faults:  # another block of the same file
+                    return
+                self.faults[file] = table["message"][0].as_py()
             self.kept.append(table)
             bar.update(table.num_rows)
 

@@ -10,6 +10,7 @@ from pinograsp.certification import Certificates, Certifier, Reason, certify, tr
 from pinograsp.contacts import close_hand, contacts_of
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.errors import InvalidInput
+from pinograsp.hands import Drive
 from pinograsp.referee.settings import Disturbance
 
 PLACE = np.eye(4)
@@ -178,6 +179,20 @@ def test_each_reason_is_found(allegro, jaws):
     assert reasons(jaws, pg.GraspConditions(mu=0.6, reserve=strong, max_normal_force=3.0)) == [Reason.RESERVE]
     # The palm alone bears a weight that lies on it, but one link is no grasp.
     assert reasons(jaws, palm=False) == [Reason.HELD]
+
+
+def test_drives_that_cannot_make_the_forces_are_told_or_left_to_the_reader(allegro):
+    """One motor is taken from the hand: the joint bears nothing."""
+    found = certify(allegro.hand, allegro.object, allegro.q[None], CONDITIONS)
+    assert found.held[0] and found.producible[0]
+    loaded = int(np.abs(found.torques[0]).argmax())
+    joint = allegro.hand.joint_names[loaded]
+    motors = [Drive(name=name, joints=(name,), arms=(1.0,)) for name in allegro.hand.joint_names if name != joint]
+    weak = allegro.hand.with_drives(motors)
+    strict = certify(weak, allegro.object, allegro.q[None], CONDITIONS)
+    assert Reason(strict.reason[0]) is Reason.DRIVES and joint in strict.words(0) and not strict.producible[0]
+    lenient = certify(weak, allegro.object, allegro.q[None], CONDITIONS, drives=False)
+    assert lenient.held[0] and not lenient.producible[0]
 
 
 def test_fingers_that_cross_are_told():

@@ -141,6 +141,22 @@ def test_faults_are_rows_and_what_was_read_before_them_is_kept(world, tmp_path):
     assert again.faults == done.faults and again.counts == done.counts
 
 
+def test_an_object_that_is_not_there_is_one_fault_of_a_file(world, tmp_path):
+    """Not one of each block: here grasps of two sizes."""
+    rows = next(read_grasps(world["files"][1]))
+    several = rows_of(
+        world["hand"],
+        rows.poses,
+        rows.q,
+        format="dexgraspnet",
+        joint_names=rows.joint_names,
+        scale=np.repeat([1.0, 1.2], rows.n // 2),
+    )
+    path = write_grasps(tmp_path / "cup.npy", several)
+    done = certify_files(data_of(world, [path]), tmp_path / "out", CONDITIONS, jobs=1, progress=False)
+    assert list(done.faults) == [str(path)] and done.counts == {"refused": 1} and done.table().num_rows == 1
+
+
 def test_another_certification_is_not_mixed_in(world, tmp_path):
     certify_files(data_of(world), tmp_path / "out", CONDITIONS, jobs=1, progress=False)
     with pytest.raises(ResultsNotWritten, match="holds another certification"):
