@@ -130,6 +130,8 @@ def trial(certificates: Certificates, rough: Certificates, i: int) -> dict:
     }
     disturbance = Disturbance(shake=SHAKE, shake_frequency=2.0)
     source, near = certificates, 1 - BAND < certificates.effort[i] < 1 + BAND or abs(mu / MU - 1) < BAND
+    if reason is Reason.HELD:
+        near |= reserve < 1 + BAND
     if reason in (Reason.FRICTION, Reason.NO_FORCES):
         source = rough
         disturbance = Disturbance(mu=MU)

@@ -37,9 +37,12 @@ _SHARE = 0.01
 _WELL = 2e-4  # share of their depth to which surfaces are brought
 _KNOTS = 5  # depths at which the joints are solved for: their course over the depth is smooth
 _ROUNDS, _HALVINGS = 15, 3
-# Rounds that make up for friction, the share of the forces that is well, and what a round has to gain; the furthest
-# that it moves the object, in shifts that cost 1, and how much shorter the next step is where one led astray.
-_LETTING_GO, _AS_PLANNED, _GAIN, _FURTHEST, _SHORTER = 6, 0.01, 0.1, 10.0, 3.0
+# The share of the forces that is well. Rounds that make up for friction by another shift, what a round has to gain of
+# what is left, and the furthest that it moves the object, in shifts that cost 1; and rounds by other depths, what one
+# has to gain, how often a step may lead astray, and how much shorter the next one is then.
+_AS_PLANNED, _SHORTER = 0.01, 3.0
+_SHIFTS, _SHIFT_GAIN, _FURTHEST = 2, 0.5, 10.0
+_DEPTHS, _DEPTH_GAIN, _ASTRAY = 6, 0.1, 2
 _AT_LIMIT = 1e-9  # [rad or m]
 _ROUNDED = 0.1  # share of its depth that a contact keeps where others need less of it
 # What the joints' freedom is used for: contacts that slide by 1 mm cost as much as joints that turn by 1 rad (or slide
@@ -91,7 +94,7 @@ def press_closed(
     planned = solution.problem.compliance.normal_force(final)
     best = _press(solver, final, np.zeros(6))
     off, share = best.off(planned), 1.0
-    for _ in range(_LETTING_GO):
+    for _ in range(_SHIFTS):
         if off < _AS_PLANNED:
             break
         # Newton's step to joints that make the object shift as they assume: what they press deeper for it, the
@@ -103,7 +106,7 @@ def press_closed(
         tried = _press(solver, final, shift + share * step)
         if tried.off(planned) < off:
             gained, best, off, share = off - tried.off(planned), tried, tried.off(planned), 1.0
-            if gained < _GAIN * off:
+            if gained < _SHIFT_GAIN * off:
                 break
         else:
             share /= _SHORTER
@@ -123,19 +126,22 @@ def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
 
 def _corrected(solver: _Solver, final: Array, planned: Array, best: ClosedPress) -> ClosedPress:
     """A press to other depths than ``final`` (k,) [m], with forces at rest that are nearer the ``planned`` (k,) [N]."""
-    law, further, share = solver.problem.compliance, np.zeros(len(final)), 1.0
-    reached = max(TRACKED, float(np.abs(best.missing).max()))
-    for _ in range(_LETTING_GO):
-        off = best.off(planned)
+    law, further, share, astray = solver.problem.compliance, np.zeros(len(final)), 1.0, 0
+    reached, off = max(TRACKED, float(np.abs(best.missing).max())), best.off(planned)
+    for _ in range(_DEPTHS):
         if off < _AS_PLANNED or not best.rest.balanced:
             break
         lacking = final - law.depth(best.rest.normal)
         step = np.linalg.lstsq(best.rest.response, lacking, rcond=_STIFF)[0]
         tried = _press(solver, np.maximum(final + further + share * step, _ROUNDED * final), best.shift[-1])
         if tried.rest.balanced and tried.off(planned) < off and np.abs(tried.missing).max() <= reached:
-            best, further = tried, further + share * step
+            gained, best, further, off = off - tried.off(planned), tried, further + share * step, tried.off(planned)
+            if gained < _DEPTH_GAIN * off:
+                break
         else:
-            share /= _SHORTER
+            share, astray = share / _SHORTER, astray + 1
+            if astray == _ASTRAY:
+                break
     return best
 
 
