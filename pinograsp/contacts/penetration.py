@@ -62,17 +62,20 @@ class Penetration:
     def _joint(self, contact: Contact) -> int:
         return 0 if contact.finger == PALM else self.hand.finger(contact.finger).joint_of(contact.link)
 
-    def at(self, q: Array, which: Iterable[int] | None = None) -> tuple[Array, Array, Array]:
+    def at(
+        self, q: Array, which: Iterable[int] | None = None, near: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """Depths (c,) [m], negative where clear, inward normals (c, 3), and points on the object's surface (c, 3) [m].
 
-        ``which`` contacts; default: all.
+        ``which`` contacts; default: all. ``near``: normals of all contacts (k, 3) to start from; None: the contacts'.
         """
         self.distances.put(q)
-        found = [self._one(i) for i in (range(len(self.contacts)) if which is None else which)]
+        near = self.normals if near is None else near
+        found = [self._one(i, near[i]) for i in (range(len(self.contacts)) if which is None else which)]
         depths, normals, points = zip(*found)
         return np.array(depths), np.array(normals), np.array(points)
 
-    def _one(self, i: int) -> tuple[float, Array, Array]:
+    def _one(self, i: int, near: Array) -> tuple[float, Array, Array]:
         if self.corner[i]:
             point = self.distances.data.oMi[self.joints[i]].act(np.array(self.contacts[i].point_l))
             # Of the plane they touched, not of the nearest surface: at an edge of the object that may be another face.
@@ -80,7 +83,7 @@ class Penetration:
             depth = float((point - self.contacts[i].point_o) @ normal)
             return depth, normal, point - depth * normal
         return max(
-            (deepest_of(self.distances, part, self.normals[i], self.roughly) for part in self.parts[i]),
+            (deepest_of(self.distances, part, near, self.roughly) for part in self.parts[i]),
             key=lambda one: one[0],
         )
 

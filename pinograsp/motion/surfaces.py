@@ -103,7 +103,7 @@ def press_closed(
         grip = units[:, None] * (rest.gripping + _STIFF * rest.stiffness) * units
         step = units * np.linalg.lstsq(grip, units * (rest.stiffness @ (rest.shift - shift)), rcond=1e-9)[0]
         share *= min(1.0, _FURTHEST / max(float(np.linalg.norm(share * step / units)), 1e-300))
-        tried = _press(solver, final, shift + share * step)
+        tried = _press(solver, final, shift + share * step, best)
         if tried.off(planned) < off:
             gained, best, off, share = off - tried.off(planned), tried, tried.off(planned), 1.0
             if gained < _SHIFT_GAIN * off:
@@ -133,7 +133,7 @@ def _corrected(solver: _Solver, final: Array, planned: Array, best: ClosedPress)
             break
         lacking = final - law.depth(best.rest.normal)
         step = np.linalg.lstsq(best.rest.response, lacking, rcond=_STIFF)[0]
-        tried = _press(solver, np.maximum(final + further + share * step, _ROUNDED * final), best.shift[-1])
+        tried = _press(solver, np.maximum(final + further + share * step, _ROUNDED * final), best.shift[-1], best)
         if tried.rest.balanced and tried.off(planned) < off and np.abs(tried.missing).max() <= reached:
             gained, best, further, off = off - tried.off(planned), tried, further + share * step, tried.off(planned)
             if gained < _DEPTH_GAIN * off:
@@ -145,8 +145,11 @@ def _corrected(solver: _Solver, final: Array, planned: Array, best: ClosedPress)
     return best
 
 
-def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
-    """To the depths ``final`` (k,) [m], with an object that shifts ``towards`` (6,) or near to it."""
+def _press(solver: _Solver, final: Array, towards: Array, since: ClosedPress | None = None) -> ClosedPress:
+    """To the depths ``final`` (k,) [m], with an object that shifts ``towards`` (6,) or near to it.
+
+    ``since``: a press that was much the same.
+    """
     course = np.linspace(0.0, 1.0, _KNOTS)
     q, shift = np.tile(solver.posture, (_KNOTS, 1)), np.zeros((_KNOTS, 6))
     depths, missing = np.zeros((_KNOTS, len(final))), np.zeros((_KNOTS, len(final)))
@@ -155,10 +158,15 @@ def _press(solver: _Solver, final: Array, towards: Array) -> ClosedPress:
     now = solver.start
     on_the_way = [now]
     for i in range(1, _KNOTS):
-        # On from where the last steps led.
-        ahead = 2 * q[i - 1] - q[i - 2] if i > 1 else q[0]
-        gone = shift[i - 1] * course[i] / course[i - 1] if i > 1 else course[i] * towards
-        before = _Before(q[i - 1], slid[i - 1], now.across)
+        if since is None:  # on from where the last steps led
+            ahead = 2 * q[i - 1] - q[i - 2] if i > 1 else q[0]
+            gone = shift[i - 1] * course[i] / course[i - 1] if i > 1 else course[i] * towards
+        else:
+            # As far from that press as before, in proportion.
+            share = course[i] / course[i - 1] if i > 1 else 0.0
+            ahead = since.q[i] + share * (q[i - 1] - since.q[i - 1])
+            gone = since.shift[i] + (share * (shift[i - 1] - since.shift[i - 1]) if i > 1 else 0.0)
+        before = _Before(q[i - 1], slid[i - 1], now)
         q[i], shift[i], now, stopped = solver.solve(
             np.clip(ahead, solver.lower, solver.upper), gone, course[i] * final, course[i] * towards, before
         )
@@ -177,26 +185,28 @@ class _Pressed(NamedTuple):
 
     Attributes:
         depth: of the surfaces (k,) [m].
+        normals: into the object, where the surfaces are deepest (k, 3).
         deepening: how joints change the depths (k, n) [m/rad or m/m].
         across: how they move the links where they touch the object's surface, across the normals, and turn them about
             these (k, 4, n).
     """
 
     depth: Array
+    normals: Array
     deepening: Array
     across: Array
 
 
 class _Before(NamedTuple):
-    """Where links came from: posture (n,), how far they had slid and turned (k, 4), and how joints moved them."""
+    """Where links came from: posture (n,), how far they had slid and turned (k, 4), and how they pressed."""
 
     q: Array
     slid: Array
-    across: Array
+    pressed: _Pressed
 
     def slid_at(self, q: Array, across: Array) -> Array:
         """How far links have slid and turned (k, 4) [m, rad] at the posture ``q`` (n,), moved by ``across``."""
-        slid: Array = self.slid + 0.5 * ((self.across + across) @ (q - self.q))
+        slid: Array = self.slid + 0.5 * ((self.pressed.across + across) @ (q - self.q))
         return slid
 
 
@@ -228,8 +238,8 @@ class _Solver:
         self.rows = self._costs()
         self.start = self.at(self.posture)
 
-    def at(self, q: Array) -> _Pressed:
-        """How deep the contacts are, and how joints move them."""
+    def at(self, q: Array, near: Array | None = None) -> _Pressed:
+        """How deep the contacts are, and how joints move them; ``near``: normals (k, 3) that may be theirs."""
         model = self.hand.model
         pin.computeJointJacobians(model, self.data, q)
         if self.surfaces is None:
@@ -237,13 +247,13 @@ class _Solver:
             depth, normals = ((material - self.origins) * self.normals).sum(axis=1), self.normals
             on_object = material - depth[:, None] * normals
         else:
-            depth, normals, on_object = self.surfaces.at(q)
+            depth, normals, on_object = self.surfaces.at(q, near=near)
         J = point_jacobians(model, self.data, self.joints, on_object)  # the depth's are the same all along the normal
         along = (normals[:, None, None] @ J.reshape(len(depth), 2, 3, model.nv))[:, :, 0]
         deepening = along[:, 0]
         J[:, :3] -= normals[:, :, None] * deepening[:, None]
         across = np.concatenate([J[:, :3], along[:, 1:]], axis=1)
-        return _Pressed(depth, deepening, across)
+        return _Pressed(depth, normals, deepening, across)
 
     def servos(self, on_the_way: Sequence[_Pressed], course: Array) -> tuple[Servos, ...] | None:
         """Of the joints where the contacts are so far on their ``course`` (c,); None where they do not give way."""
@@ -267,13 +277,13 @@ class _Solver:
         """Joints and shift with the depths ``wanted`` (k,), from a guess (Gauss and Newton), and joints at limits."""
         well = np.maximum(TRACKED, _WELL * wanted)
         best: tuple[float, Array, Array, _Pressed] | None = None
-        stopped, halved = set[int](), 0
+        stopped, halved, normals = set[int](), 0, before.pressed.normals
         for _ in range(_ROUNDS):
-            now = self.at(q)
+            now = self.at(q, normals)
             missing = wanted + self.shifts @ shift - now.depth
             off = float(np.abs(missing / well).max())
             if best is None or off < best[0]:
-                best, halved = (off, q, shift, now), 0
+                best, halved, normals = (off, q, shift, now), 0, now.normals
                 to_q, to_shift, at_limit = self._step(q, shift, now, wanted, towards, before)
                 stopped |= at_limit
                 if off < 1.0 and np.abs(now.deepening @ (to_q - q)).max() < TRACKED:

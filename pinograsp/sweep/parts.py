@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import re
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
@@ -104,7 +106,7 @@ class Parts:
                 f"folder '{self.folder}' was removed, or another has taken its place, while a {self.work.noun} was "
                 "writing there"
             )
-        write_file(self.folder / f"part-{self.next:06d}-{self.next:06d}.parquet", _parquet(table))
+        write_file(self.folder / f"part-{self.next:06d}-{self.next:06d}.parquet", _parquet([table]))
 
     def merge_some(self) -> None:
         """Merge parts now and then."""
@@ -113,14 +115,12 @@ class Parts:
 
     def merge(self) -> None:
         """Merge small parts into one: work of a day would leave tens of thousands."""
-        import pyarrow as pa
-
         small = [one for one in live_parts(self.folder)[0] if _span(one)[0] == _span(one)[1]]
         if len(small) < 2:
             return
         path = self.folder / f"part-{_span(small[0])[0]:06d}-{_span(small[-1])[1]:06d}.parquet"
         with write_errors(path):
-            write_file(path, _parquet(pa.concat_tables([read_part(one) for one in small])))
+            write_file(path, _parquet(read_part(one) for one in small))
             for one in small:
                 one.unlink()
 
@@ -207,12 +207,16 @@ def read_part(path: Path, columns: list[str] | None = None) -> pa.Table:
     return table
 
 
-def _parquet(table: pa.Table) -> bytes:
+def _parquet(tables: Iterable[pa.Table]) -> bytes:
+    """Tables of the same columns, one or more, one after the other: only one of them is open at a time."""
     import pyarrow as pa
     from pyarrow import parquet
 
-    sink = pa.BufferOutputStream()
-    parquet.write_table(table, sink)
+    sink, rest = pa.BufferOutputStream(), iter(tables)
+    first = next(rest)
+    with parquet.ParquetWriter(sink, first.schema) as writer:
+        for table in itertools.chain([first], rest):
+            writer.write_table(table)
     content: bytes = sink.getvalue().to_pybytes()
     return content
 
