@@ -125,6 +125,21 @@ class SearchInterrupted(SearchFailed):
     """A search was stopped before it found any forces."""
 
 
+class CarryInfeasible(SearchFailed):
+    """No timing of a path holds the object: proven. ``at`` is a path parameter where there are no forces."""
+
+    def __init__(self, message: str, *, at: float, solution: Any):
+        super().__init__(message, solution)
+        self.at = at
+
+
+class CarryUndecided(SearchFailed):
+    """No timing of a path was found, and none is ruled out."""
+
+    def __init__(self, message: str, *, solution: Any):
+        super().__init__(message, solution)
+
+
 class GraspNotFound(NoGrasp):
     """No grasp that was tried holds the object. Carries the ``search`` with the outcomes of its samples."""
 

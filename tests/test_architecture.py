@@ -41,12 +41,13 @@ ROOMS = [
     "viz",
     "report",
     "planner",
+    "carry",
     "cases",
     "sweep",
     "cli",
 ]
 OWNERS = {
-    "pinocchio": {"hands", "contacts", "motion", "data", "synthesis", "referee", "certification"},
+    "pinocchio": {"hands", "contacts", "motion", "data", "synthesis", "referee", "certification", "carry"},
     "coacd": {"objects"},
     "coal": {"hands", "objects", "contacts", "referee"},
     "mujoco": {"referee", "handover"},

@@ -62,9 +62,7 @@ class Penetration:
     def _joint(self, contact: Contact) -> int:
         return 0 if contact.finger == PALM else self.hand.finger(contact.finger).joint_of(contact.link)
 
-    def at(
-        self, q: Array, which: Iterable[int] | None = None, near: Array | None = None
-    ) -> tuple[Array, Array, Array]:
+    def at(self, q: Array, which: Iterable[int] | None = None, near: Array | None = None) -> tuple[Array, Array, Array]:
         """Depths (c,) [m], negative where clear, inward normals (c, 3), and points on the object's surface (c, 3) [m].
 
         ``which`` contacts; default: all. ``near``: normals of all contacts (k, 3) to start from; None: the contacts'.

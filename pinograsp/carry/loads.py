@@ -1,0 +1,146 @@
+"""What carrying asks for along a path: the object's wrench and the joints' torques, linear in acceleration and squared
+speed of the path parameter.
+
+With q(s) and b = s_dot^2, a = s_ddot: dq = q' s_dot and ddq = q' a + q'' b, so that every inertial wrench and torque is
+``along_a`` a + ``along_b`` b + ``still`` (Verscheure et al. 2009). The wrench is that of the contacts on the object,
+about its centre of mass, in axes that turn with the palm: those that the grasp was planned in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.carry.path import ArmPath
+from pinograsp.checks import brief
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array, IntArray
+
+
+class Linear(NamedTuple):
+    """``along_a`` a + ``along_b`` b + ``still``, each (m, r)."""
+
+    along_a: Array
+    along_b: Array
+    still: Array
+
+    def at(self, a: Array, b: Array) -> Array:
+        """The values (m, r) at accelerations and squared speeds (m,)."""
+        return np.asarray(self.along_a * a[:, None] + self.along_b * b[:, None] + self.still)
+
+    def pairs(self, step: float) -> Array:
+        """Its slopes (m, r, 2) over the squared speeds at both ends of intervals of this length, at their middles."""
+        rise, mean = self.along_a / step, self.along_b / 2.0
+        return np.stack([mean - rise / 2.0, mean + rise / 2.0], axis=2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CarryLoads:
+    """Along m values of the path parameter.
+
+    Attributes:
+        wrench: on the object (6,), linear first [N, N m].
+        torque: of all joints (n,), without contact forces on the fingers; the arm bears the object [N m or N].
+        speed: derivative of q by s (n,), and nothing besides.
+        acceleration: ddq (n,): its ``still`` is zero.
+        q: positions (m, n).
+    """
+
+    wrench: Linear
+    torque: Linear
+    speed: Array
+    acceleration: Linear
+    q: Array
+
+    __repr__ = brief()
+
+
+class Carried:
+    """A robot with an object in its hand.
+
+    Args:
+        robot: arm and hand.
+        hand: the hand that the grasp was planned with, where it was then; may be the robot.
+        body: the object, where it was then.
+        posture: of that hand (n_h,) [rad or m].
+    """
+
+    def __init__(self, robot: HandModel, hand: HandModel, body: Body, posture: Array):
+        self.robot, self.hand, self.body = robot, hand, body
+        palm = hand.palm
+        if not robot.model.existFrame(palm):
+            raise InvalidInput(f"robot '{robot.name}': expected the grasp's hand in it, with its link '{palm}'")
+        names = list(robot.joint_names)
+        if missing := [joint for joint in hand.joint_names if joint not in names]:
+            raise InvalidInput(
+                f"robot '{robot.name}': expected the grasp's hand in it; it has no joint {', '.join(missing[:5])}"
+            )
+        self.of_hand: IntArray = np.array([names.index(joint) for joint in hand.joint_names])
+        self.posture = np.array(robot.resting)
+        self.posture[self.of_hand] = posture
+        fingers = np.concatenate([finger.dofs for finger in hand.fingers])
+        self.fingers: IntArray = self.of_hand[fingers]
+        self.arm: IntArray = np.setdiff1d(np.arange(robot.n), self.fingers)
+        # Where the object's axes of then are in the joint that carries the palm.
+        frame = robot.model.frames[robot.model.getFrameId(palm)]
+        self.joint: int = frame.parentJoint
+        oMpalm = pin.SE3(hand.frame_placements(posture, [palm])[0])
+        self.jMo = frame.placement * oMpalm.inverse()
+        self.model = robot.model.copy()
+        self.inertia = pin.Inertia(body.mass, body.com_o, body.pose[:3, :3] @ body.inertia_b @ body.pose[:3, :3].T)
+        if self.joint:
+            self.model.inertias[self.joint] = self.model.inertias[self.joint] + self.jMo.act(self.inertia)
+
+    def along(self, path: ArmPath, s: Array, gravity_o: Array) -> CarryLoads:
+        """Loads at path parameters (m,); gravity (3,) [m/s^2] in the robot's world."""
+        moving = self._moving(path)
+        count, n = len(s), self.robot.n
+        q, slope, bend = np.tile(self.posture, (count, 1)), np.zeros((count, n)), np.zeros((count, n))
+        q[:, moving], slope[:, moving], bend[:, moving] = path.at(s)
+        self._within(path, moving, q)
+        model, data, rest = self.model, self.model.createData(), np.zeros(n)
+        model.gravity.linear = np.array(gravity_o)
+        torque, wrench = np.empty((3, count, n)), np.empty((3, count, 6))
+        inertia = self.jMo.act(self.inertia)
+        weightless = self.model.copy()
+        weightless.gravity.linear = np.zeros(3)
+        for i in range(count):
+            for part, (own, dq, ddq) in enumerate(
+                ((weightless, rest, slope[i]), (weightless, slope[i], bend[i]), (model, rest, rest))
+            ):
+                torque[part, i] = pin.rnea(own, data, q[i], dq, ddq)
+                v, acceleration = data.v[self.joint], data.a_gf[self.joint]
+                wrench[part, i] = self.jMo.actInv(inertia * acceleration + v.cross(inertia * v)).vector
+        # About the centre of mass.
+        wrench[..., 3:] -= np.cross(self.body.com_o, wrench[..., :3])
+        return CarryLoads(
+            wrench=Linear(*wrench),
+            torque=Linear(*torque),
+            speed=slope,
+            acceleration=Linear(slope, bend, np.zeros_like(slope)),
+            q=q,
+        )
+
+    def _moving(self, path: ArmPath) -> IntArray:
+        names = list(self.robot.joint_names)
+        arm = [names[j] for j in self.arm.tolist()]
+        if wrong := [joint for joint in path.joints if joint not in arm]:
+            raise InvalidInput(
+                f"path: expected joints of the arm, {', '.join(arm) or 'of which there are none'}; got "
+                f"{', '.join(wrong)}"
+            )
+        return np.array([names.index(joint) for joint in path.joints])
+
+    def _within(self, path: ArmPath, moving: IntArray, q: Array) -> None:
+        over = np.maximum(self.robot.lower - q, q - self.robot.upper)[:, moving]
+        at, joint = np.unravel_index(int(over.argmax()), over.shape)
+        if over[at, joint] > 1e-6:
+            raise InvalidInput(
+                f"path: joint '{path.joints[joint]}' goes {over[at, joint]:.3g} beyond its limit, to "
+                f"{q[at, moving[joint]]:.4g}; the spline may swing out between waypoints: give more of them"
+            )

@@ -1,0 +1,117 @@
+"""The way of an arm: joint positions as a smooth function of a path parameter, or of time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, read_only
+from pinograsp.errors import InvalidInput
+from pinograsp.handover import JointTrajectory
+from pinograsp.spatial import Array
+
+_APART = 1e-9  # [rad or m] waypoints this close are one
+
+
+class PathPoint(NamedTuple):
+    """Joint positions at m values of the path parameter s, and their derivatives by s, each (m, n)."""
+
+    q: Array
+    slope: Array
+    bend: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmPath:
+    """Joint positions along s from 0 to 1: the cubic spline through waypoints, twice differentiable.
+
+    Attributes:
+        joints: their names (n,).
+        s: of the waypoints (w,), increasing from 0 to 1.
+        q: waypoints (w, n) [rad or m].
+        times: of the waypoints (w,) [s], where the path is a trajectory; None: only its shape is known.
+    """
+
+    joints: tuple[str, ...]
+    s: Array
+    q: Array
+    times: Array | None = None
+    _spline: CubicSpline = field(init=False, repr=False)
+
+    __repr__ = brief("joints", "s")
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        put("joints", items_of("joints of the path", self.joints, str))
+        if not self.joints or len(set(self.joints)) < len(self.joints):
+            raise InvalidInput(f"joints of the path: expected different names, got {list(self.joints)}")
+        put("s", array_of("parameters of the path", self.s, (None,)))
+        put("q", array_of("waypoints", self.q, (len(self.s), len(self.joints))))
+        if len(self.s) < 2 or self.s[0] != 0 or self.s[-1] != 1 or np.any(np.diff(self.s) <= 0):
+            raise InvalidInput("parameters of the path: expected two or more that increase from 0 to 1")
+        if self.times is not None:
+            put("times", array_of("times of the path", self.times, self.s.shape))
+            if np.any(np.diff(self.times) <= 0):
+                raise InvalidInput("times of the path: expected each later than the one before")
+        # With two waypoints or three there is no more to a cubic spline than a line or a parabola.
+        put("_spline", CubicSpline(self.s, self.q))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _rebuilt, (self.joints, self.s, self.q, self.times)
+
+    @classmethod
+    def through(cls, waypoints: Mapping[str, ArrayLike]) -> ArmPath:
+        """The path through waypoints, ``{joint: its positions there (w,)}`` [rad or m], two or more.
+
+        The parameter is the distance travelled in joint space from one to the next, over that of all.
+
+        Raises:
+            InvalidInput: fewer than two waypoints, two in a row that are the same, unequal numbers.
+        """
+        waypoints = mapping_of("waypoints", waypoints, "{joint: positions}")
+        if not waypoints:
+            raise InvalidInput("waypoints: expected {joint: positions}, got none")
+        columns = [array_of(f"waypoints of '{joint}'", own, (None,)) for joint, own in waypoints.items()]
+        if len({len(column) for column in columns}) > 1 or len(columns[0]) < 2:
+            sizes = {joint: len(column) for joint, column in zip(waypoints, columns)}
+            raise InvalidInput(f"waypoints: expected as many of each joint, two or more, got {sizes}")
+        q = np.column_stack(columns)
+        apart = np.linalg.norm(np.diff(q, axis=0), axis=1)
+        if np.any(apart < _APART):
+            raise InvalidInput(
+                f"waypoints: expected each to differ from the one before, numbers {np.argmin(apart)} and "
+                f"{np.argmin(apart) + 1} are the same"
+            )
+        travelled = np.concatenate([[0.0], np.cumsum(apart)])
+        return cls(joints=tuple(waypoints), s=travelled / travelled[-1], q=q)
+
+    @classmethod
+    def of(cls, trajectory: JointTrajectory) -> ArmPath:
+        """The path of a timed trajectory, as of :func:`~pinograsp.handover.read_csv` or ``read_ros2``."""
+        instance_of("trajectory", trajectory, JointTrajectory)
+        times = np.array(trajectory.times)
+        if len(times) < 2:
+            raise InvalidInput("trajectory: expected two samples or more, got 1")
+        s = (times - times[0]) / (times[-1] - times[0])
+        return cls(joints=tuple(trajectory.names), s=s, q=np.array(trajectory.q), times=times - times[0])
+
+    @property
+    def duration(self) -> float | None:
+        """Of the trajectory [s]."""
+        return None if self.times is None else float(self.times[-1])
+
+    def at(self, s: ArrayLike) -> PathPoint:
+        """Positions and derivatives at parameters (m,)."""
+        values = array_of("path parameters", s, (None,))
+        return PathPoint(*(read_only(self._spline(values, order)) for order in (0, 1, 2)))
+
+
+def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None) -> ArmPath:
+    return ArmPath(joints=joints, s=s, q=q, times=times)

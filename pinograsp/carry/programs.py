@@ -1,0 +1,166 @@
+"""The programs of carrying: a grasp's limits and a path's loads as matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinograsp.carry.interior_point import Program
+from pinograsp.carry.loads import Carried, CarryLoads
+from pinograsp.checks import brief
+from pinograsp.errors import CarryInfeasible
+from pinograsp.forces import ForceProblem, TorqueLimits
+from pinograsp.forces.matrices import matrices_of
+from pinograsp.spatial import Array
+
+_RANK, _BALANCED = 1e-9, 1e-7  # singular values, and parts of loads, below this share of the largest are none
+_FASTEST = 1e3  # [1/s] of the path parameter: a path in a millisecond
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmLimits:
+    """What the joints of a robot may do; infinity: no limit.
+
+    Attributes:
+        torque: largest |torque| (n,) [N m or N].
+        speed: largest |speed| (n,) [rad/s or m/s].
+        acceleration: largest |acceleration| (n,) [rad/s^2 or m/s^2].
+    """
+
+    torque: Array
+    speed: Array
+    acceleration: Array
+
+    __repr__ = brief()
+
+
+class Programs:
+    """Programs of one grasp along one path, at N intervals.
+
+    Args:
+        problem: the grasp's, with its friction, caps and torque limits of the hand's joints (of ``carried.hand``).
+        range_n: least and largest normal forces (k,), (k,) [N].
+        carried: robot and object.
+        limits: of the robot's joints.
+        middle: loads at the middles of the intervals.
+        nodes: loads at their ends, one more.
+    """
+
+    def __init__(
+        self,
+        problem: ForceProblem,
+        range_n: tuple[Array, Array],
+        carried: Carried,
+        limits: ArmLimits,
+        middle: CarryLoads,
+        nodes: CarryLoads,
+    ):
+        self.problem, self.carried, self.limits, self.middle = problem, carried, limits, middle
+        self.least, self.most = range_n
+        self.count = len(middle.q)
+        self.step = 1.0 / self.count
+        torques = problem.torques
+        # Torques of the hand without contacts go with the path; the rows' limits are those of a hand without weight.
+        bare = None if torques is None else replace(torques, bias=np.zeros_like(torques.bias))
+        self.matrices = matrices_of(replace(problem, torques=bare), {"least_squares": 1.0})
+        self.bias_rows = _bias_rows(bare, self.matrices.R_norm)
+        self._balance(nodes)
+        self.names = [f"torque of {name}" for name in carried.robot.joint_names]
+        self.top = self._speed_limits(nodes)
+
+    def _balance(self, nodes: CarryLoads) -> None:
+        """A of full rank, and what of the loads it balances."""
+        scale = np.concatenate([np.ones(3), np.full(3, 1.0 / self.problem.moment_length)])
+        wrench = self.middle.wrench
+        U, size, _ = np.linalg.svd(self.matrices.A, full_matrices=True)
+        rank = int((size > _RANK * size[0]).sum())
+        parts = [np.asarray(part) * scale for part in wrench]
+        largest = max(float(np.abs(part).max()) for part in parts)
+        out = [part @ U[:, rank:] for part in parts]
+        if rank < 6 and max(float(np.abs(part).max(initial=0.0)) for part in out) > _BALANCED * largest:
+            raise CarryInfeasible(
+                f"the contacts balance only {rank} of the 6 components of a wrench, and the path asks for others: add "
+                "contacts, or torsional friction (soft fingers)",
+                at=0.0,
+                solution=None,
+            )
+        self.A = U[:, :rank].T @ self.matrices.A
+        self.E = np.einsum("br,nrj->nbj", U[:, :rank].T, scale[:, None] * wrench.pairs(self.step))
+        self.e = parts[2] @ U[:, :rank]
+
+    def _speed_limits(self, nodes: CarryLoads) -> Array:
+        """Largest squared speeds of the path parameter (N + 1,) [1/s^2]."""
+        with np.errstate(divide="ignore"):
+            fastest = (self.limits.speed / np.abs(nodes.speed)).min(axis=1)
+        return np.asarray(np.minimum(fastest, _FASTEST) ** 2)
+
+    def _rows(self) -> tuple[Array, Array, Array]:
+        """B (N, m, 2), low and high (N, m) of the hand's torque rows."""
+        torque, of_hand = self.middle.torque, self.carried.of_hand
+        L = self.bias_rows
+        B = np.einsum("rn,mnj->mrj", L, torque.pairs(self.step)[:, of_hand])
+        still = torque.still[:, of_hand] @ L.T
+        return B, self.matrices.R_lo - still, self.matrices.R_hi - still
+
+    def _arm(self) -> tuple[Array, Array, list[str]]:
+        """C (N, r, 2) and c (N, r), each row over its limit, and what the rows are."""
+        names, arm = self.carried.robot.joint_names, self.carried.arm
+        rows, ends, words = [], [], []
+        for kind, linear, limit in (
+            ("torque", self.middle.torque, self.limits.torque),
+            ("acceleration", self.middle.acceleration, self.limits.acceleration),
+        ):
+            limited = arm[np.isfinite(limit[arm])]
+            pairs = linear.pairs(self.step)[:, limited] / limit[limited, None]
+            still = linear.still[:, limited] / limit[limited]
+            rows += [pairs, -pairs]
+            ends += [1.0 - still, 1.0 + still]
+            words += 2 * [f"{kind} of {names[j]}" for j in limited.tolist()]
+        return np.concatenate(rows, axis=1), np.concatenate(ends, axis=1), words
+
+    def program(self, **changes: object) -> Program:
+        """The program of the least time from rest to rest, or with ``changes`` of it."""
+        B, low, high = self._rows()
+        C, c, self.arm_words = self._arm()
+        given = np.full(self.count + 1, np.nan)
+        given[[0, -1]] = 0.0
+        whole = Program(
+            friction=self.problem.friction,
+            k=self.problem.k,
+            A=self.A,
+            E=self.E,
+            e=self.e,
+            R=self.matrices.R,
+            B=B,
+            low=low,
+            high=high,
+            C=C,
+            c=c,
+            least=self.least,
+            most=self.most,
+            top=self.top,
+            given=given,
+            step=self.step,
+        )
+        return replace(whole, **changes)  # type: ignore[arg-type]
+
+    def fastest_anywhere(self) -> Program:
+        """How fast each interval may be passed by itself, with the acceleration that suits it best."""
+        top = np.repeat(self.top, 2)[1:-1]
+        return self.program(step=None, top=top, given=np.full(len(top), np.nan), gain=np.full(len(top), 0.5))
+
+    def gentlest(self, y: Array) -> Program:
+        """The least squared forces at squared speeds y (N + 1,) that are known."""
+        weights = np.diag(self.matrices.P) if self.matrices.P is not None else None
+        return self.program(step=None, given=y, weights=weights)
+
+
+def _bias_rows(torques: TorqueLimits | None, norms: Array) -> Array:
+    """How the rows of the hand's torques (m, n) follow the torques without contacts, over the rows' norms."""
+    if torques is None or not len(norms):
+        return np.zeros((0, 0 if torques is None else len(torques.bias)))
+    rows = [np.eye(len(torques.bias))[torques.limited]]
+    if torques.underactuation is not None:
+        rows += 2 * [torques.underactuation.rows]
+    return np.asarray(np.concatenate(rows) / norms[:, None])

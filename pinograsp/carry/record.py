@@ -1,0 +1,114 @@
+"""What carrying an object along an arm's path takes, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.carry.path import ArmPath
+from pinograsp.checks import brief
+from pinograsp.hands import HandModel
+from pinograsp.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CarryPlan:
+    """A timing of a path with the contact forces and joint torques on the way; N intervals, k contacts, n joints.
+
+    Loads, forces and torques are those at the middles of the intervals. Vectors on the object are in axes that turn
+    with the palm, those of the world where the grasp was planned.
+
+    Attributes:
+        robot: arm and hand.
+        path: the arm's.
+        contacts: names of the contacts (k,).
+        s: path parameter at the ends of the intervals (N + 1,), from 0 to 1.
+        times: there (N + 1,) [s].
+        speed: of the path parameter there (N + 1,) [1/s].
+        limit: the fastest at which each interval may be passed by itself (N,) [1/s].
+        q: positions at the middles (N, n) [rad or m].
+        dq: speeds (N, n) [rad/s or m/s].
+        ddq: accelerations (N, n) [rad/s^2 or m/s^2].
+        torques: of all joints (N, n) [N m or N].
+        loads: wrench on the object that the forces balance (N, 6), about its centre of mass, linear first [N, N m].
+        forces_o: on the object (N, k, 3) [N].
+        normal_forces: (N, k) [N].
+        torsion: moments about the normals (N, k) [N m].
+        friction_use: share of the friction that is relied on (N, k) [-].
+        binding: what keeps each interval from being passed faster (N,), in words.
+        reserve: share of friction, caps, torques and speeds that is kept free [-].
+        duration: of the plan [s].
+        lower_bound: no timing of the N intervals within these limits is faster [s].
+        residual: largest error of the balance, over the largest load [-].
+        elapsed: computing time by stage [s].
+        notes: what the caller should know.
+    """
+
+    robot: HandModel
+    path: ArmPath
+    contacts: tuple[str, ...]
+    s: Array
+    times: Array
+    speed: Array
+    limit: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    torques: Array
+    loads: Array
+    forces_o: Array
+    normal_forces: Array
+    torsion: Array
+    friction_use: Array
+    binding: tuple[str, ...]
+    reserve: float
+    duration: float
+    lower_bound: float
+    residual: float
+    elapsed: dict[str, float]
+    notes: tuple[str, ...] = ()
+
+    __repr__ = brief("robot", "duration", "lower_bound", "residual", "elapsed")
+
+    @property
+    def gap(self) -> float:
+        """How much longer than the lower bound, over the duration [-]."""
+        return (self.duration - self.lower_bound) / self.duration
+
+    @property
+    def middles(self) -> Array:
+        """Times at the middles of the intervals (N,) [s]."""
+        # At constant acceleration the middle of the way is at the mean of the squared speeds.
+        mean = np.sqrt((self.speed[:-1] ** 2 + self.speed[1:] ** 2) / 2.0)
+        way = np.diff(self.s) / 2.0
+        return np.asarray(self.times[:-1] + 2.0 * way / (self.speed[:-1] + mean))
+
+    @property
+    def squeeze(self) -> Array:
+        """Sums of the normal forces (N,) [N]."""
+        return np.asarray(self.normal_forces.sum(axis=1))
+
+    def describe(self) -> str:
+        """Duration, squeeze and what binds where, as readable text."""
+        peak = int(self.squeeze.argmax())
+        lines = [
+            f"{self.robot.name} carries it in {self.duration:.4g} s; no timing of this path takes less than "
+            f"{self.lower_bound:.4g} s within the limits ({100 * self.reserve:g} % of them kept free)",
+            f"  squeeze {self.squeeze.min():.3g} to {self.squeeze[peak]:.3g} N (sum of normal forces), most at "
+            f"{self.middles[peak]:.3g} s",
+            "  what binds on the way:",
+        ]
+        for what, first, last in self.stretches():
+            lines.append(f"    {self.times[first]:.3g} to {self.times[last + 1]:.3g} s: {what}")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def stretches(self) -> list[tuple[str, int, int]]:
+        """What binds, and the first and last interval of each stretch where it does."""
+        found: list[tuple[str, int, int]] = []
+        for i, what in enumerate(self.binding):
+            if found and found[-1][0] == what:
+                found[-1] = (what, found[-1][1], i)
+            else:
+                found.append((what, i, i))
+        return found

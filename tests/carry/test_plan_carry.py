@@ -1,0 +1,191 @@
+"""Carrying a box with a Panda: against rigid-body mechanics by differences, and by what must follow from what."""
+
+from dataclasses import replace
+from importlib.metadata import files
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinograsp as pg
+from pinograsp.carry import ArmPath, plan_carry
+from pinograsp.errors import CarryInfeasible, InvalidInput
+from pinograsp.handover import JointTrajectory
+
+JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
+START = (0.3, -0.4, 0.2, -2.0, 0.3, 1.9, 0.5)
+WAY = np.array([START, [0.8, 0.0, 0.3, -1.6, 0.2, 1.9, 1.2], [1.4, 0.4, -0.2, -1.2, -0.3, 1.5, 0.4]])
+WAYPOINTS = dict(zip(JOINTS, WAY.T))
+INTERVALS = 60
+
+
+@pytest.fixture(scope="module")
+def arm():
+    file = next(one for one in files("example-robot-data") if str(one).endswith("panda_description/urdf/panda.urdf"))
+    return pg.load_hand(str(file.locate()), posture=dict(zip(JOINTS, START)))
+
+
+@pytest.fixture(scope="module")
+def grasp(arm):
+    at = np.eye(4)
+    at[2, 3] = 0.1034
+    pose = arm.frame_placements(arm.resting, ["panda_hand"])[0] @ at
+    return pg.plan_grasp_on(arm, pg.Box(size=[0.04, 0.04, 0.06], mass=0.2, pose=pose), pg.GraspConditions(mu=0.6))
+
+
+@pytest.fixture(scope="module")
+def carried(arm, grasp):
+    return plan_carry(arm, grasp, WAYPOINTS, intervals=INTERVALS)
+
+
+def pose_of_box(arm, grasp, q):
+    """Where the box is (4, 4) when the palm carries it."""
+    palm = [arm.palm]
+    before = arm.frame_placements(np.array(grasp.motion.q[-1]), palm)[0]
+    return arm.frame_placements(q, palm)[0] @ np.linalg.inv(before) @ grasp.problem.object.pose
+
+
+def test_the_optimum_is_certified(carried):
+    assert carried.gap < 1e-5
+    assert carried.lower_bound <= carried.duration
+    assert carried.residual < 1e-6
+    assert carried.times[-1] == pytest.approx(carried.duration)
+    assert (np.diff(carried.times) > 0).all()
+    np.testing.assert_array_equal(carried.speed[[0, -1]], 0.0)
+    assert "no timing of this path takes less" in carried.describe()
+
+
+def test_loads_are_newtons_and_eulers(arm, grasp, carried):
+    """Against differences of the box's pose along the motion, turned into the axes of the grasp."""
+    path, h, body = carried.path, 1e-4, grasp.problem.object
+    moving = [arm.joint_names.index(joint) for joint in path.joints]
+    for i in (3, 20, 41):
+        s0 = (carried.s[i] + carried.s[i + 1]) / 2
+        y = carried.speed**2
+        b, a = (y[i] + y[i + 1]) / 2, (y[i + 1] - y[i]) / 2 * INTERVALS
+
+        def box(t):
+            q = np.array(grasp.motion.q[-1])
+            q[moving] = path.at([s0 + np.sqrt(b) * t + a * t * t / 2]).q[0]
+            return pose_of_box(arm, grasp, q)
+
+        before, now, after = box(-h), box(0.0), box(h)
+        linear = (before[:3, 3] + after[:3, 3] - 2 * now[:3, 3]) / h**2
+        spin = [pin.log3(two[:3, :3] @ one[:3, :3].T) / h for one, two in ((before, now), (now, after))]
+        inertia = now[:3, :3] @ body.inertia_b @ now[:3, :3].T
+        omega = (spin[0] + spin[1]) / 2
+        moment = inertia @ (spin[1] - spin[0]) / h + np.cross(omega, inertia @ omega)
+        force = body.mass * (linear + [0, 0, 9.81])
+        # Axes that turn with the box, as the world's lay when the grasp was planned.
+        turned = body.pose[:3, :3] @ now[:3, :3].T
+        expected = -np.concatenate([turned @ force, turned @ moment])
+        np.testing.assert_allclose(carried.loads[i], expected, atol=2e-4)
+
+
+def test_forces_balance_the_loads_within_friction(grasp, carried):
+    problem = grasp.problem
+    for i in range(0, INTERVALS, 7):
+        arms = problem.contacts.points_o - problem.contacts.com_o
+        normals = problem.contacts.rotations_oc[:, :, 2]
+        force = carried.forces_o[i]
+        wrench = np.concatenate([force.sum(axis=0), np.cross(arms, force).sum(axis=0) + carried.torsion[i] @ normals])
+        np.testing.assert_allclose(wrench + carried.loads[i], 0.0, atol=1e-5)
+    assert (carried.friction_use < 1 + 1e-5).all()
+    assert (carried.normal_forces >= 0).all()
+
+
+def test_torques_are_those_of_the_arm_with_the_box_welded_on(arm, grasp, carried):
+    model = arm.model.copy()
+    model.gravity.linear = np.array([0.0, 0.0, -9.81])
+    frame = model.frames[model.getFrameId(arm.palm)]
+    body = grasp.problem.object
+    oMj = pin.SE3(arm.frame_placements(np.array(grasp.motion.q[-1]), [arm.palm])[0]) * frame.placement.inverse()
+    box = pin.Inertia(body.mass, np.zeros(3), body.inertia_b)
+    model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + (oMj.inverse() * pin.SE3(body.pose)).act(
+        box
+    )
+    data, moving = model.createData(), [arm.joint_names.index(joint) for joint in JOINTS]
+    for i in (0, 17, 59):
+        expected = pin.rnea(model, data, carried.q[i], carried.dq[i], carried.ddq[i])
+        np.testing.assert_allclose(carried.torques[i, moving], expected[moving], atol=1e-6)
+    assert (np.abs(carried.torques[:, moving]) <= arm.effort[moving] * (1 - carried.reserve) * (1 + 1e-5)).all()
+    assert (np.abs(carried.dq[:, moving]) <= arm.velocity[moving]).all()
+
+
+def test_less_friction_and_more_reserve_take_longer(arm, grasp, carried):
+    free = plan_carry(arm, grasp, WAYPOINTS, intervals=INTERVALS, reserve=0.0)
+    assert free.duration < carried.duration
+    slow = plan_carry(arm, grasp, WAYPOINTS, intervals=INTERVALS, acceleration=1.0)
+    assert slow.duration > carried.duration
+    assert np.abs(slow.ddq).max() <= 0.9 * (1 + 1e-5)
+    assert any(what.startswith("acceleration of") for what in slow.binding)
+
+
+def test_slippery_contacts_bind(arm, grasp):
+    """Where the grasp bears little, friction says how fast the arm may be."""
+    weak = replace(grasp.solution, problem=replace(grasp.problem, max_normal_force=1.3))
+    found = plan_carry(arm, replace(grasp, solution=weak), WAYPOINTS, intervals=INTERVALS)
+    assert found.duration > plan_carry(arm, grasp, WAYPOINTS, intervals=INTERVALS).duration
+    assert any(what.startswith(("friction of", "largest force of")) for what in found.binding)
+    assert found.normal_forces.max() <= 1.3 * 0.9 * (1 + 1e-6)
+
+
+def test_a_grasp_that_cannot_hold_it_at_rest_is_proven(arm, grasp):
+    weak = replace(grasp.solution, problem=replace(grasp.problem, max_normal_force=0.2))
+    with pytest.raises(CarryInfeasible, match=r"even at rest.*proven") as raised:
+        plan_carry(arm, replace(grasp, solution=weak), WAYPOINTS, intervals=20)
+    assert 0 <= raised.value.at <= 1
+    assert raised.value.solution.infeasibility is not None
+
+
+def test_paths(arm, grasp):
+    times = np.linspace(0, 2, 9)
+    s = ArmPath.through(WAYPOINTS)
+    q = s.at(times / 2).q
+    zero = np.zeros_like(q)
+    trajectory = JointTrajectory(names=JOINTS, times=times, q=q, dq=zero, ddq=zero, effort=zero)
+    path = ArmPath.of(trajectory)
+    assert path.duration == 2
+    np.testing.assert_allclose(path.at([0.0, 0.5, 1.0]).q, q[[0, 4, 8]], atol=1e-12)
+    step = 1e-5
+    near = s.at([0.3 - step, 0.3, 0.3 + step])
+    np.testing.assert_allclose(near.slope[1], (near.q[2] - near.q[0]) / (2 * step), atol=1e-6)
+    np.testing.assert_allclose(near.bend[1], (near.slope[2] - near.slope[0]) / (2 * step), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ({}, "expected .joint: positions"),
+        ({"panda_joint1": [0.0]}, "two or more"),
+        ({"panda_joint1": [0.0, 1.0], "panda_joint2": [0.0]}, "as many of each joint"),
+        ({"panda_joint1": [0.0, 0.0, 1.0]}, "numbers 0 and 1 are the same"),
+        ({"panda_finger_joint1": [0.0, 0.01]}, "joints of the arm"),
+        ({"elbow": [0.0, 1.0]}, "joints of the arm"),
+        ({"panda_joint4": [-2.0, 1.0]}, "beyond its limit"),
+        ({"panda_joint1": [0.0, np.nan]}, "waypoints of 'panda_joint1'"),
+    ],
+)
+def test_paths_that_cannot_be(arm, grasp, path, message):
+    with pytest.raises(InvalidInput, match=message):
+        plan_carry(arm, grasp, path, intervals=10)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"intervals": 1}, "intervals"),
+        ({"reserve": 1.0}, "reserve"),
+        ({"speed": 0.0}, "speed"),
+        ({"acceleration": [1.0, 2.0]}, "acceleration"),
+        ({"gravity_o": [0.0, 1.0]}, "gravity"),
+    ],
+)
+def test_options_that_cannot_be(arm, grasp, options, message):
+    with pytest.raises(InvalidInput, match=message):
+        plan_carry(arm, grasp, WAYPOINTS, **options)
+
+
+def test_a_robot_without_the_hand(grasp):
+    with pytest.raises(InvalidInput, match="expected the grasp's hand in it"):
+        plan_carry(pg.load_hand("allegro_right"), grasp, WAYPOINTS)
