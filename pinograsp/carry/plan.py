@@ -80,7 +80,7 @@ def plan_carry(
     limits = _limits(robot, torque_limit, speed, acceleration, reserve)
     s = np.linspace(0.0, 1.0, N + 1)
     middle, nodes = carried.along(way, (s[:-1] + s[1:]) / 2.0, gravity), carried.along(way, s, gravity)
-    problem, range_n = _with_reserve(grasp, reserve, torque_limit)
+    problem, range_n = _with_reserve(grasp, carried, reserve, torque_limit)
     programs = Programs(problem, range_n, carried, limits, middle, nodes)
     elapsed = {"loads": time.perf_counter() - started}
     mark = time.perf_counter()
@@ -134,12 +134,15 @@ def _limits(
     )
 
 
-def _with_reserve(grasp: GraspPlan, reserve: float, limit: TorqueLimit) -> tuple[ForceProblem, tuple[Array, Array]]:
+def _with_reserve(
+    grasp: GraspPlan, carried: Carried, reserve: float, limit: TorqueLimit
+) -> tuple[ForceProblem, tuple[Array, Array]]:
     """The grasp's problem, its friction and the torques of its hand less the reserve, and the normal forces' range."""
     held, kept, hand = grasp.problem, 1.0 - reserve, grasp.hand
     contacts, q = held.contacts, np.array(grasp.motion.q[-1])
     friction = replace(held.friction, safety=held.friction.safety / kept)
-    own = limit if isinstance(limit, str) or limit is None or np.ndim(limit) == 0 else "effort"
+    # Limits of each joint are the robot's.
+    own = limit[carried.of_hand] if isinstance(limit, np.ndarray) and limit.ndim else limit
     most = effort_of(hand, own)
     arm = np.setdiff1d(np.arange(hand.n), np.concatenate([finger.dofs for finger in hand.fingers]))
     most[arm] = np.inf  # rows of their own, without contact forces

@@ -65,11 +65,10 @@ class Programs:
         bare = None if torques is None else replace(torques, bias=np.zeros_like(torques.bias))
         self.matrices = matrices_of(replace(problem, torques=bare), {"least_squares": 1.0})
         self.bias_rows = _bias_rows(bare, self.matrices.R_norm)
-        self._balance(nodes)
-        self.names = [f"torque of {name}" for name in carried.robot.joint_names]
+        self._balance()
         self.top = self._speed_limits(nodes)
 
-    def _balance(self, nodes: CarryLoads) -> None:
+    def _balance(self) -> None:
         """A of full rank, and what of the loads it balances."""
         scale = np.concatenate([np.ones(3), np.full(3, 1.0 / self.problem.moment_length)])
         wrench = self.middle.wrench

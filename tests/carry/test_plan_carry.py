@@ -1,7 +1,7 @@
 """Carrying a box with a Panda: against rigid-body mechanics by differences, and by what must follow from what."""
 
 from dataclasses import replace
-from importlib.metadata import files
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +11,8 @@ import pinograsp as pg
 from pinograsp.carry import ArmPath, plan_carry
 from pinograsp.errors import CarryInfeasible, InvalidInput
 from pinograsp.handover import JointTrajectory
+from pinograsp.hands.catalogue import file_of
+from pinograsp.planner import plan_best
 
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 START = (0.3, -0.4, 0.2, -2.0, 0.3, 1.9, 0.5)
@@ -21,8 +23,7 @@ INTERVALS = 60
 
 @pytest.fixture(scope="module")
 def arm():
-    file = next(one for one in files("example-robot-data") if str(one).endswith("panda_description/urdf/panda.urdf"))
-    return pg.load_hand(str(file.locate()), posture=dict(zip(JOINTS, START)))
+    return pg.load_hand(file_of("panda"), posture=dict(zip(JOINTS, START)))
 
 
 @pytest.fixture(scope="module")
@@ -184,6 +185,44 @@ def test_paths_that_cannot_be(arm, grasp, path, message):
 def test_options_that_cannot_be(arm, grasp, options, message):
     with pytest.raises(InvalidInput, match=message):
         plan_carry(arm, grasp, WAYPOINTS, **options)
+
+
+def arm_with_allegro(folder):
+    """A Panda whose hand is an Allegro's, as a URDF."""
+    arm, hand = (ElementTree.parse(file_of(name)).getroot() for name in ("panda", "allegro_right"))
+    gone = {"panda_hand", "panda_hand_tcp", "panda_leftfinger", "panda_rightfinger"}
+    for one in list(arm):
+        child = one.find("child") if one.tag == "joint" else None
+        if one.get("name") in gone or (child is not None and child.get("link") in gone):
+            arm.remove(one)
+    arm.extend(one for one in hand if one.tag in ("link", "joint"))
+    mount = ElementTree.SubElement(arm, "joint", name="mount", type="fixed")
+    ElementTree.SubElement(mount, "parent", link="panda_link8")
+    ElementTree.SubElement(mount, "child", link="palm_link")
+    ElementTree.SubElement(mount, "origin", xyz="0 0 0.1", rpy="0 0 0")
+    file = folder / "panda_allegro.urdf"
+    ElementTree.ElementTree(arm).write(file)
+    data = next(one for one in file_of("panda").parents if one.name == "example-robot-data")
+    return pg.load_hand(file, packages={"example-robot-data": str(data)})
+
+
+def test_a_grasp_of_the_hand_alone(tmp_path):
+    """What an Allegro was planned to hold by itself, on an arm: the same contacts, turned with the palm."""
+    robot, hand, conditions = arm_with_allegro(tmp_path), pg.load_hand("allegro_right"), pg.GraspConditions(mu=0.6)
+    search = pg.find_grasps(hand, pg.Sphere(radius=0.035, mass=0.15), conditions, count=8, seed=3, jobs=1)
+    grasp = plan_best(search, conditions)
+    found = plan_carry(robot, grasp, WAYPOINTS, intervals=40)
+    assert found.gap < 1e-5
+    assert found.residual < 1e-6
+    # Gravity pulls as the palm lies: the first load is next to the weight, since the arm begins at rest.
+    size = np.linalg.norm(found.loads[:, :3], axis=1)
+    assert (np.abs(size / (0.15 * 9.81) - 1) < 1.5).all()
+    fingers = np.concatenate([finger.dofs for finger in robot.fingers])
+    limit = (1 - found.reserve) * robot.effort[fingers]
+    assert (np.abs(found.torques[:, fingers]) <= limit * (1 + 1e-5) + 1e-6).all()
+    limits = np.where(robot.effort > 0, robot.effort, np.inf)
+    same = plan_carry(robot, grasp, WAYPOINTS, intervals=40, torque_limit=limits)
+    assert same.duration == pytest.approx(found.duration, rel=1e-5)
 
 
 def test_a_robot_without_the_hand(grasp):
