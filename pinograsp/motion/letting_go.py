@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 # Steps of the sliding between two known depths, and of the support as it fades: with more of either, normal forces at
-# rest change by less than 0.001 of themselves in nine of ten grasps, and by 0.006 and 0.009 at most.
+# rest change by less than 0.001 of themselves in nine of ten grasps (of 48), and by 0.006 and 0.009 at most.
 _PARTS, _STAGES = 2, 2
 _ROUNDS, _STEPS, _HALVINGS = 20, 30, 25  # in each: cones of other sizes, Newton steps to the least energy, and halvings
 # Newton steps with all that changes, the share of the imbalance that one may leave, and from which on the next one
