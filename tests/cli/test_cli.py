@@ -28,6 +28,7 @@ from pinograsp.cases import builtin_cases, load_case
 from pinograsp.cli import app
 from pinograsp.errors import CaseRejected
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
+from pinograsp.hands.summary import overview
 from pinograsp.planner import load_run
 from pinograsp.writing import NewFolder
 
@@ -465,7 +466,19 @@ def test_package_imports_quickly_without_heavy_libraries(tmp_path):
     assert done.stdout.strip() == "[]"
 
 
-def test_the_catalogue_of_hands(command):
+@pytest.fixture(scope="module")
+def told_once():
+    """What is said of the hands of the catalogue."""
+    return overview()
+
+
+@pytest.fixture
+def loaded_once(told_once, monkeypatch):
+    """Commands that list the catalogue do not load its hands once more."""
+    monkeypatch.setattr("pinograsp.hands.summary.overview", lambda: told_once)
+
+
+def test_the_catalogue_of_hands(command, loaded_once):
     from pinograsp.hands.catalogue import CATALOGUE
 
     code, out, err = command("hands")
@@ -480,7 +493,7 @@ def test_the_catalogue_of_hands(command):
     assert next(row for row in rows if row.startswith(" romeo_left")).split()[-1] == "none"
 
 
-def test_the_catalogue_for_machines(command):
+def test_the_catalogue_for_machines(command, loaded_once):
     code, out, err = command("hands", "--json")
     document = json.loads(out)
     assert code == 0 and err == "" and document["problems"] == [] and len(document["hands"]) == 22
@@ -582,7 +595,7 @@ def test_bench_tells_times_of_this_machine(command):
     assert code == 2 and "at least 3" in err
 
 
-def test_quiet_and_verbose(command):
+def test_quiet_and_verbose(command, loaded_once):
     code, out, err = command("--quiet", "hands")
     assert (code, out, err) == (0, "", "")
     code, out, err = command("--verbose", "plan", "nothing_like_it")

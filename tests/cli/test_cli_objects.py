@@ -69,7 +69,7 @@ def test_plan_from_hand_and_object(command, tmp_path):
         "--object",
         "cylinder:radius=0.02,height=0.12,mass=0.2",
         "--samples",
-        "24",
+        "8",
         "--out",
         "run",
         "--json",
