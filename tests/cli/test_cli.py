@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from shipped_hands import listed
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -28,7 +29,6 @@ from pinograsp.cases import builtin_cases, load_case
 from pinograsp.cli import app
 from pinograsp.errors import CaseRejected
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
-from pinograsp.hands.summary import overview
 from pinograsp.planner import load_run
 from pinograsp.writing import NewFolder
 
@@ -466,16 +466,10 @@ def test_package_imports_quickly_without_heavy_libraries(tmp_path):
     assert done.stdout.strip() == "[]"
 
 
-@pytest.fixture(scope="module")
-def told_once():
-    """What is said of the hands of the catalogue."""
-    return overview()
-
-
 @pytest.fixture
-def loaded_once(told_once, monkeypatch):
+def loaded_once(monkeypatch):
     """Commands that list the catalogue do not load its hands once more."""
-    monkeypatch.setattr("pinograsp.hands.summary.overview", lambda: told_once)
+    monkeypatch.setattr("pinograsp.hands.summary.overview", listed)
 
 
 def test_the_catalogue_of_hands(command, loaded_once):

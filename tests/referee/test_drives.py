@@ -31,7 +31,7 @@ ENGINES = ("mujoco", "pinocchio")
 KINDS = {"mujoco": MujocoEngine, "pinocchio": PinocchioEngine}
 G, MASS, MU, SAFETY = 9.81, 0.3, 0.6, 1.5
 KP = 2e3  # [N/m] of the jaws' servos: about as stiff as the contacts
-FIXED = {"release": False, "hold": 0.5, "time_step": 5e-4}
+FIXED = {"release": False, "hold": 0.3, "time_step": 5e-4}
 FREE = {"hold": 0.6, "time_step": 5e-4}
 # Hands close within less than half a second: what they do on their way is not looked at.
 BRISK = {"final_time": 0.4, "impact_time_range": (0.2, 0.35)}
@@ -120,7 +120,7 @@ def test_every_control_goes_alike_in_both_engines(gripped, control):
     plan = gripped
     servo = Servo.of(plan.hand, None if control == "torque" else 5e3, control=control)
     wrong = Disturbance(stiffness=4.0, joint_friction=0.2, joint_offset=1e-4, servo_gain=0.8)
-    settings = {"servo": servo, "disturbance": wrong, "hold": 0.3, "time_step": 5e-4}
+    settings = {"servo": servo, "disturbance": wrong, "hold": 0.1, "time_step": 5e-4}
     theirs, ours = (simulate(plan, engine=name, **settings) for name in ENGINES)
     assert ours.verdict.held == theirs.verdict.held
     assert ours.parts == theirs.parts

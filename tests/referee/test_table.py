@@ -70,11 +70,12 @@ def test_what_does_not_stand_is_refused():
 
 @pytest.fixture(scope="module")
 def plan():
-    """The Panda on a box that stands between its jaws."""
+    """The Panda on a box that stands between its jaws, closed within less than half a second."""
     pose = np.eye(4)
     pose[:3, 3] = 0, 0, 0.11
     body = Box(size=(0.04, 0.03, 0.05), mass=0.1, pose=pose)
-    return pg.plan_grasp_on(pg.load_hand("panda"), body, pg.GraspConditions(mu=0.6))
+    conditions = pg.GraspConditions(mu=0.6, final_time=0.4, impact_time_range=(0.2, 0.35))
+    return pg.plan_grasp_on(pg.load_hand("panda"), body, conditions)
 
 
 @pytest.mark.parametrize("support", SUPPORTS)

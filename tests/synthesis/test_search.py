@@ -166,7 +166,7 @@ def test_the_result_depends_on_the_seed_alone(allegro, ball, found):
     again = find_grasps(allegro, ball, count=16, seed=3, jobs=2, **SETTINGS)
     assert again.outcomes == found.outcomes
     assert [p.quality for p in again.grasps] == pytest.approx([p.quality for p in found.grasps], rel=1e-6)
-    other = find_grasps(allegro, ball, count=8, seed=4, jobs=1, **SETTINGS)
+    other = find_grasps(allegro, ball, count=4, seed=4, jobs=1, **SETTINGS)
     assert [p.quality for p in other.grasps] != [p.quality for p in found.grasps][: len(other.grasps)]
 
 

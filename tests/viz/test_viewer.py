@@ -18,6 +18,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from shipped_hands import loaded
 
 from pinograsp.cases import load_case
 from pinograsp.contacts.friction import Friction
@@ -212,7 +213,7 @@ def test_friction_cones_have_the_half_angle_of_mu(mu, edges):
 @pytest.fixture(scope="module", params=CATALOGUE)
 def drawn(request):
     """A hand of the catalogue: its name, a plan of it, what is drawn of that."""
-    run = run_with(load_hand(request.param))
+    run = run_with(loaded(request.param))
     return request.param, run, scene_of(run)
 
 
