@@ -32,7 +32,7 @@ KINDS = {"mujoco": MujocoEngine, "pinocchio": PinocchioEngine}
 G, MASS, MU, SAFETY = 9.81, 0.3, 0.6, 1.5
 KP = 2e3  # [N/m] of the jaws' servos: about as stiff as the contacts
 FIXED = {"release": False, "hold": 0.3, "time_step": 5e-4}
-FREE = {"hold": 0.6, "time_step": 5e-4}
+FREE = {"hold": 0.6, "time_step": 1e-3}
 # Hands close within less than half a second: what they do on their way is not looked at.
 BRISK = {"final_time": 0.4, "impact_time_range": (0.2, 0.35)}
 

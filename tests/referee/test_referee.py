@@ -162,7 +162,7 @@ def test_meshes_press_as_deep_as_planned():
     ids=["ice", "heavy", "pushed", "shaken", "beside"],
 )
 def test_what_is_too_much_is_lost(brisk, wrong):
-    simulation = simulate(brisk, disturbance=wrong, hold=0.5, time_step=5e-4)
+    simulation = simulate(brisk, disturbance=wrong, hold=0.5, time_step=1e-3)
     assert not simulation.verdict.held
     assert simulation.disturbance == wrong.summary() != {}
 
@@ -180,13 +180,13 @@ def test_what_is_too_much_is_lost(brisk, wrong):
     ids=["slippery", "heavier", "nudged", "shaken", "off", "start"],
 )
 def test_what_is_little_is_borne(brisk, wrong):
-    assert simulate(brisk, disturbance=wrong, hold=0.5, time_step=5e-4).verdict.held
+    assert simulate(brisk, disturbance=wrong, hold=0.5, time_step=1e-3).verdict.held
 
 
 @pytest.mark.no_cover
 def test_a_heavier_object_sinks_further(brisk):
     as_planned, heavier = (
-        simulate(brisk, disturbance=Disturbance(mass_factor=factor), hold=0.5, time_step=5e-4) for factor in (1.0, 1.05)
+        simulate(brisk, disturbance=Disturbance(mass_factor=factor), hold=0.5, time_step=1e-3) for factor in (1.0, 1.05)
     )
     assert heavier.verdict.drift > as_planned.verdict.drift
 
