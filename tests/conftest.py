@@ -24,6 +24,7 @@ from pinograsp.forces import ForceProblem
 from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
 from pinograsp.objects import Cylinder
 from pinograsp.spatial import pose_of, tangent_frame
+from pinograsp.viz.raster import rendered
 
 # The same examples every time, and no clock in the verdict.
 settings.register_profile("deterministic", derandomize=True, deadline=None)
@@ -189,8 +190,12 @@ def command(tmp_path, monkeypatch, capsys):
 
 @pytest.fixture
 def no_rendering(monkeypatch):
-    """Figures are put together, and saved as one dot: for commands of which only the answer is looked at."""
+    """Figures are put together, and saved as one dot: for commands of which only the answer is looked at.
+
+    In pictures of grasps no surface is drawn.
+    """
     monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: Image.new("1", (1, 1)).save(path))
+    monkeypatch.setattr("pinograsp.viz.still.rendered", lambda surfaces, camera, up: rendered([], camera, up))
 
 
 @pytest.fixture

@@ -8,8 +8,10 @@ from urdf_oracle import Description
 
 from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import CATALOGUE, file_of
+from pinograsp.hands.summary import overview
 
 loaded = functools.cache(load_hand)
+listed = functools.cache(overview)
 
 
 def repaired(joint, followed):

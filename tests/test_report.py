@@ -96,7 +96,7 @@ def test_the_answer_comes_first(run, simulated):
         headline(replace(run, margins=None))
 
 
-def test_the_page_needs_nothing_else(run, tmp_path):
+def test_the_page_needs_nothing_else(run, tmp_path, no_rendering):
     names = [path.name for path in save_figures(run, tmp_path)]
     write_report(run, tmp_path, names)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -278,7 +278,7 @@ def test_the_page_takes_in_its_own_figures_alone(tmp_path):
     assert Page(text).links == ["data:image/png;base64," + base64.b64encode(b"mine").decode()]
 
 
-def test_figures_show_names_as_they_are(run, tmp_path):
+def test_figures_show_names_as_they_are(run, tmp_path, no_rendering):
     for name in ("$\\frac{1}{0}$", "_left_out", "../../up", "a\x00b", "x" * 3000, "", "\u202egnp"):
         changed = with_thumb(run, name)
         for figure in (figures.contact_forces(changed), figures.joint_torques(changed, name)):

@@ -221,9 +221,12 @@ class Polytope:
         """Unit normals (m, d) away from the centre and offsets (m,) of facets (m, d)."""
         corners = points[facets]
         spokes = corners - self.centre
+        ones = np.ones((*facets.shape, 1))
         try:
-            normals = np.linalg.solve(spokes, np.ones((*facets.shape, 1)))[..., 0]
-        except np.linalg.LinAlgError:  # a facet without extent: any plane through it will do
-            normals = np.linalg.pinv(spokes) @ np.ones(points.shape[1])
+            normals = np.linalg.solve(spokes, ones)[..., 0]
+        except np.linalg.LinAlgError:  # for facets without extent any plane through them will do
+            flat, normals = np.linalg.slogdet(spokes)[0] == 0, np.zeros(facets.shape)
+            normals[~flat] = np.linalg.solve(spokes[~flat], ones[~flat])[..., 0]
+            normals[flat] = np.linalg.pinv(spokes[flat]).sum(axis=2)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return normals, np.einsum("mvd,md->mv", corners, normals).min(axis=1)

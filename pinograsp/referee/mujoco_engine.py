@@ -262,15 +262,21 @@ class MujocoEngine:
         pose = np.eye(4)
         i = self.object_q
         pose[:3, 3] = self.data.qpos[i : i + 3]
-        w, x, y, z = self.data.qpos[i + 3 : i + 7]
-        pose[:3, :3] = pin.Quaternion(w, x, y, z).toRotationMatrix()
+        pose[:3, :3] = self._rotation()
         return pose
+
+    def _rotation(self) -> Array:
+        """Of the object (3, 3)."""
+        i = self.object_q
+        w, x, y, z = self.data.qpos[i + 3 : i + 7].tolist()
+        rotation: Array = pin.Quaternion(w, x, y, z).toRotationMatrix()
+        return rotation
 
     @property
     def object_twist(self) -> Array:
         """Velocity of the object's centre of mass and angular velocity (6,), world axes [m/s, rad/s]."""
         twist: Array = self.data.qvel[self.object_v : self.object_v + 6].copy()
-        twist[3:] = self.object_pose[:3, :3] @ twist[3:]
+        twist[3:] = self._rotation() @ twist[3:]
         return twist
 
     def potential_energy(self) -> float:

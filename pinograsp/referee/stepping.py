@@ -232,20 +232,22 @@ class Trial:
         """One step; returns a sample of the state before it where one is due, without its kinetic energy."""
         engine, course, law, dt = self.engine, self.course, self.law, self.schedule.time_step
         potential = engine.potential_energy()
-        pressing = law.press(touches, dt, engine.object_pose)
+        pose = engine.object_pose
+        pressing = law.press(touches, dt, pose)
         speeds, object_speed = engine.dq, engine.object_twist
         wrench, fixed, now = self._wrench(i, touches, pressing), self._is_fixed(i), course.at(i)
         due = i % self.schedule.every == 0 or i in (course.steps, course.let_go)
         if i == course.let_go:
             self.complete = len(self.samples)
-        q, pose = (engine.q, engine.object_pose) if due else (speeds, self.pose)
+        q = engine.q if due else speeds
         if self.schedule.prescribed:
             engine.step_prescribed(course.ddq[now], touches, pressing, wrench)
             after = course.dq[course.at(i + 1)]
         else:
             engine.step(course.q[now], course.dq[now], course.torques[now], touches, pressing, wrench)
             after = engine.dq
-        if not np.abs(after).max(initial=0.0) < _FASTEST or not np.isfinite(engine.object_twist).all():
+        object_after = engine.object_twist
+        if not np.abs(after).max(initial=0.0) < _FASTEST or not np.isfinite(object_after).all():
             raise SimulationDiverged(dt * i, dt)
         self._account(dt, speeds, wrench, object_speed, fixed)
         sample = None
@@ -269,7 +271,7 @@ class Trial:
                 energies=energies,
                 **by_part(touches, pressing, engine.parts)._asdict(),
             )
-        self._account(dt, after, wrench, engine.object_twist, fixed)
+        self._account(dt, after, wrench, object_after, fixed)
         return sample
 
     def _wrench(self, i: int, touches: Touches, pressing: Pressing) -> Array:

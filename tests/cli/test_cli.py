@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from shipped_hands import listed
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -465,7 +466,13 @@ def test_package_imports_quickly_without_heavy_libraries(tmp_path):
     assert done.stdout.strip() == "[]"
 
 
-def test_the_catalogue_of_hands(command):
+@pytest.fixture
+def loaded_once(monkeypatch):
+    """Commands that list the catalogue do not load its hands once more."""
+    monkeypatch.setattr("pinograsp.hands.summary.overview", listed)
+
+
+def test_the_catalogue_of_hands(command, loaded_once):
     from pinograsp.hands.catalogue import CATALOGUE
 
     code, out, err = command("hands")
@@ -480,7 +487,7 @@ def test_the_catalogue_of_hands(command):
     assert next(row for row in rows if row.startswith(" romeo_left")).split()[-1] == "none"
 
 
-def test_the_catalogue_for_machines(command):
+def test_the_catalogue_for_machines(command, loaded_once):
     code, out, err = command("hands", "--json")
     document = json.loads(out)
     assert code == 0 and err == "" and document["problems"] == [] and len(document["hands"]) == 22
@@ -582,7 +589,7 @@ def test_bench_tells_times_of_this_machine(command):
     assert code == 2 and "at least 3" in err
 
 
-def test_quiet_and_verbose(command):
+def test_quiet_and_verbose(command, loaded_once):
     code, out, err = command("--quiet", "hands")
     assert (code, out, err) == (0, "", "")
     code, out, err = command("--verbose", "plan", "nothing_like_it")

@@ -69,7 +69,7 @@ def test_plan_from_hand_and_object(command, tmp_path):
         "--object",
         "cylinder:radius=0.02,height=0.12,mass=0.2",
         "--samples",
-        "24",
+        "8",
         "--out",
         "run",
         "--json",
@@ -160,6 +160,6 @@ def test_plan_takes_a_case_or_a_hand_with_an_object(command):
 def test_a_plan_with_a_remark_is_a_plan(command):
     """Jaws on one actuator cannot press unequally deep: the closest motion is written, said, and no failure."""
     box = ("--object", "box:size=0.03x0.03x0.08,mass=0.1")
-    code, out, _err = command("plan", "--hand", "panda", *box, "--samples", "6", "--reserve", "none", "--json")
+    code, out, _err = command("plan", "--hand", "panda", *box, "--samples", "4", "--reserve", "none", "--json")
     summary = json.loads(out)
     assert code == 0 and summary["status"] == "not_tracked" and "panda_finger_joint1" in summary["remedy"]

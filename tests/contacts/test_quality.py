@@ -94,7 +94,7 @@ def of_points(points):
 
 
 @given(seed=st.integers(0, 10_000), d=st.integers(2, 6), extra=st.integers(1, 30))
-@examples(max_examples=60)
+@examples(max_examples=30)
 def test_ball_in_a_random_polytope_matches_the_full_hull(seed, d, extra):
     points = np.random.default_rng(seed).normal(size=(d + extra, d)) + 0.3
     ball = inscribed_ball(of_points(points), d)

@@ -154,8 +154,8 @@ def test_a_plan_read_back_sends_the_same(panda, tmp_path):
 def test_files_come_back(allegro, tmp_path, command):
     gains = {} if command == "torque" else {"stiffness": np.arange(1.0, 17.0)}
     gains |= {"damping": 0.1} if command == "impedance" else {}
-    sent = allegro.to_csv(tmp_path / "a.csv", command=command, **gains, **RATE)
-    message = allegro.to_ros2(tmp_path / "a.yaml", command=command, **gains, **RATE)
+    sent = allegro.to_csv(tmp_path / "a.csv", command=command, **gains, rate=100.0)
+    message = allegro.to_ros2(tmp_path / "a.yaml", command=command, **gains, rate=100.0)
     assert message["joint_names"] == [drive.name for drive in allegro.hand.drives]
     table = read_csv(tmp_path / "a.csv")
     for back in (table, read_ros2(tmp_path / "a.yaml")):

@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from shipped_hands import loaded, oracle
+from shipped_hands import listed as listed_hands, loaded, oracle
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import catalogue, load_hand
@@ -132,11 +132,11 @@ def test_a_name_spelt_wrong_gets_a_suggestion():
 
 def test_the_readme_lists_the_catalogue():
     """Names, joints, masses, fingers and efforts, as the hands have them."""
-    from pinograsp.hands.summary import cells, overview
+    from pinograsp.hands.summary import cells
 
     text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
     table = text[text.index("| name | hand | joints |") :].split("\n\n")[0].splitlines()[2:]
-    ours = {row["name"]: cells(row) for row in overview()[0]}
+    ours = {row["name"]: cells(row) for row in listed_hands()[0]}
     listed = []
     for line in table:
         names, title, joints, moving, mass, fingers, efforts = (cell.strip() for cell in line.strip("|").split("|"))

@@ -10,6 +10,7 @@ import pytest
 import trimesh
 import yourdfpy
 from PIL import Image
+from shipped_hands import loaded
 
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import load_hand
@@ -40,7 +41,7 @@ def described(name: str) -> list[tuple]:
 
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "humanoid"])
 def test_hands_are_seen_as_their_files_say(name):
-    hand = load_hand(name)
+    hand = loaded(name)
     links = {frame.name for frame in hand.model.frames}
     wanted = [row for row in described(name) if row[0] in links and not (row[3] is not None and row[3][3] <= 0)]
     assert hand.visuals and len(hand.visuals) == len(wanted)
@@ -65,7 +66,7 @@ def test_a_hand_of_ellipsoids_is_seen_as_they_are():
 
 @pytest.mark.parametrize("name", list(CATALOGUE))
 def test_all_meshes_of_the_catalogue_are_read(name):
-    visuals = load_hand(name).visuals
+    visuals = loaded(name).visuals
     meshes, problems = meshes_of(visuals, 60_000)
     assert not problems
     shown = [meshes[mesh_of(one)] for one in visuals if one.kind == "mesh"]

@@ -138,7 +138,7 @@ def test_a_run_comes_back_as_it_was(run, tmp_path):
     assert os.listdir(folder.parent) == ["run"]
 
 
-def test_fresh_and_stored_plans_do_the_same(plan, tmp_path):
+def test_fresh_and_stored_plans_do_the_same(plan, tmp_path, no_rendering):
     """Files for controllers, figures and pages; a stored plan is saved again as it was."""
     back = pinograsp.load_run(pinograsp.save_run(plan, tmp_path / "run"))
     assert back.summary() == plan.summary() and back.hand.n == 20
@@ -350,6 +350,6 @@ def test_figures_show_what_was_planned(run, tmp_path):
         assert np.std(imread(path)[:, :, :3]) > 0.02, path.name  # not blank
 
 
-def test_figures_come_from_a_stored_run_too(run, tmp_path):
+def test_figures_come_from_a_stored_run_too(run, tmp_path, no_rendering):
     save_run(run, tmp_path / "run")
     assert len(save_figures(load_run(tmp_path / "run"), tmp_path)) == 10

@@ -70,16 +70,17 @@ def test_what_does_not_stand_is_refused():
 
 @pytest.fixture(scope="module")
 def plan():
-    """The Panda on a box that stands between its jaws."""
+    """The Panda on a box that stands between its jaws, closed within less than half a second."""
     pose = np.eye(4)
     pose[:3, 3] = 0, 0, 0.11
     body = Box(size=(0.04, 0.03, 0.05), mass=0.1, pose=pose)
-    return pg.plan_grasp_on(pg.load_hand("panda"), body, pg.GraspConditions(mu=0.6))
+    conditions = pg.GraspConditions(mu=0.6, final_time=0.4, impact_time_range=(0.2, 0.35))
+    return pg.plan_grasp_on(pg.load_hand("panda"), body, conditions)
 
 
 @pytest.mark.parametrize("support", SUPPORTS)
 def test_a_grasp_holds_whatever_bore_the_object_before(plan, support):
-    seen = simulate(plan, support=support, hold=0.4, time_step=5e-4)
+    seen = simulate(plan, support=support, hold=0.25, time_step=5e-4)
     assert seen.verdict.held and seen.verdict.force_error < 0.1
     before = seen.times < plan.forces.impact_time
     assert seen.object_poses[before, :3, 3] == pytest.approx(
@@ -89,7 +90,7 @@ def test_a_grasp_holds_whatever_bore_the_object_before(plan, support):
 
 
 def test_without_any_support_it_falls_where_nothing_holds_it(plan):
-    seen = simulate(plan, support="none", hold=0.4, disturbance=pg.referee.Disturbance(mu=0.0))
+    seen = simulate(plan, support="none", hold=0.4, time_step=5e-4, disturbance=pg.referee.Disturbance(mu=0.0))
     falling = (seen.times > seen.release) & (seen.times < plan.forces.impact_time + 0.05)
     fallen = plan.problem.object.com_o[2] - seen.object_poses[falling, 2, 3]
     assert fallen == pytest.approx(0.5 * 9.81 * (seen.times[falling] - plan.forces.impact_time) ** 2, abs=2e-4)

@@ -23,7 +23,7 @@ SURFACE = {"forces.search": "convex", "forces.balance": "wrench", "friction.safe
 def judged():
     """The verdict on a held object that moves as told after its release: x [m] of the time since then [s]."""
     plan = pg.load_case("paper", SURFACE).plan()
-    task, seen = Task.of(plan), simulate(plan, hold=1.0)
+    task, seen = Task.of(plan), simulate(plan, hold=1.0, time_step=1e-3)
     history = History(**{one.name: getattr(seen, one.name) for one in fields(History)})
     depths = np.zeros(len(seen.parts))
 

@@ -81,7 +81,7 @@ def found():
     """Grasps of a flat box by one hand, with and without a table under it."""
     hand = load_hand("psyonic_left")
     return {
-        table: find_grasps(hand, FLAT, GraspConditions(mu=0.6, table=table), count=16, seed=5, jobs=1, progress=False)
+        table: find_grasps(hand, FLAT, GraspConditions(mu=0.6, table=table), count=8, seed=5, jobs=1, progress=False)
         for table in (True, False)
     }
 

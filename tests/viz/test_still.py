@@ -28,6 +28,12 @@ def plan() -> GraspPlan:
     return load_case("paper", {"forces.search": "convex", "forces.balance": "wrench"}).plan()
 
 
+@pytest.fixture(scope="module")
+def usual(plan):
+    """The picture as it is without further words."""
+    return picture(plan)
+
+
 def seen(figure) -> np.ndarray:
     return imread(io.BytesIO(png_of(figure)))[..., :3]
 
@@ -90,8 +96,8 @@ def test_what_is_nearer_hides_what_is_farther(first):
 # -- the picture -------------------------------------------------------------------------------------------------------
 
 
-def test_a_picture_shows_contacts_forces_and_object(plan):
-    image = seen(picture(plan))
+def test_a_picture_shows_contacts_forces_and_object(plan, usual):
+    image = seen(usual)
     assert image.shape == (640, 900, 3)
     for colour in scene_of(plan).colours:  # of arrows and labels
         assert (np.abs(image - rgb(colour) / 255).max(axis=2) < 0.1).sum() > 300
@@ -99,13 +105,13 @@ def test_a_picture_shows_contacts_forces_and_object(plan):
     assert ((r > 0.5) & (g > 0.5) & (np.minimum(r, g) - b > 0.2)).mean() > 0.01  # the object
     edge = np.concatenate([image[:2].reshape(-1, 3), image[-2:].reshape(-1, 3)])
     assert edge.min() > 0.75  # nothing is cut off
-    texts = [text.get_text() for text in picture(plan).axes[0].texts]
+    texts = [text.get_text() for text in usual.axes[0].texts]
     forces = dict(zip(plan.contacts.names, plan.forces.normal_forces))
     assert sorted(texts) == sorted(f"{name}  {force:.3g} N" for name, force in forces.items())
 
 
-def test_pictures_follow_time_and_view(plan):
-    usual = seen(picture(plan))
+def test_pictures_follow_time_and_view(plan, usual):
+    usual = seen(usual)
     assert differing(usual, seen(picture(plan, time=0.0))) > 0.02
     assert differing(usual, seen(picture(plan, view=[1, 0.2, 0.3]))) > 0.02
     assert np.array_equal(usual, seen(picture(plan, view=7 * scene_of(plan).view)))
@@ -132,7 +138,7 @@ def test_a_plan_writes_its_picture(plan, tmp_path):
         plan.picture("/proc/nothing/here.png")
 
 
-def test_reports_show_the_grasp(command, plan, tmp_path):
+def test_reports_show_the_grasp(command, plan, tmp_path, no_rendering):
     full = plan.with_margins().with_reach()
     assert not (tmp_path / "grasp.png").exists()
     assert "grasp.png" not in {path.name for path in save_figures(replace(full, hand=None), tmp_path)}

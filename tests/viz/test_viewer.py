@@ -18,12 +18,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from shipped_hands import loaded
 
 from pinograsp.cases import load_case
 from pinograsp.contacts.friction import Friction
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten, Status
 from pinograsp.hands import load_hand
-from pinograsp.hands.summary import overview
+from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.objects import Cylinder, Mesh
 from pinograsp.plan import (
     ContactLaw,
@@ -42,8 +43,6 @@ from pinograsp.storage import newest_check, read_check, write_simulation
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import friction_cone, triangles_of
 from pinograsp.viz.viewer import save_html, view
-
-HANDS = [row["name"] for row in overview()[0]]
 
 
 @pytest.fixture(scope="module")
@@ -211,12 +210,17 @@ def test_friction_cones_have_the_half_angle_of_mu(mu, edges):
         assert np.allclose(sorted(rim[:, :2].round(9).tolist()), sorted(wanted.round(9).tolist()))
 
 
-@pytest.mark.parametrize("name", HANDS)
-def test_every_hand_of_the_catalogue_can_be_drawn(name):
+@pytest.fixture(scope="module", params=CATALOGUE)
+def drawn(request):
+    """A hand of the catalogue: its name, a plan of it, what is drawn of that."""
+    run = run_with(loaded(request.param))
+    return request.param, run, scene_of(run)
+
+
+def test_every_hand_of_the_catalogue_can_be_drawn(drawn):
     """Each part lies where Pinocchio places its geometry, at the start and at the end; coal knows how large it is."""
-    hand = load_hand(name)
-    run = run_with(hand)
-    scene = scene_of(run)
+    _, run, scene = drawn
+    hand = run.hand
     parts = hand.geometry.geometryObjects
     solids = [solid for solid in scene.solids if solid.look != "visual"]
     assert [solid.name for solid in solids] == [one.name for one in parts] + ["object"]
@@ -246,11 +250,9 @@ def test_links_are_drawn_as_they_are_hulls_where_nothing_else_is_known():
         assert volume(solid.vertices, solid.faces) == pytest.approx(one.geometry.computeVolume(), rel=1e-6)
 
 
-@pytest.mark.parametrize("name", HANDS)
-def test_every_hand_of_the_catalogue_is_seen(name, tmp_path):
+def test_every_hand_of_the_catalogue_is_seen(drawn, tmp_path):
     """What is seen of a link lies where its collision shapes do, and the page is small."""
-    run = run_with(load_hand(name))
-    scene = scene_of(run)
+    name, run, scene = drawn
     assert not scene.cautions
     shapes = [solid for solid in scene.solids if solid.link is not None]
     looks = {solid.look for solid in shapes} - {"always"}  # the paper's hand is seen as it touches
