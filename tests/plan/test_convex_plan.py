@@ -175,7 +175,7 @@ def test_decelerations_and_caps_of_a_case():
         load_case("paper", {"limits.deceleration": {"sampled": [1, -1]}}).make_problem(load_case("paper").load_hand())
 
 
-@pytest.mark.slow  # every call in it has quick tests of its own
+@pytest.mark.slow  # plans, searches and simulations: half a minute
 @pytest.mark.no_cover
 def test_readme_python_runs(tmp_path, monkeypatch, capsys):
     text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
