@@ -126,11 +126,15 @@ class SearchInterrupted(SearchFailed):
 
 
 class CarryInfeasible(SearchFailed):
-    """No timing of a path holds the object: proven. ``at`` is a path parameter where there are no forces."""
+    """No timing of a path holds the object, or the given one does not: proven.
 
-    def __init__(self, message: str, *, at: float, solution: Any):
+    ``at`` is a path parameter where there are no forces, ``factor`` how many times as fast the given timing may be; at
+    rest it is 0.
+    """
+
+    def __init__(self, message: str, *, at: float, solution: Any, factor: float = 0.0):
         super().__init__(message, solution)
-        self.at = at
+        self.at, self.factor = at, factor
 
 
 class CarryUndecided(SearchFailed):

@@ -58,7 +58,7 @@ OWNERS = {
     "xacro": {"hands"},
     "qpsolvers": {"forces"},
     "daqp": {"forces"},
-    "clarabel": {"forces"},
+    "clarabel": {"forces", "carry"},
     "numba": {"forces"},
     "matplotlib": {"viz"},
     "viser": {"viz"},

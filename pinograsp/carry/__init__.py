@@ -1,7 +1,8 @@
 """Carrying: how fast an arm may move what its hand holds, and how hard the hand must squeeze on the way."""
 
+from pinograsp.carry.loads import CarryScenario
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.plan import plan_carry
 from pinograsp.carry.record import CarryPlan
 
-__all__ = ["ArmPath", "CarryPlan", "plan_carry"]
+__all__ = ["ArmPath", "CarryPlan", "CarryScenario", "plan_carry"]

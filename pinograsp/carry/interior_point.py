@@ -359,6 +359,10 @@ class _Method:
 
     def run(self, accuracy: float, rounds: int) -> Solved:
         """Rounds of two steps each, until the gap is small."""
+        with np.errstate(all="ignore"):
+            return self._rounds(accuracy, rounds)
+
+    def _rounds(self, accuracy: float, rounds: int) -> Solved:
         self.measure()
         best: Solved | None = None
         worse = 0
@@ -374,7 +378,7 @@ class _Method:
                 if self.cones is not None:
                     corrections["cones"] = self.cones.second_order
                 self.step(max((after / gap) ** 3 * gap, _HEED * self.model_error(share)) / degree, corrections)
-            except np.linalg.LinAlgError:  # out of digits
+            except (np.linalg.LinAlgError, ValueError):  # out of digits; ValueError: not a number
                 break
             share = min(1.0, _BACK * min(one.longest() for one in self.parts))
             if self.program.step is not None:
@@ -384,6 +388,8 @@ class _Method:
             if not np.isfinite(share):
                 break
             self._move(share)
+            if not np.isfinite(self.cost) or not np.isfinite(self.off).all():
+                break
             found = self._solved(done, accuracy, -np.inf if best is None else best.lower_bound)
             better = best is None or found.gap < best.gap or found.residual < 0.5 * best.residual
             worse = 0 if better else worse + 1

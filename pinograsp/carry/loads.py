@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pinograsp.carry.path import ArmPath
-from pinograsp.checks import brief
+from pinograsp.checks import array_of, brief, number
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -32,6 +33,11 @@ class Linear(NamedTuple):
     def at(self, a: Array, b: Array) -> Array:
         """The values (m, r) at accelerations and squared speeds (m,)."""
         return np.asarray(self.along_a * a[:, None] + self.along_b * b[:, None] + self.still)
+
+    def timed(self, a: Array, b: Array) -> Linear:
+        """The same of a known timing (m,), as a function of its speed: ``along_b`` times that squared."""
+        moving = self.along_a * a[:, None] + self.along_b * b[:, None]
+        return Linear(np.zeros_like(moving), moving, self.still)
 
     def pairs(self, step: float) -> Array:
         """Its slopes (m, r, 2) over the squared speeds at both ends of intervals of this length, at their middles."""
@@ -59,6 +65,42 @@ class CarryLoads:
 
     __repr__ = brief()
 
+    def timed(self, a: Array, b: Array) -> CarryLoads:
+        """Those of a known timing: accelerations and squared speeds (m,) of the path parameter."""
+        return CarryLoads(
+            wrench=self.wrench.timed(a, b),
+            torque=self.torque.timed(a, b),
+            speed=self.speed * np.sqrt(b)[:, None],
+            acceleration=self.acceleration.timed(a, b),
+            q=self.q,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CarryScenario:
+    """What may be otherwise than planned.
+
+    Attributes:
+        mass: of the object, over its planned one [-].
+        mu: friction coefficients, over the planned ones [-].
+        com: the centre of mass, from its planned place (3,) [m], in the object's own axes.
+
+    Raises:
+        InvalidInput: no positive mass, negative friction.
+    """
+
+    mass: float = 1.0
+    mu: float = 1.0
+    com: ArrayLike = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass", number("mass of a scenario, over the planned one", self.mass, above=0))
+        object.__setattr__(self, "mu", number("mu of a scenario, over the planned one", self.mu, at_least=0))
+        object.__setattr__(self, "com", array_of("centre of mass of a scenario [m]", self.com, (3,)))
+
+
+AS_PLANNED = CarryScenario()
+
 
 class Carried:
     """A robot with an object in its hand.
@@ -68,9 +110,12 @@ class Carried:
         hand: the hand that the grasp was planned with, where it was then; may be the robot.
         body: the object, where it was then.
         posture: of that hand (n_h,) [rad or m].
+        scenario: how the object differs from the planned one.
     """
 
-    def __init__(self, robot: HandModel, hand: HandModel, body: Body, posture: Array):
+    def __init__(
+        self, robot: HandModel, hand: HandModel, body: Body, posture: Array, scenario: CarryScenario = AS_PLANNED
+    ):
         self.robot, self.hand, self.body = robot, hand, body
         palm = hand.palm
         if not robot.model.existFrame(palm):
@@ -92,16 +137,18 @@ class Carried:
         oMpalm = pin.SE3(hand.frame_placements(posture, [palm])[0])
         self.jMo = frame.placement * oMpalm.inverse()
         self.model = robot.model.copy()
-        self.inertia = pin.Inertia(body.mass, body.com_o, body.pose[:3, :3] @ body.inertia_b @ body.pose[:3, :3].T)
+        turn = body.pose[:3, :3]
+        centre = body.com_o + turn @ np.asarray(scenario.com)
+        self.inertia = pin.Inertia(scenario.mass * body.mass, centre, scenario.mass * turn @ body.inertia_b @ turn.T)
         if self.joint:
             self.model.inertias[self.joint] = self.model.inertias[self.joint] + self.jMo.act(self.inertia)
 
     def along(self, path: ArmPath, s: Array, gravity_o: Array) -> CarryLoads:
         """Loads at path parameters (m,); gravity (3,) [m/s^2] in the robot's world."""
-        moving = self._moving(path)
+        moving = self.moving(path)
         count, n = len(s), self.robot.n
         q, slope, bend = np.tile(self.posture, (count, 1)), np.zeros((count, n)), np.zeros((count, n))
-        q[:, moving], slope[:, moving], bend[:, moving] = path.at(s)
+        q[:, moving], slope[:, moving], bend[:, moving], _ = path.at(s)
         self._within(path, moving, q)
         model, data, rest = self.model, self.model.createData(), np.zeros(n)
         model.gravity.linear = np.array(gravity_o)
@@ -116,7 +163,7 @@ class Carried:
                 torque[part, i] = pin.rnea(own, data, q[i], dq, ddq)
                 v, acceleration = data.v[self.joint], data.a_gf[self.joint]
                 wrench[part, i] = self.jMo.actInv(inertia * acceleration + v.cross(inertia * v)).vector
-        # About the centre of mass.
+        # About the planned centre of mass.
         wrench[..., 3:] -= np.cross(self.body.com_o, wrench[..., :3])
         return CarryLoads(
             wrench=Linear(*wrench),
@@ -126,7 +173,8 @@ class Carried:
             q=q,
         )
 
-    def _moving(self, path: ArmPath) -> IntArray:
+    def moving(self, path: ArmPath) -> IntArray:
+        """Where the path's joints are among the robot's."""
         names = list(self.robot.joint_names)
         arm = [names[j] for j in self.arm.tolist()]
         if wrong := [joint for joint in path.joints if joint not in arm]:

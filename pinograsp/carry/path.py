@@ -24,6 +24,7 @@ class PathPoint(NamedTuple):
     q: Array
     slope: Array
     bend: Array
+    twist: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,7 +111,7 @@ class ArmPath:
     def at(self, s: ArrayLike) -> PathPoint:
         """Positions and derivatives at parameters (m,)."""
         values = array_of("path parameters", s, (None,))
-        return PathPoint(*(read_only(self._spline(values, order)) for order in (0, 1, 2)))
+        return PathPoint(*(read_only(self._spline(values, order)) for order in (0, 1, 2, 3)))
 
 
 def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None) -> ArmPath:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from pinograsp.carry.interior_point import Program
 from pinograsp.carry.loads import Carried, CarryLoads
 from pinograsp.checks import brief
 from pinograsp.errors import CarryInfeasible
 from pinograsp.forces import ForceProblem, TorqueLimits
-from pinograsp.forces.matrices import matrices_of
+from pinograsp.forces.matrices import elastic_reaction, matrices_of
 from pinograsp.spatial import Array
 
 _RANK, _BALANCED = 1e-9, 1e-7  # singular values, and parts of loads, below this share of the largest are none
@@ -45,6 +47,8 @@ class Programs:
         limits: of the robot's joints.
         middle: loads at the middles of the intervals.
         nodes: loads at their ends, one more.
+        others: programs of other scenarios of the same path, which the same squeeze has to bear.
+        fastest: speeds of the path parameter are below it.
     """
 
     def __init__(
@@ -55,8 +59,10 @@ class Programs:
         limits: ArmLimits,
         middle: CarryLoads,
         nodes: CarryLoads,
+        others: Sequence[Programs] = (),
+        fastest: float = _FASTEST,
     ):
-        self.problem, self.carried, self.limits, self.middle = problem, carried, limits, middle
+        self.problem, self.carried, self.limits, self.middle, self.nodes = problem, carried, limits, middle, nodes
         self.least, self.most = range_n
         self.count = len(middle.q)
         self.step = 1.0 / self.count
@@ -66,11 +72,17 @@ class Programs:
         self.matrices = matrices_of(replace(problem, torques=bare), {"least_squares": 1.0})
         self.bias_rows = _bias_rows(bare, self.matrices.R_norm)
         self._balance()
-        self.top = self._speed_limits(nodes)
+        self.top = self._speed_limits(fastest)
+        self.others = tuple(others)
+
+    @property
+    def wrench_scale(self) -> Array:
+        """Makes moments forces (6,)."""
+        return np.concatenate([np.ones(3), np.full(3, 1.0 / self.problem.moment_length)])
 
     def _balance(self) -> None:
         """A of full rank, and what of the loads it balances."""
-        scale = np.concatenate([np.ones(3), np.full(3, 1.0 / self.problem.moment_length)])
+        scale = self.wrench_scale
         wrench = self.middle.wrench
         U, size, _ = np.linalg.svd(self.matrices.A, full_matrices=True)
         rank = int((size > _RANK * size[0]).sum())
@@ -88,11 +100,32 @@ class Programs:
         self.E = np.einsum("br,nrj->nbj", U[:, :rank].T, scale[:, None] * wrench.pairs(self.step))
         self.e = parts[2] @ U[:, :rank]
 
-    def _speed_limits(self, nodes: CarryLoads) -> Array:
+    def timed(self, a: Array, b: Array, y: Array, fastest: float) -> Programs:
+        """The same of a known timing, as functions of the square of a factor on its speed, which is below ``fastest``.
+
+        a, b: accelerations and squared speeds at the middles (N,); y: squared speeds at the ends (N + 1,).
+        """
+        nodes, middle = self.nodes.timed(np.zeros_like(y), y), self.middle.timed(a, b)
+        # Neither at the ends of an interval nor at its middle is a joint too fast.
+        between = np.abs(np.concatenate([middle.speed[:1], middle.speed, middle.speed[-1:]]))
+        nodes = replace(nodes, speed=np.maximum(np.abs(nodes.speed), np.maximum(between[:-1], between[1:])))
+        others = [other.timed(a, b, y, fastest) for other in self.others]
+        return Programs(
+            self.problem,
+            (self.least, self.most),
+            self.carried,
+            self.limits,
+            middle,
+            nodes,
+            others,
+            fastest,
+        )
+
+    def _speed_limits(self, most: float) -> Array:
         """Largest squared speeds of the path parameter (N + 1,) [1/s^2]."""
         with np.errstate(divide="ignore"):
-            fastest = (self.limits.speed / np.abs(nodes.speed)).min(axis=1)
-        return np.asarray(np.minimum(fastest, _FASTEST) ** 2)
+            fastest = (self.limits.speed / np.abs(self.nodes.speed)).min(axis=1)
+        return np.asarray(np.minimum(fastest, most) ** 2)
 
     def _rows(self) -> tuple[Array, Array, Array]:
         """B (N, m, 2), low and high (N, m) of the hand's torque rows."""
@@ -119,12 +152,17 @@ class Programs:
         return np.concatenate(rows, axis=1), np.concatenate(ends, axis=1), words
 
     def program(self, **changes: object) -> Program:
-        """The program of the least time from rest to rest, or with ``changes`` of it."""
+        """The program of the least time from rest to rest, in all scenarios; or with ``changes`` of it."""
+        whole = self.alone()
+        return replace(self._with_others(whole) if self.others else whole, **changes)  # type: ignore[arg-type]
+
+    def alone(self) -> Program:
+        """The program of the least time from rest to rest, in this scenario."""
         B, low, high = self._rows()
         C, c, self.arm_words = self._arm()
         given = np.full(self.count + 1, np.nan)
         given[[0, -1]] = 0.0
-        whole = Program(
+        return Program(
             friction=self.problem.friction,
             k=self.problem.k,
             A=self.A,
@@ -142,7 +180,50 @@ class Programs:
             given=given,
             step=self.step,
         )
-        return replace(whole, **changes)  # type: ignore[arg-type]
+
+    def _with_others(self, own: Program) -> Program:
+        """The program of all scenarios: their contacts side by side, whose squeeze is the same.
+
+        Normal forces differ as much as the loads make them on equal springs: n_s - n_1 = C (w_s - w_1).
+        """
+        each = [own, *(other.alone() for other in self.others)]
+        S, k, d = len(each), own.k, own.friction.d
+        C, step = elastic_reaction(self.problem), self.step
+        normal = np.zeros((k, k * d))
+        normal[np.arange(k), np.arange(d - 1, k * d, d)] = 1.0
+        shares = np.zeros(((S - 1) * k, S * k * d))
+        shares[:, : k * d] = np.tile(-normal, (S - 1, 1))
+        shares[:, k * d :] = block_diag(*(S - 1) * [normal])
+        scale = self.wrench_scale[:, None]
+        pairs, still = self.middle.wrench.pairs(step), self.middle.wrench.still
+        moved = [-C @ (scale * (other.middle.wrench.pairs(step) - pairs)) for other in self.others]
+        rest = [-(other.middle.wrench.still - still) * self.wrench_scale @ C.T for other in self.others]
+        A = np.concatenate([block_diag(*(one.A for one in each)), shares])
+        E = np.concatenate([*(one.E for one in each), *moved], axis=1)
+        e = np.concatenate([*(one.e for one in each), *rest], axis=1)
+        # Forces along the normals of parallel surfaces are balanced by normal forces alone: said twice.
+        U, size, _ = np.linalg.svd(A, full_matrices=False)
+        U = U[:, size > _RANK * size[0]]
+        return replace(
+            own,
+            k=S * k,
+            A=U.T @ A,
+            E=np.einsum("br,nrj->nbj", U.T, E),
+            e=e @ U,
+            R=block_diag(*(one.R for one in each)),
+            B=np.concatenate([one.B for one in each], axis=1),
+            low=np.concatenate([one.low for one in each], axis=1),
+            high=np.concatenate([one.high for one in each], axis=1),
+            C=np.concatenate([one.C for one in each], axis=1),
+            c=np.concatenate([one.c for one in each], axis=1),
+            least=np.tile(own.least, S),
+            most=np.tile(own.most, S),
+        )
+
+    def wrenches(self, y: float) -> Array:
+        """Of the contacts on the object (N, 6), moments over the moment length [N], at a squared speed."""
+        wrench = self.middle.wrench
+        return np.asarray((wrench.along_b * y + wrench.still) * self.wrench_scale)
 
     def fastest_anywhere(self) -> Program:
         """How fast each interval may be passed by itself, with the acceleration that suits it best."""
@@ -152,6 +233,8 @@ class Programs:
     def gentlest(self, y: Array) -> Program:
         """The least squared forces at squared speeds y (N + 1,) that are known."""
         weights = np.diag(self.matrices.P) if self.matrices.P is not None else None
+        if weights is not None:
+            weights = np.tile(weights, 1 + len(self.others))
         return self.program(step=None, given=y, weights=weights)
 
 

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.carry.path import ArmPath
+from pinograsp.carry.timing import Timing
 from pinograsp.checks import brief
 from pinograsp.hands import HandModel
+from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
 
 
@@ -21,12 +23,16 @@ class CarryPlan:
 
     Attributes:
         robot: arm and hand.
+        grasp: what is carried.
         path: the arm's.
+        gravity_o: (3,) [m/s^2].
+        timing: of the path.
         contacts: names of the contacts (k,).
         s: path parameter at the ends of the intervals (N + 1,), from 0 to 1.
         times: there (N + 1,) [s].
         speed: of the path parameter there (N + 1,) [1/s].
-        limit: the fastest at which each interval may be passed by itself (N,) [1/s].
+        instants: of the middles (N,) [s].
+        limit: the fastest at which the path parameter may pass them, each by itself (N,) [1/s].
         q: positions at the middles (N, n) [rad or m].
         dq: speeds (N, n) [rad/s or m/s].
         ddq: accelerations (N, n) [rad/s^2 or m/s^2].
@@ -34,23 +40,30 @@ class CarryPlan:
         loads: wrench on the object that the forces balance (N, 6), about its centre of mass, linear first [N, N m].
         forces_o: on the object (N, k, 3) [N].
         normal_forces: (N, k) [N].
+        commanded: normal forces that the hand is told to press with (N, k) [N]; the normal forces, unless those are
+            commanded once, or change slowly, and the contacts react to the loads.
         torsion: moments about the normals (N, k) [N m].
         friction_use: share of the friction that is relied on (N, k) [-].
         binding: what keeps each interval from being passed faster (N,), in words.
         reserve: share of friction, caps, torques and speeds that is kept free [-].
-        duration: of the plan [s].
-        lower_bound: no timing of the N intervals within these limits is faster [s].
+        fastest: duration of the fastest timing, whose accelerations jump [s]; None: the timing was given.
+        lower_bound: no timing of the N intervals within these limits is faster [s]; None: the timing was given.
+        factor: how many times as fast this timing may be, with a squeeze that follows the loads [-].
         residual: largest error of the balance, over the largest load [-].
         elapsed: computing time by stage [s].
         notes: what the caller should know.
     """
 
     robot: HandModel
+    grasp: GraspPlan
     path: ArmPath
+    gravity_o: Array
+    timing: Timing
     contacts: tuple[str, ...]
     s: Array
     times: Array
     speed: Array
+    instants: Array
     limit: Array
     q: Array
     dq: Array
@@ -59,30 +72,31 @@ class CarryPlan:
     loads: Array
     forces_o: Array
     normal_forces: Array
+    commanded: Array
     torsion: Array
     friction_use: Array
     binding: tuple[str, ...]
     reserve: float
-    duration: float
-    lower_bound: float
+    fastest: float | None
+    lower_bound: float | None
+    factor: float
     residual: float
     elapsed: dict[str, float]
     notes: tuple[str, ...] = ()
 
-    __repr__ = brief("robot", "duration", "lower_bound", "residual", "elapsed")
+    __repr__ = brief("robot", "duration", "fastest", "lower_bound", "residual", "elapsed")
 
     @property
-    def gap(self) -> float:
-        """How much longer than the lower bound, over the duration [-]."""
-        return (self.duration - self.lower_bound) / self.duration
+    def duration(self) -> float:
+        """Of the plan [s]."""
+        return self.timing.duration
 
     @property
-    def middles(self) -> Array:
-        """Times at the middles of the intervals (N,) [s]."""
-        # At constant acceleration the middle of the way is at the mean of the squared speeds.
-        mean = np.sqrt((self.speed[:-1] ** 2 + self.speed[1:] ** 2) / 2.0)
-        way = np.diff(self.s) / 2.0
-        return np.asarray(self.times[:-1] + 2.0 * way / (self.speed[:-1] + mean))
+    def gap(self) -> float | None:
+        """How much longer the fastest timing is than the lower bound, over its duration [-]; None: it was given."""
+        if self.fastest is None or self.lower_bound is None:
+            return None
+        return (self.fastest - self.lower_bound) / self.fastest
 
     @property
     def squeeze(self) -> Array:
@@ -92,11 +106,18 @@ class CarryPlan:
     def describe(self) -> str:
         """Duration, squeeze and what binds where, as readable text."""
         peak = int(self.squeeze.argmax())
+        kept = f"within the limits ({100 * self.reserve:g} % of them kept free)"
+        if self.fastest is None:
+            timed = f"along the trajectory of {self.duration:.4g} s, and could {self.factor:.3g} times as fast, {kept}"
+        else:
+            timed = (
+                f"in {self.duration:.4g} s ({self.fastest:.4g} s with accelerations that jump; no timing of this path "
+                f"takes less than {self.lower_bound:.4g} s {kept})"
+            )
         lines = [
-            f"{self.robot.name} carries it in {self.duration:.4g} s; no timing of this path takes less than "
-            f"{self.lower_bound:.4g} s within the limits ({100 * self.reserve:g} % of them kept free)",
+            f"{self.robot.name} carries it {timed}",
             f"  squeeze {self.squeeze.min():.3g} to {self.squeeze[peak]:.3g} N (sum of normal forces), most at "
-            f"{self.middles[peak]:.3g} s",
+            f"{self.instants[peak]:.3g} s",
             "  what binds on the way:",
         ]
         for what, first, last in self.stretches():

@@ -1,0 +1,394 @@
+"""The steps of a carry plan: the fastest timing, its moving average, the forces on the way, the record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinograsp.carry.binding import binding_of
+from pinograsp.carry.interior_point import Solved, solve
+from pinograsp.carry.loads import Carried, CarryScenario
+from pinograsp.carry.path import ArmPath
+from pinograsp.carry.programs import ArmLimits, Programs
+from pinograsp.carry.record import CarryPlan
+from pinograsp.carry.reserve import with_reserve
+from pinograsp.carry.squeeze import CommonSqueeze, common_squeeze
+from pinograsp.carry.timing import Timing
+from pinograsp.checks import brief, read_only
+from pinograsp.errors import CarryInfeasible, CarryUndecided
+from pinograsp.forces import ConvexSolution, TorqueLimit, optimize_forces
+from pinograsp.hands import HandModel
+from pinograsp.motion import torque_limits
+from pinograsp.planner import GraspPlan
+from pinograsp.spatial import Array
+
+ACCURACY = 1e-7  # relative, of the duration
+_CURVE = 1e-5  # of how fast each interval may be passed by itself: they come out a little too slow
+_SLOWER = 1e-6  # squared speeds at which forces are chosen, less than the fastest: there is room for a choice
+_BALANCED, _LEAST = 1e-6, 1e-3  # errors of the loads, and the gap, with which chosen forces are good enough
+_FREE = 1.05  # an interval that may be passed so many times as fast is bound by nothing
+_WINDOWS = 1.5 ** np.arange(12)  # times the ramp, or the smallest, tried against a limit of the jerk
+_SMALLEST = 0.02  # [s] of these, where no ramp is asked for
+_MOST = 10.0  # times as fast as a known timing: what is beyond does not matter
+_HALVINGS = 9  # of the interval in which the largest factor on the speed lies
+_TRIED = 60  # points of the path at which a proof is looked for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Passage:
+    """A known timing with its programs, as functions of the square of a factor on its speed.
+
+    Attributes:
+        timing: of the path.
+        instants: of the samples (N,) [s].
+        knots: of the ends of the intervals (N + 1,) [s].
+        programs: of the loads of the samples.
+        level: the factor's square that belongs to ``timing`` [-].
+        free: how many times as fast each interval may be passed (N,) [-].
+        found: the solution that says so; None: it is the fastest.
+    """
+
+    timing: Timing
+    instants: Array
+    knots: Array
+    programs: Programs
+    level: float
+    free: Array
+    found: Solved | None
+
+    __repr__ = brief("timing", "level")
+
+    @property
+    def factor(self) -> float:
+        """How many times as fast the whole may be passed [-]."""
+        return float(self.free.min())
+
+    def faster(self, factor: float) -> Passage:
+        """The same way, ``factor`` times as fast."""
+        return replace(
+            self,
+            timing=self.timing.faster(factor),
+            instants=self.instants / factor,
+            knots=self.knots / factor,
+            level=self.level * factor**2,
+            free=self.free / factor,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fastest:
+    """The fastest timing, with accelerations that jump."""
+
+    timing: Timing
+    programs: Programs
+    solved: Solved
+    passage: Passage
+
+    __repr__ = brief("timing")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Held:
+    """Forces along a passage.
+
+    Attributes:
+        passage: the timing.
+        x: forces (N, k, d), as in a force program.
+        commanded: normal forces that are commanded (N, k) [N].
+        residual: largest error of the balance, over the largest load [-].
+        notes: what the caller should know.
+    """
+
+    passage: Passage
+    x: Array
+    commanded: Array
+    residual: float
+    notes: tuple[str, ...] = ()
+
+    __repr__ = brief("residual")
+
+
+class Carrying:
+    """What is carried along which path, within what limits; ``count``: intervals."""
+
+    def __init__(
+        self,
+        *,
+        robot: HandModel,
+        grasp: GraspPlan,
+        path: ArmPath,
+        scenarios: tuple[CarryScenario, ...],
+        limits: ArmLimits,
+        torque_limit: TorqueLimit,
+        reserve: float,
+        gravity: Array,
+        count: int,
+    ):
+        self.robot, self.grasp, self.path, self.limits = robot, grasp, path, limits
+        self.reserve, self.gravity, self.count = reserve, gravity, count
+        body, posture = grasp.problem.object, np.array(grasp.motion.q[-1])
+        assert body is not None  # checked by the caller
+        self.carried = [Carried(robot, grasp.hand, body, posture, one) for one in scenarios]
+        mu = min(one.mu for one in scenarios)
+        self.problem, self.range_n = with_reserve(grasp, self.carried[0], reserve, torque_limit, mu)
+
+    def _programs(self, s: Array, knots: Array) -> Programs:
+        """Programs at samples s (N,) and ends of intervals (N + 1,)."""
+        nodes, found = self.carried[0].along(self.path, knots, self.gravity), list[Programs]()
+        for carried in reversed(self.carried):
+            loads = carried.along(self.path, s, self.gravity)
+            others = found[::-1] if carried is self.carried[0] else ()
+            found.append(Programs(self.problem, self.range_n, carried, self.limits, loads, nodes, others))
+        return found[-1]
+
+    def fastest(self) -> Fastest:
+        """The fastest timing of the path from rest to rest, with its lower bound."""
+        s = np.linspace(0.0, 1.0, self.count + 1)
+        middle = (s[:-1] + s[1:]) / 2.0
+        programs = self._programs(middle, s)
+        found = solve(programs.program(), accuracy=ACCURACY)
+        if not found.converged:
+            raise self._failure(programs, s[:-1], found)
+        y = found.y * (1.0 - _SLOWER)
+        timing = Timing.of_squares(s, y)
+        # Half the way of an interval, at its acceleration.
+        b, a = (y[:-1] + y[1:]) / 2.0, np.diff(y) * self.count / 2.0
+        instants = timing.times[:-1] + (s[1] - s[0]) / (timing.speed[:-1] + np.sqrt(b))
+        passage = Passage(
+            timing=timing,
+            instants=instants,
+            knots=timing.times,
+            programs=programs.timed(a, b, y, _MOST),
+            level=1.0,
+            free=np.ones(self.count),
+            found=None,
+        )
+        return Fastest(timing=timing, programs=programs, solved=found, passage=passage)
+
+    def passage(self, timing: Timing) -> Passage:
+        """A known timing, and how many times as fast each interval of it may be passed."""
+        knots = np.linspace(0.0, timing.duration, self.count + 1)
+        instants = (knots[:-1] + knots[1:]) / 2.0
+        moving, ends = timing.at(instants), timing.at(knots)
+        programs = self._programs(moving.s, ends.s)
+        programs = programs.timed(moving.acceleration, moving.speed**2, ends.speed**2, _MOST)
+        found = solve(programs.fastest_anywhere(), accuracy=_CURVE)
+        if not found.converged:
+            raise self._failure(programs, moving.s, found)
+        free = np.sqrt(found.y.reshape(self.count, 2).mean(axis=1))
+        return Passage(
+            timing=timing, instants=instants, knots=knots, programs=programs, level=1.0, free=free, found=found
+        )
+
+    def smoothed(self, timing: Timing, ramp: float, jerk: Array | None) -> Passage:
+        """The fastest of some moving averages of a timing, over ``ramp`` [s] at least, that keeps to the limits."""
+        best: Passage | None = None
+        for window in [ramp] if jerk is None else (ramp or _SMALLEST) * _WINDOWS:
+            passage = self.passage(timing.smoothed(float(window)))
+            factor = min(passage.factor, 1.0)
+            if jerk is not None:
+                times = np.linspace(0.0, passage.timing.duration, 4 * self.count + 1)
+                factor = min(
+                    factor, float(((1.0 - self.reserve) * jerk / self._jerk(passage.timing, times)).min()) ** (1 / 3)
+                )
+            passage = passage.faster(factor)
+            if best is not None and passage.timing.duration >= best.timing.duration:
+                break
+            best = passage
+        assert best is not None
+        return best
+
+    def _jerk(self, timing: Timing, times: Array) -> Array:
+        """Largest |jerk| of each joint (n,) [rad/s^3 or m/s^3]."""
+        moving = timing.at(times)
+        _, slope, bend, twist = self.path.at(moving.s)
+        v, a, j = (part[:, None] for part in moving[1:])
+        jerk = np.abs(slope * j + 3.0 * bend * v * a + twist * v**3).max(axis=0)
+        found = np.full(self.robot.n, 1e-12)
+        found[self.carried[0].moving(self.path)] = np.maximum(jerk, 1e-12)
+        return found
+
+    def least(self, passage: Passage) -> Held:
+        """The forces of least squares at every sample."""
+        found = solve(passage.programs.gentlest(np.full(self.count + 1, passage.level)), accuracy=ACCURACY)
+        # Which forces are taken matters less than that they balance the loads.
+        least = found.residual < _BALANCED and found.gap < _LEAST
+        notes = () if least else ("the forces bear the loads, but they are not the least ones",)
+        if found.residual >= _BALANCED:
+            raise CarryUndecided(
+                f"no forces were found for a timing that has them: balance to {found.residual:.1e} after "
+                f"{found.rounds} rounds",
+                solution=found,
+            )
+        x = found.x[:, : self.problem.k]
+        return Held(passage=passage, x=x, commanded=x[..., -1], residual=found.residual, notes=notes)
+
+    def common(self, passage: Passage, rate: float, *, slower: bool) -> Held:
+        """Normal forces that are commanded once, or change at no more than ``rate`` [N/s].
+
+        ``slower``: whether to slow down where there are none at this speed; otherwise that is an error.
+        """
+        every = [passage.programs, *passage.programs.others]
+        steps = np.diff(passage.instants)
+
+        def at(factor: float) -> CommonSqueeze:
+            return common_squeeze(every, steps / factor, rate, passage.level * factor**2)
+
+        found, factor = at(1.0), 1.0
+        if not found.found:
+            low, high, best = 0.0, 1.0, None
+            for _ in range(_HALVINGS):
+                factor = (low + high) / 2.0
+                tried = at(factor)
+                low, high, best = (factor, high, tried) if tried.found else (low, factor, best)
+            kind = "constant squeeze" if not rate else f"squeeze that changes by at most {rate:g} N/s"
+            at_rest = "not even at rest" if best is None else f"at {low:.3g} times that speed there is one"
+            if best is None or not slower:
+                proven = ", proven" if found.ruled_out else ""
+                raise CarryInfeasible(
+                    f"no {kind} bears the whole way at this speed{proven}; {at_rest}: let the squeeze follow the loads "
+                    "(squeeze='least'), or go slower",
+                    at=float(passage.timing.at(passage.instants).s[int(passage.free.argmin())]),
+                    solution=found,
+                    factor=low,
+                )
+            found, factor = best, low
+        return Held(passage=passage.faster(factor), x=found.x[0], commanded=found.commanded, residual=found.residual)
+
+    def too_fast(self, passage: Passage) -> Exception:
+        """Why a given timing cannot be: where there are no forces, with the proof, and how fast it may be."""
+        slow = int(passage.free.argmin())
+        s = passage.timing.at(passage.instants).s
+        proof = self._proof(passage.programs, slow, passage.level)
+        if proof is None:
+            return CarryUndecided(
+                f"no forces were found at {100 * s[slow]:.3g} % of the path at this speed, and none are ruled out",
+                solution=passage.found,
+            )
+        return CarryInfeasible(
+            f"at {passage.instants[slow]:.4g} s, {100 * s[slow]:.3g} % of the path, the grasp cannot hold the "
+            f"object at this speed, with what is kept free (proven): {proof.infeasibility}; {passage.factor:.4g} times "
+            "the speed can be held: go slower, squeeze from other sides, keep less free",
+            at=float(s[slow]),
+            solution=proof,
+            factor=passage.factor,
+        )
+
+    def _proof(self, programs: Programs, i: int, level: float) -> ConvexSolution | None:
+        """That there are no forces at a sample, at the squared speed of timed loads (0: at rest), in any scenario."""
+        for one in (programs, *programs.others):
+            held = replace(one.problem, min_normal_force=None, max_normal_force=self.range_n[1])
+            torques, load = held.torques, one.middle.wrench
+            if torques is not None:
+                bias = one.middle.torque
+                own = (bias.along_b[i] * level + bias.still[i])[one.carried.of_hand]
+                torques = replace(torques, bias=own)
+            wrench = load.along_b[i] * level + load.still[i]
+            found = optimize_forces(
+                replace(held, load=-wrench, torques=torques), 0.9 * held.final_time, objective="peak"
+            )
+            if found.infeasibility is not None:
+                return found
+        return None
+
+    def _failure(self, programs: Programs, s: Array, found: Solved) -> Exception:
+        """Why there is no timing: where the object cannot even be held at rest, with the proof."""
+        for i in np.unique(np.linspace(0, len(s) - 1, min(len(s), _TRIED)).astype(int)).tolist():
+            proof = self._proof(programs, i, 0.0)
+            if proof is not None:
+                return CarryInfeasible(
+                    f"at {100 * s[i]:.3g} % of the path the grasp cannot hold the object even at rest, with "
+                    f"what is kept free (proven): {proof.infeasibility}; turn the hand less, squeeze from other "
+                    "sides, keep less free",
+                    at=float(s[i]),
+                    solution=proof,
+                    factor=0.0,
+                )
+        return CarryUndecided(
+            f"no timing was found, and none is ruled out: relative gap {found.gap:.1e}, balance to "
+            f"{found.residual:.1e} after {found.rounds} rounds; the arm may not bear the object at rest: see "
+            "its torque limits",
+            solution=found,
+        )
+
+    def record(self, held: Held, fastest: Fastest | None, elapsed: dict[str, float]) -> CarryPlan:
+        """The plan, as data."""
+        passage, problem, x = held.passage, self.problem, held.x
+        programs, carried, level = passage.programs, self.carried[0], passage.level
+        loads, still = programs.middle, np.zeros(self.count)
+        u, knots = np.full(self.count, level), passage.timing.at(passage.knots)
+        s = passage.timing.at(passage.instants).s
+        widths = problem.friction.scale(problem.mu)
+        local = np.concatenate([x[..., :2] * widths[:, :2], x[..., -1:]], axis=2)
+        torsion = x[..., 2] * widths[:, 2] if problem.friction.d == 4 else np.zeros(x.shape[:2])
+        torques = loads.torque.at(still, u)
+        torques[:, carried.fingers] += self._contact_torques(local, torsion)[:, carried.fingers]
+        limit, binding = self._limit(passage, fastest, s)
+        return CarryPlan(
+            robot=self.robot,
+            grasp=self.grasp,
+            path=self.path,
+            gravity_o=read_only(self.gravity),
+            timing=passage.timing,
+            contacts=tuple(problem.contacts.names),
+            s=read_only(knots.s),
+            times=read_only(passage.knots),
+            speed=read_only(knots.speed),
+            instants=read_only(passage.instants),
+            limit=read_only(limit),
+            q=read_only(loads.q),
+            dq=read_only(loads.speed * np.sqrt(level)),
+            ddq=read_only(loads.acceleration.at(still, u)),
+            torques=read_only(torques),
+            loads=read_only(-loads.wrench.at(still, u)),
+            forces_o=read_only(np.einsum("kij,nkj->nki", problem.contacts.rotations_oc, local)),
+            normal_forces=read_only(x[..., -1]),
+            commanded=read_only(held.commanded),
+            torsion=read_only(torsion),
+            friction_use=read_only(problem.friction.gauge(x[..., :-1]) / np.maximum(x[..., -1], 1e-300)),
+            binding=binding,
+            reserve=self.reserve,
+            fastest=None if fastest is None else fastest.timing.duration,
+            lower_bound=None if fastest is None else fastest.solved.lower_bound,
+            factor=passage.factor,
+            residual=held.residual,
+            elapsed=elapsed,
+            notes=held.notes,
+        )
+
+    def _limit(self, passage: Passage, fastest: Fastest | None, s: Array) -> tuple[Array, tuple[str, ...]]:
+        """How fast each place may be passed by itself (N,) [1/s], and what binds there."""
+        if fastest is None:
+            assert passage.found is not None
+            knots = passage.timing.at(passage.knots).s
+            programs, words = (
+                self._programs(s, knots),
+                binding_of(passage.programs, passage.found, passage.free > _FREE),
+            )
+            return self._fastest_anywhere(programs), words
+        middle = (np.arange(self.count) + 0.5) / self.count
+        words = binding_of(fastest.programs, fastest.solved)
+        nearest = np.clip((s * self.count).astype(int), 0, self.count - 1)
+        limit = np.interp(s, middle, self._fastest_anywhere(fastest.programs))
+        return limit, tuple(words[i] for i in nearest.tolist())
+
+    def _fastest_anywhere(self, programs: Programs) -> Array:
+        found = solve(programs.fastest_anywhere(), accuracy=_CURVE)
+        return np.asarray(np.sqrt(found.y.reshape(self.count, 2).mean(axis=1)))
+
+    def _contact_torques(self, local: Array, torsion: Array) -> Array:
+        """J^T f of the robot's joints (N, n) [N m or N], the arm's left out."""
+        problem, carried = self.problem, self.carried[0]
+        contacts = problem.contacts
+        found = np.zeros((self.count, self.robot.n))
+        if problem.torques is None:
+            J = torque_limits(carried.hand, contacts, carried.posture[carried.of_hand], limit=np.inf).jacobian
+        else:
+            J = problem.torques.jacobian
+        forces = np.einsum("kij,nkj->nki", contacts.rotations_oc, local)
+        moments = np.einsum("nk,kx->nkx", torsion, contacts.rotations_oc[:, :, 2])
+        found[:, carried.of_hand] = np.einsum("kxj,nkx->nj", J[:, :3], forces) + np.einsum(
+            "kxj,nkx->nj", J[:, 3:], moments
+        )
+        return found

@@ -1,0 +1,75 @@
+"""What a carried grasp and its robot may use: limits less the share that is kept free."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pinograsp.carry.loads import Carried
+from pinograsp.carry.programs import ArmLimits
+from pinograsp.checks import each_of
+from pinograsp.errors import InvalidInput
+from pinograsp.forces import ForceProblem, TorqueLimit
+from pinograsp.hands import HandModel
+from pinograsp.motion import effort_of, torque_limits
+from pinograsp.motion.torques import torques_matter
+from pinograsp.planner import GraspPlan
+from pinograsp.spatial import Array
+
+
+def arm_limits(
+    robot: HandModel,
+    torque_limit: TorqueLimit,
+    speed: ArrayLike | None,
+    acceleration: ArrayLike | None,
+    reserve: float,
+) -> ArmLimits:
+    """Of a robot's joints; speeds and accelerations (n,), None: the robot's own speeds, no acceleration."""
+    n, kept = robot.n, 1.0 - reserve
+    own = np.where(robot.velocity > 0, robot.velocity, np.inf)
+    return ArmLimits(
+        torque=kept * effort_of(robot, torque_limit),
+        speed=kept * (own if speed is None else joint_limits("speed", speed, n)),
+        acceleration=np.full(n, np.inf)
+        if acceleration is None
+        else kept * joint_limits("acceleration", acceleration, n),
+    )
+
+
+def joint_limits(name: str, value: ArrayLike, n: int) -> Array:
+    """One limit for all of n joints, or one for each (n,), above 0."""
+    found = each_of(name, value, n)
+    if np.any(found <= 0):
+        raise InvalidInput(f"{name}: expected values above 0, got {found.tolist()}")
+    return found
+
+
+def with_reserve(
+    grasp: GraspPlan, carried: Carried, reserve: float, limit: TorqueLimit, mu: float
+) -> tuple[ForceProblem, tuple[Array, Array]]:
+    """The grasp's problem, its friction and the torques of its hand less the reserve, and the normal forces' range.
+
+    ``mu``: share of the friction coefficients that there is at least [-].
+    """
+    held, kept, hand = grasp.problem, 1.0 - reserve, grasp.hand
+    contacts, q = held.contacts, np.array(grasp.motion.q[-1])
+    friction = replace(held.friction, safety=held.friction.safety / kept)
+    # Limits of each joint are the robot's.
+    own = limit[carried.of_hand] if isinstance(limit, np.ndarray) and limit.ndim else limit
+    most = effort_of(hand, own)
+    arm = np.setdiff1d(np.arange(hand.n), np.concatenate([finger.dofs for finger in hand.fingers]))
+    most[arm] = np.inf  # rows of their own, without contact forces
+    torques = None
+    if torques_matter(hand, most):
+        depth = grasp.searched().profile.final_depth
+        torques = torque_limits(hand, contacts, q, depth=depth, limit=most, gravity_o=held.gravity_o)
+        torques = replace(torques, reserve=reserve)
+    problem = replace(held, mu=mu * held.mu, friction=friction, torques=torques, balance="wrench")
+    # How fast the hand closed (Eqs. 13b and 13c) does not matter any more, how deep contacts may be (13a) does.
+    low = np.zeros(held.k) if held.min_normal_force is None else held.min_normal_force
+    high = np.full(held.k, held.compliance.stiffness * held.max_depth**held.compliance.exponent)
+    if held.max_normal_force is not None:
+        high = np.minimum(high, held.max_normal_force)
+    return problem, (low, np.maximum(kept * high, low + 1e-9))

@@ -1,0 +1,153 @@
+"""Squeezes that do not follow every load: commanded once for the whole way, or changed no faster than at some rate.
+
+The hand commands normal forces F; the contacts react to each load as equal springs do
+(:func:`~pinograsp.forces.matrices.elastic_reaction`), with tangential forces that friction allows:
+
+    n_i = F_i + C (w_i - w_0),   A x_i = w_i,   friction and limits of x_i,   |F_i+1 - F_i| <= rate dt_i,
+
+w_i being what the contacts give the object and w_0 that of the first instant. The least sum of squares of F is a convex
+program with second-order cones, which Clarabel solves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+import scipy.sparse as sp
+
+from pinograsp.carry.programs import Programs
+from pinograsp.checks import brief
+from pinograsp.forces.conic import Cone, cone_rows, solve
+from pinograsp.forces.matrices import elastic_reaction
+from pinograsp.spatial import Array
+
+_BALANCED = 1e-6  # error of what was found, over the largest load
+_PROOF = 1e-6  # of a ray that rules forces out, over what it gains
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CommonSqueeze:
+    """What came of a search for a common squeeze; N samples, S scenarios of loads.
+
+    Attributes:
+        commanded: normal forces F at the first load (N, k) [N]; empty where none was found.
+        x: forces of every scenario (S, N, k, d), as in a force program.
+        ruled_out: whether there is none, by a ray that was checked.
+        residual: largest error of balance and limits, over the largest load [-].
+    """
+
+    commanded: Array
+    x: Array
+    ruled_out: bool
+    residual: float
+
+    __repr__ = brief("ruled_out", "residual")
+
+    @property
+    def found(self) -> bool:
+        """Whether there is one."""
+        return bool(len(self.commanded))
+
+
+def common_squeeze(scenarios: Sequence[Programs], steps: Array, rate: float, level: float) -> CommonSqueeze:
+    """The squeeze of least squares that bears every scenario's loads at all samples.
+
+    Args:
+        scenarios: programs of timed loads (S), of the same contacts.
+        steps: time from each sample to the next (N - 1,) [s].
+        rate: largest change of each normal force [N/s]; 0: one squeeze for all samples.
+        level: square of the factor on the speed of the timing that the programs are for.
+    """
+    return _CommonProgram(scenarios, steps, rate, level).solved()
+
+
+class _CommonProgram:
+    """Columns: F of each sample, or of all (m, k), then x of each scenario and sample (S, N, k d); over a force."""
+
+    def __init__(self, scenarios: Sequence[Programs], steps: Array, rate: float, level: float):
+        first = scenarios[0]
+        self.matrices, self.k, self.d = first.matrices, first.problem.k, first.problem.friction.d
+        self.S, self.N, self.width = len(scenarios), first.count, self.k * self.d
+        self.m = self.N if rate else 1
+        lines = [one.alone() for one in scenarios]
+        wanted = np.stack([line.E.sum(axis=2) * level + line.e for line in lines])
+        wrenches = np.stack([one.wrenches(level) for one in scenarios])
+        self.size = max(float(np.abs(wanted).max()), 1e-9)
+        self.A, self.target = lines[0].A, wanted / self.size
+        C = elastic_reaction(first.problem)
+        self.change = -(wrenches - wrenches[0, 0]) @ C.T / self.size
+        moved = np.stack([line.B.sum(axis=2) * level for line in lines])
+        low, high = (np.stack([getattr(line, end) for line in lines]) - moved for end in ("low", "high"))
+        if own := self.matrices.fixed:  # what the drives make they make once: the rest is the fingers' own reaction
+            others = np.ones((self.S, self.N), dtype=bool)
+            others[0, 0] = False
+            low[others, -own:], high[others, -own:] = -np.inf, np.inf
+        self.low, self.high = low / self.size, high / self.size
+        self.least, self.most = first.least / self.size, first.most / self.size
+        self.most_change = rate * steps / self.size
+
+    def _rows(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
+        """Rows, right-hand side and cones of A z + s = b."""
+        friction = cone_rows(self.matrices)
+        count, each = self.S * self.N, sp.identity(self.S * self.N, format="csr")
+        common = sp.identity(self.m * self.k, format="csr")
+        to_sample = np.ones((self.N, 1)) if self.m == 1 else sp.identity(self.N)
+        of_sample = sp.kron(np.ones((self.S, 1)), sp.kron(to_sample, sp.identity(self.k)), format="csr")
+
+        def alone(block: Array) -> sp.csr_matrix:
+            """Rows of the forces of every sample."""
+            return sp.hstack([sp.csr_matrix((count * len(block), common.shape[0])), sp.kron(each, block)], format="csr")
+
+        normal = sp.kron(each, friction.select)
+        rows = [alone(self.A), sp.hstack([-of_sample, normal])]
+        right = [self.target.ravel(), self.change.ravel()]
+        equations = count * (len(self.A) + self.k)
+        rows.append(sp.hstack([-common, sp.csr_matrix((common.shape[0], count * self.width))]))
+        right.append(np.zeros(common.shape[0]))
+        rows += [alone(-friction.select), alone(friction.select), alone(friction.facets)]
+        right += [np.tile(-self.least, count), np.tile(self.most, count), np.zeros(count * len(friction.facets))]
+        R = alone(self.matrices.R)
+        for sign, ends in ((-1.0, self.low), (1.0, self.high)):
+            kept = np.isfinite(ends).ravel()
+            rows.append(sign * R[kept])
+            right.append(sign * ends.ravel()[kept])
+        if self.m > 1:
+            later = sp.kron(sp.diags([-1.0, 1.0], [0, 1], shape=(self.N - 1, self.N)), sp.identity(self.k))
+            change = sp.hstack([later, sp.csr_matrix((later.shape[0], count * self.width))])
+            rows += [change, -change]
+            right += 2 * [np.repeat(self.most_change, self.k)]
+        inequalities = sum(len(one) for one in right) - equations
+        rows.append(alone(friction.second))
+        right.append(np.zeros(count * len(friction.second)))
+        cones: list[Cone] = [clarabel.ZeroConeT(equations), clarabel.NonnegativeConeT(inequalities)]
+        cones += [clarabel.SecondOrderConeT(size) for size in friction.sizes * count]
+        return sp.vstack(rows, format="csc"), np.concatenate(right), cones
+
+    def solved(self) -> CommonSqueeze:
+        """The squeeze, or the proof that there is none."""
+        A, b, cones = self._rows()
+        columns, commanded = A.shape[1], self.m * self.k
+        weights = np.zeros(columns)
+        weights[:commanded] = 1.0 / self.m
+        found = solve(sp.diags(weights, format="csc"), np.zeros(columns), A, b, cones)
+        z, slack, ray = (np.array(part) for part in (found.x, found.s, found.z))
+        nothing = CommonSqueeze(
+            commanded=np.zeros((0, self.k)),
+            x=np.zeros((self.S, 0, self.k, self.d)),
+            ruled_out=False,
+            residual=np.inf,
+        )
+        if "Infeasible" in str(found.status):
+            # Where A' ray = 0 > b . ray no z has A z + s = b with s in the cones, whose duals they are.
+            along = float(b @ ray)
+            proven = along < 0 and float(np.abs(A.T @ ray).max()) <= -_PROOF * along
+            return CommonSqueeze(commanded=nothing.commanded, x=nothing.x, ruled_out=proven, residual=np.inf)
+        residual = float(np.abs(A @ z + slack - b).max()) if np.isfinite(z).all() else np.inf
+        if not residual <= _BALANCED:
+            return nothing
+        F = np.broadcast_to(z[:commanded].reshape(self.m, self.k), (self.N, self.k))
+        x = z[commanded:].reshape(self.S, self.N, self.k, self.d)
+        return CommonSqueeze(commanded=self.size * F, x=self.size * x, ruled_out=False, residual=residual)
