@@ -24,6 +24,7 @@ from pinograsp.planner import GraspPlan
 TimingName = Literal["fastest", "given"]
 SqueezeName = Literal["least", "constant"]
 
+_ROUNDING = 1e-4  # of the factor on a given speed, which comes out a little too small
 RAMP = 0.05  # [s] in less, an object would swing on its contacts
 
 
@@ -104,7 +105,7 @@ def plan_carry(
     fastest: Fastest | None = None
     if named == "given":
         passage = carrying.passage(Timing.steady(float(way.duration or 0.0)))
-        if passage.factor < 1.0:
+        if passage.factor < 1.0 - _ROUNDING:
             raise carrying.too_fast(passage)
     else:
         fastest = carrying.fastest()

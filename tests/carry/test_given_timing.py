@@ -200,17 +200,14 @@ def test_a_slow_squeeze_changes_slowly_and_lies_between(arm, grasp):
 
 
 def test_where_no_constant_squeeze_bears_it_the_arm_goes_slower_or_says_so(arm, grasp):
-    held = weak(grasp, 1.1)
+    held = weak(grasp, 1.0)
     least = plan_carry(arm, held, WAYPOINTS, intervals=25)
     constant = plan_carry(arm, held, WAYPOINTS, intervals=25, squeeze="constant")
-    assert constant.duration >= least.duration * (1 - 1e-9)
-    given = trajectory_of(least)
-    if constant.duration > 1.02 * least.duration:
-        with pytest.raises(
-            CarryInfeasible, match="no constant squeeze bears the whole way at this speed, proven"
-        ) as told:
-            plan_carry(arm, held, given, timing="given", squeeze="constant", intervals=25)
-        assert told.value.factor == pytest.approx(least.duration / constant.duration, rel=0.05)
+    assert constant.duration > 1.05 * least.duration
+    proven = "no constant squeeze bears the whole way at this speed, proven"
+    with pytest.raises(CarryInfeasible, match=proven) as told:
+        plan_carry(arm, held, trajectory_of(least, 0.995), timing="given", squeeze="constant", intervals=25)
+    assert told.value.factor == pytest.approx(least.duration / constant.duration, rel=0.05)
 
 
 # -- scenarios ---------------------------------------------------------------------------------------------------------
