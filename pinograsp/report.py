@@ -65,7 +65,7 @@ def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str
             lines.append(("Why lost?", f"{'; '.join(verdict.causes)}."))
         if verdict.remedies:
             lines.append(("What helps?", f"{'; '.join(verdict.remedies)}."))
-    return [f"**{what}** {_escaped(text)}" for what, text in lines]
+    return [f"**{what}** {escaped(text)}" for what, text in lines]
 
 
 def _normal_forces(plan: PlanRecord) -> dict[str, float]:
@@ -164,11 +164,11 @@ def failure(found: PlanFailure) -> str:
     first, *rest = found.message.splitlines() or [""]
     return "\n".join(
         [
-            f"# No grasp: {_escaped(found.name, 200)}",
+            f"# No grasp: {escaped(found.name, 200)}",
             "",
-            f"**{found.status}**: {_escaped(first)}",
+            f"**{found.status}**: {escaped(first)}",
             "",
-            *(f"- {_escaped(line)}" for line in rest),
+            *(f"- {escaped(line)}" for line in rest),
             "",
             *_made_with(found.versions),
         ]
@@ -176,10 +176,10 @@ def failure(found: PlanFailure) -> str:
 
 
 def _made_with(versions: Mapping[str, str]) -> list[str]:
-    return [f"Made with {_escaped(', '.join(f'{name} {version}' for name, version in versions.items()))}.", ""]
+    return [f"Made with {escaped(', '.join(f'{name} {version}' for name, version in versions.items()))}.", ""]
 
 
-def _escaped(text: str, most: int = _LONGEST) -> str:
+def escaped(text: str, most: int = _LONGEST) -> str:
     """Text that Markdown shows unchanged: names come from files and may hold any characters."""
     text = re.sub(r"[\\`*\[\]<>|~&$]", r"\\\g<0>", printable(text, most).strip())
     text = re.sub(r"(?<![^\W_])_|_(?![^\W_])", r"\\_", text)  # within words it has no meaning
@@ -194,7 +194,7 @@ def _code(key: str) -> str:
 def markdown(plan: PlanRecord, figures: Sequence[str] | None = None, simulation: Simulation | None = None) -> str:
     """``report.md`` of a plan; ``figures``: names of image files in the same folder."""
     instance_of("plan", plan, PlanRecord)
-    lines = [f"# Grasp plan: {_escaped(plan.name, 200)}", ""]
+    lines = [f"# Grasp plan: {escaped(plan.name, 200)}", ""]
     lines += [
         *(f"- {line}" for line in headline(plan, simulation)),
         "",
@@ -202,17 +202,17 @@ def markdown(plan: PlanRecord, figures: Sequence[str] | None = None, simulation:
         "## Results",
         "",
     ]
-    lines += _table(("quantity", "value"), answer(plan, simulation))
+    lines += table(("quantity", "value"), answer(plan, simulation))
     if plan.remedy:
-        lines += [f"**{plan.status}**: {_escaped(plan.remedy)}", ""]
+        lines += [f"**{plan.status}**: {escaped(plan.remedy)}", ""]
     lines += _listed("Cautions", plan.cautions) + _listed("Notes", plan.notes)
     lines += [*_contact_section(plan), *_torque_section(plan), *_search_section(plan)]
     if plan.comparison:
         lines += ["## Comparison with the paper", ""]
         lines += ["Planned with the paper's choices: balance of forces only, no safety factor for friction.", ""]
-        lines += _table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(plan.comparison))
+        lines += table(("quantity", "unit", "paper", "ours", "difference", "note"), comparison_rows(plan.comparison))
     if assumed := plan.settings.get("assumed"):
-        lines += ["## Assumed inputs", "", *(f"- {_code(key)}: {_escaped(why)}" for key, why in assumed.items()), ""]
+        lines += ["## Assumed inputs", "", *(f"- {_code(key)}: {escaped(why)}" for key, why in assumed.items()), ""]
     rest = [name for name in figures or () if Path(name).stem not in _FIRST]
     if rest:
         lines += ["## Figures", "", *_figures(rest, None)]
@@ -221,7 +221,7 @@ def markdown(plan: PlanRecord, figures: Sequence[str] | None = None, simulation:
 
 
 def _listed(title: str, texts: Sequence[str]) -> list[str]:
-    return [f"## {title}", "", *(f"- {_escaped(text)}" for text in texts), ""] if texts else []
+    return [f"## {title}", "", *(f"- {escaped(text)}" for text in texts), ""] if texts else []
 
 
 def _contact_section(plan: PlanRecord) -> list[str]:
@@ -235,7 +235,7 @@ def _contact_section(plan: PlanRecord) -> list[str]:
     return [
         "## Contact forces at t_F",
         "",
-        *_table(("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"), rows),
+        *table(("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"), rows),
         "Contact frame: z into the object, x against gravity in the tangent plane, y completes it. "
         "Forces act on the object.",
         "",
@@ -248,7 +248,7 @@ def _torque_section(plan: PlanRecord) -> list[str]:
         for finger, phases in plan.torque_maxima().items()
         for phase, values in phases.items()
     ]
-    return ["## Joint torque maxima [N m]", "", *_table(("finger", "phase", "joints, base to tip"), rows)]
+    return ["## Joint torque maxima [N m]", "", *table(("finger", "phase", "joints, base to tip"), rows)]
 
 
 def _search_section(plan: PlanRecord) -> list[str]:
@@ -277,7 +277,7 @@ def _search_section(plan: PlanRecord) -> list[str]:
         return []
     text = f"{grid.points:.4g} grid points, {grid.cells} cells in (t_I, A), {grid.qp_solves} QPs solved."
     rows = [(reason, str(count)) for reason, count in grid.rejections.items()]
-    return ["## Search", "", text, "", *_table(("cells rejected by", "count"), rows)]
+    return ["## Search", "", text, "", *table(("cells rejected by", "count"), rows)]
 
 
 _FIRST = ("grasp", "contact_forces")
@@ -310,7 +310,7 @@ def _figures(names: Sequence[str] | None, only: Sequence[str] | None) -> list[st
 def _settings(settings: Mapping[str, Any]) -> list[str]:
     """The settings of the plan, by key."""
     rows = [(key, str(value)) for key, value in _flat(settings) if key != "name" and not key.startswith("assumed.")]
-    return ["## Settings", "", *_table(("key", "value"), rows)] if rows else []
+    return ["## Settings", "", *table(("key", "value"), rows)] if rows else []
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -419,24 +419,25 @@ def comparison_rows(comparison: Sequence[ComparisonRow]) -> list[tuple[str, ...]
     ]
 
 
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Lines of a table in Markdown."""
     lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
-    return [*lines, *("| " + " | ".join(map(_escaped, row)) + " |" for row in rows), ""]
+    return [*lines, *("| " + " | ".join(map(escaped, row)) + " |" for row in rows), ""]
 
 
 def checked(simulation: Simulation, figures: Sequence[str] = (), studies: Sequence[str] = ()) -> str:
     """``check.md`` of a simulation, with the verdict first; ``studies``: results of further trials, as text."""
     instance_of("simulation", simulation, Simulation)
     verdict = simulation.verdict
-    lines = [f"# {'Held' if verdict.held else 'Lost'}", "", f"{_escaped(verdict.reason)}.", ""]
+    lines = [f"# {'Held' if verdict.held else 'Lost'}", "", f"{escaped(verdict.reason)}.", ""]
     lines += _listed("Why", verdict.causes) + _listed("What helps", verdict.remedies)
-    lines += _table(("", ""), _verdict_rows(simulation))
+    lines += table(("", ""), _verdict_rows(simulation))
     if simulation.disturbance:
         differences = [f"{name}: {value}" for name, value in simulation.disturbance.items()]
         lines += _listed("Differences from the plan", differences)
     lines += ["## Forces at the end", ""]
     rows = zip(simulation.parts, simulation.planned_forces, simulation.normal_forces[-1])
-    lines += _table(
+    lines += table(
         ("part of the hand", "planned F_n [N]", "simulated F_n [N]"),
         [(name, number(planned), number(found)) for name, planned, found in rows],
     )

@@ -12,7 +12,7 @@ from pinograsp.carry.loads import Carried, CarryScenario
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.programs import ArmLimits, Programs
 from pinograsp.carry.record import CarryPlan
-from pinograsp.carry.reserve import with_reserve
+from pinograsp.carry.reserve import problem_of, with_reserve
 from pinograsp.carry.squeeze import CommonSqueeze, common_squeeze
 from pinograsp.carry.timing import Timing
 from pinograsp.checks import brief, read_only
@@ -32,6 +32,7 @@ _WINDOWS = 1.5 ** np.arange(12)  # times the ramp, or the smallest, tried agains
 _SMALLEST = 0.02  # [s] of these, where no ramp is asked for
 _MOST = 10.0  # times as fast as a known timing: what is beyond does not matter
 _HALVINGS = 9  # of the interval in which the largest factor on the speed lies
+_GIVING = 1e-2  # joints that move a contact less than this, over the largest, do not press it
 _TRIED = 60  # points of the path at which a proof is looked for
 
 
@@ -127,8 +128,8 @@ class Carrying:
     ):
         self.robot, self.grasp, self.path, self.limits = robot, grasp, path, limits
         self.reserve, self.gravity, self.count = reserve, gravity, count
-        body, posture = grasp.problem.object, np.array(grasp.motion.q[-1])
-        assert body is not None  # checked by the caller
+        body, posture = problem_of(grasp).object, np.array(grasp.motion.q[-1])
+        assert body is not None
         self.carried = [Carried(robot, grasp.hand, body, posture, one) for one in scenarios]
         mu = min(one.mu for one in scenarios)
         self.problem, self.range_n = with_reserve(grasp, self.carried[0], reserve, torque_limit, mu)
@@ -322,8 +323,17 @@ class Carrying:
         widths = problem.friction.scale(problem.mu)
         local = np.concatenate([x[..., :2] * widths[:, :2], x[..., -1:]], axis=2)
         torsion = x[..., 2] * widths[:, 2] if problem.friction.d == 4 else np.zeros(x.shape[:2])
-        torques = loads.torque.at(still, u)
+        bare = loads.torque.at(still, u)
+        torques, told, sent = bare.copy(), bare.copy(), loads.q.copy()
         torques[:, carried.fingers] += self._contact_torques(local, torsion)[:, carried.fingers]
+        sent[:, carried.of_hand] += self._deeper(held.commanded)
+        # What is commanded once has the tangential forces of the first load, when normal forces are the commanded ones.
+        once = slice(0, 1) if not np.ptp(held.commanded, axis=0).any() else slice(None)
+        pressed = np.broadcast_to(local[once], local.shape).copy()
+        pressed[..., 2] = held.commanded
+        told[:, carried.fingers] += self._contact_torques(pressed, np.broadcast_to(torsion[once], torsion.shape))[
+            :, carried.fingers
+        ]
         limit, binding = self._limit(passage, fastest, s)
         return CarryPlan(
             robot=self.robot,
@@ -345,6 +355,8 @@ class Carrying:
             forces_o=read_only(np.einsum("kij,nkj->nki", problem.contacts.rotations_oc, local)),
             normal_forces=read_only(x[..., -1]),
             commanded=read_only(held.commanded),
+            commanded_q=read_only(sent),
+            commanded_torques=read_only(told),
             torsion=read_only(torsion),
             friction_use=read_only(problem.friction.gauge(x[..., :-1]) / np.maximum(x[..., -1], 1e-300)),
             binding=binding,
@@ -377,15 +389,28 @@ class Carrying:
         found = solve(programs.fastest_anywhere(), accuracy=_CURVE)
         return np.asarray(np.sqrt(found.y.reshape(self.count, 2).mean(axis=1)))
 
+    def _jacobian(self) -> Array:
+        """Of the contact points (k, 6, n_h) in the joints of the grasp's hand, where the grasp was planned."""
+        if self.problem.torques is not None:
+            return self.problem.torques.jacobian
+        carried = self.carried[0]
+        posture = carried.posture[carried.of_hand]
+        return torque_limits(carried.hand, self.problem.contacts, posture, limit=np.inf).jacobian
+
+    def _deeper(self, normal: Array) -> Array:
+        """How much further the hand's joints have to be than in the grasp (N, n_h) for normal forces (N, k)."""
+        law, hand = self.problem.compliance, self.carried[0].hand
+        depths = (np.maximum(normal, 0.0) / law.stiffness) ** (1.0 / law.exponent) - self.grasp.forces.final_depths
+        fingers = np.concatenate([finger.dofs for finger in hand.fingers])
+        into = np.einsum("kxn,kx->kn", self._jacobian()[:, :3], self.problem.contacts.rotations_oc[:, :, 2])
+        found = np.zeros((len(normal), hand.n))
+        found[:, fingers] = depths @ np.linalg.pinv(into[:, fingers], rcond=_GIVING).T
+        return found
+
     def _contact_torques(self, local: Array, torsion: Array) -> Array:
         """J^T f of the robot's joints (N, n) [N m or N], the arm's left out."""
-        problem, carried = self.problem, self.carried[0]
-        contacts = problem.contacts
+        carried, contacts, J = self.carried[0], self.problem.contacts, self._jacobian()
         found = np.zeros((self.count, self.robot.n))
-        if problem.torques is None:
-            J = torque_limits(carried.hand, contacts, carried.posture[carried.of_hand], limit=np.inf).jacobian
-        else:
-            J = problem.torques.jacobian
         forces = np.einsum("kij,nkj->nki", contacts.rotations_oc, local)
         moments = np.einsum("nk,kx->nkx", torsion, contacts.rotations_oc[:, :, 2])
         found[:, carried.of_hand] = np.einsum("kxj,nkx->nj", J[:, :3], forces) + np.einsum(

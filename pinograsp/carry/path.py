@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, read_only
+from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, one_of, path_of, read_only
 from pinograsp.errors import InvalidInput
-from pinograsp.handover import JointTrajectory
+from pinograsp.handover import JointTrajectory, read_csv, read_ros2
 from pinograsp.spatial import Array
 
 _APART = 1e-9  # [rad or m] waypoints this close are one
@@ -107,6 +109,39 @@ class ArmPath:
     def duration(self) -> float | None:
         """Of the trajectory [s]."""
         return None if self.times is None else float(self.times[-1])
+
+    @classmethod
+    def read(cls, file: str | Path) -> ArmPath:
+        """The path in a file.
+
+        ``.csv``: a line of names, then one for each waypoint [rad or m], with a column ``time`` [s] or without; or a
+        table of :meth:`~pinograsp.handover.JointTrajectory.to_csv`. ``.yaml``, ``.yml``, ``.json``: a message
+        ``trajectory_msgs/JointTrajectory`` of ROS 2.
+
+        Raises:
+            InvalidInput: another suffix, or a file that holds none of these.
+        """
+        file = path_of("path", file)
+        if one_of("suffix of a path", file.suffix.lower(), (".csv", ".yaml", ".yml", ".json")) != ".csv":
+            return cls.of(read_ros2(file))
+        try:
+            with open(file, newline="", encoding="utf-8-sig") as lines:
+                header, *rows = [row for row in csv.reader(lines) if row]
+            if any("/" in name for name in header):
+                return cls.of(read_csv(file))
+            values = np.array(rows, dtype=float).reshape(len(rows), len(header))
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"'{file}': expected a line of joint names and lines of numbers: {error}") from error
+        columns = dict(zip((name.strip() for name in header), values.T))
+        times = columns.pop("time", None)
+        if len(columns) + (times is not None) < len(header):
+            raise InvalidInput(f"'{file}': expected each joint once, got {', '.join(header[:9])}")
+        if times is None:
+            return cls.through(columns)
+        if len(times) < 2 or np.any(np.diff(times) <= 0):
+            raise InvalidInput(f"'{file}': expected two lines or more, each later than the one before")
+        since = times - times[0]
+        return cls(joints=tuple(columns), s=since / since[-1], q=np.column_stack(list(columns.values())), times=since)
 
     def at(self, s: ArrayLike) -> PathPoint:
         """Positions and derivatives at parameters (m,)."""

@@ -55,7 +55,8 @@ def plan_carry(
 
     Args:
         robot: arm and hand in one model.
-        grasp: as planned with this robot, or with its hand alone: what is held, where, with what friction.
+        grasp: as planned with this robot, or with its hand alone, just made or read back: what is held, where, with
+            what friction. Normal forces are at most those of its caps (not stored) and of its largest depth.
         path: of the arm: ``{joint: waypoints}`` [rad or m], an :class:`~pinograsp.carry.ArmPath`, or a trajectory.
             Other joints stay as they are in the grasp.
         timing: ``"fastest"``; or ``"given"``: that of the trajectory.
@@ -86,8 +87,6 @@ def plan_carry(
     if named == "given" and way.duration is None:
         raise InvalidInput("timing: expected 'fastest' for a path of waypoints, got 'given': give a trajectory")
     rate = _rate_of(squeeze)
-    if grasp.problem.object is None:
-        raise InvalidInput("grasp: expected one of a known object, whose mass and inertia are to be carried")
     reserve = share_of("reserve", reserve)
     carrying = Carrying(
         robot=robot,

@@ -70,7 +70,7 @@ class Programs:
         # Torques of the hand without contacts go with the path; the rows' limits are those of a hand without weight.
         bare = None if torques is None else replace(torques, bias=np.zeros_like(torques.bias))
         self.matrices = matrices_of(replace(problem, torques=bare), {"least_squares": 1.0})
-        self.bias_rows = _bias_rows(bare, self.matrices.R_norm)
+        self.bias_rows = _bias_rows(bare, self.matrices.R_norm, len(carried.of_hand))
         self._balance()
         self.top = self._speed_limits(fastest)
         self.others = tuple(others)
@@ -238,10 +238,10 @@ class Programs:
         return self.program(step=None, given=y, weights=weights)
 
 
-def _bias_rows(torques: TorqueLimits | None, norms: Array) -> Array:
+def _bias_rows(torques: TorqueLimits | None, norms: Array, n: int) -> Array:
     """How the rows of the hand's torques (m, n) follow the torques without contacts, over the rows' norms."""
     if torques is None or not len(norms):
-        return np.zeros((0, 0 if torques is None else len(torques.bias)))
+        return np.zeros((0, n))
     rows = [np.eye(len(torques.bias))[torques.limited]]
     if torques.underactuation is not None:
         rows += 2 * [torques.underactuation.rows]

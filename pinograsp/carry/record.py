@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.timing import Timing
-from pinograsp.checks import brief
+from pinograsp.checks import brief, number
+from pinograsp.errors import InvalidInput
+from pinograsp.handover import JointTrajectory
 from pinograsp.hands import HandModel
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
+
+_MOST = 1_000_000  # samples: more is a mistyped rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,6 +48,9 @@ class CarryPlan:
         normal_forces: (N, k) [N].
         commanded: normal forces that the hand is told to press with (N, k) [N]; the normal forces, unless those are
             commanded once, or change slowly, and the contacts react to the loads.
+        commanded_q: positions that the joints are sent (N, n) [rad or m]: fingers as much further than in the grasp as
+            contacts have to be deeper.
+        commanded_torques: feed-forward that goes with them (N, n) [N m or N].
         torsion: moments about the normals (N, k) [N m].
         friction_use: share of the friction that is relied on (N, k) [-].
         binding: what keeps each interval from being passed faster (N,), in words.
@@ -73,6 +82,8 @@ class CarryPlan:
     forces_o: Array
     normal_forces: Array
     commanded: Array
+    commanded_q: Array
+    commanded_torques: Array
     torsion: Array
     friction_use: Array
     binding: tuple[str, ...]
@@ -123,6 +134,70 @@ class CarryPlan:
         for what, first, last in self.stretches():
             lines.append(f"    {self.times[first]:.3g} to {self.times[last + 1]:.3g} s: {what}")
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def shares(self) -> list[tuple[str, float]]:
+        """What binds, and for which share of the time, most of it first [-]."""
+        took = np.diff(self.times) / self.times[-1]
+        found: dict[str, float] = {}
+        for what, share in zip(self.binding, took.tolist()):
+            found[what] = found.get(what, 0.0) + share
+        return sorted(found.items(), key=lambda one: -one[1])
+
+    def summary(self) -> dict[str, Any]:
+        """The plan's figures as plain JSON values, units in the names."""
+        return {
+            "robot": self.robot.name,
+            "duration_s": self.duration,
+            "fastest_s": self.fastest,
+            "lower_bound_s": self.lower_bound,
+            "relative_gap": self.gap,
+            "speed_factor": self.factor,
+            "reserve": self.reserve,
+            "squeeze_N": [float(self.squeeze.min()), float(self.squeeze.max())],
+            "normal_forces_N": dict(zip(self.contacts, self.normal_forces.max(axis=0).tolist())),
+            "friction_use": float(self.friction_use.max()),
+            "binds": dict(self.shares()),
+            "residual": self.residual,
+            "elapsed_s": dict(self.elapsed),
+            "notes": list(self.notes),
+        }
+
+    def trajectory(self, *, rate: float = 1000.0) -> JointTrajectory:
+        """What the joints of arm and fingers are sent at a rate [Hz]; it writes itself as CSV, for ROS 2, ...
+
+        It begins in the grasp, at the start of the path.
+
+        Raises:
+            InvalidInput: a rate that is not above 0, or millions of samples.
+        """
+        step = 1.0 / number("rate", rate, above=0, unit="Hz")
+        if self.duration > _MOST * step:
+            raise InvalidInput(f"rate: expected fewer than {_MOST} samples in {self.duration:.4g} s, got {rate:g} Hz")
+        times = np.append(np.arange(0.0, self.duration - 0.5 * step, step), self.duration)
+        moving, point = self.timing.at(times), self.path.at(self.timing.at(times).s)
+        v, a = moving.speed[:, None], moving.acceleration[:, None]
+        # Before the first sample and after the last the squeeze stays.
+        instants = np.concatenate([[-step], self.instants, [self.duration + step]])
+        ends = np.concatenate([self.commanded_q[:1], self.commanded_q, self.commanded_q[-1:]])
+        fingers = PchipInterpolator(instants, ends)
+        q, dq, ddq = (np.array(fingers(times, order)) for order in (0, 1, 2))
+        arm = [self.robot.joint_names.index(joint) for joint in self.path.joints]
+        q[:, arm], dq[:, arm], ddq[:, arm] = point.q, point.slope * v, point.slope * a + point.bend * v**2
+        effort = [np.interp(times, self.instants, column) for column in self.commanded_torques.T]
+        return JointTrajectory(
+            names=self.robot.joint_names,
+            times=times,
+            q=q,
+            dq=dq,
+            ddq=ddq,
+            effort=np.column_stack(effort),
+            joints=tuple(self.robot.model.names)[1:],
+            couplings=self.robot.couplings,
+            begin=0.0,
+            impact_time=0.0,
+            final_time=self.duration,
+            notes=self.notes,
+        )
 
     def stretches(self) -> list[tuple[str, int, int]]:
         """What binds, and the first and last interval of each stretch where it does."""

@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike
 from pinograsp.carry.loads import Carried
 from pinograsp.carry.programs import ArmLimits
 from pinograsp.checks import each_of
+from pinograsp.contacts import Compliance, Contact, ContactSet, Friction
+from pinograsp.contacts.clearance import PALM
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceProblem, TorqueLimit
+from pinograsp.forces import ForceProblem, GraspConditions, TorqueLimit
 from pinograsp.hands import HandModel
 from pinograsp.motion import effort_of, torque_limits
 from pinograsp.motion.torques import torques_matter
@@ -46,6 +48,50 @@ def joint_limits(name: str, value: ArrayLike, n: int) -> Array:
     return found
 
 
+def problem_of(grasp: GraspPlan) -> ForceProblem:
+    """The force problem of a grasp's object; of a plan that was read back, with what is stored of it.
+
+    Raises:
+        InvalidInput: the object is not known.
+    """
+    body = grasp.body
+    if body is None:
+        raise InvalidInput("grasp: expected one of a known object, whose mass and inertia are to be carried")
+    if grasp.solution is not None:
+        return grasp.problem
+    own, law, friction = grasp.contacts, grasp.law, grasp.friction
+    contacts = [
+        Contact(
+            finger=_finger_of(grasp.hand, name, link),
+            link=link,
+            point_o=point,
+            rotation_oc=R,
+            length=None,
+            distance=0.0,
+        )
+        for name, link, point, R in zip(own.names, own.links, own.points_o, own.rotations_oc)
+    ]
+    return ForceProblem(
+        contacts=ContactSet(contacts=tuple(contacts), com_o=own.com_o),
+        load=grasp.load,
+        mu=friction.mu,
+        compliance=Compliance(stiffness=law.stiffness, damping=law.damping, exponent=law.exponent),
+        friction=Friction(
+            model=friction.model, edges=friction.edges or 4, torsion=friction.torsion, safety=friction.safety
+        ),
+        # Caps are not stored: contacts may become so deep as anywhere.
+        max_depth=max(GraspConditions(mu=1.0).max_depth, float(grasp.forces.final_depths.max())),
+        gravity_o=grasp.gravity_o,
+        object=body,
+    )
+
+
+def _finger_of(hand: HandModel, name: str, link: str) -> str:
+    """Of a stored contact: the finger that its name begins with, among those that have the link."""
+    own = [finger.name for finger in hand.fingers if link in finger.links]
+    return next((finger for finger in own if name.split("/")[0].startswith(finger)), own[0] if own else PALM)
+
+
 def with_reserve(
     grasp: GraspPlan, carried: Carried, reserve: float, limit: TorqueLimit, mu: float
 ) -> tuple[ForceProblem, tuple[Array, Array]]:
@@ -53,7 +99,7 @@ def with_reserve(
 
     ``mu``: share of the friction coefficients that there is at least [-].
     """
-    held, kept, hand = grasp.problem, 1.0 - reserve, grasp.hand
+    held, kept, hand = problem_of(grasp), 1.0 - reserve, grasp.hand
     contacts, q = held.contacts, np.array(grasp.motion.q[-1])
     friction = replace(held.friction, safety=held.friction.safety / kept)
     # Limits of each joint are the robot's.
@@ -63,7 +109,7 @@ def with_reserve(
     most[arm] = np.inf  # rows of their own, without contact forces
     torques = None
     if torques_matter(hand, most):
-        depth = grasp.searched().profile.final_depth
+        depth = grasp.forces.final_depths
         torques = torque_limits(hand, contacts, q, depth=depth, limit=most, gravity_o=held.gravity_o)
         torques = replace(torques, reserve=reserve)
     problem = replace(held, mu=mu * held.mu, friction=friction, torques=torques, balance="wrench")

@@ -2,10 +2,9 @@
 
 from dataclasses import replace
 
-import clarabel
 import numpy as np
 import pytest
-from scipy import sparse
+from whole_carries import by_clarabel, pairs
 
 from pinograsp.carry.interior_point import Program, solve, times
 from pinograsp.contacts import Friction
@@ -56,79 +55,6 @@ def some_program(seed, friction, *, N=25, k=4, rows=0):
         given=given,
         step=step,
     )
-
-
-def pairs(along_a, along_b, step):
-    return np.stack([along_b / 2 - along_a / (2 * step), along_b / 2 + along_a / (2 * step)], axis=2)
-
-
-def by_clarabel(program):
-    """The least time, from all forces, squared speeds, their roots and the times of the intervals as unknowns."""
-    N, k, d = program.count, program.k, program.friction.d
-    nodes, size = N + 1, N * k * d
-    y, root, time = size, size + nodes, size + 2 * nodes
-    total = time + N
-    blocks, ends, cones = [], [], []
-
-    def add(rows, right, cone):
-        blocks.append(sparse.coo_matrix(rows) if not sparse.issparse(rows) else rows)
-        ends.append(np.asarray(right, dtype=float))
-        cones.append(cone)
-
-    def of(entries, count):
-        r, c, v = (np.array(part) for part in zip(*entries))
-        return sparse.coo_matrix((v, (r, c)), shape=(count, total))
-
-    def linear(M, pair, i, sign=1.0):
-        rows = np.zeros((len(M), total))
-        rows[:, i * k * d : (i + 1) * k * d] = M
-        rows[:, y + i : y + i + 2] = sign * pair
-        return rows
-
-    for j in (0, N):
-        add(of([(0, y + j, 1.0)], 1), [program.given[j]], clarabel.ZeroConeT(1))
-        # By itself: a root of the solver's tolerance is no longer small.
-        add(of([(0, root + j, 1.0)], 1), [np.sqrt(program.given[j])], clarabel.ZeroConeT(1))
-    for i in range(N):
-        add(linear(program.A, program.E[i], i, -1.0), program.e[i], clarabel.ZeroConeT(6))
-        for sign, end in ((1.0, program.high[i]), (-1.0, -program.low[i])):
-            if len(program.R):
-                rows = sign * linear(program.R, program.B[i], i)
-                add(rows, end, clarabel.NonnegativeConeT(len(program.R)))
-        rows = np.zeros((program.C.shape[1], total))
-        rows[:, y + i : y + i + 2] = program.C[i]
-        add(rows, program.c[i], clarabel.NonnegativeConeT(len(rows)))
-        for c in range(k):
-            first = (i * k + c) * d
-            add(of([(0, first + d - 1, -1.0)], 1), [-program.least[c]], clarabel.NonnegativeConeT(1))
-            add(of([(0, first + d - 1, 1.0)], 1), [program.most[c]], clarabel.NonnegativeConeT(1))
-            if n := program.friction.round_dimensions:
-                cone = of([(0, first + d - 1, -1.0), *((1 + j, first + j, -1.0) for j in range(n))], n + 1)
-                add(cone, np.zeros(n + 1), clarabel.SecondOrderConeT(n + 1))
-            if len(facets := program.friction.facets):
-                rows = np.zeros((len(facets), total))
-                rows[:, first : first + d - 1], rows[:, first + d - 1] = facets, -1.0
-                add(rows, np.zeros(len(facets)), clarabel.NonnegativeConeT(len(facets)))
-        # time (root_i + root_i+1) >= 1
-        both = [(0, root + i), (0, root + i + 1)]
-        cone = [(r, c, -1.0) for r, c in both] + [(2, c, -1.0) for _, c in both]
-        add(of([*cone, (0, time + i, -1.0), (2, time + i, 1.0)], 3), [0, 2, 0], clarabel.SecondOrderConeT(3))
-    for j in range(nodes):
-        add(of([(0, y + j, -1.0)], 1), [0.0], clarabel.NonnegativeConeT(1))
-        add(of([(0, y + j, 1.0)], 1), [program.top[j]], clarabel.NonnegativeConeT(1))
-        if np.isnan(program.given[j]):
-            cone = [(0, y + j, -1.0), (1, root + j, -2.0), (2, y + j, -1.0)]
-            add(of(cone, 3), [1, 0, -1], clarabel.SecondOrderConeT(3))
-    q = np.zeros(total)
-    q[time:] = 2 * program.step
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
-    A = sparse.csc_matrix(sparse.vstack(blocks))
-    found = clarabel.DefaultSolver(
-        sparse.csc_matrix((total, total)), q, A, np.concatenate(ends), cones, settings
-    ).solve()
-    return str(found.status), found.obj_val
 
 
 @pytest.mark.parametrize("friction", [CONE, SOFT, PYRAMID, BOTH], ids=["cone", "soft", "pyramid", "cone and torsion"])
