@@ -401,7 +401,7 @@ class Carrying:
         """How much further the hand's joints have to be than in the grasp (N, n_h) for normal forces (N, k)."""
         law, hand = self.problem.compliance, self.carried[0].hand
         depths = (np.maximum(normal, 0.0) / law.stiffness) ** (1.0 / law.exponent) - self.grasp.forces.final_depths
-        fingers = np.concatenate([finger.dofs for finger in hand.fingers])
+        fingers = np.unique(np.concatenate([finger.dofs for finger in hand.fingers]))
         into = np.einsum("kxn,kx->kn", self._jacobian()[:, :3], self.problem.contacts.rotations_oc[:, :, 2])
         found = np.zeros((len(normal), hand.n))
         found[:, fingers] = depths @ np.linalg.pinv(into[:, fingers], rcond=_GIVING).T

@@ -128,7 +128,7 @@ class Carried:
         self.of_hand: IntArray = np.array([names.index(joint) for joint in hand.joint_names])
         self.posture = np.array(robot.resting)
         self.posture[self.of_hand] = posture
-        fingers = np.concatenate([finger.dofs for finger in hand.fingers])
+        fingers = np.unique(np.concatenate([finger.dofs for finger in hand.fingers]))
         self.fingers: IntArray = self.of_hand[fingers]
         self.arm: IntArray = np.setdiff1d(np.arange(robot.n), self.fingers)
         # Where the object's axes of then are in the joint that carries the palm.

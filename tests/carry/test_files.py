@@ -1,0 +1,135 @@
+"""Paths from files, plans that were read back, and what the joints are sent."""
+
+import csv
+
+import mujoco
+import numpy as np
+import pytest
+from panda_path import INTERVALS, JOINTS, WAY, WAYPOINTS
+
+import pinograsp as pg
+from pinograsp.carry import ArmPath, plan_carry
+from pinograsp.errors import InvalidInput
+from pinograsp.handover import read_csv, read_ros2
+
+
+def written(path, header, rows):
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([header, *rows])
+    return path
+
+
+def test_waypoints_and_timed_tables(tmp_path):
+    plain = ArmPath.read(written(tmp_path / "way.csv", JOINTS, WAY.tolist()))
+    same = ArmPath.through(WAYPOINTS)
+    assert plain.joints == JOINTS and plain.duration is None
+    np.testing.assert_allclose(plain.at([0.3]).q, same.at([0.3]).q)
+    rows = np.column_stack([[1.0, 1.5, 3.0], WAY])
+    timed = ArmPath.read(written(tmp_path / "timed.csv", ("time", *JOINTS), rows.tolist()))
+    assert timed.duration == pytest.approx(2.0)
+    np.testing.assert_allclose(timed.s, [0.0, 0.25, 1.0])
+
+
+def test_trajectories_of_controllers(tmp_path, smoothed):
+    sent = smoothed.trajectory(rate=200.0)
+    sent.to_csv(tmp_path / "a.csv")
+    sent.to_ros2(tmp_path / "a.json")
+    for name in ("a.csv", "a.json"):
+        path = ArmPath.read(tmp_path / name)
+        assert path.duration == pytest.approx(smoothed.duration)
+        np.testing.assert_allclose(path.at([0.0, 1.0]).q, sent.q[[0, -1]], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.txt", "", "suffix"),
+        ("a.csv", "panda_joint1\n0\nx\n", "lines of numbers"),
+        ("a.csv", "panda_joint1,panda_joint1\n0,1\n1,1\n", "each joint once"),
+        ("a.csv", "time,panda_joint1\n0,1\n0,2\n", "later than the one before"),
+        ("a.csv", "", "line of joint names"),
+        ("a.json", "{}", "JointTrajectory"),
+        ("missing.csv", None, "missing.csv"),
+    ],
+)
+def test_files_that_are_no_paths(tmp_path, name, text, message):
+    if text is not None:
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput, match=message):
+        ArmPath.read(tmp_path / name)
+
+
+def test_a_grasp_that_was_read_back_is_carried(arm, grasp, tmp_path):
+    back = pg.load_run(pg.save_run(grasp, tmp_path / "run"))
+    assert back.solution is None
+    fresh, stored = (plan_carry(arm, one, WAYPOINTS, intervals=INTERVALS) for one in (grasp, back))
+    assert stored.duration == pytest.approx(fresh.duration, rel=1e-3)
+    assert stored.contacts == fresh.contacts
+    np.testing.assert_allclose(stored.loads, fresh.loads, atol=1e-3)
+    assert (stored.friction_use <= 1 + 1e-6).all()
+
+
+# -- what the joints are sent ------------------------------------------------------------------------------------------
+
+
+def test_the_arm_follows_the_plan(arm, smoothed):
+    sent = smoothed.trajectory(rate=500.0)
+    moving = [arm.joint_names.index(joint) for joint in JOINTS]
+    assert sent.times[-1] == pytest.approx(smoothed.duration) and sent.times[0] == 0.0
+    for planned, told in ((smoothed.q, sent.q), (smoothed.dq, sent.dq), (smoothed.ddq, sent.ddq)):
+        at = np.column_stack([np.interp(smoothed.instants, sent.times, column) for column in told.T])
+        assert np.abs(at - planned)[:, moving].max() < 0.01 * np.abs(planned[:, moving]).max()
+    # Derivatives of the positions that are sent.
+    np.testing.assert_allclose(np.gradient(sent.q, sent.times, axis=0)[2:-2, moving], sent.dq[2:-2, moving], atol=0.02)
+    assert np.abs(sent.dq[[0, -1]]).max() < 1e-6
+
+
+def test_fingers_are_sent_deeper_for_more_force(arm, grasp):
+    """The contact law's depth of the commanded force, along the normals, by differences of the links' poses."""
+    plan = plan_carry(arm, grasp, WAYPOINTS, intervals=20, squeeze="constant", reserve=0.3)
+    q = plan.commanded_q.copy()
+    moving = [arm.joint_names.index(joint) for joint in JOINTS]
+    q[:, moving] = np.array(grasp.motion.q[-1])[moving]  # where the grasp was planned
+    contacts, law = grasp.problem.contacts, grasp.problem.compliance
+    before = arm.frame_placements(np.array(grasp.motion.q[-1]), [one.link for one in contacts])
+    after = arm.frame_placements(q[0], [one.link for one in contacts])
+    local = [np.linalg.solve(pose, np.append(point, 1.0)) for pose, point in zip(before, contacts.points_o)]
+    moved = np.array([pose @ point for pose, point in zip(after, local)])[:, :3] - contacts.points_o
+    normals = contacts.rotations_oc[:, :, 2]
+    deeper = np.einsum("kx,kx->k", moved, normals) + grasp.forces.final_depths
+    wanted = (plan.commanded[0] / law.stiffness) ** (1 / law.exponent)
+    # Two jaws press eight contacts: as deep as they can be, in the sense of least squares.
+    assert deeper.mean() == pytest.approx(wanted.mean(), rel=1e-3)
+
+
+def test_torques_that_are_sent_press_with_what_is_commanded(arm, smoothed, grasp):
+    constant = plan_carry(arm, grasp, WAYPOINTS, intervals=20, squeeze="constant")
+    np.testing.assert_allclose(smoothed.commanded_torques, smoothed.torques, atol=1e-9)
+    finger = arm.joint_names.index("panda_finger_joint1")
+    # Of the coupled jaws both press: what is sent is the sum of the commanded normal forces, whatever the load.
+    sent = constant.commanded_torques[:, finger]
+    assert np.ptp(sent - constant.torques[:, finger]) > 0 or np.ptp(constant.normal_forces.sum(axis=1)) < 1e-9
+    assert abs(np.mean(sent)) == pytest.approx(constant.commanded[0].sum(), rel=0.3)
+
+
+def test_mujoco_reads_the_keyframes(smoothed, tmp_path):
+    smoothed.trajectory(rate=100.0).to_mujoco(tmp_path / "carry.xml")
+    archive = np.load(tmp_path / "carry.npz")
+    assert archive["ctrl"].shape[0] == len(smoothed.trajectory(rate=100.0).times)
+    assert "key" in (tmp_path / "carry.xml").read_text(encoding="utf-8")
+    assert mujoco.__version__
+
+
+def test_rates_that_cannot_be(smoothed):
+    for rate in (0.0, -1.0, np.nan, 1e9):
+        with pytest.raises(InvalidInput, match="rate"):
+            smoothed.trajectory(rate=rate)
+
+
+def test_ros2_messages_have_the_squeeze(smoothed, tmp_path):
+    sent = smoothed.trajectory(rate=100.0)
+    sent.to_ros2(tmp_path / "a.yaml")
+    back = read_ros2(tmp_path / "a.yaml")
+    np.testing.assert_allclose(back.effort, sent.effort)
+    sent.to_csv(tmp_path / "a.csv")
+    np.testing.assert_allclose(read_csv(tmp_path / "a.csv").effort, sent.effort)
