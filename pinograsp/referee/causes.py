@@ -116,7 +116,8 @@ def _yielded(task: Task, history: History, until: int) -> list[_Event]:
     """The first joint that left its place after the grasp was complete and before the object was lost."""
     turn, shift = _YIELDED
     slides = task.hand.slides
-    moved = np.abs(history.q - history.q[history.complete]) / np.where(slides, shift, np.radians(turn))
+    off = history.q - task.commanded(history.times)
+    moved = np.abs(off - off[history.complete]) / np.where(slides, shift, np.radians(turn))
     when = _first((moved > 1.0).any(axis=1), history.complete, until + 1)
     if when > until:
         return []

@@ -161,7 +161,7 @@ def _schedule(
     longest = min(_COARSEST, task.final_time / _FEWEST_STEPS)
     if dt > longest:
         raise InvalidInput(f"time step: expected at most {longest:g} s, got {dt:g} s")
-    asked, duration = dt, task.final_time + hold + (letting_go if release else 0.0)
+    asked, duration = dt, float(task.times[-1]) + hold + (letting_go if release else 0.0)
     if release:
         swinging = float(np.sqrt(len(task.names) * _stiffest(task, disturbance.stiffness) / task.body.mass))  # [rad/s]
         dt = min(dt, max(dt / _SHORTER, _RESOLVED / swinging))
@@ -316,9 +316,10 @@ def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float)
     released = free if schedule.release else None
     disturbance = schedule.disturbance
     period = 1.0 / disturbance.shake_frequency if np.any(disturbance.shake) else None
+    seen = replace(history, object_poses=task.as_carried(history.q, history.object_poses))
     verdict = verdict_of(
         task,
-        history,
+        seen,
         np.array(depths),
         settled[shown],
         released,
@@ -328,7 +329,7 @@ def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float)
         audited=not trial.moved,
     )
     if not verdict.held:
-        causes, remedies = causes_of(task, history, servo if mode == "servo" else None, disturbance)
+        causes, remedies = causes_of(task, seen, servo if mode == "servo" else None, disturbance)
         verdict = replace(verdict, causes=causes, remedies=remedies)
     return Simulation(
         verdict=verdict,

@@ -114,20 +114,21 @@ class Schedule:
 
 
 class _Course:
-    """The commands of the joints at every step; from t_F on the last command is held."""
+    """The commands of the joints at every step; at their end, t_F as a rule, the last one is held."""
 
     def __init__(self, task: Task, schedule: Schedule):
         dt = schedule.time_step
         self.steps, self.let_go = round(schedule.duration / dt), round(task.final_time / dt)
         self.free = {"fixed": self.let_go, "table": 0, "none": round(task.impact_time / dt)}[schedule.support]
-        instants = dt * np.arange(min(self.steps, self.let_go + 2) + 1)
-        spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, task.final_time)
+        end = float(task.times[-1])
+        instants = dt * np.arange(min(self.steps, round(end / dt) + 2) + 1)
+        spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, end)
         # Servos bring what the encoders read to the plan's positions.
         self.q = spline(until) - each_of("joint offset", schedule.disturbance.joint_offset, task.hand.n)
         self.dq = spline(until, 1)
         self.ddq = np.zeros_like(self.q)
         self.torques = np.column_stack([np.interp(instants, task.times, column) for column in task.torques.T])
-        held = instants > task.final_time - 0.5 * dt
+        held = instants > end - 0.5 * dt
         self.dq[held], self.torques[held] = 0.0, task.holding_torques
         if schedule.prescribed:  # the engines integrate a step's velocity to the next position
             self.dq[1:] = np.diff(self.q, axis=0) / dt
@@ -207,10 +208,16 @@ class Trial:
             if pending is not None:
                 self.samples.append(pending.with_kinetic(0.5 * (before + kinetic) - start_energy))
                 # By the pose of the sample, not the present one: the verdict is read from the samples.
-                self.gone = bool(np.linalg.norm(pending.object_pose[:3, 3] - self.pose[:3, 3]) > GONE)
+                self.gone = self._is_gone(pending)
                 if i > steps or self.gone:
                     return
             pending = self._step(i, touches)
+
+    def _is_gone(self, sample: Sample) -> bool:
+        """Whether the object is far from where it is to stay."""
+        q, poses = np.array([self.course.q[0], sample.q]), np.array([self.pose, sample.object_pose])
+        there = self.task.as_carried(q, poses)[1, :3, 3]
+        return bool(np.linalg.norm(there - self.pose[:3, 3]) > GONE)
 
     def _is_fixed(self, i: int) -> bool:
         """Whether the object is fixed at a step."""

@@ -30,7 +30,7 @@ class Task:
         holding_torques: feed-forward torques after the last command (n,) [N m or N].
         torque_limit: (n,) [N m or N]; infinity: no limit.
         impact_time: t_I [s].
-        final_time: t_F [s].
+        final_time: t_F [s], when the object is let go; the commands may go on after it.
         names: of the planned contacts (k).
         links: of the hand at these contacts (k).
         points_o: contact points (k, 3) [m].
@@ -43,6 +43,7 @@ class Task:
         law: K [N/m^rho], lambda [N s/m^(rho + 1)], rho.
         load: on the object about its centre of mass, without the weight (6,) [N, N m].
         gravity_o: (3,) [m/s^2].
+        carrier: link that the object is to stay with; "": it is to stay where it is.
     """
 
     hand: HandModel
@@ -67,6 +68,7 @@ class Task:
     law: tuple[float, float, float]
     load: Array
     gravity_o: Array
+    carrier: str = ""
 
     __repr__ = brief("hand", "body", "names", "normal_forces", "mu", "impact_time", "final_time")
 
@@ -117,6 +119,19 @@ class Task:
             load=load,
             gravity_o=record.gravity_o,
         )
+
+    def as_carried(self, q: Array, poses: Array) -> Array:
+        """Poses (s, 4, 4) of the object at joint positions (s, n), moved along with the carrier to its place at the
+        first of them.
+        """
+        if not self.carrier:
+            return poses
+        where = np.array([self.hand.frame_placements(one, [self.carrier])[0] for one in q])
+        return np.asarray(where[0] @ np.linalg.inv(where) @ poses)
+
+    def commanded(self, times: Array) -> Array:
+        """Positions that the joints are sent (s, n) [rad or m]."""
+        return np.column_stack([np.interp(times, self.times, column) for column in self.q.T])
 
     def joint_of(self, link: str) -> int:
         """Pinocchio's index of the joint that carries a link (0: the palm)."""

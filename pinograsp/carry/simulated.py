@@ -1,0 +1,128 @@
+"""Carrying in a physics engine: arm, hand and a free object, along the whole path."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.carry.loads import Carried
+from pinograsp.carry.record import CarryPlan
+from pinograsp.carry.reserve import problem_of
+from pinograsp.checks import instance_of
+from pinograsp.motion.torques import inverse_dynamics
+from pinograsp.plan import Simulation
+from pinograsp.referee import Servo, simulate
+from pinograsp.referee.settings import Disturbance
+from pinograsp.referee.simulate import SimulationSettings
+from pinograsp.referee.task import Task
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+_STEP = 2e-3  # [s] of the commands
+_CHANGE = 0.15  # [s] from the grasp's squeeze to the first one of the way
+_SETTLE = 0.05  # [s] between letting go and setting off
+_LETTING_GO = 0.2  # [s]
+_GIVES, _DAMPS = 0.03, 0.05  # [rad or m] by which an arm's drive gives way to its largest torque; [s] damping over kp
+
+
+def simulate_carry(
+    plan: CarryPlan, *, disturbance: Disturbance | None = None, **settings: Unpack[SimulationSettings]
+) -> Simulation:
+    """Simulate a carry plan, and judge whether the object stays in the hand.
+
+    At the start of the path the hand closes on the object, which is fixed, as it does in the grasp's own plan. Its
+    squeeze goes over to the first one of the way, the object is let go, and the arm sets off; then it holds still.
+    The object counts as held if it stays with the palm and comes to rest.
+
+    Args:
+        plan: of :func:`~pinograsp.carry.plan_carry`.
+        disturbance: differences from the plan.
+        settings: as for :func:`~pinograsp.referee.simulate`. The default servos are those of the hand's description;
+            joints of an arm without any give way by 0.03 rad or m to their largest torque.
+
+    Raises:
+        InvalidInput: not a carry plan, or unusable settings. ExtraMissing, SimulationDiverged: as there.
+    """
+    instance_of("plan", plan, CarryPlan)
+    chosen: SimulationSettings = {"letting_go": _LETTING_GO, **settings}
+    if chosen.get("servo") is None:
+        chosen["servo"] = servo_of(plan)
+    return simulate(carry_task(plan, chosen["letting_go"]), disturbance=disturbance, **chosen)
+
+
+def servo_of(plan: CarryPlan) -> Servo:
+    """The hand's servos, and stiff ones for joints of the arm that have none in their description."""
+    robot, own = plan.robot, Servo.of(plan.robot)
+    arm = _carried(plan).arm
+    bare = arm[np.isnan(robot.servo_stiffness[arm]) & (robot.effort[arm] > 0)]
+    stiffness, damping = np.array(own.stiffness), np.array(own.damping)
+    stiffness[bare] = robot.effort[bare] / _GIVES
+    damping[bare] = _DAMPS * stiffness[bare]
+    return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control)
+
+
+def _carried(plan: CarryPlan) -> Carried:
+    body = problem_of(plan.grasp).object
+    assert body is not None
+    return Carried(plan.robot, plan.grasp.hand, body, np.array(plan.grasp.motion.q[-1]))
+
+
+def carry_task(plan: CarryPlan, letting_go: float) -> Task:
+    """The task of a carry plan: closing, letting go for a time [s], the way."""
+    robot, grasp, carried = plan.robot, plan.grasp, _carried(plan)
+    motion, way = grasp.motion, plan.trajectory(rate=1.0 / _STEP)
+    start = np.array(way.q[0])
+    start[carried.of_hand] = np.where(np.isin(carried.of_hand, carried.arm), start[carried.of_hand], motion.q[-1])
+    # Where the object's axes of the grasp are when the arm is at the start of its path.
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, start)
+    moved = (data.oMi[carried.joint] * carried.jMo).homogeneous
+    turn = moved[:3, :3]
+    # Closing: the fingers' motion, with the contacts' torques of the grasp.
+    fingers = np.flatnonzero(~np.isin(carried.of_hand, carried.arm))
+    q, dq, ddq = np.tile(start, (len(motion.times), 1)), *np.zeros((2, len(motion.times), robot.n))
+    for own, grasped in ((q, motion.q), (dq, motion.dq), (ddq, motion.ddq)):
+        own[:, carried.of_hand[fingers]] = grasped[:, fingers]
+    bare = inverse_dynamics(grasp.hand, motion.q, motion.dq, motion.ddq, gravity_o=grasp.gravity_o)
+    torques = inverse_dynamics(robot, q, dq, ddq, gravity_o=plan.gravity_o)
+    torques[:, carried.of_hand[fingers]] += (motion.torques - bare)[:, fingers]
+    # Then the first squeeze of the way, the arm bearing the object as it is let go.
+    closed = float(motion.times[-1])
+    change = np.linspace(0.0, 1.0, max(2, round(_CHANGE / _STEP)) + 1)[1:]
+    blend, rise = (1.0 - np.cos(np.pi * change)) / 2.0, np.pi / 2.0 * np.sin(np.pi * change) / _CHANGE
+    shift = way.q[0] - q[-1]
+    release = closed + _CHANGE
+    off = release + letting_go + _SETTLE
+    # During letting go: a sample at its end is enough, torques in between are linear.
+    times = np.concatenate([motion.times, closed + change * _CHANGE, [off], off + way.times[1:]])
+    first = way.effort[0]
+    squeezed = torques[-1] + blend[:, None] * (first - torques[-1]) * np.isin(np.arange(robot.n), carried.fingers)
+    forces = plan.forces_o[-1] @ turn.T
+    return Task(
+        hand=robot,
+        body=carried.body.placed(moved @ carried.body.pose),
+        times=times,
+        q=np.concatenate([q, q[-1] + blend[:, None] * shift, way.q]),
+        dq=np.concatenate([dq, rise[:, None] * shift, way.dq]),
+        torques=np.concatenate([torques, squeezed, way.effort]),
+        holding_torques=way.effort[-1],
+        torque_limit=np.where(robot.effort > 0, robot.effort, np.inf),
+        impact_time=float(motion.times[motion.impact]),
+        final_time=release,
+        names=plan.contacts,
+        links=grasp.contacts.links,
+        points_o=grasp.contacts.points_o @ turn.T + moved[:3, 3],
+        forces_o=forces,
+        normal_forces=plan.normal_forces[-1],
+        settled_forces=plan.normal_forces[-1],
+        depths=(plan.normal_forces[-1] / grasp.law.stiffness) ** (1.0 / grasp.law.exponent),
+        mu=grasp.friction.mu,
+        torsion=grasp.friction.torsion,
+        law=(grasp.law.stiffness, grasp.law.damping, grasp.law.exponent),
+        load=np.zeros(6),
+        gravity_o=plan.gravity_o,
+        carrier=grasp.hand.palm,
+    )
