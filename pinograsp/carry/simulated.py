@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 _STEP = 2e-3  # [s] of the commands
 _CHANGE = 0.15  # [s] from the grasp's squeeze to the first one of the way
 _SETTLE = 0.05  # [s] between letting go and setting off
-_LETTING_GO = 0.2  # [s]
-_GIVES, _DAMPS = 0.03, 0.05  # [rad or m] by which an arm's drive gives way to its largest torque; [s] damping over kp
+LETTING_GO = 0.2  # [s]
+_GIVES = 0.03  # [rad or m] by which an arm's drive gives way to its largest torque
 
 
 def simulate_carry(
@@ -47,20 +47,22 @@ def simulate_carry(
         InvalidInput: not a carry plan, or unusable settings. ExtraMissing, SimulationDiverged: as there.
     """
     instance_of("plan", plan, CarryPlan)
-    chosen: SimulationSettings = {"letting_go": _LETTING_GO, **settings}
+    chosen: SimulationSettings = {"letting_go": LETTING_GO, **settings}
     if chosen.get("servo") is None:
         chosen["servo"] = servo_of(plan)
     return simulate(carry_task(plan, chosen["letting_go"]), disturbance=disturbance, **chosen)
 
 
 def servo_of(plan: CarryPlan) -> Servo:
-    """The hand's servos, and stiff ones for joints of the arm that have none in their description."""
+    """The hand's servos, and for joints of the arm without any stiff ones, damped critically at the path's start."""
     robot, own = plan.robot, Servo.of(plan.robot)
     arm = _carried(plan).arm
     bare = arm[np.isnan(robot.servo_stiffness[arm]) & (robot.effort[arm] > 0)]
     stiffness, damping = np.array(own.stiffness), np.array(own.damping)
     stiffness[bare] = robot.effort[bare] / _GIVES
-    damping[bare] = _DAMPS * stiffness[bare]
+    model, q = robot.model, np.array(plan.q[0])
+    inertia = np.diag(pin.crba(model, model.createData(), q))
+    damping[bare] = 2.0 * np.sqrt(stiffness * (inertia + own.rotor))[bare]
     return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control)
 
 

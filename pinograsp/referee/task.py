@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from pinograsp.checks import brief, instance_of
 from pinograsp.errors import InvalidInput
@@ -126,7 +127,11 @@ class Task:
         """
         if not self.carrier:
             return poses
-        where = np.array([self.hand.frame_placements(one, [self.carrier])[0] for one in q])
+        model, frame = self.hand.model, self.hand.frame_id(self.carrier)
+        data, where = model.createData(), np.empty((len(q), 4, 4))
+        for i, one in enumerate(q):
+            pin.forwardKinematics(model, data, one)
+            where[i] = pin.updateFramePlacement(model, data, frame).homogeneous
         return np.asarray(where[0] @ np.linalg.inv(where) @ poses)
 
     def commanded(self, times: Array) -> Array:
