@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from whole_carries import by_clarabel, pairs
 
-from pinograsp.carry.interior_point import Program, solve, times
+from pinograsp.carry.elimination import GramSchmidt, Householder
+from pinograsp.carry.interior_point import Program, _may_bind, _Method, solve, times
 from pinograsp.contacts import Friction
 
 CONE, SOFT, PYRAMID = Friction(model="cone"), Friction(model="soft", torsion=0.01), Friction(model="pyramid", edges=6)
@@ -128,3 +129,36 @@ def test_given_speeds_cost_forces_alone():
             weights=weights,
         )
         np.testing.assert_allclose(solve(part).x[0], whole.x[i], atol=2e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_that_are_put_back(seed):
+    """At rest no forces reach the limits; loads of the way do: the optimum is that with all rows from the start."""
+    program = some_program(seed, CONE, rows=4)
+    rows = program.R.reshape(4, program.k, 3)
+    reach = 12.0 * (np.abs(rows[..., -1]) + np.linalg.norm(rows[..., :-1], axis=2)).sum(axis=1)
+    ends = np.tile(1.01 * reach, (program.count, 1))
+    program = replace(program, B=400 * program.B, low=-ends, high=ends)
+    assert not _may_bind(program).any()
+    found, whole = solve(program), _Method(program).run(1e-8, 80)
+    assert (found.rows > 1e-6).any()
+    assert found.converged
+    assert found.objective == pytest.approx(whole.objective, rel=1e-7)
+    assert found.lower_bound <= whole.objective
+    free = solve(replace(program, low=np.full_like(program.low, -np.inf), high=np.full_like(program.high, np.inf)))
+    assert free.objective < found.objective * (1 - 1e-4)
+
+
+def test_orthogonal_factors():
+    """Both ways of them, where columns are all but parallel."""
+    rng = np.random.default_rng(0)
+    T = rng.normal(size=(6, 15, 20))
+    T[1] = T[0] + 1e-7 * rng.normal(size=(15, 20))
+    v, w = rng.normal(size=(15, 20)), rng.normal(size=(6, 20))
+    for factors in (GramSchmidt(T.copy()), Householder(T.transpose(2, 1, 0))):
+        # Q^T Q = 1, Q U = T, and both inverses.
+        np.testing.assert_allclose(factors.across(factors.along(w)), w, atol=1e-13)
+        rows = np.einsum("rin,in->rn", T, factors.along(w))
+        np.testing.assert_allclose(factors.transposed(rows), w, atol=1e-6)
+        np.testing.assert_allclose(np.einsum("rin,rn->in", T, factors.divided(w)), factors.along(w), atol=1e-6)
+        np.testing.assert_allclose(factors.across(v - factors.along(factors.across(v))), 0.0, atol=1e-13)
