@@ -11,6 +11,8 @@ import numpy as np
 
 from pinograsp.spatial import Array
 
+_PIECE = 64  # matrices at a time, for which the processor's caches are large enough
+
 
 class Factors(Protocol):
     """Q and the inverse of U of N matrices (n, r)."""
@@ -70,12 +72,15 @@ class Householder:
     """By reflections, matrix by matrix.
 
     Args:
-        T: (N, n, r).
+        T: (r, n, N), column by column.
     """
 
     def __init__(self, T: Array):
-        self.Q, upper = np.linalg.qr(T)
-        self.inverse = _inverse(upper)
+        r, n, N = T.shape
+        self.Q, self.inverse = np.empty((N, n, r)), np.empty((N, r, r))
+        for at in (slice(i, i + _PIECE) for i in range(0, N, _PIECE)):
+            self.Q[at], upper = np.linalg.qr(T[..., at].transpose(2, 1, 0))
+            self.inverse[at] = _inverse(upper)
 
     def across(self, v: Array) -> Array:
         """Q^T v."""
@@ -91,6 +96,44 @@ class Householder:
 
     def transposed(self, v: Array) -> Array:
         """U^-T v."""
+        return np.asarray((v.T[:, None] @ self.inverse)[:, 0].T)
+
+
+class Rows:
+    """What rows (m, n) that weigh on vectors of n numbers, too, and on two more, make of them: upper triangular factors
+    U of the unit matrix above the weighted rows.
+
+    Args:
+        Z: the rows over the square roots of their weights (m, n, N).
+        B: of the two numbers likewise (m, 2, N).
+    """
+
+    def __init__(self, Z: Array, B: Array):
+        m, n, N = Z.shape
+        self.inverse = np.zeros((N, n, n))
+        self.across, self.left = np.empty((2, n, N)), np.empty((3, N))
+        for at in (slice(i, i + _PIECE) for i in range(0, N, _PIECE)):
+            own = Z[..., at]
+            stacked = np.zeros((own.shape[2], m + n, n + 2))
+            # Large rows first: then rounding spares the others.
+            stacked[:, :m, :n], stacked[:, :m, n:] = own.transpose(2, 0, 1), B[..., at].transpose(2, 0, 1)
+            stacked[:, m + np.arange(n), np.arange(n)] = 1.0
+            upper = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=float)
+            self.inverse[at] = _inverse(upper[:, :n, :n])
+            self.across[..., at] = upper[:, :n, n:].transpose(2, 1, 0)
+            left = upper[:, n:, n:]
+            self.left[:, at] = (left.transpose(0, 2, 1) @ left).reshape(-1, 4).T[[0, 1, 3]]
+
+    def columns(self, T: Array) -> Array:
+        """U^-T T of columns (r, n, N)."""
+        return np.ascontiguousarray((T.transpose(2, 0, 1) @ self.inverse).transpose(1, 2, 0))
+
+    def divided(self, v: Array) -> Array:
+        """U^-1 v (n, N)."""
+        return np.asarray((self.inverse @ v.T[..., None])[..., 0].T)
+
+    def transposed(self, v: Array) -> Array:
+        """U^-T v (n, N)."""
         return np.asarray((v.T[:, None] @ self.inverse)[:, 0].T)
 
 

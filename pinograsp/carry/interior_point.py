@@ -9,9 +9,9 @@ nodes, squared speeds y. Either neighbours share a node, or every interval has i
 
 with A and R the same for all intervals. Steps are Mehrotra's predictor and corrector with the scaling of Nesterov and
 Todd (Vandenberghe, "The CVXOPT linear and quadratic cone program solvers", 2010). Forces are eliminated contact by
-contact, then row by row of A and R (orthogonal factors, interval by interval); what is left is tridiagonal in y. So the
-time of a step grows in proportion to N and to k. Where neighbours share no unknown speed, each interval takes steps of
-its own until it is solved.
+contact, then with the rows of A and R (orthogonal factors, interval by interval); what is left is tridiagonal in y. So
+the time of a step grows in proportion to N and to k. Where neighbours share no unknown speed, each interval takes steps
+of its own until it is solved.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from pinograsp.carry.elimination import Factors, GramSchmidt, Householder, inverse_root
+from pinograsp.carry.elimination import Factors, GramSchmidt, Householder, Rows, inverse_root
 from pinograsp.carry.program import Program, Solved, times
 from pinograsp.carry.slacks import Cones, Limits, summed
 from pinograsp.spatial import Array, BoolArray
@@ -36,6 +36,7 @@ _BACK = 0.99  # of the way to the nearest limit
 _SMALL = 1e-300
 _FALL = 0.6  # of squared speeds in a round
 _HEED = 0.3  # of the error of the cost's model
+_USUAL = 0.5  # of the largest normal forces: mostly they are less
 _FEW = 8  # columns, at most: more are faster one matrix after the other
 _UNLIMITED = 1e-14  # weight of a row without limits, over the forces
 _HIGH = 30.0  # price of the limits at the start, over the cost
@@ -51,27 +52,27 @@ _OF_INTERVALS = (
 def solve(program: Program, *, accuracy: float = 1e-8, rounds: int = _ROUNDS) -> Solved:
     """Solve a program to a relative ``accuracy`` of the objective, or as near to it as rounding lets it come.
 
-    Rows of R that no forces within friction and caps bring to their limits at rest are left out, and put back where the
+    Rows of R that no forces of half the largest bring to their limits at rest are left out, and put back where the
     solution turns out to be beyond them: what solves a program with fewer limits, and keeps to all, solves it.
     """
-    kept = _may_bind(program)
+    kept = _may_bind(program, _USUAL)
     while True:
         found = _Method(_with_rows(program, kept)).run(accuracy, rounds)
         over = _over(program, found)
         broken = ~kept & (over > accuracy)
         if not found.converged or not broken.any():
             break
-        kept |= broken
+        kept |= broken | _may_bind(program, 1.0)
     own = np.zeros((2, program.count, len(kept)))
     own[..., kept] = found.rows
     return replace(found, rows=own, residual=max(found.residual, float(over[~kept].max(initial=0.0))))
 
 
-def _may_bind(program: Program) -> BoolArray:
-    """The rows of R (m,) that some forces bring to a limit where nothing moves."""
+def _may_bind(program: Program, share: float) -> BoolArray:
+    """The rows of R (m,) that some forces up to a share of the largest bring to a limit where nothing moves."""
     rows = program.R.reshape(-1, program.k, program.friction.d)
     normal, friction = rows[..., -1], program.friction.support(rows[..., :-1])
-    ends = np.stack([program.least, program.most])[:, None]
+    ends = np.stack([program.least, np.maximum(share * program.most, program.least)])[:, None]
     most, least = ((normal + sign * friction) * ends for sign in (1.0, -1.0))
     high, low = most.max(axis=0).sum(axis=1), least.min(axis=0).sum(axis=1)
     return np.asarray((high > program.high.min(axis=0)) | (low < program.low.max(axis=0)))
@@ -109,9 +110,11 @@ class _Method:
         self.gain = None if program.gain is None else self._of_nodes(program.gain)
         self.free = np.isnan(self.given)
         self.A, self.R = self._columns(program.A), self._columns(program.R)
-        self.blocks = np.concatenate([self.A, self.R]).reshape(-1, self.d, self.k)
+        # Rows of R are eliminated before those of A where they are many, else with them.
+        self.many = len(self.R) >= self.k * self.d
         E, B, C = (np.ascontiguousarray(one.transpose(1, 2, 0)) for one in (program.E, program.B, program.C))
-        self.E, self.e, self.coupling = E, np.ascontiguousarray(program.e.T), np.concatenate([E, -B])
+        self.E, self.e = E, np.ascontiguousarray(program.e.T)
+        self.coupling = E if self.many else np.concatenate([E, -B])
         self.S = np.concatenate([B, -B, -C])
         self.squares = C[:, [0, 0, 1]] * C[:, [0, 1, 1]]
         weights = np.zeros(self.k * self.d) if program.weights is None else program.weights
@@ -254,6 +257,13 @@ class _Method:
         D[0, 0] += normal
         return inverse_root(D)
 
+    def _scaled(self, rows: Array) -> Array:
+        """Q rows^T, for rows (m, d k): (m, d k, N)."""
+        blocks, found = rows.reshape(-1, self.d, self.k), np.zeros((len(rows), self.d, self.k, self.N))
+        for j in range(self.d):
+            found += self.Q[:, j] * blocks[:, None, j, :, None]
+        return found.reshape(len(rows), -1, self.N)
+
     def factorise(self) -> None:
         """What both steps of a round share."""
         N, m, forces = self.N, len(self.R), self.d * self.k
@@ -262,19 +272,26 @@ class _Method:
         weight = self.sides.weight
         self.Q = self._factors(weight)
         limits = weight[self.at["below"]] + weight[self.at["above"]]
-        self.give = 1.0 / np.maximum(limits, _UNLIMITED / self.size)
+        self.rows = None
         # Orthogonal factors, not those of T^T T: some contacts weigh next to nothing, others all.
-        T = np.zeros((len(self.blocks), forces + m, N))
-        for j in range(self.d):
-            T[:, :forces] += (self.Q[:, j] * self.blocks[:, None, j, :, None]).reshape(-1, forces, N)
-        at = np.arange(m)
-        T[len(self.A) + at, forces + at] = np.sqrt(self.give)
-        few = len(self.blocks) <= _FEW
-        self.factors: Factors = GramSchmidt(T) if few else Householder(T.transpose(2, 1, 0))
+        if self.many:
+            root = np.sqrt(limits)[:, None]
+            self.rows = Rows(root * self._scaled(self.R), root * self.S[:m])
+            T = self.rows.columns(self._scaled(self.A))
+        else:
+            self.give = 1.0 / np.maximum(limits, _UNLIMITED / self.size)
+            T, at = np.zeros((len(self.coupling), forces + m, N)), np.arange(m)
+            T[:, :forces] = self._scaled(np.concatenate([self.A, self.R]))
+            T[len(self.A) + at, forces + at] = np.sqrt(self.give)
+        self.factors: Factors = GramSchmidt(T) if len(T) <= _FEW else Householder(T)
         if self.ends is None:
             return
-        u, v = self.through = [self.factors.transposed(self.coupling[:, j]) for j in (0, 1)]
-        H = self.bend + np.stack([np.einsum("rn,rn->n", a, b) for a, b in ((u, u), (u, v), (v, v))])
+        self.through = [self.factors.transposed(self.coupling[:, j]) for j in (0, 1)]
+        if self.rows is not None:
+            self.through = [one + self.factors.across(own) for one, own in zip(self.through, self.rows.across)]
+        u, v = self.through
+        H = self.bend + (0.0 if self.rows is None else self.rows.left)
+        H = H + np.stack([np.einsum("rn,rn->n", a, b) for a, b in ((u, u), (u, v), (v, v))])
         H += np.einsum("rn,rjn->jn", weight[self.at["pair"]], self.squares)
         free = self._pairs(self.free)
         self.across = H[1] * (free[0] & free[1])
@@ -293,18 +310,27 @@ class _Method:
         """The Newton step towards products ``aim`` of slacks and multipliers."""
         N, m, forces = self.N, len(self.R), self.d * self.k
         pull = self.sides.pull(aim, corrections[0])
-        r = (self.G[: self.first].T @ pull[: self.first]).reshape(self.x.shape) - self.weights * self.x
+        # Rows that are eliminated with A pull there.
+        forth = pull.copy()
+        if not self.many:
+            forth[self.first : self.last] = 0.0
+        r = (self.G.T @ forth[: self.last]).reshape(self.x.shape) - self.weights * self.x
         if self.cones is not None:
             r[: len(self.cones.s)] += self.cones.pull(aim, corrections[-1])
-        scaled = np.zeros((forces + m, N))
-        scaled[:forces] = np.einsum("ijkn,jkn->ikn", self.Q, r).reshape(forces, N)
-        rows = self.give * (pull[self.at["below"]] - pull[self.at["above"]])
-        ready = self.factors.across(scaled) - self.factors.transposed(np.concatenate([-self.off, rows]))
+        scaled, right = np.einsum("ijkn,jkn->ikn", self.Q, r).reshape(forces, N), -self.off
+        if self.rows is not None:
+            scaled = self.rows.transposed(scaled)
+        else:
+            scaled = np.concatenate([scaled, np.zeros((m, N))])
+            right = np.concatenate([right, self.give * (pull[self.at["below"]] - pull[self.at["above"]])])
+        ready = self.factors.across(scaled) - self.factors.transposed(right)
         self.dy = np.zeros(self.y.shape)
         own = ready
         if self.ends is not None:
             pairs = np.stack([np.einsum("rn,rn->n", one, ready) for one in self.through]) - self.slope
-            pairs += np.einsum("rn,rjn->jn", pull[self.at["pair"]], self.S[2 * m :])
+            pairs += np.einsum("rn,rjn->jn", forth[self.first :], self.S)
+            if self.rows is not None:
+                pairs -= np.einsum("jin,in->jn", self.rows.across, scaled)
             to_ends = self.ends.pull(aim, corrections[1])
             nodes = self._gathered(pairs) + to_ends[0] - to_ends[1]
             nodes += 0.0 if self.gain is None else self.gain
@@ -312,8 +338,11 @@ class _Method:
             dp = self._pairs(self.dy)
             own = ready - self.through[0] * dp[0] - self.through[1] * dp[1]
             self.ends.move(np.stack([self.dy, -self.dy]), aim, corrections[1])
-        left = (scaled - self.factors.along(own))[:forces].reshape(self.x.shape)
-        self.dx = np.einsum("jikn,jkn->ikn", self.Q, left)
+        left = (scaled - self.factors.along(own))[:forces]
+        if self.rows is not None:
+            dp = self._pairs(self.dy)
+            left = self.rows.divided(left - self.rows.across[0] * dp[0] - self.rows.across[1] * dp[1])
+        self.dx = np.einsum("jikn,jkn->ikn", self.Q, left.reshape(self.x.shape))
         self.new_multipliers = self.factors.divided(own)[: len(self.A)]
         self.sides.move(self._changes(self.dx, self._pairs(self.dy)), aim, corrections[0])
         if self.cones is not None:
