@@ -10,8 +10,8 @@ that they bind. Random grasps that cannot hold the sphere are drawn again.
 ``whole_s`` is all of ``plan_carry`` (at its defaults: ramps of 50 ms, a reserve of a tenth), processor time; of it are
 ``loads_s`` the loads along the path and the programs' matrices, ``timing_s`` the program of the least time,
 ``ramp_s`` that of how fast the timing with ramps may be, ``forces_s`` that of the least forces, ``limit_s`` that of the
-curve of the fastest. Medians, and of the whole the 99th percentile. ``rounds``, ``gap``, ``residual`` and ``kept_rows``,
-rows of motors that were not left out, are those of the least time.
+curve of the fastest. Medians, and of the whole the 99th percentile. ``rounds``, ``gap`` and ``residual`` are those of
+the least time; so are ``kept_rows``, rows of motors that were not left out.
 
 Clarabel gets that program as a user would write it, with all forces, squared speeds, their roots and times as unknowns:
 stacked before the clock starts, solved to 1e-8, in one thread. The two take turns, each first every other time.

@@ -110,8 +110,8 @@ class _Method:
         self.gain = None if program.gain is None else self._of_nodes(program.gain)
         self.free = np.isnan(self.given)
         self.A, self.R = self._columns(program.A), self._columns(program.R)
-        # Rows of R are eliminated before those of A where they are many, else with them.
-        self.many = len(self.R) >= self.k * self.d
+        # Rows of R are eliminated before those of A where they are many, else with them: the smaller matrices.
+        self.many = 0 < len(self.R) > self.k * self.d - len(self.A)
         E, B, C = (np.ascontiguousarray(one.transpose(1, 2, 0)) for one in (program.E, program.B, program.C))
         self.E, self.e = E, np.ascontiguousarray(program.e.T)
         self.coupling = E if self.many else np.concatenate([E, -B])
