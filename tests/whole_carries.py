@@ -104,8 +104,9 @@ class RandomCarry:
 
     def programs(self, intervals):
         s = np.linspace(0.0, 1.0, intervals + 1)
-        loads = (self.carried.along(self.path, at, np.array([0.0, 0.0, -9.81])) for at in ((s[:-1] + s[1:]) / 2.0, s))
-        return Programs(self.problem, self.range_n, self.carried, self.limits, *loads)
+        loads = self.carried.along(self.path, (s[:-1] + s[1:]) / 2.0, np.array([0.0, 0.0, -9.81]))
+        slopes = self.carried.slopes(self.path, s)
+        return Programs(self.problem, self.range_n, self.carried, self.limits, loads, slopes)
 
 
 def random_path(arm, rng):

@@ -25,6 +25,7 @@ from pinograsp.spatial import Array
 
 ACCURACY = 1e-7  # relative, of the duration
 _CURVE = 1e-5  # of how fast each interval may be passed by itself: they come out a little too slow
+_FORCES = 1e-6  # relative, of the squared forces
 _SLOWER = 1e-6  # squared speeds at which forces are chosen, less than the fastest: there is room for a choice
 _BALANCED, _LEAST = 1e-6, 1e-3  # errors of the loads, and the gap, with which chosen forces are good enough
 _FREE = 1.05  # an interval that may be passed so many times as fast is bound by nothing
@@ -136,11 +137,11 @@ class Carrying:
 
     def _programs(self, s: Array, knots: Array) -> Programs:
         """Programs at samples s (N,) and ends of intervals (N + 1,)."""
-        nodes, found = self.carried[0].along(self.path, knots, self.gravity), list[Programs]()
+        slopes, found = self.carried[0].slopes(self.path, knots), list[Programs]()
         for carried in reversed(self.carried):
             loads = carried.along(self.path, s, self.gravity)
             others = found[::-1] if carried is self.carried[0] else ()
-            found.append(Programs(self.problem, self.range_n, carried, self.limits, loads, nodes, others))
+            found.append(Programs(self.problem, self.range_n, carried, self.limits, loads, slopes, others))
         return found[-1]
 
     def fastest(self) -> Fastest:
@@ -212,7 +213,7 @@ class Carrying:
 
     def least(self, passage: Passage) -> Held:
         """The forces of least squares at every sample."""
-        found = solve(passage.programs.gentlest(np.full(self.count + 1, passage.level)), accuracy=ACCURACY)
+        found = solve(passage.programs.gentlest(np.full(self.count + 1, passage.level)), accuracy=_FORCES)
         # Which forces are taken matters less than that they balance the loads.
         least = found.residual < _BALANCED and found.gap < _LEAST
         notes = () if least else ("the forces bear the loads, but they are not the least ones",)

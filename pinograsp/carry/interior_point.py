@@ -9,457 +9,507 @@ nodes, squared speeds y. Either neighbours share a node, or every interval has i
 
 with A and R the same for all intervals. Steps are Mehrotra's predictor and corrector with the scaling of Nesterov and
 Todd (Vandenberghe, "The CVXOPT linear and quadratic cone program solvers", 2010). Forces are eliminated contact by
-contact, then row by row of A and R (orthogonal factors, interval by interval); what is left is tridiagonal in y. So the
-time of a step grows in proportion to N and to k.
+contact, then with the rows of A and R (orthogonal factors, interval by interval); what is left is tridiagonal in y. So
+the time of a step grows in proportion to N and to k. Where neighbours share no unknown speed, each interval takes steps
+of its own until it is solved.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from pinograsp.carry.slacks import Cones, Limits
-from pinograsp.contacts import Friction
-from pinograsp.spatial import Array, IntArray
+from pinograsp.carry.elimination import Factors, GramSchmidt, Householder, Rows, inverse_root
+from pinograsp.carry.program import Program, Solved, times
+from pinograsp.carry.slacks import Cones, Limits, summed
+from pinograsp.spatial import Array, BoolArray
 
-_ROUNDS, _WORSE = 80, 4  # at most; rounds without a better bound after which digits are used up
+__all__ = ["Program", "Solved", "solve", "times"]
+
+_ROUNDS, _WORSE = 80, 3  # at most; rounds without a much better error after which digits are used up
+_BETTER = 0.5  # of the error
+_LOST = 12  # rounds without a better error after which an interval is left
 _BACK = 0.99  # of the way to the nearest limit
 _SMALL = 1e-300
 _FALL = 0.6  # of squared speeds in a round
 _HEED = 0.3  # of the error of the cost's model
+_USUAL = 0.5  # of the largest normal forces: mostly they are less
+_FEW = 8  # columns, at most: more are faster one matrix after the other
 _UNLIMITED = 1e-14  # weight of a row without limits, over the forces
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Program:
-    """The data; N intervals, k contacts with d numbers each, m rows of R, r rows of C.
-
-    Attributes:
-        friction: the model; x is scaled so that tangential forces are limited by F_n alone.
-        k: contacts.
-        A: (b, k d), of full rank.
-        E: (N, b, 2).
-        e: (N, b).
-        R: (m, k d).
-        B: (N, m, 2).
-        low: (N, m), minus infinity where there is no limit.
-        high: (N, m), infinity where there is no limit.
-        C: (N, r, 2).
-        c: (N, r).
-        least: smallest normal forces (k,).
-        most: largest normal forces (k,), finite.
-        top: of y, finite: (N + 1,) where neighbours share a node, else (2 N,).
-        given: values of y that are known, not a number where they are not; as ``top``.
-        step: how long an interval of the path is; its time 2 step / (sqrt(y_i) + sqrt(y_i+1)) is the cost; None: no.
-        gain: what a unit of y gains, as ``top``: minus this times y is the cost; None: no.
-        weights: W (k d,), diagonal; None: forces cost nothing.
-    """
-
-    friction: Friction
-    k: int
-    A: Array
-    E: Array
-    e: Array
-    R: Array
-    B: Array
-    low: Array
-    high: Array
-    C: Array
-    c: Array
-    least: Array
-    most: Array
-    top: Array
-    given: Array
-    step: float | None = None
-    gain: Array | None = None
-    weights: Array | None = None
-
-    @property
-    def count(self) -> int:
-        """Number of intervals."""
-        return len(self.E)
-
-    @property
-    def nodes(self) -> IntArray:
-        """The two nodes of each interval (N, 2)."""
-        shared = len(self.top) == self.count + 1
-        first = np.arange(self.count) * (1 if shared else 2)
-        return np.stack([first, first + 1], axis=1)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solved:
-    """Where the method ended.
-
-    Attributes:
-        y: squared speeds, as ``top`` of the program.
-        x: forces (N, k, d).
-        objective: the cost.
-        lower_bound: of the cost of any solution, from the multipliers.
-        residual: largest error of balance and limits, over the size of the loads [-].
-        rounds: iterations.
-        accuracy: what was asked of gap and residual.
-        rows: multipliers of the rows of R, at their low and high ends (2, N, m).
-        pairs: multipliers of the rows of C (N, r).
-        speeds: multipliers of the limits of y, as ``top``.
-        normals: multipliers of least and most normal forces (2, N, k).
-        cones: multipliers of friction (N, k).
-    """
-
-    y: Array
-    x: Array
-    objective: float
-    lower_bound: float
-    residual: float
-    rounds: int
-    accuracy: float
-    rows: Array
-    pairs: Array
-    speeds: Array
-    normals: Array
-    cones: Array
-
-    @property
-    def gap(self) -> float:
-        """Objective less bound, over the objective [-]."""
-        return (self.objective - self.lower_bound) / max(abs(self.objective), _SMALL)
-
-    @property
-    def converged(self) -> bool:
-        """Whether this is a solution."""
-        return self.gap < 10 * self.accuracy and self.residual < 10 * self.accuracy
+_HIGH = 30.0  # price of the limits at the start, over the cost
+_PART = 1e-2  # of the mean cost: what counts as an interval's own, at least
+_MOST = 0.8  # of the intervals: while so many are left, none is dropped
+# What a method has of each interval, besides slacks and multipliers.
+_OF_INTERVALS = (
+    *("x", "y", "multipliers", "off", "cost", "slope", "bend", "took", "degree"),
+    *("given", "highest", "free", "gain", "E", "e", "coupling", "S", "squares", "used", "g"),
+)
 
 
 def solve(program: Program, *, accuracy: float = 1e-8, rounds: int = _ROUNDS) -> Solved:
-    """Solve a program to a relative ``accuracy`` of the objective, or as near to it as rounding lets it come."""
-    return _Method(program).run(accuracy, rounds)
+    """Solve a program to a relative ``accuracy`` of the objective, or as near to it as rounding lets it come.
 
-
-class Times(NamedTuple):
-    """How long intervals take at constant acceleration, with derivatives.
-
-    Attributes:
-        value: (N,).
-        slope: (N, 2).
-        bend: (N, 2, 2).
+    Rows of R that no forces of half the largest bring to their limits at rest are left out, and put back where the
+    solution turns out to be beyond them: what solves a program with fewer limits, and keeps to all, solves it.
     """
+    kept = _may_bind(program, _USUAL)
+    while True:
+        found = _Method(_with_rows(program, kept)).run(accuracy, rounds)
+        over = _over(program, found)
+        broken = ~kept & (over > accuracy)
+        if not found.converged or not broken.any():
+            break
+        kept |= broken | _may_bind(program, 1.0)
+    own = np.zeros((2, program.count, len(kept)))
+    own[..., kept] = found.rows
+    return replace(found, rows=own, residual=max(found.residual, float(over[~kept].max(initial=0.0))))
 
-    value: Array
-    slope: Array
-    bend: Array
+
+def _may_bind(program: Program, share: float) -> BoolArray:
+    """The rows of R (m,) that some forces up to a share of the largest bring to a limit where nothing moves."""
+    rows = program.R.reshape(-1, program.k, program.friction.d)
+    normal, friction = rows[..., -1], program.friction.support(rows[..., :-1])
+    ends = np.stack([program.least, np.maximum(share * program.most, program.least)])[:, None]
+    most, least = ((normal + sign * friction) * ends for sign in (1.0, -1.0))
+    high, low = most.max(axis=0).sum(axis=1), least.min(axis=0).sum(axis=1)
+    return np.asarray((high > program.high.min(axis=0)) | (low < program.low.max(axis=0)))
 
 
-def times(pairs: Array, step: float) -> Times:
-    """Of intervals of length ``step`` between squared speeds ``pairs`` (N, 2)."""
-    root = np.sqrt(pairs)
-    both = root.sum(axis=1)
-    value = 2.0 * step / both
-    root = np.maximum(root, 1e-75)
-    slope = -value[:, None] / (2.0 * both[:, None] * root)
-    bend = np.einsum("ni,nj,n->nij", 1.0 / root, 1.0 / root, value / (2.0 * both**2))
-    for j in (0, 1):
-        bend[:, j, j] += value / (4.0 * both * root[:, j] ** 3)
-    return Times(value, slope, bend)
+def _with_rows(program: Program, kept: BoolArray) -> Program:
+    """The program with these rows of R alone (m,)."""
+    if kept.all():
+        return program
+    parts = {name: getattr(program, name)[:, kept] for name in ("B", "low", "high")}
+    return replace(program, R=program.R[kept], **parts)
+
+
+def _over(program: Program, found: Solved) -> Array:
+    """How far the rows of R (m,) are beyond their limits, at most."""
+    p = found.y[program.nodes]
+    rows = found.x.reshape(program.count, -1) @ program.R.T
+    rows = rows + program.B[..., 0] * p[:, :1] + program.B[..., 1] * p[:, 1:]
+    return np.asarray(np.maximum(rows - program.high, program.low - rows).max(axis=0))
 
 
 class _Method:
-    """The iterates."""
+    """The iterates. Intervals are the last axis of all arrays; forces are (d, k, N), the normal force first.
+
+    Where neighbours share no unknown speed, costs, gaps and shares of steps are those of each interval (N,), and y are
+    pairs (2, N); else they are numbers.
+    """
 
     def __init__(self, program: Program):
         self.program = program
-        self.nodes = program.nodes
-        self.free = np.isnan(program.given)
-        self.d = d = program.friction.d
-        self.order = [d - 1, *range(program.friction.round_dimensions)]
+        self.d, self.k, self.N = program.friction.d, program.k, program.count
         self.facets = program.friction.facets
-        self.M = np.concatenate([program.A, program.R])
-        blocks = self.M.reshape(len(self.M), program.k, d).transpose(1, 2, 0)
-        self.blocks = np.ascontiguousarray(blocks)  # (k, d, rows)
-        self.coupling = np.concatenate([program.E, -program.B], axis=1)
+        self.coupled = program.shared and bool(np.isnan(program.given).any())
+        self.given, self.highest = (self._of_nodes(one) for one in (program.given, program.top))
+        self.gain = None if program.gain is None else self._of_nodes(program.gain)
+        self.free = np.isnan(self.given)
+        self.A, self.R = self._columns(program.A), self._columns(program.R)
+        # Rows of R are eliminated before those of A where they are many, else with them: the smaller matrices.
+        self.many = 0 < len(self.R) > self.k * self.d - len(self.A)
+        E, B, C = (np.ascontiguousarray(one.transpose(1, 2, 0)) for one in (program.E, program.B, program.C))
+        self.E, self.e = E, np.ascontiguousarray(program.e.T)
+        self.coupling = E if self.many else np.concatenate([E, -B])
+        self.S = np.concatenate([B, -B, -C])
+        self.squares = C[:, [0, 0, 1]] * C[:, [0, 1, 1]]
+        weights = np.zeros(self.k * self.d) if program.weights is None else program.weights
+        self.weights = self._columns(weights).reshape(self.d, self.k, 1)
         self.size = max(float(np.abs(program.e).max(initial=0.0)), float(program.least.max()), 1e-6)
-        self.weights = np.zeros(program.k * d) if program.weights is None else program.weights
+        self._sides()
         self._start()
 
+    def _of_nodes(self, values: Array) -> Array:
+        return values if self.coupled else values[self.program.nodes.T]
+
+    def _columns(self, rows: Array) -> Array:
+        """Rows (m, k d) over forces as in the program, over (d, k) with the normal force first."""
+        own = rows.reshape(-1, self.k, self.d)[:, :, [self.d - 1, *range(self.d - 1)]]
+        return np.asarray(own.transpose(0, 2, 1).reshape(-1, self.k * self.d))
+
+    def _sides(self) -> None:
+        """Limits of each interval, G x + S p + g > 0 one below the other; those of normal forces have no S."""
+        program, k, m = self.program, self.k, len(self.R)
+        flat = np.zeros((len(self.facets), k, self.d, k))
+        for c in range(k):
+            flat[:, c, 0, c], flat[:, c, 1:, c] = 1.0, -self.facets
+        unit = np.eye(k, k * self.d)
+        self.G = np.concatenate([unit, -unit, flat.reshape(-1, k * self.d), self.R, -self.R])
+        names = ("floor", "cap", "flat", "below", "above", "pair")
+        ends = np.cumsum([0, k, k, len(self.facets) * k, m, m, len(self.squares)]).tolist()
+        self.at = {name: slice(*own) for name, own in zip(names, pairwise(ends))}
+        self.first, self.last = ends[3], ends[5]
+        low, high = program.low.T, program.high.T
+        self.used = np.ones((ends[-1], self.N), dtype=bool)
+        self.used[self.first : self.last] = np.isfinite(np.concatenate([low, high]))
+        self.g = np.zeros(self.used.shape)
+        self.g[:k], self.g[k : 2 * k] = -program.least[:, None], program.most[:, None]
+        self.g[self.first :] = np.concatenate([-low, high, program.c.T])
+        self.g[~self.used] = 1.0
+        # Least slacks at the start; forces are within their own limits.
+        width = np.where(np.isfinite(high) & np.isfinite(low), high - low, self.size)
+        others = np.maximum(np.abs(program.c.T), 1e-9)
+        self.narrow = np.concatenate([np.zeros((self.first, self.N)), 0.05 * np.concatenate([width, width, others])])
+
+    def _changes(self, x: Array, p: Array) -> Array:
+        """G x + S p."""
+        found = np.zeros(self.g.shape)
+        found[: self.last] = self.G @ x.reshape(-1, self.N)
+        found[self.first :] += self.S[:, 0] * p[0] + self.S[:, 1] * p[1]
+        return found
+
+    def _pairs(self, nodes: Array) -> Array:
+        """Values of nodes at the ends of the intervals (2, N)."""
+        return np.stack([nodes[:-1], nodes[1:]]) if self.coupled else nodes
+
+    def _gathered(self, pairs: Array) -> Array:
+        """Sums of (2, N) at the nodes."""
+        if not self.coupled:
+            return pairs
+        found = np.zeros(self.N + 1)
+        found[:-1] = pairs[0]
+        found[1:] += pairs[1]
+        return found
+
+    def _all(self, sums: list[Array]) -> Array:
+        """What sums over the last axes make together: for each interval, or a number."""
+        return np.asarray(sum(one.sum() for one in sums) if self.coupled else sum(sums))
+
     def _start(self) -> None:
-        program = self.program
-        N, k, d = program.count, program.k, self.d
+        program, N = self.program, self.N
         # Slow at the ends, since the path mostly begins and ends at rest.
         rise = np.minimum(1.0, 8.0 * np.minimum(np.arange(N + 1), np.arange(N, -1, -1)) / N)
-        shape = rise if len(program.top) == N + 1 else 1.0
-        self.y = np.where(self.free, 0.3 * program.top * shape, program.given)
-        room = program.most - program.least
-        normal = np.minimum(0.5 * room, self.size)
-        self.x = np.zeros((N, k, d))
-        self.x[..., -1] = program.least + normal
+        self.y = np.where(self.free, 0.3 * self.highest * (rise if self.coupled else 1.0), self.given)
+        self.x = np.zeros((self.d, self.k, N))
+        self.x[0] = (program.least + np.minimum(0.5 * (program.most - program.least), self.size))[:, None]
+        self.multipliers = np.zeros((len(self.A), N))
         self.measure_cost()
-        price = max(abs(self.cost) / (N * k * self.size), 1e-12) * np.ones((N, k))
-        self.floor = Limits(np.broadcast_to(normal, (N, k)), price)
-        self.cap = Limits(program.most - self.x[..., -1], price)
-        self.cones = self.flat = None
-        if len(self.order) > 1:
-            z = np.zeros((N, k, len(self.order)))
-            z[..., 0] = price
-            self.cones = Cones(self.x[..., self.order].copy(), z)
-        if len(self.facets):
-            shape3 = N, k, len(self.facets)
-            force = np.broadcast_to((program.least + normal)[:, None], shape3)
-            self.flat = Limits(force, np.broadcast_to(price[..., None], shape3))
-        p, each = self.y[self.nodes], self.size * price[0, 0]
-        rows = np.einsum("nrj,nj->nr", program.B, p) + self.x.reshape(N, -1) @ program.R.T
-        width = np.where(np.isfinite(program.high) & np.isfinite(program.low), program.high - program.low, self.size)
-        self.below, self.above = (
-            Limits(slack, each / slack, np.isfinite(end))
-            for end, sign in ((program.low, 1.0), (program.high, -1.0))
-            for slack in [np.maximum(np.where(np.isfinite(end), sign * (rows - end), 1.0), 0.05 * width + 1e-9)]
-        )
-        slack = program.c - np.einsum("nrj,nj->nr", program.C, p)
-        slack = np.maximum(slack, 0.05 * np.maximum(np.abs(program.c), 1e-9))
-        self.pair = Limits(slack, each / slack)
-        y = np.where(self.free, self.y, 1.0)
-        self.bottom = Limits(y, each / y, self.free)
-        self.top = Limits(np.where(self.free, program.top - y, 1.0), each / program.top, self.free)
-        self.multipliers = np.zeros((N, len(program.A)))
-
-    @property
-    def limits(self) -> dict[str, Limits]:
-        """All but the cones, by name."""
-        names = ("floor", "cap", "below", "above", "pair", "bottom", "top")
-        found: dict[str, Limits] = {name: getattr(self, name) for name in names}
-        return found if self.flat is None else found | {"flat": self.flat}
-
-    @property
-    def parts(self) -> list[Limits | Cones]:
-        """Limits and cones."""
-        return [*self.limits.values(), *([] if self.cones is None else [self.cones])]
+        mean = float(np.abs(self.cost).mean()) / (N if self.coupled else 1)
+        each = max(_HIGH * mean / self.k, 1e-12 * self.size)
+        s = np.maximum(self._changes(self.x, self._pairs(self.y)) + self.g, self.narrow)
+        self.sides = Limits(s, each / s, self.used)
+        self.ends = self.cones = None
+        if self.free.any():
+            ends = np.stack([self.y, self.highest - self.y])
+            self.ends = Limits(ends, each / np.maximum(ends, _SMALL), np.stack([self.free, self.free]))
+        if n := program.friction.round_dimensions:
+            z = np.zeros((1 + n, self.k, N))
+            z[0] = each / self.size
+            self.cones = Cones(self.x[: 1 + n].copy(), z)
+        self.parts = [one for one in (self.sides, self.ends, self.cones) if one is not None]
+        self.degree = self._all([one.degree for one in self.parts])
+        self.measure()
 
     def measure_cost(self) -> None:
         """The cost and its derivatives."""
-        program, y = self.program, self.y
-        p = y[self.nodes]
-        self.cost = 0.5 * float(((self.x.reshape(len(p), -1) ** 2) @ self.weights).sum())
-        self.slope, self.bend = np.zeros((len(p), 2)), np.zeros((len(p), 2, 2))
+        program, p = self.program, self._pairs(self.y)
+        costs = [0.5 * summed(self.weights * self.x * self.x)]
+        self.slope, self.bend = np.zeros((2, self.N)), np.zeros((3, self.N))
         if program.step is not None:
-            time = times(p, program.step)
-            self.cost += float(time.value.sum())
-            free = self.free[self.nodes]
-            self.slope = np.where(free, time.slope, 0.0)
-            self.bend = np.where(free[:, :, None] & free[:, None, :], time.bend, 0.0)
-        if program.gain is not None:
-            self.cost -= float(program.gain @ y)
+            time = times(p.T, program.step)
+            self.took = time.value
+            costs.append(time.value)
+            self.slope, self.bend = time.slope.T, time.bend.reshape(-1, 4).T[[0, 1, 3]]
+        if self.gain is not None:
+            costs.append(-summed(self.gain * self.y))
+        self.cost = self._all(costs)
 
     def measure(self) -> None:
         """The cost, and how far slacks are from the values that they stand for."""
-        program, x, y = self.program, self.x, self.y
-        p, flat = y[self.nodes], x.reshape(len(x), -1)
-        self.off = flat @ program.A.T - np.einsum("nrj,nj->nr", program.E, p) - program.e
-        rows = flat @ program.R.T + np.einsum("nrj,nj->nr", program.B, p)
-        self.below.measure(rows - np.where(self.below.used, program.low, 0.0))
-        self.above.measure(np.where(self.above.used, program.high, 0.0) - rows)
-        self.pair.measure(program.c - np.einsum("nrj,nj->nr", program.C, p))
-        self.floor.measure(x[..., -1] - program.least)
-        self.cap.measure(program.most - x[..., -1])
-        self.bottom.measure(y)
-        self.top.measure(program.top - y)
-        if self.flat is not None:
-            self.flat.measure(x[..., -1:] - x[..., :-1] @ self.facets.T)
+        p = self._pairs(self.y)
+        self.off = self.A @ self.x.reshape(-1, self.N) - self.E[:, 0] * p[0] - self.E[:, 1] * p[1] - self.e
+        self.sides.measure(self._changes(self.x, p) + self.g)
+        if self.ends is not None:
+            self.ends.measure(np.stack([self.y, self.highest - self.y]))
         self.measure_cost()
 
-    def _factors(self) -> Array:
-        """Q (N, k, d, d), with Q^T Q the inverse of what weighs the contacts' forces."""
-        d, normal = self.d, self.floor.weight + self.cap.weight
-        if self.cones is not None:
-            self.cones.scale()
-        if self.cones is not None and self.flat is None and not self.weights.any():
+    def gap(self, share: Array | float = 0.0) -> Array:
+        """The products of all slacks and multipliers, after a share of the step."""
+        return self._all([one.gap(share) for one in self.parts])
+
+    def _longest(self) -> Array:
+        """Share of the step to the nearest limit."""
+        shares = [one.longest() for one in self.parts]
+        return np.asarray(min(float(one.min()) for one in shares) if self.coupled else np.minimum.reduce(shares))
+
+    def _factors(self, weight: Array) -> Array:
+        """Q (d, d, k, N), with Q^T Q the inverse of what weighs the contacts' forces."""
+        d, normal = self.d, weight[self.at["floor"]] + weight[self.at["cap"]]
+        if self.cones is not None and not len(self.facets) and not self.weights.any():
             # (W^-2 + weight of the normal force)^-1 = W (1 + g g^T)^-1 W.
-            last = [*range(1, d), 0]
-            W = self.cones.matrix()[..., last, :][..., last]
-            g = np.sqrt(normal)[..., None] * W[..., -1]
-            size = np.sqrt(1.0 + np.einsum("nki,nki->nk", g, g))
-            along = np.einsum("nki,nkij->nkj", g, W)
-            return np.asarray(
-                W - (1.0 / (size * (1.0 + size)))[..., None, None] * g[..., :, None] * along[..., None, :]
-            )
-        D = np.zeros((*self.x.shape, d))
+            W = self.cones.matrix()
+            g = np.sqrt(normal) * W[0]
+            size = np.sqrt(1.0 + np.einsum("i...,i...->...", g, g))
+            along = np.einsum("i...,ij...->j...", g, W)
+            return np.asarray(W - (g / (size * (1.0 + size)))[:, None] * along)
+        D = np.zeros((d, d, self.k, self.N))
         if self.cones is not None:
-            inverse = self.cones.matrix(-1.0)
-            D[np.ix_(range(len(D)), range(self.program.k), self.order, self.order)] = inverse @ inverse
-        if self.flat is not None:
-            rows = np.concatenate([-self.facets, np.ones((len(self.facets), 1))], axis=1)
-            D += np.einsum("nkr,ri,rj->nkij", self.flat.weight, rows, rows)
-        at = np.arange(d)
-        D[..., at, at] += self.weights.reshape(-1, d)
-        D[..., -1, -1] += normal
-        return np.linalg.inv(np.linalg.cholesky(D))
+            inverse, n = self.cones.matrix(-1), len(self.cones.s)
+            D[:n, :n] = np.einsum("il...,lj...->ij...", inverse, inverse)
+        if len(self.facets):
+            rows = np.concatenate([np.ones((len(self.facets), 1)), -self.facets], axis=1)
+            D += np.einsum("rkn,ri,rj->ijkn", weight[self.at["flat"]].reshape(-1, self.k, self.N), rows, rows)
+        D[range(d), range(d)] += self.weights
+        D[0, 0] += normal
+        return inverse_root(D)
+
+    def _scaled(self, rows: Array) -> Array:
+        """Q rows^T, for rows (m, d k): (m, d k, N)."""
+        blocks, found = rows.reshape(-1, self.d, self.k), np.zeros((len(rows), self.d, self.k, self.N))
+        for j in range(self.d):
+            found += self.Q[:, j] * blocks[:, None, j, :, None]
+        return found.reshape(len(rows), -1, self.N)
 
     def factorise(self) -> None:
         """What both steps of a round share."""
-        program, N, limited = self.program, self.program.count, len(self.program.R)
-        self.Q = self._factors()
-        rows, forces = len(self.M), program.k * self.d
-        self.give = 1.0 / np.maximum(self.below.weight + self.above.weight, _UNLIMITED / self.size)
-        T = np.zeros((N, forces + limited, rows))
-        T[:, :forces] = (self.Q @ self.blocks).reshape(N, forces, rows)
-        at = np.arange(limited)
-        T[:, forces + at, rows - limited + at] = np.sqrt(self.give)
+        N, m, forces = self.N, len(self.R), self.d * self.k
+        if self.cones is not None:
+            self.cones.scale()
+        weight = self.sides.weight
+        self.Q = self._factors(weight)
+        limits = weight[self.at["below"]] + weight[self.at["above"]]
+        self.rows = None
         # Orthogonal factors, not those of T^T T: some contacts weigh next to nothing, others all.
-        self.factor, upper = np.linalg.qr(T)
-        self.upper_inverse = np.linalg.inv(upper)
-        self.coupled = np.einsum("nrs,nrj->nsj", self.upper_inverse, self.coupling)
-        H = self.bend + np.einsum("nrj,nrl->njl", self.coupled, self.coupled)
-        H += np.einsum("nr,nrj,nrl->njl", self.pair.weight, program.C, program.C)
-        free = self.free[self.nodes]
-        H *= free[:, :, None] & free[:, None, :]
-        diagonal = self._gathered(np.einsum("njj->nj", H)) + self.bottom.weight + self.top.weight
-        self.banded = np.zeros((2, len(self.y)))
-        self.banded[0, self.nodes[:, 1]] = H[:, 0, 1]
-        self.banded[1] = np.where(self.free, diagonal, 1.0)
+        if self.many:
+            root = np.sqrt(limits)[:, None]
+            self.rows = Rows(root * self._scaled(self.R), root * self.S[:m])
+            T = self.rows.columns(self._scaled(self.A))
+        else:
+            self.give = 1.0 / np.maximum(limits, _UNLIMITED / self.size)
+            T, at = np.zeros((len(self.coupling), forces + m, N)), np.arange(m)
+            T[:, :forces] = self._scaled(np.concatenate([self.A, self.R]))
+            T[len(self.A) + at, forces + at] = np.sqrt(self.give)
+        self.factors: Factors = GramSchmidt(T) if len(T) <= _FEW else Householder(T)
+        if self.ends is None:
+            return
+        self.through = [self.factors.transposed(self.coupling[:, j]) for j in (0, 1)]
+        if self.rows is not None:
+            self.through = [one + self.factors.across(own) for one, own in zip(self.through, self.rows.across)]
+        u, v = self.through
+        H = self.bend + (0.0 if self.rows is None else self.rows.left)
+        H = H + np.stack([np.einsum("rn,rn->n", a, b) for a, b in ((u, u), (u, v), (v, v))])
+        H += np.einsum("rn,rjn->jn", weight[self.at["pair"]], self.squares)
+        free = self._pairs(self.free)
+        self.across = H[1] * (free[0] & free[1])
+        self.own = np.where(self.free, self._gathered(H[[0, 2]]) + self.ends.weight.sum(axis=0), 1.0)
 
-    def _gathered(self, pairs: Array) -> Array:
-        """Sums of (N, 2) at the nodes."""
-        return np.asarray(np.bincount(self.nodes.ravel(), pairs.ravel(), len(self.y)), dtype=float)
+    def _speeds(self, right: Array) -> Array:
+        """The step of y: what is left of the equations, without forces."""
+        if self.coupled:
+            banded = np.stack([np.append(0.0, self.across), self.own])
+            return np.asarray(solveh_banded(banded, right, check_finite=False))
+        ratio = self.across / self.own[0]
+        second = (right[1] - ratio * right[0]) / (self.own[1] - ratio * self.across)
+        return np.stack([(right[0] - self.across * second) / self.own[0], second])
 
-    def step(self, aim: float, corrections: dict[str, Array]) -> None:
+    def step(self, aim: Array, corrections: list[Array | float]) -> None:
         """The Newton step towards products ``aim`` of slacks and multipliers."""
-        program, N, limits = self.program, self.program.count, self.limits
-        pull = {name: one.pull(aim, corrections.get(name, 0.0)) for name, one in limits.items()}
-        r = -(self.weights * self.x.reshape(N, -1)).reshape(self.x.shape)
+        N, m, forces = self.N, len(self.R), self.d * self.k
+        pull = self.sides.pull(aim, corrections[0])
+        # Rows that are eliminated with A pull there.
+        forth = pull.copy()
+        if not self.many:
+            forth[self.first : self.last] = 0.0
+        r = (self.G.T @ forth[: self.last]).reshape(self.x.shape) - self.weights * self.x
         if self.cones is not None:
-            r[..., self.order] += self.cones.pull(aim, corrections.get("cones", 0.0))
-        if self.flat is not None:
-            r[..., -1] += pull["flat"].sum(axis=2)
-            r[..., :-1] -= pull["flat"] @ self.facets
-        r[..., -1] += pull["floor"] - pull["cap"]
-        right = np.concatenate([-self.off, self.give * (pull["below"] - pull["above"])], axis=1)
-        scaled = np.zeros(self.factor.shape[:2])
-        forces = program.k * self.d
-        scaled[:, :forces] = np.einsum("nkij,nkj->nki", self.Q, r).reshape(N, -1)
-        ready = np.einsum("nir,ni->nr", self.factor, scaled) - np.einsum("nrs,nr->ns", self.upper_inverse, right)
-        pairs = np.einsum("nrj,nr->nj", self.coupled, ready) - self.slope
-        pairs -= np.einsum("nrj,nr->nj", program.C, pull["pair"])
-        nodes = self._gathered(pairs) + pull["bottom"] - pull["top"]
-        nodes += 0.0 if program.gain is None else program.gain
-        self.dy = solveh_banded(self.banded, np.where(self.free, nodes, 0.0))
-        dp = self.dy[self.nodes]
-        own = ready - np.einsum("nrj,nj->nr", self.coupled, dp)
-        left = (scaled - np.einsum("nir,nr->ni", self.factor, own))[:, :forces].reshape(self.x.shape)
-        self.dx = np.einsum("nkji,nkj->nki", self.Q, left)
-        self.new_multipliers = np.einsum("nrs,ns->nr", self.upper_inverse, own)[:, : len(program.A)]
-        rows = self.dx.reshape(N, -1) @ program.R.T + np.einsum("nrj,nj->nr", program.B, dp)
-        normal = self.dx[..., -1]
-        changes = {"floor": normal, "cap": -normal, "below": rows, "above": -rows, "bottom": self.dy, "top": -self.dy}
-        changes["pair"] = -np.einsum("nrj,nj->nr", program.C, dp)
-        changes["flat"] = self.dx[..., -1:] - self.dx[..., :-1] @ self.facets.T
-        for name, one in limits.items():
-            one.move(changes[name], aim, corrections.get(name, 0.0))
+            r[: len(self.cones.s)] += self.cones.pull(aim, corrections[-1])
+        scaled, right = np.einsum("ijkn,jkn->ikn", self.Q, r).reshape(forces, N), -self.off
+        if self.rows is not None:
+            scaled = self.rows.transposed(scaled)
+        else:
+            scaled = np.concatenate([scaled, np.zeros((m, N))])
+            right = np.concatenate([right, self.give * (pull[self.at["below"]] - pull[self.at["above"]])])
+        ready = self.factors.across(scaled) - self.factors.transposed(right)
+        self.dy = np.zeros(self.y.shape)
+        own = ready
+        if self.ends is not None:
+            pairs = np.stack([np.einsum("rn,rn->n", one, ready) for one in self.through]) - self.slope
+            pairs += np.einsum("rn,rjn->jn", forth[self.first :], self.S)
+            if self.rows is not None:
+                pairs -= np.einsum("jin,in->jn", self.rows.across, scaled)
+            to_ends = self.ends.pull(aim, corrections[1])
+            nodes = self._gathered(pairs) + to_ends[0] - to_ends[1]
+            nodes += 0.0 if self.gain is None else self.gain
+            self.dy = self._speeds(np.where(self.free, nodes, 0.0))
+            dp = self._pairs(self.dy)
+            own = ready - self.through[0] * dp[0] - self.through[1] * dp[1]
+            self.ends.move(np.stack([self.dy, -self.dy]), aim, corrections[1])
+        left = (scaled - self.factors.along(own))[:forces]
+        if self.rows is not None:
+            dp = self._pairs(self.dy)
+            left = self.rows.divided(left - self.rows.across[0] * dp[0] - self.rows.across[1] * dp[1])
+        self.dx = np.einsum("jikn,jkn->ikn", self.Q, left.reshape(self.x.shape))
+        self.new_multipliers = self.factors.divided(own)[: len(self.A)]
+        self.sides.move(self._changes(self.dx, self._pairs(self.dy)), aim, corrections[0])
         if self.cones is not None:
-            self.cones.move(self.dx[..., self.order])
+            self.cones.move(self.dx[: len(self.cones.s)])
 
-    def run(self, accuracy: float, rounds: int) -> Solved:
-        """Rounds of two steps each, until the gap is small."""
-        with np.errstate(all="ignore"):
-            return self._rounds(accuracy, rounds)
+    def _round(self) -> Array:
+        """A predictor, a corrector and a share of their step, not a number where digits are used up."""
+        self.factorise()
+        gap = self.gap()
+        none: list[Array | float] = [0.0, 0.0, 0.0]
+        self.step(np.zeros_like(gap), none)
+        share = np.minimum(1.0, self._longest())
+        after = np.maximum(self.gap(share), 0.0)
+        corrections = [0.0 if one is None else one.second_order for one in (self.sides, self.ends, self.cones)]
+        aim = np.maximum((after / gap) ** 3 * gap, _HEED * self.model_error(share)) / self.degree
+        self.step(aim, corrections)
+        share = np.minimum(1.0, _BACK * self._longest())
+        if self.program.step is not None:
+            # The cost's model is of use as long as speeds do not fall by much.
+            falling = np.where(self.free, -self.dy / np.maximum(self.y, _SMALL), 0.0)
+            share = np.minimum(
+                share, _FALL / np.maximum(falling.max() if self.coupled else falling.max(axis=0), _SMALL)
+            )
+        self._move(np.where(np.isfinite(share), share, np.nan))
+        return share
 
-    def _rounds(self, accuracy: float, rounds: int) -> Solved:
-        self.measure()
-        best: Solved | None = None
-        worse = 0
-        degree = sum(one.degree for one in self.parts)
-        for done in range(1, rounds + 1):
-            try:
-                self.factorise()
-                gap = sum(one.gap() for one in self.parts)
-                self.step(0.0, {})
-                share = min(1.0, *(one.longest() for one in self.parts))
-                after = max(sum(one.gap(share) for one in self.parts), 0.0)
-                corrections = {name: one.second_order for name, one in self.limits.items()}
-                if self.cones is not None:
-                    corrections["cones"] = self.cones.second_order
-                self.step(max((after / gap) ** 3 * gap, _HEED * self.model_error(share)) / degree, corrections)
-            except (np.linalg.LinAlgError, ValueError):  # out of digits; ValueError: not a number
-                break
-            share = min(1.0, _BACK * min(one.longest() for one in self.parts))
-            if self.program.step is not None:
-                # The cost's model is of use as long as speeds do not fall by much.
-                falling = float((-self.dy / np.maximum(self.y, _SMALL))[self.free].max(initial=0.0))
-                share = min(share, _FALL / max(falling, _SMALL))
-            if not np.isfinite(share):
-                break
-            self._move(share)
-            if not np.isfinite(self.cost) or not np.isfinite(self.off).all():
-                break
-            found = self._solved(done, accuracy, -np.inf if best is None else best.lower_bound)
-            better = best is None or found.gap < best.gap or found.residual < 0.5 * best.residual
-            worse = 0 if better else worse + 1
-            best = found if better else best
-            if (found.gap < accuracy and found.residual < accuracy) or (worse >= _WORSE and best and best.converged):
-                break
-        assert best is not None
-        return best
-
-    def model_error(self, share: float) -> float:
+    def model_error(self, share: Array) -> Array | float:
         """How far the cost is from its quadratic model after a share of the step: a smaller gap means nothing."""
         if self.program.step is None:
             return 0.0
-        now, dp = self.y[self.nodes], share * self.dy[self.nodes]
-        change = times(np.maximum(now + dp, 0.1 * now), self.program.step).value - times(now, self.program.step).value
-        model = np.einsum("nj,nj->n", self.slope, dp) + 0.5 * np.einsum("ni,nij,nj->n", dp, self.bend, dp)
-        return float(np.abs(change - model).sum())
+        now, dp = self._pairs(self.y), share * self._pairs(self.dy)
+        change = times(np.maximum(now + dp, 0.1 * now).T, self.program.step).value - self.took
+        model = (self.slope * dp).sum(axis=0) + 0.5 * (self.bend * dp[[0, 0, 1]] * dp[[0, 1, 1]] * [[1], [2], [1]]).sum(
+            axis=0
+        )
+        return self._all([np.abs(change - model)])
 
-    def _move(self, share: float) -> None:
+    def _move(self, share: Array) -> None:
         self.x, self.y = self.x + share * self.dx, self.y + share * self.dy
         self.multipliers = self.multipliers + share * (self.new_multipliers - self.multipliers)
         for one in self.parts:
             one.step(share)
         if self.cones is not None:
-            self.x[..., self.order] = self.cones.s
+            self.x[: len(self.cones.s)] = self.cones.s
         self.measure()
 
-    def _lower_bound(self) -> float:
-        """Of the cost of any solution: what is left over of the multipliers' equations gains at most as much as forces
-        and speeds can change. The cost is convex: it is above its tangent.
-        """
-        program, N = self.program, self.program.count
-        r = (self.weights * self.x.reshape(N, -1)).reshape(self.x.shape)
-        if self.cones is not None:
-            r[..., self.order] -= self.cones.z
-        if self.flat is not None:
-            r[..., -1] -= self.flat.z.sum(axis=2)
-            r[..., :-1] += self.flat.z @ self.facets
-        r[..., -1] += self.cap.z - self.floor.z
-        rows = self.above.z - self.below.z
-        r += (self.multipliers @ program.A + rows @ program.R).reshape(r.shape)
-        pairs = self.slope - np.einsum("nrj,nr->nj", program.E, self.multipliers)
-        pairs += np.einsum("nrj,nr->nj", program.B, rows) + np.einsum("nrj,nr->nj", program.C, self.pair.z)
-        nodes = self._gathered(pairs) + self.top.z - self.bottom.z
-        nodes = np.where(self.free, nodes - (0.0 if program.gain is None else program.gain), 0.0)
-        bound = self.cost + float(np.vdot(self.multipliers, self.off)) - sum(one.gap() for one in self.parts)
-        bound -= sum(float(np.vdot(one.off, one.z)) for one in self.limits.values())
-        most = program.most[:, None]
-        bound -= float((np.abs(r[..., :-1]) * most).sum() + (r * self.x).sum())
-        bound += float(np.minimum(r[..., -1] * program.least, r[..., -1] * program.most).sum())
-        return bound + float(np.minimum(nodes * program.top, 0.0).sum() - nodes @ self.y)
+    def _bound(self) -> tuple[Array, Array]:
+        """A lower bound of the cost of any solution, and the largest error of balance and limits.
 
-    def _solved(self, rounds: int, accuracy: float, bound: float) -> Solved:
-        off = [np.abs(self.off).max() / self.size, *(np.abs(one.off).max(initial=0.0) for one in self.limits.values())]
-        cones = np.zeros(self.x.shape[:2])
+        What is left over of the multipliers' equations gains at most as much as forces and speeds can change. The cost
+        is convex: it is above its tangent.
+        """
+        program, sides, most = self.program, self.sides, self.program.most[:, None]
+        r = self.A.T @ self.multipliers - self.G.T @ sides.z[: self.last]
+        r = r.reshape(self.x.shape) + self.weights * self.x
         if self.cones is not None:
-            cones += self.cones.z[..., 0]
-        if self.flat is not None:
-            cones += self.flat.z.sum(axis=2)
+            r[: len(self.cones.s)] -= self.cones.z
+        sums = [
+            summed(self.multipliers * self.off) - summed(sides.off * sides.z) - summed(r * self.x),
+            summed(np.minimum(r[0] * program.least[:, None], r[0] * most)) - summed(np.abs(r[1:]) * most),
+        ]
+        errors = [np.abs(self.off).max(axis=0) / self.size, np.abs(sides.off).max(axis=0)]
+        if self.ends is not None:
+            pairs = self.slope - np.einsum("rjn,rn->jn", self.E, self.multipliers)
+            pairs -= np.einsum("rjn,rn->jn", self.S, sides.z[self.first :])
+            nodes = self._gathered(pairs) + self.ends.z[1] - self.ends.z[0]
+            nodes = np.where(self.free, nodes - (0.0 if self.gain is None else self.gain), 0.0)
+            sums.append(np.minimum(nodes * self.highest, 0.0) - nodes * self.y)
+            sums[-1] = summed(sums[-1]) - summed(self.ends.off * self.ends.z)
+            ends = np.abs(self.ends.off)
+            errors.append(ends.reshape(-1, ends.shape[-1]).max(axis=0))
+        error = np.asarray(max(one.max() for one in errors) if self.coupled else np.maximum.reduce(errors))
+        return np.asarray(self.cost - self.gap() + self._all(sums)), error
+
+    def run(self, accuracy: float, rounds: int) -> Solved:
+        """Rounds until the gap is small."""
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # where digits are used up
+            return self._together(accuracy, rounds) if self.coupled else self._apart(accuracy, rounds)
+
+    def _together(self, accuracy: float, rounds: int) -> Solved:
+        """All intervals with the same steps."""
+        best, bound, worse, done = self._solved(self._state(), -np.inf, np.inf, 0, accuracy), -np.inf, 0, 0
+        for done in range(1, rounds + 1):
+            try:
+                share = self._round()
+            except np.linalg.LinAlgError:  # out of digits
+                break
+            if not np.isfinite(share):
+                break
+            own, residual = (float(one) for one in self._bound())
+            bound = max(bound, own)
+            found = self._solved(self._state(), bound, residual, done, accuracy)
+            error, least = (max(abs(one.gap), one.residual) for one in (found, best))
+            worse = 0 if error < _BETTER * least else worse + 1
+            best = found if error < least else best
+            if (found.gap < accuracy and found.residual < accuracy) or (worse >= _WORSE and best.converged):
+                break
+        return best
+
+    def _apart(self, accuracy: float, rounds: int) -> Solved:
+        """Each interval with its own steps, until it is solved or gets no better."""
+        state, places = self._state(), np.arange(self.N)
+        found = {name: value.copy() for name, value in state.items()}
+        bound, residual, merit = np.full(self.N, -np.inf), np.full(self.N, np.inf), np.full(self.N, np.inf)
+        worse, done = np.zeros(self.N, dtype=int), 0
+        while done < rounds:
+            done += 1
+            try:
+                self._round()
+            except np.linalg.LinAlgError:
+                break
+            own, error = self._bound()
+            bound[places] = np.fmax(bound[places], own)
+            size = np.maximum(np.abs(self.cost), _PART * np.abs(found["cost"]).mean())
+            gap = (self.cost - bound[places]) / size
+            now = np.nan_to_num(np.maximum(gap, error) / accuracy, nan=np.inf)
+            better = now < merit[places]
+            at = places[better]
+            merit[at], residual[at] = now[better], error[better]
+            for name, value in self._state().items():
+                found[name][..., at] = value[..., better]
+            worse[places] = np.where(better, 0, worse[places] + 1)
+            left = (now >= 1.0) & np.isfinite(now) & (worse[places] < _LOST)
+            if not left.any():
+                break
+            if left.mean() < _MOST:
+                self._keep(left)
+                places = places[left]
+        return self._solved(found, float(bound.sum()), float(residual.max()), done, accuracy)
+
+    def _keep(self, which: BoolArray) -> None:
+        """Only these intervals from now on."""
+        for name in _OF_INTERVALS:
+            if (value := getattr(self, name, None)) is not None:
+                setattr(self, name, value[..., which])
+        for one in self.parts:
+            one.keep(which)
+        self.N = len(self.cost)
+
+    def _state(self) -> dict[str, Array]:
+        friction = self.sides.z[self.at["flat"]].reshape(-1, self.k, self.N).sum(axis=0)
+        return {
+            "y": self.y,
+            "x": self.x,
+            "sides": self.sides.z,
+            "ends": np.zeros_like(self.y) if self.ends is None else self.ends.z[1],
+            "cones": friction if self.cones is None else friction + self.cones.z[0],
+            "cost": self.cost,
+        }
+
+    def _solved(self, state: dict[str, Array], bound: float, residual: float, rounds: int, accuracy: float) -> Solved:
+        program, z, order = self.program, state["sides"].T, [*range(1, self.d), 0]
+        y, speeds = (one if self.coupled else one.T.ravel() for one in (state["y"], state["ends"]))
+        if program.shared and not self.coupled:
+            y, speeds = program.given, np.zeros_like(program.given)
+        floor, cap, below, above, pair = (z[:, self.at[name]] for name in ("floor", "cap", "below", "above", "pair"))
         return Solved(
-            y=self.y,
-            x=self.x.copy(),
-            objective=self.cost,
-            lower_bound=max(bound, self._lower_bound()),
-            residual=float(max(off)),
+            y=y,
+            x=state["x"][order].transpose(2, 1, 0),
+            objective=float(state["cost"].sum()),
+            lower_bound=bound,
+            residual=residual,
             rounds=rounds,
             accuracy=accuracy,
-            rows=np.stack([self.below.z, self.above.z]),
-            pairs=self.pair.z,
-            speeds=self.top.z,
-            normals=np.stack([self.floor.z, self.cap.z]),
-            cones=cones,
+            rows=np.stack([below, above]),
+            pairs=pair,
+            speeds=speeds,
+            normals=np.stack([floor, cap]),
+            cones=state["cones"].T,
         )

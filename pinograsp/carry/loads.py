@@ -145,26 +145,19 @@ class Carried:
 
     def along(self, path: ArmPath, s: Array, gravity_o: Array) -> CarryLoads:
         """Loads at path parameters (m,); gravity (3,) [m/s^2] in the robot's world."""
-        moving = self.moving(path)
-        count, n = len(s), self.robot.n
-        q, slope, bend = np.tile(self.posture, (count, 1)), np.zeros((count, n)), np.zeros((count, n))
-        q[:, moving], slope[:, moving], bend[:, moving], _ = path.at(s)
-        self._within(path, moving, q)
-        model, data, rest = self.model, self.model.createData(), np.zeros(n)
+        q, slope, bend = self._motion(path, s)
+        model, data, rest = self.model, self.model.createData(), np.zeros(self.robot.n)
         model.gravity.linear = np.array(gravity_o)
-        torque, wrench = np.empty((3, count, n)), np.empty((3, count, 6))
-        inertia = self.jMo.act(self.inertia)
         weightless = self.model.copy()
         weightless.gravity.linear = np.zeros(3)
-        for i in range(count):
+        torque, motion = np.empty((3, *q.shape)), np.zeros((2, 3, len(s), 6))
+        for i in range(len(s)):
             for part, (own, dq, ddq) in enumerate(
                 ((weightless, rest, slope[i]), (weightless, slope[i], bend[i]), (model, rest, rest))
             ):
                 torque[part, i] = pin.rnea(own, data, q[i], dq, ddq)
-                v, acceleration = data.v[self.joint], data.a_gf[self.joint]
-                wrench[part, i] = self.jMo.actInv(inertia * acceleration + v.cross(inertia * v)).vector
-        # About the planned centre of mass.
-        wrench[..., 3:] -= np.cross(self.body.com_o, wrench[..., :3])
+                motion[:, part, i] = data.a_gf[self.joint].vector, data.v[self.joint].vector
+        wrench = self._wrench(*motion)
         return CarryLoads(
             wrench=Linear(*wrench),
             torque=Linear(*torque),
@@ -172,6 +165,29 @@ class Carried:
             acceleration=Linear(slope, bend, np.zeros_like(slope)),
             q=q,
         )
+
+    def slopes(self, path: ArmPath, s: Array) -> Array:
+        """Derivatives of all joints' positions by the path parameters s (m,): (m, n)."""
+        return self._motion(path, s)[1]
+
+    def _motion(self, path: ArmPath, s: Array) -> tuple[Array, Array, Array]:
+        """Positions of all joints and their derivatives by s, each (m, n)."""
+        moving = self.moving(path)
+        q = np.tile(self.posture, (len(s), 1))
+        slope, bend = np.zeros_like(q), np.zeros_like(q)
+        q[:, moving], slope[:, moving], bend[:, moving], _ = path.at(s)
+        self._within(path, moving, q)
+        return q, slope, bend
+
+    def _wrench(self, acceleration: Array, v: Array) -> Array:
+        """On the object (..., 6), about its planned centre of mass, by how the joint that carries it moves (..., 6)."""
+        inertia = self.jMo.act(self.inertia).matrix()
+        momentum, force = v @ inertia, acceleration @ inertia
+        force[..., :3] += np.cross(v[..., 3:], momentum[..., :3])
+        force[..., 3:] += np.cross(v[..., 3:], momentum[..., 3:]) + np.cross(v[..., :3], momentum[..., :3])
+        found = force @ self.jMo.inverse().toDualActionMatrix().T
+        found[..., 3:] -= np.cross(self.body.com_o, found[..., :3])
+        return np.asarray(found)
 
     def moving(self, path: ArmPath) -> IntArray:
         """Where the path's joints are among the robot's."""

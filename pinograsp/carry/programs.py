@@ -46,7 +46,7 @@ class Programs:
         carried: robot and object.
         limits: of the robot's joints.
         middle: loads at the middles of the intervals.
-        nodes: loads at their ends, one more.
+        slopes: derivatives of the joints' positions by the path parameter at their ends (N + 1, n).
         others: programs of other scenarios of the same path, which the same squeeze has to bear.
         fastest: speeds of the path parameter are below it.
     """
@@ -58,11 +58,11 @@ class Programs:
         carried: Carried,
         limits: ArmLimits,
         middle: CarryLoads,
-        nodes: CarryLoads,
+        slopes: Array,
         others: Sequence[Programs] = (),
         fastest: float = _FASTEST,
     ):
-        self.problem, self.carried, self.limits, self.middle, self.nodes = problem, carried, limits, middle, nodes
+        self.problem, self.carried, self.limits, self.middle, self.slopes = problem, carried, limits, middle, slopes
         self.least, self.most = range_n
         self.count = len(middle.q)
         self.step = 1.0 / self.count
@@ -105,10 +105,10 @@ class Programs:
 
         a, b: accelerations and squared speeds at the middles (N,); y: squared speeds at the ends (N + 1,).
         """
-        nodes, middle = self.nodes.timed(np.zeros_like(y), y), self.middle.timed(a, b)
+        slopes, middle = np.abs(self.slopes) * np.sqrt(y)[:, None], self.middle.timed(a, b)
         # Neither at the ends of an interval nor at its middle is a joint too fast.
         between = np.abs(np.concatenate([middle.speed[:1], middle.speed, middle.speed[-1:]]))
-        nodes = replace(nodes, speed=np.maximum(np.abs(nodes.speed), np.maximum(between[:-1], between[1:])))
+        slopes = np.maximum(slopes, np.maximum(between[:-1], between[1:]))
         others = [other.timed(a, b, y, fastest) for other in self.others]
         return Programs(
             self.problem,
@@ -116,7 +116,7 @@ class Programs:
             self.carried,
             self.limits,
             middle,
-            nodes,
+            slopes,
             others,
             fastest,
         )
@@ -124,7 +124,7 @@ class Programs:
     def _speed_limits(self, most: float) -> Array:
         """Largest squared speeds of the path parameter (N + 1,) [1/s^2]."""
         with np.errstate(divide="ignore"):
-            fastest = (self.limits.speed / np.abs(self.nodes.speed)).min(axis=1)
+            fastest = (self.limits.speed / np.abs(self.slopes)).min(axis=1)
         return np.asarray(np.minimum(fastest, most) ** 2)
 
     def _rows(self) -> tuple[Array, Array, Array]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from whole_carries import by_clarabel, pairs
 
+from pinograsp.carry.elimination import GramSchmidt, Householder, Rows
 from pinograsp.carry.interior_point import Program, solve, times
 from pinograsp.contacts import Friction
 
@@ -58,7 +59,7 @@ def some_program(seed, friction, *, N=25, k=4, rows=0):
 
 
 @pytest.mark.parametrize("friction", [CONE, SOFT, PYRAMID, BOTH], ids=["cone", "soft", "pyramid", "cone and torsion"])
-@pytest.mark.parametrize("rows", [0, 5])
+@pytest.mark.parametrize("rows", [0, 5, 16])
 @pytest.mark.parametrize("seed", range(4))
 def test_the_least_time_is_clarabels(friction, rows, seed):
     program = some_program(seed, friction, rows=rows)
@@ -128,3 +129,51 @@ def test_given_speeds_cost_forces_alone():
             weights=weights,
         )
         np.testing.assert_allclose(solve(part).x[0], whole.x[i], atol=2e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_that_are_put_back(seed):
+    """At rest no forces reach the limits; loads of the way do."""
+    program = some_program(seed, CONE, rows=4)
+    rows = program.R.reshape(4, program.k, 3)
+    reach = 12.0 * (np.abs(rows[..., -1]) + np.linalg.norm(rows[..., :-1], axis=2)).sum(axis=1)
+    ends = np.tile(1.01 * reach, (program.count, 1))
+    program = replace(program, B=400 * program.B, low=-ends, high=ends)
+    found, (_, objective) = solve(program), by_clarabel(program)
+    assert (found.rows > 1e-6).any()
+    assert found.converged
+    assert found.objective == pytest.approx(objective, rel=1e-6)
+    assert found.lower_bound <= objective * (1 + 1e-6)
+    free = solve(replace(program, low=np.full_like(program.low, -np.inf), high=np.full_like(program.high, np.inf)))
+    assert free.objective < found.objective * (1 - 1e-4)
+
+
+def test_orthogonal_factors():
+    """Both ways of them, where columns are all but parallel."""
+    rng = np.random.default_rng(0)
+    T = rng.normal(size=(6, 15, 20))
+    T[1] = T[0] + 1e-7 * rng.normal(size=(15, 20))
+    v, w = rng.normal(size=(15, 20)), rng.normal(size=(6, 20))
+    for factors in (GramSchmidt(T.copy()), Householder(T)):
+        # Q^T Q = 1, Q U = T, and both inverses.
+        np.testing.assert_allclose(factors.across(factors.along(w)), w, atol=1e-13)
+        rows = np.einsum("rin,in->rn", T, factors.along(w))
+        np.testing.assert_allclose(factors.transposed(rows), w, atol=1e-6)
+        np.testing.assert_allclose(np.einsum("rin,rn->in", T, factors.divided(w)), factors.along(w), atol=1e-6)
+        np.testing.assert_allclose(factors.across(v - factors.along(factors.across(v))), 0.0, atol=1e-13)
+
+
+def test_factors_with_weighted_rows():
+    """Rows of very different weights: U^T U is the unit matrix and what they add."""
+    rng = np.random.default_rng(0)
+    Z, B = rng.normal(size=(5, 9, 130)), rng.normal(size=(5, 2, 130))
+    weights = 10.0 ** rng.uniform(-4, 4, (5, 1, 130))
+    rows, v = Rows(weights * Z, weights * B), rng.normal(size=(9, 130))
+    for i in (0, 99, 129):
+        z, b = weights[..., i] * Z[..., i], weights[..., i] * B[..., i]
+        H = np.eye(9) + z.T @ z
+        np.testing.assert_allclose(H @ rows.divided(rows.transposed(v))[:, i], v[:, i], rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(H @ rows.divided(rows.across[0])[:, i], z.T @ b[:, 0], rtol=1e-5)
+        left = np.linalg.inv(np.eye(5) + z @ z.T)
+        expected = b.T @ left @ b
+        np.testing.assert_allclose(rows.left[:, i], expected[[0, 0, 1], [0, 1, 1]], rtol=1e-4)

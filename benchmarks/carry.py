@@ -1,0 +1,362 @@
+"""How long ``plan_carry`` takes, beside Clarabel on the same whole program.
+
+    python benchmarks/carry.py [--seed 0] [--repeats 20] [--clarabel 5]
+
+A Panda of example-robot-data on a path of its own. Random grasps: contacts with exact friction cones about a sphere in
+the hand, without limits of the hand's motors, over intervals and over contacts; and 5 random contacts on the fingers of
+an Allegro and of the paper's hand on the same arm, with rows of all their motors: as strong as they are, and so weak
+that they bind. Random grasps that cannot hold the sphere are drawn again.
+
+``whole_s`` is all of ``plan_carry`` (at its defaults: ramps of 50 ms, a reserve of a tenth), processor time; of it are
+``loads_s`` the loads along the path and the programs' matrices, ``timing_s`` the program of the least time,
+``ramp_s`` that of how fast the timing with ramps may be, ``forces_s`` that of the least forces, ``limit_s`` that of the
+curve of the fastest. Medians, and of the whole the 99th percentile. ``rounds``, ``gap`` and ``residual`` are those of
+the least time; so are ``kept_rows``, rows of motors that were not left out.
+
+Clarabel gets that program as a user would write it, with all forces, squared speeds, their roots and times as unknowns:
+stacked before the clock starts, solved to 1e-8, in one thread. The two take turns, each first every other time.
+``ratio`` is Clarabel's time over ``timing_s`` there, ``difference`` our objective over Clarabel's, less one. Writes
+carry.csv beside this file.
+"""
+
+from __future__ import annotations
+
+import os
+
+# Read when the libraries load.
+os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "RAYON", "NUMEXPR")})
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from unittest.mock import patch
+from xml.etree import ElementTree
+
+import clarabel
+import numpy as np
+from results import header, write_rows
+from scipy import sparse
+
+import pinograsp as pg
+from pinograsp.carry import carrying, interior_point, plan_carry
+from pinograsp.carry.interior_point import Program, Solved
+from pinograsp.contacts import Contact, ContactSet, Friction
+from pinograsp.errors import CarryInfeasible, CarryUndecided
+from pinograsp.hands.catalogue import file_of
+from pinograsp.planner import plan_best
+from pinograsp.spatial import tangent_frame
+
+HERE = Path(__file__).resolve().parent
+JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
+WAY = np.array(
+    [
+        [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8],
+        [0.8, 0.0, 0.3, -1.6, 0.2, 1.9, 1.2],
+        [1.4, 0.4, -0.2, -1.2, -0.3, 1.5, 0.4],
+        [0.2, -0.3, 0.1, -2.2, 0.1, 2.0, 0.8],
+    ]
+)
+PATH = dict(zip(JOINTS, WAY.T))
+RADIUS, MASS, MU, MOST = 0.03, 0.3, 0.6, 20.0  # [m, kg, -, N]
+STIFF = 50.0  # contacts over the planned ones': so that normal forces are limited by MOST
+INTERVALS, CONTACTS, USUAL = (100, 200, 500, 1000, 2000), (3, 5, 8, 16), (500, 5)
+WEAK = 0.35  # [N m] of motors that bind
+PARTS = ("timing", "ramp", "forces", "limit")  # the programs of a plan, in order
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is carried."""
+
+    robot: pg.HandModel
+    grasp: pg.GraspPlan
+    torque_limit: np.ndarray
+
+    def plan(self, intervals: int) -> object:
+        return plan_carry(self.robot, self.grasp, PATH, intervals=intervals, torque_limit=self.torque_limit)
+
+
+# -- robots and grasps -------------------------------------------------------------------------------------------------
+
+
+def panda() -> tuple[pg.HandModel, pg.GraspPlan, np.ndarray]:
+    """The arm with its own jaws, a grasp with them, and its motors, those of the jaws without limits."""
+    arm = pg.load_hand(file_of("panda"), posture=dict(zip(JOINTS, WAY[0])))
+    at = np.eye(4)
+    at[2, 3] = 0.1034
+    pose = arm.frame_placements(arm.resting, [arm.palm])[0] @ at
+    grasp = pg.plan_grasp_on(arm, pg.Box(size=(0.04, 0.04, 0.06), mass=MASS, pose=pose), pg.GraspConditions(mu=MU))
+    limit = arm.effort_or_infinity.copy()
+    limit[np.concatenate([finger.dofs for finger in arm.fingers])] = np.inf
+    return arm, grasp, limit
+
+
+def mounted(file: Path, palm: str, folder: Path) -> pg.HandModel:
+    """A Panda with another hand than its own."""
+    arm, hand = (ElementTree.parse(one).getroot() for one in (file_of("panda"), file))
+    gone = {"panda_hand", "panda_hand_tcp", "panda_leftfinger", "panda_rightfinger"}
+    for one in list(arm):
+        child = one.find("child") if one.tag == "joint" else None
+        if one.get("name") in gone or (child is not None and child.get("link") in gone):
+            arm.remove(one)
+    arm.extend(one for one in hand if one.tag in ("link", "joint"))
+    mount = ElementTree.SubElement(arm, "joint", name="mount", type="fixed")
+    ElementTree.SubElement(mount, "parent", link="panda_link8")
+    ElementTree.SubElement(mount, "child", link=palm)
+    ElementTree.SubElement(mount, "origin", xyz="0 0 0.1", rpy="0 0 0")
+    written = folder / f"panda_{file.stem}.urdf"
+    ElementTree.ElementTree(arm).write(written)
+    data = next(one for one in file_of("panda").parents if one.name == "example-robot-data")
+    return pg.load_hand(written, packages={"example-robot-data": str(data)}, posture=dict(zip(JOINTS, WAY[0])))
+
+
+def with_motors(robot: pg.HandModel, limit: float | None) -> np.ndarray:
+    """Limits of all motors (n,) [N m]; those of the hand's as given."""
+    found = robot.effort_or_infinity.copy()
+    if limit is not None:
+        found[np.concatenate([finger.dofs for finger in robot.fingers])] = limit
+    return found
+
+
+def allegro() -> pg.GraspPlan:
+    conditions = pg.GraspConditions(mu=MU)
+    ball = pg.Sphere(radius=0.035, mass=MASS)
+    search = pg.find_grasps(pg.load_hand("allegro_right"), ball, conditions, count=8, seed=3, jobs=1, progress=False)
+    return plan_best(search, conditions)
+
+
+def random_grasp(plan: pg.GraspPlan, k: int, rng: np.random.Generator) -> pg.GraspPlan:
+    """Contacts at random places about a sphere where a planned grasp holds its object, on the fingers in turn."""
+    held, hand = plan.problem, plan.hand
+    pose = np.eye(4)
+    pose[:3, :3] = hand.frame_placements(np.array(plan.motion.q[-1]), [hand.palm])[0][:3, :3]
+    pose[:3, 3] = held.object.com_o
+    body = pg.Sphere(radius=RADIUS, mass=MASS, pose=pose)
+    angles = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.3, 0.3, k)
+    outward = np.column_stack([np.cos(angles), np.sin(angles), rng.uniform(-0.5, 0.5, k)])
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True) @ pose[:3, :3].T
+    fingers = [hand.fingers[i % len(hand.fingers)] for i in range(k)]
+    contacts = [
+        Contact(
+            finger=finger.name,
+            link=finger.links[-1],
+            point_o=pose[:3, 3] + RADIUS * n,
+            rotation_oc=tangent_frame(-n),
+            length=None,
+            distance=0.0,
+        )
+        for finger, n in zip(fingers, outward)
+    ]
+    problem = replace(
+        held,
+        contacts=ContactSet(contacts=tuple(contacts), com_o=pose[:3, 3]),
+        object=body,
+        load=np.array([0, 0, -9.81 * MASS, 0, 0, 0]),
+        mu=MU,
+        friction=Friction(model="cone"),
+        min_normal_force=None,
+        max_normal_force=np.full(k, MOST),
+        torques=None,
+        moment_length=RADIUS,
+        compliance=replace(held.compliance, stiffness=STIFF * held.compliance.stiffness),
+    )
+    forces = replace(plan.forces, depths=np.zeros((len(plan.forces.depths), k)))
+    return replace(plan, forces=forces, solution=replace(plan.searched(), problem=problem))
+
+
+def held_case(robot: pg.HandModel, plan: pg.GraspPlan, limit: np.ndarray, k: int, rng: np.random.Generator) -> Case:
+    """A random grasp that bears the way."""
+    while True:
+        case = Case(robot, random_grasp(plan, k, rng), limit)
+        try:
+            case.plan(50)
+        except (CarryInfeasible, CarryUndecided):
+            continue
+        return case
+
+
+# -- Clarabel ----------------------------------------------------------------------------------------------------------
+
+
+def stacked(program: Program) -> Callable[[], tuple[str, float]]:
+    """The whole program for Clarabel, ready to be solved: status and least time."""
+    N, k, d = program.count, program.k, program.friction.d
+    forces, nodes = N * k * d, N + 1
+    y, root, took = forces, forces + nodes, forces + 2 * nodes
+    total = took + N
+    parts, ends, cones = list[sparse.coo_array](), list[np.ndarray](), list[object]()
+
+    def add(entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]], right: np.ndarray, kinds: list[object]) -> None:
+        """Rows of (row, column, value), each of any shape that broadcasts."""
+        r, c, v = (np.concatenate(p) for p in zip(*([one.ravel() for one in np.broadcast_arrays(*e)] for e in entries)))
+        parts.append(sparse.coo_array((v, (r, c)), shape=(right.size, total)))
+        ends.append(right.ravel())
+        cones.extend(kinds)
+
+    def linear(M: np.ndarray, pairs: np.ndarray, right: np.ndarray, kind: type) -> None:
+        """M x_i + pairs_i (y_i, y_i+1) against right (N, m), for all intervals."""
+        i, m = np.arange(N)[:, None, None], right.shape[1]
+        rows = i * m + np.arange(m)[:, None]
+        entries = [(rows, i * k * d + np.arange(k * d), np.asarray(M))] if M.size else []
+        add([*entries, (rows, y + i + np.arange(2), pairs)], right, [kind(right.size)])
+
+    none = np.zeros((0, k * d))
+    each, contact, one = np.arange(N), np.arange(N * k), np.array(1.0)
+    first = contact * d
+    for j in (0, N):
+        fixed = np.array([program.given[j], np.sqrt(program.given[j])])
+        columns = np.array([y + j, root + j])
+        for i in (0, 1):
+            add([(np.array([0]), columns[i : i + 1], one)], fixed[i : i + 1], [clarabel.ZeroConeT(1)])
+    linear(program.A, -program.E, program.e, clarabel.ZeroConeT)
+    if len(program.R):
+        for sign, end in ((1.0, program.high), (-1.0, -program.low)):
+            used = np.isfinite(end).all(axis=0)
+            linear(sign * program.R[used], sign * program.B[:, used], end[:, used], clarabel.NonnegativeConeT)
+    if program.C.shape[1]:
+        linear(none, program.C, program.c, clarabel.NonnegativeConeT)
+    for sign, end in ((-1.0, -program.least), (1.0, program.most)):
+        add([(contact, first + d - 1, np.array(sign))], np.tile(end, N), [clarabel.NonnegativeConeT(N * k)])
+    n = program.friction.round_dimensions
+    inside = [(contact * (n + 1), first + d - 1, -one)]
+    inside += [(contact * (n + 1) + 1 + j, first + j, -one) for j in range(n)]
+    add(inside, np.zeros(N * k * (n + 1)), N * k * [clarabel.SecondOrderConeT(n + 1)])
+    # The time of an interval times the sum of its roots is 1 at least, and a root squared its y at most.
+    both = [(3 * each + r, root + each + j, -one) for r in (0, 2) for j in (0, 1)]
+    both += [(3 * each, took + each, -one), (3 * each + 2, took + each, one)]
+    add(both, np.tile([0.0, 2.0, 0.0], N), N * [clarabel.SecondOrderConeT(3)])
+    free = np.flatnonzero(np.isnan(program.given))
+    at = 3 * np.arange(len(free))
+    squares = [(at, y + free, -one), (at + 1, root + free, np.array(-2.0)), (at + 2, y + free, -one)]
+    add(squares, np.tile([1.0, 0.0, -1.0], len(free)), len(free) * [clarabel.SecondOrderConeT(3)])
+    for sign, end in ((-1.0, np.zeros(nodes)), (1.0, program.top)):
+        add([(np.arange(nodes), y + np.arange(nodes), np.array(sign))], end, [clarabel.NonnegativeConeT(nodes)])
+    q = np.zeros(total)
+    q[took:] = 2.0 * program.step
+    A, b, P = sparse.csc_matrix(sparse.vstack(parts)), np.concatenate(ends), sparse.csc_matrix((total, total))
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_threads = False, 1
+
+    def call() -> tuple[str, float]:
+        found = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
+        return str(found.status), float(found.obj_val)
+
+    return call
+
+
+# -- clocks ------------------------------------------------------------------------------------------------------------
+
+
+class Clocks:
+    """Processor time of the parts of a plan."""
+
+    def __init__(self) -> None:
+        self.loads = 0.0
+        self.solved: list[tuple[Program, Solved, float]] = []
+
+    def plan(self, case: Case, intervals: int) -> float:
+        """Plan, and tell how long it took [s]."""
+        programs, solve = carrying.Carrying._programs, carrying.solve
+
+        def loading(*values):
+            start = time.process_time()
+            found = programs(*values)
+            self.loads += time.process_time() - start
+            return found
+
+        def solving(program: Program, **options) -> Solved:
+            start = time.process_time()
+            found = solve(program, **options)
+            self.solved.append((program, found, time.process_time() - start))
+            return found
+
+        with patch.object(carrying.Carrying, "_programs", loading), patch.object(carrying, "solve", solving):
+            start = time.process_time()
+            case.plan(intervals)
+            return time.process_time() - start
+
+
+def timed(call: Callable[[], object]) -> tuple[float, object]:
+    start = time.process_time()
+    found = call()
+    return time.process_time() - start, found
+
+
+def measured(name: str, case: Case, intervals: int, repeats: int, others: int) -> dict[str, object]:
+    """One line of the table."""
+    Clocks().plan(case, intervals)
+    whole, loads, parts = list[float](), list[float](), list[list[float]]()
+    for _ in range(repeats):
+        clocks = Clocks()
+        whole.append(clocks.plan(case, intervals))
+        loads.append(clocks.loads)
+        parts.append([took for _, _, took in clocks.solved])
+    program, found, _ = clocks.solved[0]
+    peer = stacked(program)
+    calls = {"ours": lambda: interior_point.solve(program, accuracy=carrying.ACCURACY), "peer": peer}
+    spent: dict[str, list[float]] = {name: [] for name in calls}
+    for i in range(others):
+        for own in sorted(calls, reverse=bool(i % 2)):
+            spent[own].append(timed(calls[own])[0])
+    status, objective = peer()
+    ours, theirs = (float(np.median(spent[own])) if others else np.nan for own in ("ours", "peer"))
+    return {
+        "case": name,
+        "intervals": intervals,
+        "contacts": program.k,
+        "rows": len(program.R),
+        "kept_rows": int(np.abs(found.rows).any(axis=(0, 1)).sum()),
+        "whole_s": f"{np.median(whole):.3f}",
+        "whole_p99_s": f"{np.percentile(whole, 99):.3f}",
+        "loads_s": f"{np.median(loads):.3f}",
+        **{f"{part}_s": f"{value:.3f}" for part, value in zip(PARTS, np.median(parts, axis=0))},
+        "rounds": found.rounds,
+        "gap": f"{found.gap:.1e}",
+        "residual": f"{found.residual:.1e}",
+        "clarabel_s": f"{theirs:.3f}",
+        "clarabel": status,
+        "difference": f"{found.objective / objective - 1.0:.1e}",
+        "ratio": f"{theirs / ours:.1f}",
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--seed", type=int, help="of the grasps; default: drawn, and printed")
+    parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--clarabel", type=int, default=5, help="solves of each program by Clarabel, and by us in turn")
+    parser.add_argument("--out", type=Path, default=HERE / "carry.csv")
+    options = parser.parse_args()
+    seed = int(np.random.SeedSequence().entropy % 2**32) if options.seed is None else options.seed
+    print("seed", seed)
+    rng = np.random.default_rng(seed)
+    arm, grasp, limit = panda()
+    random = {k: held_case(arm, grasp, limit, k, rng) for k in CONTACTS}
+    count, k = USUAL
+    cases = [("random", random[k], intervals) for intervals in INTERVALS]
+    cases += [("random", random[other], count) for other in CONTACTS if other != k]
+    with tempfile.TemporaryDirectory() as folder:
+        hands = {
+            "allegro": (mounted(file_of("allegro_right"), "palm_link", Path(folder)), allegro()),
+            "paper's hand": (mounted(file_of("humanoid"), "palm", Path(folder)), pg.load_case("paper").plan()),
+        }
+    for hand, (robot, plan) in hands.items():
+        cases.append((hand, held_case(robot, plan, with_motors(robot, None), k, rng), count))
+        cases.append((f"{hand}, weak", held_case(robot, plan, with_motors(robot, WEAK), k, rng), count))
+    rows = list[dict]()
+    for name, case, intervals in cases:
+        rows.append(measured(name, case, intervals, options.repeats, options.clarabel))
+        if len(rows) == 1:
+            print(*rows[0])
+        print(*rows[-1].values(), flush=True)
+    notes = (f"seed {seed}", f"{options.repeats} repeats", f"{options.clarabel} by Clarabel", "processor time")
+    written = options.out.with_suffix(".part")
+    write_rows(written, header(("numpy", "scipy", "pin", "clarabel"), *notes), rows)
+    written.replace(options.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,144 @@
+"""What the interior-point method of carrying takes and gives: a program, and where it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pinograsp.contacts import Friction
+from pinograsp.spatial import Array, IntArray
+
+_SMALL = 1e-300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Program:
+    """The data; N intervals, k contacts with d numbers each, m rows of R, r rows of C.
+
+    Attributes:
+        friction: the model; x is scaled so that tangential forces are limited by F_n alone.
+        k: contacts.
+        A: (b, k d), of full rank.
+        E: (N, b, 2).
+        e: (N, b).
+        R: (m, k d).
+        B: (N, m, 2).
+        low: (N, m), minus infinity where there is no limit.
+        high: (N, m), infinity where there is no limit.
+        C: (N, r, 2).
+        c: (N, r).
+        least: smallest normal forces (k,).
+        most: largest normal forces (k,), finite.
+        top: of y, finite: (N + 1,) where neighbours share a node, else (2 N,).
+        given: values of y that are known, not a number where they are not; as ``top``.
+        step: how long an interval of the path is; its time 2 step / (sqrt(y_i) + sqrt(y_i+1)) is the cost; None: no.
+        gain: what a unit of y gains, as ``top``: minus this times y is the cost; None: no.
+        weights: W (k d,), diagonal; None: forces cost nothing.
+    """
+
+    friction: Friction
+    k: int
+    A: Array
+    E: Array
+    e: Array
+    R: Array
+    B: Array
+    low: Array
+    high: Array
+    C: Array
+    c: Array
+    least: Array
+    most: Array
+    top: Array
+    given: Array
+    step: float | None = None
+    gain: Array | None = None
+    weights: Array | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of intervals."""
+        return len(self.E)
+
+    @property
+    def shared(self) -> bool:
+        """Whether neighbours share a node."""
+        return len(self.top) == self.count + 1
+
+    @property
+    def nodes(self) -> IntArray:
+        """The two nodes of each interval (N, 2)."""
+        first = np.arange(self.count) * (1 if self.shared else 2)
+        return np.stack([first, first + 1], axis=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solved:
+    """Where the method ended.
+
+    Attributes:
+        y: squared speeds, as ``top`` of the program.
+        x: forces (N, k, d).
+        objective: the cost.
+        lower_bound: of the cost of any solution, from the multipliers.
+        residual: largest error of balance and limits, over the size of the loads [-].
+        rounds: iterations.
+        accuracy: what was asked of gap and residual.
+        rows: multipliers of the rows of R, at their low and high ends (2, N, m).
+        pairs: multipliers of the rows of C (N, r).
+        speeds: multipliers of the limits of y, as ``top``.
+        normals: multipliers of least and most normal forces (2, N, k).
+        cones: multipliers of friction (N, k).
+    """
+
+    y: Array
+    x: Array
+    objective: float
+    lower_bound: float
+    residual: float
+    rounds: int
+    accuracy: float
+    rows: Array
+    pairs: Array
+    speeds: Array
+    normals: Array
+    cones: Array
+
+    @property
+    def gap(self) -> float:
+        """Objective less bound, over the objective [-]."""
+        return (self.objective - self.lower_bound) / max(abs(self.objective), _SMALL)
+
+    @property
+    def converged(self) -> bool:
+        """Whether this is a solution."""
+        return self.gap < 10 * self.accuracy and self.residual < 10 * self.accuracy
+
+
+class Times(NamedTuple):
+    """How long intervals take at constant acceleration, with derivatives.
+
+    Attributes:
+        value: (N,).
+        slope: (N, 2).
+        bend: (N, 2, 2).
+    """
+
+    value: Array
+    slope: Array
+    bend: Array
+
+
+def times(pairs: Array, step: float) -> Times:
+    """Of intervals of length ``step`` between squared speeds ``pairs`` (N, 2)."""
+    root = np.sqrt(pairs)
+    both = root.sum(axis=1)
+    value = 2.0 * step / both
+    root = np.maximum(root, 1e-75)
+    slope = -value[:, None] / (2.0 * both[:, None] * root)
+    bend = np.einsum("ni,nj,n->nij", 1.0 / root, 1.0 / root, value / (2.0 * both**2))
+    for j in (0, 1):
+        bend[:, j, j] += value / (4.0 * both * root[:, j] ** 3)
+    return Times(value, slope, bend)
