@@ -54,7 +54,9 @@ def one_joint(shape) -> HandModel:
 
 def engine(kind, shape, body, *, dt: float = DT, gravity=(0.0, 0.0, -9.81)):
     hand = one_joint(shape)
-    task = SimpleNamespace(links=(), hand=hand, body=body, gravity_o=np.array(gravity), torque_limit=np.full(1, np.inf))
+    task = SimpleNamespace(
+        links=(), hand=hand, body=body, gravity_o=np.array(gravity), torque_limit=np.full(1, np.inf), carrier=""
+    )
     return kind(task, time_step=dt, servo=Servo.of(hand), mass_factor=1.0)
 
 

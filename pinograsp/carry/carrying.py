@@ -12,12 +12,12 @@ from pinograsp.carry.loads import Carried, CarryScenario
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.programs import ArmLimits, Programs
 from pinograsp.carry.record import CarryPlan
-from pinograsp.carry.reserve import problem_of, with_reserve
+from pinograsp.carry.reserve import disturbance_of, problem_of, spare_forces, with_reserve
 from pinograsp.carry.squeeze import CommonSqueeze, common_squeeze
 from pinograsp.carry.timing import Timing
 from pinograsp.checks import brief, read_only
 from pinograsp.errors import CarryInfeasible, CarryUndecided
-from pinograsp.forces import ConvexSolution, TorqueLimit, optimize_forces
+from pinograsp.forces import ConvexSolution, TorqueLimit, diagnose, optimize_forces
 from pinograsp.hands import HandModel
 from pinograsp.motion import torque_limits
 from pinograsp.planner import GraspPlan
@@ -34,6 +34,7 @@ _SMALLEST = 0.02  # [s] of these, where no ramp is asked for
 _MOST = 10.0  # times as fast as a known timing: what is beyond does not matter
 _HALVINGS = 9  # of the interval in which the largest factor on the speed lies
 _GIVING = 1e-2  # joints that move a contact less than this, over the largest, do not press it
+_IMPACT = 0.9  # t_I over t_F where a force problem asks for one: how fast the hand closed does not matter any more
 _TRIED = 60  # points of the path at which a proof is looked for
 
 
@@ -126,6 +127,7 @@ class Carrying:
         reserve: float,
         gravity: Array,
         count: int,
+        disturbance: float | None,
     ):
         self.robot, self.grasp, self.path, self.limits = robot, grasp, path, limits
         self.reserve, self.gravity, self.count = reserve, gravity, count
@@ -134,6 +136,15 @@ class Carrying:
         self.carried = [Carried(robot, grasp.hand, body, posture, one) for one in scenarios]
         mu = min(one.mu for one in scenarios)
         self.problem, self.range_n = with_reserve(grasp, self.carried[0], reserve, torque_limit, mu)
+        self.spare = spare_forces(self.problem, *disturbance_of(grasp, disturbance))
+        if np.any(short := self.spare >= self.range_n[1]):
+            weak = int(np.argmax(short))
+            raise CarryInfeasible(
+                f"contact '{self.problem.contacts.names[weak]}' would have to keep {self.spare[weak]:.3g} N to bear "
+                f"the disturbances, and may press with {self.range_n[1][weak]:.3g} N: bear smaller ones (disturbance=)",
+                at=0.0,
+                solution=None,
+            )
 
     def _programs(self, s: Array, knots: Array) -> Programs:
         """Programs at samples s (N,) and ends of intervals (N + 1,)."""
@@ -141,7 +152,9 @@ class Carrying:
         for carried in reversed(self.carried):
             loads = carried.along(self.path, s, self.gravity)
             others = found[::-1] if carried is self.carried[0] else ()
-            found.append(Programs(self.problem, self.range_n, carried, self.limits, loads, slopes, others))
+            found.append(
+                Programs(self.problem, self.range_n, carried, self.limits, loads, slopes, others, spare=self.spare)
+            )
         return found[-1]
 
     def fastest(self) -> Fastest:
@@ -223,7 +236,8 @@ class Carrying:
                 f"{found.rounds} rounds",
                 solution=found,
             )
-        x = found.x[:, : self.problem.k]
+        x = found.x[:, : self.problem.k].copy()
+        x[..., -1] += self.spare
         return Held(passage=passage, x=x, commanded=x[..., -1], residual=found.residual, notes=notes)
 
     def common(self, passage: Passage, rate: float, *, slower: bool) -> Held:
@@ -270,7 +284,7 @@ class Carrying:
             )
         return CarryInfeasible(
             f"at {passage.instants[slow]:.4g} s, {100 * s[slow]:.3g} % of the path, the grasp cannot hold the "
-            f"object at this speed, with what is kept free (proven): {proof.infeasibility}; {passage.factor:.4g} times "
+            f"object at this speed, with what is kept free (proven): {_in_words(proof)}; {passage.factor:.4g} times "
             "the speed can be held: go slower, squeeze from other sides, keep less free",
             at=float(s[slow]),
             solution=proof,
@@ -280,15 +294,19 @@ class Carrying:
     def _proof(self, programs: Programs, i: int, level: float) -> ConvexSolution | None:
         """That there are no forces at a sample, at the squared speed of timed loads (0: at rest), in any scenario."""
         for one in (programs, *programs.others):
-            held = replace(one.problem, min_normal_force=None, max_normal_force=self.range_n[1])
+            held = replace(one.problem, min_normal_force=None, max_normal_force=self.range_n[1] - self.spare)
             torques, load = held.torques, one.middle.wrench
+            # What contacts keep to bear disturbances is not there to bear the load.
+            normals = np.column_stack([np.zeros((held.k, 2)), self.spare]).ravel()
+            kept = self.spare[:, None] * held.contacts.rotations_oc[:, :, 2]
             if torques is not None:
                 bias = one.middle.torque
                 own = (bias.along_b[i] * level + bias.still[i])[one.carried.of_hand]
-                torques = replace(torques, bias=own)
-            wrench = load.along_b[i] * level + load.still[i]
+                spare = np.einsum("kxn,kx->n", torques.jacobian[:, :3], kept)
+                torques = replace(torques, bias=own + spare)
+            wrench = load.along_b[i] * level + load.still[i] - held.contacts.G @ normals
             found = optimize_forces(
-                replace(held, load=-wrench, torques=torques), 0.9 * held.final_time, objective="peak"
+                replace(held, load=-wrench, torques=torques), _IMPACT * held.final_time, objective="peak"
             )
             if found.infeasibility is not None:
                 return found
@@ -301,7 +319,7 @@ class Carrying:
             if proof is not None:
                 return CarryInfeasible(
                     f"at {100 * s[i]:.3g} % of the path the grasp cannot hold the object even at rest, with "
-                    f"what is kept free (proven): {proof.infeasibility}; turn the hand less, squeeze from other "
+                    f"what is kept free (proven): {_in_words(proof)}; turn the hand less, squeeze from other "
                     "sides, keep less free",
                     at=float(s[i]),
                     solution=proof,
@@ -403,9 +421,11 @@ class Carrying:
         law, hand = self.problem.compliance, self.carried[0].hand
         depths = (np.maximum(normal, 0.0) / law.stiffness) ** (1.0 / law.exponent) - self.grasp.forces.final_depths
         fingers = np.unique(np.concatenate([finger.dofs for finger in hand.fingers]))
-        into = np.einsum("kxn,kx->kn", self._jacobian()[:, :3], self.problem.contacts.rotations_oc[:, :, 2])
+        # Along the normals, and not across them: contacts that slide while they press turn their friction.
+        moved = depths[:, :, None] * self.problem.contacts.rotations_oc[:, :, 2]
+        J = self._jacobian()[:, :3, fingers].reshape(-1, len(fingers))
         found = np.zeros((len(normal), hand.n))
-        found[:, fingers] = depths @ np.linalg.pinv(into[:, fingers], rcond=_GIVING).T
+        found[:, fingers] = moved.reshape(len(normal), -1) @ np.linalg.pinv(J, rcond=_GIVING).T
         return found
 
     def _contact_torques(self, local: Array, torsion: Array) -> Array:
@@ -418,3 +438,11 @@ class Carrying:
             "kxj,nkx->nj", J[:, 3:], moments
         )
         return found
+
+
+def _in_words(proof: ConvexSolution) -> str:
+    """What is missing, which load and which friction would do."""
+    first, *rest = diagnose(proof.problem, _IMPACT * proof.problem.final_time).text.splitlines()
+    told = [first.partition(" s: ")[2].removesuffix(" (proven)")]
+    told += [line.strip() for line in rest if "could be held" in line or "would do" in line]
+    return "; ".join(told)

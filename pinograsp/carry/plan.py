@@ -40,6 +40,7 @@ def plan_carry(
     jerk: ArrayLike | None = None,
     intervals: int = 500,
     reserve: float = 0.1,
+    disturbance: float | None = None,
     torque_limit: TorqueLimit = "effort",
     speed: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
@@ -68,6 +69,8 @@ def plan_carry(
         jerk: largest |jerk| of each joint, one number or (n,) [rad/s^3 or m/s^3], met by longer ramps; None: no limit.
         intervals: of the path, or of its time, N.
         reserve: share of friction, largest normal forces, torques, speeds and accelerations that is kept free [-].
+        disturbance: force in any direction, or as a moment about any axis at the object's radius of gyration, that is
+            borne on the way as well [N]; None: that of the grasp's own reserve, its heavier object included.
         torque_limit: largest |torque| of the robot's joints as for :class:`~pinograsp.forces.GraspConditions`.
         speed: largest |speed|, one number or (n,) [rad/s or m/s]; None: the robot's own, where it has them.
         acceleration: largest |acceleration| likewise [rad/s^2 or m/s^2]; None: no limit.
@@ -97,6 +100,7 @@ def plan_carry(
         torque_limit=torque_limit,
         reserve=reserve,
         gravity=array_of("gravity", gravity_o, (3,)),
+        disturbance=None if disturbance is None else number("disturbance", disturbance, at_least=0, unit="N"),
         count=integer("intervals", intervals, at_least=2, at_most=100_000),
     )
     ramp = number("ramp", ramp, at_least=0, at_most=10, unit="s")

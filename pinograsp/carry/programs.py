@@ -49,6 +49,7 @@ class Programs:
         slopes: derivatives of the joints' positions by the path parameter at their ends (N + 1, n).
         others: programs of other scenarios of the same path, which the same squeeze has to bear.
         fastest: speeds of the path parameter are below it.
+        spare: normal forces beyond what friction needs (k,) [N]; the programs' forces are those without it.
     """
 
     def __init__(
@@ -61,9 +62,11 @@ class Programs:
         slopes: Array,
         others: Sequence[Programs] = (),
         fastest: float = _FASTEST,
+        spare: Array | None = None,
     ):
         self.problem, self.carried, self.limits, self.middle, self.slopes = problem, carried, limits, middle, slopes
         self.least, self.most = range_n
+        self.spare = np.zeros(problem.k) if spare is None else spare
         self.count = len(middle.q)
         self.step = 1.0 / self.count
         torques = problem.torques
@@ -119,6 +122,7 @@ class Programs:
             slopes,
             others,
             fastest,
+            self.spare,
         )
 
     def _speed_limits(self, most: float) -> Array:
@@ -162,20 +166,23 @@ class Programs:
         C, c, self.arm_words = self._arm()
         given = np.full(self.count + 1, np.nan)
         given[[0, -1]] = 0.0
+        k, d = self.problem.k, self.problem.friction.d
+        kept = np.zeros(k * d)
+        kept[d - 1 :: d] = self.spare
         return Program(
             friction=self.problem.friction,
-            k=self.problem.k,
+            k=k,
             A=self.A,
             E=self.E,
-            e=self.e,
+            e=self.e - self.A @ kept,
             R=self.matrices.R,
             B=B,
-            low=low,
-            high=high,
+            low=low - self.matrices.R @ kept,
+            high=high - self.matrices.R @ kept,
             C=C,
             c=c,
-            least=self.least,
-            most=self.most,
+            least=np.maximum(self.least - self.spare, 0.0),
+            most=self.most - self.spare,
             top=self.top,
             given=given,
             step=self.step,

@@ -13,12 +13,16 @@ from pinograsp.checks import each_of
 from pinograsp.contacts import Compliance, Contact, ContactSet, Friction
 from pinograsp.contacts.clearance import PALM
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceProblem, GraspConditions, TorqueLimit
+from pinograsp.forces import ForceProblem, GraspConditions, Reserve, TorqueLimit
+from pinograsp.forces.matrices import balance_columns
 from pinograsp.hands import HandModel
 from pinograsp.motion import effort_of, torque_limits
 from pinograsp.motion.torques import torques_matter
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
+
+_ANY = 1e9  # [m/s, m/s^2] no limit
+_RANK = 1e-9  # singular values below this share of the largest are none
 
 
 def arm_limits(
@@ -86,6 +90,52 @@ def problem_of(grasp: GraspPlan) -> ForceProblem:
     )
 
 
+def disturbance_of(grasp: GraspPlan, size: float | None) -> tuple[float, float]:
+    """Force in any direction [N], or moment about any axis [N m], to bear on the way as well.
+
+    ``size``: of the force; None: what the grasp's plan bears besides its weight, a heavier object included.
+    """
+    body, own = problem_of(grasp).object, grasp.reserve
+    assert body is not None
+    if size is not None:
+        return size, size * Reserve().arm(body)
+    if own is None:
+        return 0.0, 0.0
+    return own.force + own.mass * body.mass * float(np.linalg.norm(grasp.gravity_o)), own.moment
+
+
+def spare_forces(problem: ForceProblem, force: float, moment: float) -> Array:
+    """Normal forces (k,) [N] that contacts keep beyond what friction needs, for disturbances of these sizes [N, N m].
+
+    Contacts react to a disturbance as equal springs do (Salisbury and Roth, 1983): x changes by T w along the surface
+    and by N w along the normal. |u + T w| <= F + N w for all |w| <= r follows from |u| <= F - r (|T| + |N|).
+    """
+    friction, k, d = problem.friction, problem.k, problem.friction.d
+    widths = friction.scale(problem.mu)
+    arms = np.ones_like(widths)
+    arms[:, 2:] = friction.torsion
+    columns = balance_columns(problem, np.where(widths > 0, arms, 0.0))
+    reaction = np.asarray(np.linalg.pinv(columns, rcond=_RANK)).reshape(k, d, -1)
+    across = np.divide(
+        reaction[:, :-1] * arms[:, :, None],
+        widths[:, :, None],
+        where=widths[:, :, None] > 0,
+        out=np.zeros((k, d - 1, 6)),
+    )
+    spare = np.zeros((2, k))
+    for part, rows in enumerate((slice(0, 3), slice(3, 6))):
+        T = across[:, :, rows]
+        size = (
+            np.linalg.norm(T[:, : friction.round_dimensions], 2, axis=(1, 2))
+            if friction.round_dimensions
+            else np.zeros(k)
+        )
+        if len(friction.facets):
+            size = np.maximum(size, np.linalg.norm(friction.facets @ T, axis=2).max(axis=1))
+        spare[part] = size + np.linalg.norm(reaction[:, -1, rows], axis=1)
+    return np.asarray(np.maximum(force * spare[0], moment / problem.moment_length * spare[1]))
+
+
 def _finger_of(hand: HandModel, name: str, link: str) -> str:
     """Of a stored contact: the finger that its name begins with, among those that have the link."""
     own = [finger.name for finger in hand.fingers if link in finger.links]
@@ -112,8 +162,16 @@ def with_reserve(
         depth = grasp.forces.final_depths
         torques = torque_limits(hand, contacts, q, depth=depth, limit=most, gravity_o=held.gravity_o)
         torques = replace(torques, reserve=reserve)
-    problem = replace(held, mu=mu * held.mu, friction=friction, torques=torques, balance="wrench")
-    # How fast the hand closed (Eqs. 13b and 13c) does not matter any more, how deep contacts may be (13a) does.
+    problem = replace(
+        held,
+        mu=mu * held.mu,
+        friction=friction,
+        torques=torques,
+        balance="wrench",
+        # How fast the hand closed (Eqs. 13b and 13c) does not matter any more, how deep contacts may be (13a) does.
+        acceleration_range=(1.0 / _ANY, _ANY),
+        max_speed=_ANY,
+    )
     low = np.zeros(held.k) if held.min_normal_force is None else held.min_normal_force
     high = np.full(held.k, held.compliance.stiffness * held.max_depth**held.compliance.exponent)
     if held.max_normal_force is not None:

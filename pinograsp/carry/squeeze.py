@@ -86,7 +86,8 @@ class _CommonProgram:
             others[0, 0] = False
             low[others, -own:], high[others, -own:] = -np.inf, np.inf
         self.low, self.high = low / self.size, high / self.size
-        self.least, self.most = first.least / self.size, first.most / self.size
+        self.least, self.most = lines[0].least / self.size, lines[0].most / self.size
+        self.spare = first.spare
         self.most_change = rate * steps / self.size
 
     def _rows(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
@@ -150,4 +151,5 @@ class _CommonProgram:
             return nothing
         F = np.broadcast_to(z[:commanded].reshape(self.m, self.k), (self.N, self.k))
         x = z[commanded:].reshape(self.S, self.N, self.k, self.d)
-        return CommonSqueeze(commanded=self.size * F, x=self.size * x, ruled_out=False, residual=residual)
+        x[..., -1] += self.spare / self.size
+        return CommonSqueeze(commanded=self.size * F + self.spare, x=self.size * x, ruled_out=False, residual=residual)

@@ -54,6 +54,18 @@ class Touches:
     spin: Array
 
 
+class BodyPoses(NamedTuple):
+    """Rotations (m, 3, 3) and positions (m, 3) [m] of bodies."""
+
+    rotation: Array
+    position: Array
+
+    def since(self, before: BodyPoses, which: IntArray, points: Array) -> Array:
+        """How far points (c, 3) of bodies ``which`` (c,) have moved from where they were then (c, 3) [m]."""
+        local = np.einsum("cji,cj->ci", self.rotation[which], points - self.position[which])
+        return np.asarray(points - before.position[which] - np.einsum("cij,cj->ci", before.rotation[which], local))
+
+
 _NO_INDICES, _NO_VALUES, _NO_VECTORS = np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 3))
 NO_TOUCHES = Touches(_NO_INDICES, _NO_INDICES, _NO_VECTORS, _NO_VECTORS, _NO_VALUES, _NO_VECTORS, _NO_VALUES)
 
@@ -170,6 +182,7 @@ class ContactLaw:
         self.elastic = self.damped = self.slipped = self.normal_work = 0.0
         self.slip = np.zeros(p)
         self._held = 0.0  # energy in the tangential springs
+        self._turned: Array | None = None  # the object's rotation at the last step
         self._before = _PartForces(np.zeros(p), np.zeros(p), np.zeros((p, 3)), np.zeros(p))  # at the last step
 
     def counted(self, touches: Touches) -> Touches:
@@ -187,6 +200,8 @@ class ContactLaw:
         """Forces after the springs have followed the surfaces for ``dt`` [s]; ``pose`` (4, 4) of the object, where the
         places of contacts are known.
         """
+        if pose is not None:
+            self._turn_along(pose[:3, :3])
         if not touches.part.size:
             self._release()
             return Pressing(_NO_VECTORS, _NO_VECTORS, _NO_VALUES)
@@ -252,6 +267,12 @@ class ContactLaw:
         self.elastic = float(pressed @ depth) / (self.rho + 1) + springs
         moment = (twist[which] * normal / np.maximum(normal_of[which], 1e-300))[:, None] * n
         return Pressing(normal[:, None] * n + tangential, moment, normal)
+
+    def _turn_along(self, rotation: Array) -> None:
+        """Turn the tangential springs with the object: a hand that turns takes them along."""
+        if self._turned is not None:
+            self.z = self.z @ (self._turned @ rotation.T)
+        self._turned = rotation
 
     def _release(self) -> None:
         """Relax all springs; the energy in the tangential ones counts as slipped."""

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.referee.dry_friction import rubbing
-from pinograsp.referee.law import NO_TOUCHES, Pressing, Touches, cross
+from pinograsp.referee.law import NO_TOUCHES, BodyPoses, Pressing, Touches, cross
 from pinograsp.referee.overlaps import Collider
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.task import Task
@@ -59,6 +59,9 @@ class PinocchioEngine:
         self.velocity: Array = np.zeros(3)  # of the centre of mass, world axes
         self.turning: Array = np.zeros(3)  # angular velocity, axes of the object
         self.set_gravity(task.gravity_o)
+        self.carried = bool(task.carrier)
+        self.before: BodyPoses | None = None  # of the parts and the object at the last touches
+        self.places: BodyPoses | None = None
         self._mass_matrix: Array = np.zeros((hand.n, hand.n))  # of coupled joints, at the last touches
         self._potential = self._kinetic = 0.0
 
@@ -78,6 +81,10 @@ class PinocchioEngine:
         """Detect collisions at the present state: the points at which the hand overlaps the object."""
         data, w = self.data, self.turning
         self._update_energies()
+        if self.carried:
+            rotations = [placement.rotation for placement in data.oMi] + [self.rotation]
+            positions = [placement.translation for placement in data.oMi] + [self.position]
+            self.before, self.places = self.places, BodyPoses(np.array(rotations), np.array(positions))
         overlaps = self.collider.collide(data.oMi, self.q, self.rotation, self.position)
         if not overlaps:
             return NO_TOUCHES
@@ -87,13 +94,19 @@ class PinocchioEngine:
         linear = np.array([moving[j].linear for j in part])
         angular = np.array([moving[j].angular for j in part])
         turning = np.tile(self.rotation @ w, (len(part), 1))
+        velocity = linear + cross(angular, point) - self.velocity - cross(turning, point - self.position)
+        if self.before is not None and self.places is not None:
+            # As in MujocoEngine: the object comes last.
+            object_ = np.full(len(part), self.parts)
+            velocity = self.places.since(self.before, part, point) - self.places.since(self.before, object_, point)
+            velocity /= self.dt
         return Touches(
             part=part,
             geometry=np.array([one.geometry for one in overlaps]),
             point_o=point,
             normal_o=normal,
             depth=np.array([one.depth for one in overlaps]),
-            velocity_o=linear + cross(angular, point) - self.velocity - cross(turning, point - self.position),
+            velocity_o=velocity,
             spin=((angular - turning) * normal).sum(axis=1),
         )
 

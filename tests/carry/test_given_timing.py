@@ -120,8 +120,9 @@ def weak(grasp, most):
 
 def test_what_is_too_fast_is_proven_and_told_how_fast_it_may_be(arm, grasp):
     held = weak(grasp, 1.3)
-    plan = plan_carry(arm, held, WAYPOINTS, intervals=INTERVALS, reserve=0.0)
-    options = {"timing": "given", "intervals": INTERVALS, "reserve": 0.0, "speed": 100.0, "torque_limit": 1e4}
+    free = {"intervals": INTERVALS, "reserve": 0.0, "disturbance": 0.0}
+    plan = plan_carry(arm, held, WAYPOINTS, **free)
+    options = {"timing": "given", "speed": 100.0, "torque_limit": 1e4, **free}
     most = plan_carry(arm, held, trajectory_of(plan), **options).factor
     assert 1.0 <= most < 1.5
     plan_carry(arm, held, trajectory_of(plan, 0.999 * most), **options)
@@ -135,10 +136,11 @@ def test_what_is_too_fast_is_proven_and_told_how_fast_it_may_be(arm, grasp):
 def test_faster_than_the_optimum_without_reserve_is_infeasible(arm, grasp):
     """Ten percent faster than the certified limit."""
     held = weak(grasp, 1.2)
-    plan = plan_carry(arm, held, WAYPOINTS, intervals=INTERVALS, reserve=0.0, ramp=0)
+    free = {"intervals": INTERVALS, "reserve": 0.0, "disturbance": 0.0}
+    plan = plan_carry(arm, held, WAYPOINTS, ramp=0, **free)
     assert plan.duration / 1.1 < plan.lower_bound
     with pytest.raises(CarryInfeasible, match="proven"):
-        plan_carry(arm, held, trajectory_of(plan, 1.1, 4000), timing="given", intervals=INTERVALS, reserve=0.0)
+        plan_carry(arm, held, trajectory_of(plan, 1.1, 4000), timing="given", **free)
 
 
 # -- squeezes ----------------------------------------------------------------------------------------------------------
@@ -171,7 +173,7 @@ def least_common(grasp, plan, most_change=None):
 
 
 def test_a_constant_squeeze_is_the_least_that_bears_all(arm, grasp):
-    plan = plan_carry(arm, grasp, WAYPOINTS, intervals=25, squeeze="constant")
+    plan = plan_carry(arm, grasp, WAYPOINTS, intervals=25, squeeze="constant", disturbance=0)
     assert np.ptp(plan.commanded, axis=0).max() < 1e-9
     C, scale = (
         elastic_reaction(grasp.problem),
@@ -185,7 +187,7 @@ def test_a_constant_squeeze_is_the_least_that_bears_all(arm, grasp):
 
 
 def test_a_slow_squeeze_changes_slowly_and_lies_between(arm, grasp):
-    options = {"intervals": 25}
+    options = {"intervals": 25, "disturbance": 0.0}
     constant = plan_carry(arm, grasp, WAYPOINTS, squeeze="constant", **options)
     slow, quick = (plan_carry(arm, grasp, WAYPOINTS, squeeze=rate, **options) for rate in (2.0, 1e4))
     for rate, plan in ((2.0, slow), (1e4, quick)):
@@ -201,12 +203,13 @@ def test_a_slow_squeeze_changes_slowly_and_lies_between(arm, grasp):
 
 def test_where_no_constant_squeeze_bears_it_the_arm_goes_slower_or_says_so(arm, grasp):
     held = weak(grasp, 1.0)
-    least = plan_carry(arm, held, WAYPOINTS, intervals=25)
-    constant = plan_carry(arm, held, WAYPOINTS, intervals=25, squeeze="constant")
+    free = {"intervals": 25, "disturbance": 0.0}
+    least = plan_carry(arm, held, WAYPOINTS, **free)
+    constant = plan_carry(arm, held, WAYPOINTS, squeeze="constant", **free)
     assert constant.duration > 1.05 * least.duration
     proven = "no constant squeeze bears the whole way at this speed, proven"
     with pytest.raises(CarryInfeasible, match=proven) as told:
-        plan_carry(arm, held, trajectory_of(least, 0.995), timing="given", squeeze="constant", intervals=25)
+        plan_carry(arm, held, trajectory_of(least, 0.995), timing="given", squeeze="constant", **free)
     assert told.value.factor == pytest.approx(least.duration / constant.duration, rel=0.05)
 
 
@@ -217,7 +220,7 @@ SCENARIOS = (CarryScenario(mass=1.3), CarryScenario(mass=0.7, com=(0.0, 0.005, 0
 
 @pytest.mark.parametrize("squeeze", ["least", "constant"])
 def test_scenarios_cost_time_or_squeeze(arm, grasp, squeeze):
-    held, options = weak(grasp, 1.6), {"intervals": 25, "squeeze": squeeze}
+    held, options = weak(grasp, 1.6), {"intervals": 25, "squeeze": squeeze, "disturbance": 0.0}
     one = plan_carry(arm, held, WAYPOINTS, **options)
     all_of_them = plan_carry(arm, held, WAYPOINTS, scenarios=SCENARIOS, **options)
     assert all_of_them.duration >= one.duration * (1 - 1e-6)

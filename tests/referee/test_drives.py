@@ -167,7 +167,9 @@ def test_dry_friction_holds_a_deflection_up_to_its_limit(engine, friction, stays
     """A joint 0.02 rad away from where a servo of 5 N m/rad wants it comes as near as friction / 5 N m/rad."""
     hand = one_joint(SHAPES["sphere"])
     body = Sphere(radius=0.03, mass=0.1, pose=pose(np.eye(3), [0, 0, 1.0]))
-    task = SimpleNamespace(links=(), hand=hand, body=body, gravity_o=np.zeros(3), torque_limit=np.full(1, np.inf))
+    task = SimpleNamespace(
+        links=(), hand=hand, body=body, gravity_o=np.zeros(3), torque_limit=np.full(1, np.inf), carrier=""
+    )
     made = KINDS[engine](
         task, time_step=2.5e-4, servo=Servo.of(hand, 5.0), mass_factor=1.0, joint_friction=np.array([friction])
     )

@@ -188,7 +188,7 @@ def test_hand_and_object_feel_opposite_forces():
     """A free joint in no gravity: what the object gains in angular momentum about the joint's axis, the joint loses."""
     hand, body = one_joint(SHAPES["ellipsoid"]), Sphere(radius=0.03, mass=0.1)
     limp = Servo(stiffness=np.full(1, 1e-12), damping=np.full(1, 1e-12), rotor=np.zeros(1))
-    task = SimpleNamespace(hand=hand, body=body, gravity_o=np.zeros(3), torque_limit=np.full(1, np.inf))
+    task = SimpleNamespace(hand=hand, body=body, gravity_o=np.zeros(3), torque_limit=np.full(1, np.inf), carrier="")
     made = PinocchioEngine(task, time_step=1e-4, servo=limp, mass_factor=1.0)
     made.place(np.zeros(1), np.array([2.0]), pose(np.eye(3), [0.05, 0.0425, 0.003]))
     law = ContactLaw(1e6, 0.0, 1.5, np.full(2, 0.5), 1e-3, 2e4, np.ones(2))
