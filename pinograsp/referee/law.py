@@ -272,7 +272,7 @@ class ContactLaw:
         """Turn the tangential springs with the object: a hand that turns takes them along."""
         if self._turned is not None:
             self.z = self.z @ (self._turned @ rotation.T)
-        self._turned = rotation
+        self._turned = rotation.copy()
 
     def _release(self) -> None:
         """Relax all springs; the energy in the tangential ones counts as slipped."""

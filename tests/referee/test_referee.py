@@ -796,3 +796,14 @@ def test_links_without_inertia_about_an_axis_are_simulated(tmp_path, moments):
         servo=servo,
     )
     assert not none and (sound.body_inertia[2:] == model.body_inertia[2:]).all()
+
+
+def test_springs_turn_with_the_object():
+    """A hand that turns takes its grip along: the same stretch along axes that turn."""
+    law, dt = ContactLaw(5e4, 0.0, 1.5, [10.0], 0.0, 2e4, [1]), 1e-3
+    pose = np.eye(4)
+    force = law.press(one_touch(2e-3, [0.01, 0, 0]), dt, pose).force_o[0]
+    turn = pin.exp3(np.array([0.0, 0.0, 0.4]))  # about the normal
+    pose[:3, :3] = turn
+    turned = law.press(one_touch(2e-3, [0.0, 0, 0]), dt, pose).force_o[0]
+    np.testing.assert_allclose(turned, turn @ force, atol=1e-9)
