@@ -19,7 +19,11 @@ _OWN_HAND = {"panda_hand", "panda_hand_tcp", "panda_leftfinger", "panda_rightfin
 def robot(name: str) -> pg.HandModel:
     """``panda``, or ``panda + `` and a hand of the catalogue."""
     hand = name.partition(" + ")[2]
-    return panda_with(hand, "palm_link" if hand.startswith("allegro") else "palm") if hand else panda()
+    if not hand:
+        return panda()
+    if hand == "humanoid":  # upright where the arm rests, as the paper has it
+        return panda_with(hand, "palm", rpy="2.8123 -0.1606 -0.0325")
+    return panda_with(hand, "palm_link")
 
 
 def panda(posture=START) -> pg.HandModel:
@@ -27,7 +31,7 @@ def panda(posture=START) -> pg.HandModel:
     return pg.load_hand(file_of("panda"), posture=dict(zip(JOINTS, posture)))
 
 
-def panda_with(name: str, link: str, xyz: str = "0 0 0.1") -> pg.HandModel:
+def panda_with(name: str, link: str, xyz: str = "0 0 0.1", rpy: str = "0 0 0") -> pg.HandModel:
     """The arm with a hand of the catalogue at its flange; ``link``: the hand's outermost one."""
     arm, hand = (ElementTree.parse(file_of(own)).getroot() for own in ("panda", name))
     for one in list(arm):
@@ -38,7 +42,7 @@ def panda_with(name: str, link: str, xyz: str = "0 0 0.1") -> pg.HandModel:
     mount = ElementTree.SubElement(arm, "joint", name="mount", type="fixed")
     ElementTree.SubElement(mount, "parent", link="panda_link8")
     ElementTree.SubElement(mount, "child", link=link)
-    ElementTree.SubElement(mount, "origin", xyz=xyz, rpy="0 0 0")
+    ElementTree.SubElement(mount, "origin", xyz=xyz, rpy=rpy)
     data = next(one for one in file_of("panda").parents if one.name == "example-robot-data")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"panda_{name}.urdf"

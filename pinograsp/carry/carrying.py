@@ -49,7 +49,8 @@ class Passage:
         programs: of the loads of the samples.
         level: the factor's square that belongs to ``timing`` [-].
         free: how many times as fast each interval may be passed (N,) [-].
-        found: the solution that says so; None: it is the fastest.
+        found: the solution that says so.
+        fastest: whether that is the solution of the fastest timing, whose forces bear this one.
     """
 
     timing: Timing
@@ -58,7 +59,8 @@ class Passage:
     programs: Programs
     level: float
     free: Array
-    found: Solved | None
+    found: Solved
+    fastest: bool = False
 
     __repr__ = brief("timing", "level")
 
@@ -177,7 +179,8 @@ class Carrying:
             programs=programs.timed(a, b, y, _MOST),
             level=1.0,
             free=np.ones(self.count),
-            found=None,
+            found=found,
+            fastest=True,
         )
         return Fastest(timing=timing, programs=programs, solved=found, passage=passage)
 
@@ -230,6 +233,8 @@ class Carrying:
         # Which forces are taken matters less than that they balance the loads.
         least = found.residual < _BALANCED and found.gap < _LEAST
         notes = () if least else ("the forces bear the loads, but they are not the least ones",)
+        if found.residual >= _BALANCED and passage.fastest:
+            found = passage.found
         if found.residual >= _BALANCED:
             raise CarryUndecided(
                 f"no forces were found for a timing that has them: balance to {found.residual:.1e} after "
@@ -391,7 +396,6 @@ class Carrying:
     def _limit(self, passage: Passage, fastest: Fastest | None, s: Array) -> tuple[Array, tuple[str, ...]]:
         """How fast each place may be passed by itself (N,) [1/s], and what binds there."""
         if fastest is None:
-            assert passage.found is not None
             knots = passage.timing.at(passage.knots).s
             programs, words = (
                 self._programs(s, knots),
