@@ -253,7 +253,7 @@ def test_links_are_drawn_as_they_are_hulls_where_nothing_else_is_known():
 def test_every_hand_of_the_catalogue_is_seen(drawn, tmp_path):
     """What is seen of a link lies where its collision shapes do, and the page is small."""
     name, run, scene = drawn
-    assert not scene.cautions
+    assert not scene.unseen
     shapes = [solid for solid in scene.solids if solid.link is not None]
     looks = {solid.look for solid in shapes} - {"always"}  # the paper's hand is seen as it touches
     assert looks == (set() if name == "humanoid" else {"visual", "collision"})
@@ -283,7 +283,7 @@ def test_a_run_whose_pictures_are_gone_shows_collision_shapes(tmp_path):
     gone = tuple(replace(one, path=str(tmp_path / "gone.dae")) for one in hand.visuals)
     scene = scene_of(run_with(replace(hand, visuals=gone)))
     assert {solid.look for solid in scene.solids} == {"always"}
-    assert any("gone.dae' is not there" in caution for caution in scene.cautions)
+    assert any("gone.dae' is not there" in one for one in scene.unseen)
     some = scene_of(run_with(replace(hand, visuals=(*hand.visuals[:1], *gone[1:]))))
     looks = {solid.link: set() for solid in some.solids}
     for solid in some.solids:
@@ -330,7 +330,7 @@ def test_torques_and_forces_are_the_runs_at_every_instant(run):
     steps = np.diff(scene.times)
     touch = scene.frame_at(scene.touch)
     assert np.median(steps[touch:]) < 0.3 * np.median(steps[:touch])  # forces build up in slow motion
-    assert scene.phase(0).startswith("Approach") and scene.phase(len(scene.times) - 1).startswith("Grasp complete")
+    assert scene.told[0].startswith("Approach") and scene.told[-1].startswith("Grasp complete")
 
 
 def test_the_camera_sees_everything(run):
