@@ -61,6 +61,10 @@ class Carried(Protocol):
         """The fastest at which each middle may be passed by itself (N,) [1/s]."""
 
     @property
+    def torque_limits(self) -> Array:
+        """Largest torques (n,) [N m or N]; infinity: none is known."""
+
+    @property
     def dq(self) -> Array:
         """Speeds of the joints (N, n)."""
 
@@ -163,7 +167,7 @@ def friction_use(plan: Carried) -> Figure:
 
 def torque_shares(plan: Carried) -> Figure:
     """Joint torques over their limits over time, of the arm and of the fingers."""
-    limits = plan.robot.effort_or_infinity
+    limits = plan.torque_limits
     fingers = _fingers(plan)
     arm = np.setdiff1d(np.arange(plan.robot.n), fingers)
     figure = Figure(figsize=(10.4, 4.8), layout="constrained")

@@ -34,6 +34,9 @@ def save_html(plan: PlanRecord, path: str | Path, *, simulation: Simulation | No
     return write_file(path, page_of(scene_of(plan, simulation)).encode())
 
 
+_NEAR = 4.5  # how much of the scene a camera at the hand sees, over a friction cone's height
+
+
 # Where an array lies in the page's bytes: [type, offset, shape].
 _Place: TypeAlias = list[str | int | list[int]]
 
@@ -138,6 +141,7 @@ def _record(scene: ViewScene) -> dict[str, Any]:
         "centre_alone": alone.tolist(),
         "view": scene.view.tolist(),
         "extent": scene.extent.tolist(),
+        "close": _NEAR * scene.cone_height / float(scene.extent[1:].max()),
         "thickness": scene.thickness,
         "alone": float(scene.extent[0]) - apart,
         "sign": (alone + top * scene.extent[1]).tolist(),

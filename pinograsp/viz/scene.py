@@ -227,8 +227,8 @@ class ViewScene:
         if self.carried is None:
             return points_o
         x, y, z, *turn = self.carried[frame]
-        turned: Array = Rotation.from_quat(np.roll(turn, -1)).apply(points_o.reshape(-1, 3))
-        return turned.reshape(points_o.shape) + [x, y, z]
+        turned: Array = Rotation.from_quat(np.roll(turn, -1)).apply(np.array(points_o.reshape(-1, 3)))
+        return np.asarray(turned.reshape(points_o.shape) + [x, y, z])
 
     def object_at(self, frame: int) -> Array | None:
         """Where the object is at an instant (7,)."""
