@@ -19,6 +19,8 @@ _NAMED = 6  # limits or joints with a colour of their own: more cannot be told a
 _OTHERS = "0.6"  # grey
 _NEAR = 0.3  # share of a torque limit from which on it is drawn
 _TALLEST = 2.5  # of the limit's curve, over the largest speed: it may be far above at places
+_WIDTH, _HALF = 7.6, 5.2  # [in] of a figure, and of one of two panels
+_LETTER, _MARGIN = 0.072, 0.6  # [in] of a legend's letter, and beside each of its labels
 
 
 class Carried(Protocol):
@@ -100,7 +102,7 @@ def path_speed(plan: Carried) -> Figure:
     """Speed over the path parameter, coloured by what binds, below the speed at which each place may be passed."""
     s, speed = plan.s, plan.speed
     middles = CubicHermiteSpline(plan.times, s, speed)(plan.instants)
-    figure = Figure(figsize=(7.6, 5.0), layout="constrained")
+    figure = Figure(figsize=(_WIDTH, 5.0), layout="constrained")
     axes = figure.subplots()
     axes.plot(middles, plan.limit, color="0.2", linewidth=1.1, zorder=3, label="limit of each place by itself")
     shares = [(what, share) for what, share in plan.shares() if what != "nothing"]
@@ -126,14 +128,13 @@ def path_speed(plan: Carried) -> Figure:
     top = float(min(plan.limit.max(), _TALLEST * speed.max()))
     axes.set(xlabel="path parameter s [-]", ylabel="path speed ds/dt [1/s]", xlim=(0, 1), ylim=(0, 1.06 * top))
     _grid(axes)
-    columns = 2 if len(drawn) < 4 and max(len(what) for what, *_ in drawn) < 34 else 1
-    _legend_above(axes, columns if len(drawn) > 1 else 2, title="what keeps it from being faster")
+    _legend_above(axes, title="what keeps it from being faster")
     return figure
 
 
 def normal_forces(plan: Carried) -> Figure:
     """Sum of the normal forces and those of the contacts over time; dashed: commanded, where that is something else."""
-    figure = Figure(figsize=(7.6, 6.0), layout="constrained")
+    figure = Figure(figsize=(_WIDTH, 6.0), layout="constrained")
     total, each = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.7))
     forces, commanded = plan.normal_forces, plan.commanded
     other = np.abs(commanded - forces).max(axis=0) > 1e-3 * max(float(forces.max()), 1e-9)
@@ -141,27 +142,27 @@ def normal_forces(plan: Carried) -> Figure:
     _contacts(each, plan, forces)
     if other.any():
         total.plot(plan.instants, commanded.sum(axis=1), "--", color="0.2", linewidth=1.2, label="commanded (dashed)")
-        _legend_above(total, 2)
+        _legend_above(total)
     for i in np.flatnonzero(other):
         each.plot(plan.instants, commanded[:, i], "--", color=COLOURS[i % 7], linewidth=1.1)
     for axes, ylabel in ((total, "sum [N]"), (each, "normal force [N]")):
         _over_time(axes, plan, ylabel)
-        axes.set_ylim(0, None)
+        axes.set_ylim(0, 1.08 * max(float(np.max(line.get_ydata())) for line in axes.lines))
     total.set_xlabel("")
-    _legend_above(each, 3)
+    _legend_above(each)
     return figure
 
 
 def friction_use(plan: Carried) -> Figure:
     """Share of the friction relied on that each contact uses over time; 1: all of it."""
-    figure = Figure(figsize=(7.6, 4.4), layout="constrained")
+    figure = Figure(figsize=(_WIDTH, 4.4), layout="constrained")
     axes = figure.subplots()
     _contacts(axes, plan, plan.friction_use)
     axes.axhline(1.0, color="0.2", linewidth=1.0, linestyle="--", zorder=3)
     _remark(axes, 1.01, "all that is relied on", "bottom")
     _over_time(axes, plan, "friction used, of what is relied on [-]")
     axes.set_ylim(0, max(1.12, 1.05 * float(plan.friction_use.max())))
-    _legend_above(axes, 3)
+    _legend_above(axes)
     return figure
 
 
@@ -170,7 +171,7 @@ def torque_shares(plan: Carried) -> Figure:
     limits = plan.torque_limits
     fingers = _fingers(plan)
     arm = np.setdiff1d(np.arange(plan.robot.n), fingers)
-    figure = Figure(figsize=(10.4, 4.8), layout="constrained")
+    figure = Figure(figsize=(2 * _HALF, 4.8), layout="constrained")
     for axes, dofs, what in zip(figure.subplots(1, 2), (arm, fingers), ("arm", "fingers")):
         known = dofs[np.isfinite(limits[dofs])]
         shares = plan.torques[:, known] / limits[known]
@@ -197,7 +198,7 @@ def arm_motion(plan: Carried) -> Figure:
     moving = np.flatnonzero(np.abs(plan.dq).max(axis=0) > 0)
     slides = plan.robot.slides[moving]
     unit = "m" if slides.all() else "rad or m" if slides.any() else "rad"
-    figure = Figure(figsize=(10.4, 4.8), layout="constrained")
+    figure = Figure(figsize=(2 * _HALF, 4.8), layout="constrained")
     for axes, values, what, per in zip(
         figure.subplots(1, 2), (plan.dq, plan.ddq), ("speed", "acceleration"), ("s", "s$^2$")
     ):
@@ -250,7 +251,7 @@ def _joints(axes: Axes, plan: Carried, dofs: IntArray, values: Array) -> None:
             axes.plot(plan.instants, column, color=_OTHERS, linewidth=0.8, label=others)
             others = "_again"  # the legend names them once
     if dofs.size:
-        _legend_above(axes, 3)
+        _legend_above(axes, _HALF)
 
 
 def _over_time(axes: Axes, plan: Carried, ylabel: str) -> None:
@@ -273,13 +274,14 @@ def _percent(share: float) -> str:
     return "less than 1 %" if share < 0.01 else f"{100 * share:.0f} %"
 
 
-def _legend_above(axes: Axes, columns: int, title: str | None = None) -> None:
-    """Clear of the curves."""
+def _legend_above(axes: Axes, room: float = _WIDTH, title: str | None = None) -> None:
+    """Clear of the curves, in as many columns as there is room for [in]."""
+    columns = int(room / (_MARGIN + _LETTER * max(map(len, axes.get_legend_handles_labels()[1]))))
     axes.legend(
         fontsize=8,
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
+        ncols=min(max(columns, 1), 3),
         frameon=False,
         title=title,
         title_fontsize=8,
