@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from pinograsp.carry.path import ArmPath
@@ -14,8 +16,13 @@ from pinograsp.checks import brief, number
 from pinograsp.errors import InvalidInput
 from pinograsp.handover import JointTrajectory
 from pinograsp.hands import HandModel
+from pinograsp.motion.torques import drives_limit
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
+from pinograsp.writing import write_file
+
+if TYPE_CHECKING:
+    from pinograsp.viz.viewer import Viewer
 
 _MOST = 1_000_000  # samples: more is a mistyped rate
 
@@ -114,6 +121,11 @@ class CarryPlan:
         """Sums of the normal forces (N,) [N]."""
         return np.asarray(self.normal_forces.sum(axis=1))
 
+    @property
+    def torque_limits(self) -> Array:
+        """Largest torques that the robot's joints and drives can make (n,) [N m or N]; infinity: none is known."""
+        return drives_limit(self.robot)
+
     def describe(self) -> str:
         """Duration, squeeze and what binds where, as readable text."""
         peak = int(self.squeeze.argmax())
@@ -198,6 +210,40 @@ class CarryPlan:
             final_time=self.duration,
             notes=self.notes,
         )
+
+    def show(self, *, port: int = 8080, open_browser: bool = True) -> Viewer:
+        """Open a live page on which the arm moves and the hand holds; see :func:`pinograsp.viz.viewer.view`."""
+        from pinograsp.carry.scene import carry_scene
+        from pinograsp.viz.viewer import opened
+
+        return opened(carry_scene(self), port=port, open_browser=open_browser)
+
+    def save_html(self, path: str | Path) -> Path:
+        """Write such a page as one file that needs no server and no network; returns its path."""
+        from pinograsp.carry.scene import carry_scene
+        from pinograsp.viz.page import page_of
+
+        return write_file(path, page_of(carry_scene(self)).encode())
+
+    def picture(self, path: str | Path, *, time: float | None = None, view: ArrayLike | None = None) -> Path:
+        """Write a picture of arm, object and forces as PNG; returns its path.
+
+        Args:
+            path: of the file; an existing file is overwritten.
+            time: of the plan [s]; None: when the hand squeezes hardest.
+            view: direction towards the camera (3,) in the robot's world; None: where little hides the contacts.
+        """
+        from pinograsp.carry.scene import carry_scene
+        from pinograsp.viz.still import picture_of, png_of
+
+        when = float(self.instants[self.squeeze.argmax()]) if time is None else time
+        return write_file(path, png_of(picture_of(carry_scene(self), when, view=view)))
+
+    def save_figures(self, folder: str | Path) -> list[Path]:
+        """Write the figures as PNG into an existing folder; returns their paths. See :mod:`pinograsp.viz.carried`."""
+        from pinograsp.viz.carried import save_carry_figures
+
+        return save_carry_figures(self, folder)
 
     def stretches(self) -> list[tuple[str, int, int]]:
         """What binds, and the first and last interval of each stretch where it does."""

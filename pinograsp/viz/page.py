@@ -31,7 +31,10 @@ def save_html(plan: PlanRecord, path: str | Path, *, simulation: Simulation | No
         HandNotLoaded: mesh files are missing.
         ResultsNotWritten: the file cannot be written.
     """
-    return write_file(path, _page(scene_of(plan, simulation)).encode())
+    return write_file(path, page_of(scene_of(plan, simulation)).encode())
+
+
+_NEAR = 4.5  # how much of the scene a camera at the hand sees, over a friction cone's height
 
 
 # Where an array lies in the page's bytes: [type, offset, shape].
@@ -57,7 +60,8 @@ class _Bytes:
         return [self.put(vertices), self.put(faces, "u2" if len(vertices) < 65536 else "u4")]
 
 
-def _page(scene: ViewScene) -> str:
+def page_of(scene: ViewScene) -> str:
+    """The page that shows a scene, as HTML."""
     template = files("pinograsp.viz").joinpath("viewer.html").read_text(encoding="utf-8")
     # "<" could end the script element that holds the record.
     record = json.dumps(_record(scene), allow_nan=False).replace("<", "\\u003c")
@@ -68,8 +72,7 @@ def _record(scene: ViewScene) -> dict[str, Any]:
     """The scene as plain JSON values, arrays in base64."""
     block, simulated = _Bytes(), scene.simulated
     limits = [float(limit) if np.isfinite(limit) and limit > 0 else None for limit in scene.limits]
-    sentences = [scene.phase(i) for i in range(len(scene.times))]
-    distinct = list(dict.fromkeys(sentences))
+    distinct = list(dict.fromkeys(scene.told))
     shape = "pyramid" if scene.pyramids else "cone"
     alone, apart = scene.centre, 0.0
     if simulated is not None:
@@ -83,13 +86,15 @@ def _record(scene: ViewScene) -> dict[str, Any]:
         "answer": scene.answer.text,
         "level": scene.answer.level,
         "remedy": scene.remedy,
+        "heading": scene.heading,
         "facts": [list(fact) for fact in scene.facts],
-        "cautions": list(scene.cautions),
+        "cautions": [*scene.cautions, *scene.unseen],
         "times": block.put(scene.times),
+        "rate": scene.rate,
         "start": scene.frame_at(scene.closed),
-        "phases": _phases(scene),
+        "phases": scene.phases,
         "sentences": distinct,
-        "phase": [distinct.index(sentence) for sentence in sentences],
+        "phase": [distinct.index(sentence) for sentence in scene.told],
         "links": scene.link_poses.shape[1],
         "solids": [
             {
@@ -103,6 +108,7 @@ def _record(scene: ViewScene) -> dict[str, Any]:
         ],
         "link_poses": block.put(scene.link_poses),
         "object_pose": None if scene.object_pose is None else scene.object_pose.tolist(),
+        "carried": None if scene.carried is None else block.put(scene.carried),
         "contacts": [{"name": name, "colour": colour} for name, colour in zip(scene.contacts, scene.colours)],
         "points": scene.points_o.ravel().tolist(),
         "rotations": scene.rotations_oc.ravel().tolist(),
@@ -117,7 +123,8 @@ def _record(scene: ViewScene) -> dict[str, Any]:
         "normal": block.put(scene.normal),
         "tangential": block.put(scene.tangential),
         "used": block.put(scene.used),
-        "load": scene.load_o.tolist(),
+        "load": block.put(scene.load_o),
+        "load_told": f"black arrow: its weight and {'other loads' if scene.carried is None else 'inertia'}",
         "com": scene.com_o.tolist(),
         "joints": [
             {"name": name, "slides": bool(slides), "limit": limit}
@@ -134,6 +141,8 @@ def _record(scene: ViewScene) -> dict[str, Any]:
         "centre_alone": alone.tolist(),
         "view": scene.view.tolist(),
         "extent": scene.extent.tolist(),
+        "close": _NEAR * scene.cone_height / float(scene.extent[1:].max()),
+        "thickness": scene.thickness,
         "alone": float(scene.extent[0]) - apart,
         "sign": (alone + top * scene.extent[1]).tolist(),
         "simulated": None,
@@ -157,10 +166,3 @@ def _record(scene: ViewScene) -> dict[str, Any]:
         }
     record["bytes"] = base64.b64encode(b"".join(block.parts)).decode("ascii")
     return record
-
-
-def _phases(scene: ViewScene) -> list[tuple[str, int, int]]:
-    """Name, first and last frame of the phases that are not empty."""
-    touch, closed, last = scene.frame_at(scene.touch), scene.frame_at(scene.closed), len(scene.times) - 1
-    phases = [("approach", 0, touch), ("grasp", touch, closed), ("simulated hold", closed, last)]
-    return [(name, first, end) for name, first, end in phases if first < end]

@@ -34,12 +34,12 @@ def forces(scene: ViewScene, frame: int) -> str:
         used = scene.used[frame, k]
         rows.append(_row(dot, short(max(scene.normal[frame, k], 0.0)), short(scene.tangential[frame, k]), _bar(used)))
     total = scene.forces_o[frame].sum(axis=0)
-    load = float(np.linalg.norm(scene.load_o))
+    load = float(np.linalg.norm(scene.load_o[frame]))
     lines = [
-        f"<b style='font-size:1.25em'>{scene.times[frame]:.3f} s</b><br>{escape(scene.phase(frame))}",
+        f"<b style='font-size:1.25em'>{scene.times[frame]:.3f} s</b><br>{escape(scene.told[frame])}",
         _table(rows),
         f"sum {short(float(np.linalg.norm(total)))} N; load {short(load)} N; "
-        f"residual {short(float(np.linalg.norm(total + scene.load_o)), 2)} N",
+        f"residual {short(float(np.linalg.norm(total + scene.load_o[frame])), 2)} N",
     ]
     if (check := scene.simulated) is not None:
         rows = [_row("in the simulation", "normal [N]", "planned [N]", grey=True)]
@@ -72,7 +72,7 @@ def foot(scene: ViewScene) -> str:
         f"<tr><td>{escape(what)}</td><td style='text-align:right'>{escape(value)}</td></tr>"
         for what, value in scene.facts
     ]
-    cautions = "".join(f"<li>{escape(caution)}</li>" for caution in scene.cautions)
+    cautions = "".join(f"<li>{escape(caution)}</li>" for caution in (*scene.cautions, *scene.unseen))
     return _boxed(_table(rows) + (f"<b>Cautions</b><ul>{cautions}</ul>" if cautions else ""))
 
 

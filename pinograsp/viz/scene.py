@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,12 +29,22 @@ from pinograsp.plan.answer import (
 from pinograsp.spatial import Array, BoolArray, IntArray
 from pinograsp.viz.scene_meshes import Triangles, friction_cone
 from pinograsp.viz.solids import Links, Solid, sevens, solids_of
-from pinograsp.viz.stage import Stage
+from pinograsp.viz.stage import Held, Stage, scale_of
 from pinograsp.viz.style import COLOURS
 from pinograsp.words import number
 
 # Number of instants in the approach, in the grasp phase, and after it: the grasp phase is short but needs a close look.
 _APPROACH, _GRASP, _HOLD = 150, 100, 150
+_RATE = 30.0  # of them per second
+THICKNESS = 0.011  # of arrows, over half the height or depth of the scene
+
+
+class Phase(NamedTuple):
+    """Its name, first and last instant."""
+
+    name: str
+    first: int
+    last: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,14 +102,21 @@ class ViewScene:
         answer: whether the grasp holds.
         status: of the plan.
         remedy: of the plan; empty: none needed.
+        heading: of the facts.
         facts: name and value with its unit.
-        cautions: in words; those of the plan, and shapes that cannot be shown.
-        times: (f,) [s]; closer together where forces build up.
+        cautions: of the plan, in words.
+        unseen: shapes that cannot be shown, in words.
+        times: (f,) [s]; of a grasp closer together where forces build up.
+        rate: instants per second at play speed 1.
         touch: t_I [s].
-        closed: t_F [s].
+        closed: t_F [s], from when on the object is held; pages begin there.
+        phases: name, first and last instant of each.
+        told: what happens at each instant (f,), in a sentence.
         solids: of hand and object.
         link_poses: position [m] and quaternion w, x, y, z (f, l, 7).
         object_pose: likewise (7,); None: the plan has no object.
+        carried: where the palm has carried object, contacts and forces, from where they were planned (f, 7), likewise;
+            None: they stay there.
         contacts: their names (k).
         colours: of the contacts (k), ``#rrggbb``.
         points_o: contact points (k, 3) [m].
@@ -110,7 +128,7 @@ class ViewScene:
         normal: normal forces (f, k) [N].
         tangential: tangential forces (f, k) [N].
         used: share of Coulomb's cone, mu F_n, that is used (f, k); NaN without force.
-        load_o: weight and other loads (3,) [N].
+        load_o: weight, inertia and other loads (f, 3) [N].
         com_o: centre of mass (3,) [m].
         joints: their names (n).
         fingers: joints by finger, for fingers that move or bear torque; each joint once.
@@ -124,6 +142,7 @@ class ViewScene:
         centre: point that the camera looks at (3,) [m].
         view: direction from there to the camera (3,).
         extent: half the size of the scene to the right, upwards and along ``view`` (3,) [m].
+        thickness: radius of the arrows [m].
         simulated: the simulation; None: there is none.
     """
 
@@ -132,14 +151,20 @@ class ViewScene:
     answer: Answer
     status: str
     remedy: str
+    heading: str
     facts: tuple[tuple[str, str], ...]
     cautions: tuple[str, ...]
+    unseen: tuple[str, ...]
     times: Array
+    rate: float
     touch: float
     closed: float
+    phases: tuple[Phase, ...]
+    told: tuple[str, ...]
     solids: tuple[Solid, ...]
     link_poses: Array
     object_pose: Array | None
+    carried: Array | None
     contacts: tuple[str, ...]
     colours: tuple[str, ...]
     points_o: Array
@@ -165,6 +190,7 @@ class ViewScene:
     centre: Array
     view: Array
     extent: Array
+    thickness: float
     simulated: Simulated | None
 
     __repr__ = brief("title", "status", "answer", "contacts", "times", "simulated")
@@ -184,24 +210,36 @@ class ViewScene:
         return int(np.abs(self.times - time).argmin())
 
     def arrows(self, frame: int, scale: float | None = None) -> Array:
-        """Start and end of the contact forces' arrows (k, 2, 3) [m] at ``scale`` [m/N], from the contacts."""
+        """Start and end of the contact forces' arrows (k, 2, 3) [m] at ``scale`` [m/N], from the contacts.
+
+        As planned, before anything is carried.
+        """
         scale = self.force_scale if scale is None else scale
         return np.stack([self.points_o, self.points_o + scale * self.forces_o[frame]], axis=1)
+
+    def load_arrow(self, frame: int, scale: float | None = None) -> Array:
+        """Start and end of the load's (2, 3) [m], likewise."""
+        scale = self.force_scale if scale is None else scale
+        return np.stack([self.com_o, self.com_o + scale * self.load_o[frame]])
+
+    def moved(self, points_o: Array, frame: int) -> Array:
+        """Where planned points (..., 3) [m] are at an instant."""
+        if self.carried is None:
+            return points_o
+        x, y, z, *turn = self.carried[frame]
+        turned: Array = Rotation.from_quat(np.roll(turn, -1)).apply(np.array(points_o.reshape(-1, 3)))
+        return np.asarray(turned.reshape(points_o.shape) + [x, y, z])
+
+    def object_at(self, frame: int) -> Array | None:
+        """Where the object is at an instant (7,)."""
+        if self.carried is None or self.object_pose is None:
+            return self.object_pose
+        turn, own = (Rotation.from_quat(np.roll(pose[3:], -1)) for pose in (self.carried[frame], self.object_pose))
+        return np.concatenate([self.moved(self.object_pose[:3], frame), np.roll((turn * own).as_quat(), 1)])
 
     def colour_of(self, part: str, i: int) -> str:
         """Colour of the simulation's part ``i``: that of the contact with the same name, if there is one."""
         return self.colours[self.contacts.index(part)] if part in self.contacts else COLOURS[i % len(COLOURS)]
-
-    def phase(self, frame: int) -> str:
-        """What happens at an instant, in a sentence."""
-        time = self.times[frame]
-        if time < self.touch:
-            return "Approach: the fingers close. Until the grasp is complete, something else carries the object."
-        if time < self.closed:
-            return "Grasp: the fingers press in, and the contact forces build up."
-        if self.simulated is None or time == self.closed:
-            return "Grasp complete: the contact forces carry the load."
-        return "Simulated hold: the object is let go, only the fingers hold it."
 
 
 def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScene:
@@ -222,29 +260,42 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
     colours = tuple(COLOURS[i % len(COLOURS)] for i in range(len(contacts.names)))
     solids, unseen = solids_of(hand, body, links, dict(zip(contacts.links, colours)))
     link_poses, object_pose = links.poses(motion.q[at]), None if body is None else sevens(body.pose)
-    stage = Stage(plan, solids, link_poses, object_pose)
+    stage = Stage(
+        Held(plan.gravity_o, contacts.points_o, contacts.rotations_oc[:, :, 2], contacts.com_o),
+        solids,
+        link_poses,
+        None if object_pose is None else np.tile(object_pose, (len(times), 1)),
+    )
+    largest = float(np.linalg.norm(np.vstack([motion.forces_o[-1], plan.load[:3]]), axis=1).max())
     simulated = None
     if simulation is not None:
         simulated = _simulated(plan, simulation, times, links, hand, stage.beside)
         stage.add(simulated.beside)
-    normal, tangential, used = _friction_used(plan, motion.forces_o[at])
+    normal, tangential, used = friction_of(contacts.rotations_oc, plan.friction.mu, motion.forces_o[at])
     held, height = times > motion.times[-1], 0.16 * stage.size
     q, torques = motion.q[at], np.where(held[:, None], motion.holding_torques, motion.torques[at])
     centre, extent = stage.frame()
+    touch, closed = float(motion.times[motion.impact]), float(motion.times[-1])
     return ViewScene(
         title=plan.name,
-        subtitle=f"{hand.name}, {hand.n} joints" + ("" if body is None else f"; {_in_words(body)}"),
+        subtitle=f"{hand.name}, {hand.n} joints" + ("" if body is None else f"; {in_words(body)}"),
         answer=does_it_hold(plan, simulation),
         status=str(plan.status),
         remedy=plan.remedy,
+        heading="Margins of the grasp",
         facts=tuple(_facts(plan)),
-        cautions=(*plan.cautions, *unseen),
+        cautions=plan.cautions,
+        unseen=tuple(unseen),
         times=times,
-        touch=float(motion.times[motion.impact]),
-        closed=float(motion.times[-1]),
+        rate=_RATE,
+        touch=touch,
+        closed=closed,
+        phases=_phases(times, touch, closed),
+        told=tuple(_told(time, touch, closed, simulated is not None) for time in times.tolist()),
         solids=solids,
         link_poses=link_poses,
         object_pose=object_pose,
+        carried=None,
         contacts=contacts.names,
         colours=colours,
         points_o=contacts.points_o,
@@ -256,20 +307,21 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
         normal=normal,
         tangential=tangential,
         used=used,
-        load_o=plan.load[:3],
+        load_o=np.tile(plan.load[:3], (len(times), 1)),
         com_o=contacts.com_o,
         joints=plan.layout.joints,
-        fingers=_busy(plan.layout.fingers, q, torques),
+        fingers=busy(plan.layout.fingers, q, torques),
         sliding=hand.slides,
         q=q,
         torques=torques,
         limits=plan.torque_limit,
-        force_scale=stage.force_scale,
+        force_scale=scale_of(stage.size, largest),
         up=stage.up,
         ground=stage.ground,
         centre=centre,
         view=stage.view,
         extent=extent,
+        thickness=THICKNESS * float(extent[1:].max()),
         simulated=simulated,
     )
 
@@ -277,7 +329,7 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def _busy(fingers: Mapping[str, tuple[int, ...]], q: Array, torques: Array) -> dict[str, list[int]]:
+def busy(fingers: Mapping[str, tuple[int, ...]], q: Array, torques: Array) -> dict[str, list[int]]:
     """Joints by finger, for fingers that move or bear torque; each joint once."""
     busy: dict[str, list[int]] = {}
     seen: set[int] = set()
@@ -300,16 +352,34 @@ def _instants(motion: Motion, simulation: Simulation | None) -> tuple[Array, Int
     return np.r_[times[shown], after], np.r_[shown, np.full(after.size, last)]
 
 
+def _phases(times: Array, touch: float, closed: float) -> tuple[Phase, ...]:
+    """Those that are not empty."""
+    i, j, last = int(np.abs(times - touch).argmin()), int(np.abs(times - closed).argmin()), len(times) - 1
+    phases = (Phase("approach", 0, i), Phase("grasp", i, j), Phase("simulated hold", j, last))
+    return tuple(phase for phase in phases if phase.first < phase.last)
+
+
+def _told(time: float, touch: float, closed: float, simulated: bool) -> str:
+    """What happens at an instant [s], in a sentence."""
+    if time < touch:
+        return "Approach: the fingers close. Until the grasp is complete, something else carries the object."
+    if time < closed:
+        return "Grasp: the fingers press in, and the contact forces build up."
+    if not simulated or time == closed:
+        return "Grasp complete: the contact forces carry the load."
+    return "Simulated hold: the object is let go, only the fingers hold it."
+
+
 # -- forces ------------------------------------------------------------------------------------------------------------
 
 
-def _friction_used(plan: PlanRecord, forces: Array) -> tuple[Array, Array, Array]:
+def friction_of(rotations_oc: Array, mu: Array, forces_o: Array) -> tuple[Array, Array, Array]:
     """Normal forces, tangential forces (f, k) [N], and the share of Coulomb's cone, mu F_n, that they use (f, k)."""
-    local = np.einsum("kji,fkj->fki", plan.contacts.rotations_oc, forces)
+    local = np.einsum("kji,fkj->fki", rotations_oc, forces_o)
     normal, tangential = local[..., 2], np.linalg.norm(local[..., :2], axis=2)
     pressing = normal > 1e-9 * max(float(normal.max(initial=0.0)), 1e-9)
     with np.errstate(divide="ignore", invalid="ignore"):
-        used = tangential / (plan.friction.mu * normal)
+        used = tangential / (mu * normal)
     return normal, tangential, np.where(pressing & np.isfinite(used), used, np.nan)
 
 
@@ -376,5 +446,6 @@ def _joint(hand: HandModel, link: str) -> int:
     return int(hand.model.frames[hand.frame_id(link)].parentJoint) if hand.model.existFrame(link) else -1
 
 
-def _in_words(body: Body) -> str:
+def in_words(body: Body) -> str:
+    """An object, for people."""
     return f"{type(body).__name__.lower()} of {body.mass:.4g} kg"

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, tangent_frame
 from pinograsp.viz.solids import Solid, cloud_of, placed
 
@@ -16,28 +15,50 @@ _ELEVATION = np.radians(22.0)  # preferred elevation of the camera
 _SAMPLES = 4000  # number of points on the hand, which may hide contacts
 
 
+class Held(NamedTuple):
+    """What the camera should see at some instant.
+
+    Attributes:
+        gravity: (3,) [m/s^2].
+        points: of contact (k, 3) [m].
+        normals: there (k, 3).
+        com: centre of mass (3,) [m].
+    """
+
+    gravity: Array
+    points: Array
+    normals: Array
+    com: Array
+
+
 class Stage:
     """Camera direction and size of the scene.
+
+    Args:
+        held: what the camera should see.
+        solids: of hand and object.
+        link_poses: (f, l, 7).
+        object_poses: (f, 7); None: there is no object.
+        at: the instant of ``held``.
 
     Attributes:
         up: against gravity (3,).
         view: unit direction towards the camera (3,).
         right: (3,).
         size: the scene's largest dimension [m].
-        force_scale: length of arrows [m/N].
     """
 
-    def __init__(self, plan: PlanRecord, solids: tuple[Solid, ...], link_poses: Array, object_pose: Array | None):
-        gravity, contacts = plan.gravity_o, plan.contacts
+    def __init__(
+        self, held: Held, solids: tuple[Solid, ...], link_poses: Array, object_poses: Array | None, at: int = -1
+    ):
+        gravity = held.gravity
         self.up = -gravity / np.linalg.norm(gravity) if np.any(gravity) else np.array([0.0, 0.0, 1.0])
         shown = np.linspace(0, len(link_poses) - 1, 8).astype(int)
-        self.cloud = np.concatenate([cloud_of(solids, link_poses[i], object_pose) for i in shown])
-        normals = contacts.rotations_oc[:, :, 2]
-        self.view = _view(self.up, contacts.points_o, normals, _spread(solids, link_poses[-1]), contacts.com_o)
+        things = [None if object_poses is None else object_poses[i] for i in shown]
+        self.cloud = np.concatenate([cloud_of(solids, link_poses[i], thing) for i, thing in zip(shown, things)])
+        self.view = _view(self.up, held.points, held.normals, _spread(solids, link_poses[at]), held.com)
         self.right = np.cross(self.up, self.view) / np.linalg.norm(np.cross(self.up, self.view))
         self.size = float(np.ptp(self.cloud, axis=0).max())
-        largest = np.linalg.norm(np.vstack([plan.motion.forces_o[-1], plan.load[:3]]), axis=1).max()
-        self.force_scale = _rounded(_ARROW * self.size / max(float(largest), 1e-9))
 
     @property
     def beside(self) -> Array:
@@ -119,8 +140,9 @@ def _spread(solids: Sequence[Solid], link_poses: Array) -> _Samples:
     return _Samples(np.einsum("si,sij->sj", weights, chosen), float(area.sum() / _SAMPLES))
 
 
-def _rounded(scale: float) -> float:
-    """The nearest of 1, 2, 5 times a power of ten."""
+def scale_of(size: float, largest: float) -> float:
+    """Length of arrows [m/N] in a scene of this size [m] with this largest force [N]: 1, 2, 5 times a power of ten."""
+    scale = _ARROW * size / max(largest, 1e-9)
     powers = 10.0 ** np.arange(-9, 10)
     nice = np.outer(powers, [1.0, 2.0, 5.0]).ravel()
     return float(nice[np.abs(np.log(nice / scale)).argmin()])

@@ -47,8 +47,16 @@ def picture(
         InvalidInput: a plan without its hand, or a direction along gravity.
     """
     scene = scene_of(plan)
+    return picture_of(scene, scene.closed if time is None else time, view=view, collision_shapes=collision_shapes)
+
+
+def picture_of(
+    scene: ViewScene, time: float, *, view: ArrayLike | None = None, collision_shapes: bool = False
+) -> Figure:
+    """A scene at a time [s], as :func:`picture` draws it."""
     flag("collision_shapes", collision_shapes)
-    frame = scene.frame_at(scene.closed if time is None else number("time", time, unit="s"))
+    frame = scene.frame_at(number("time", time, unit="s"))
+    pose = scene.object_at(frame)
     camera = _camera(scene, scene.view if view is None else _direction(view, scene.up), frame)
     hidden = "visual" if collision_shapes else "collision"
     solids = [solid for solid in scene.solids if solid.look != hidden]
@@ -58,9 +66,9 @@ def picture(
         if one.link is not None
     ]
     thing = [
-        Surface(placed(one, scene.object_pose), one.faces, rgb(one.colour) / 255)
+        Surface(placed(one, pose), one.faces, rgb(one.colour) / 255)
         for one in solids
-        if one.link is None and scene.object_pose is not None
+        if one.link is None and pose is not None
     ]
     image = _image((hand, thing, _forces(scene, frame)), camera, _shadow(scene, camera, hand + thing), scene.up)
     figure = Figure(figsize=(_SIZE[0] / _DPI, _SIZE[1] / _DPI), dpi=_DPI)
@@ -69,7 +77,7 @@ def picture(
     axes.set(xlim=(0, _SIZE[0]), ylim=(_SIZE[1], 0))
     axes.set_axis_off()
     _label(axes, scene, frame, camera)
-    for caution in scene.cautions[len(plan.cautions) :]:  # of meshes that are gone
+    for caution in scene.unseen:  # meshes that are gone
         axes.text(12, _SIZE[1] - 12, caution.partition(":")[0], fontsize=7, color="0.35")
     return figure
 
@@ -94,8 +102,8 @@ def _camera(scene: ViewScene, view: Array, frame: int) -> Camera:
     right = np.cross(scene.up, view)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(view, right), view])
-    cloud = cloud_of(scene.solids, scene.link_poses[frame], scene.object_pose)
-    seen = np.concatenate([cloud, scene.arrows(frame).reshape(-1, 3)]) @ axes.T
+    cloud = cloud_of(scene.solids, scene.link_poses[frame], scene.object_at(frame))
+    seen = np.concatenate([cloud, scene.moved(scene.arrows(frame), frame).reshape(-1, 3)]) @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     centre, half = (low + high) / 2, (high - low) / 2
     # Room on either side for the labels.
@@ -107,14 +115,14 @@ def _camera(scene: ViewScene, view: Array, frame: int) -> Camera:
 
 def _forces(scene: ViewScene, frame: int) -> list[Surface]:
     """Contact points, the forces there, and the load."""
-    width = 0.011 * float(scene.extent[1:].max())
+    width = scene.thickness
     vertices, faces = ball()
     surfaces = [
         Surface(1.7 * width * vertices + point, faces, rgb(colour) / 255)
-        for point, colour in zip(scene.points_o, scene.colours)
+        for point, colour in zip(scene.moved(scene.points_o, frame), scene.colours)
     ]
-    load = np.stack([scene.com_o, scene.com_o + scene.force_scale * scene.load_o])
-    for (start, end), colour in zip([*scene.arrows(frame), load], [*scene.colours, LOAD]):
+    arrows = scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame)
+    for (start, end), colour in zip(arrows, [*scene.colours, LOAD]):
         surfaces += _arrow(start, end - start, width, rgb(colour) / 255)
     return surfaces
 
@@ -196,7 +204,7 @@ def _edges(layer: Layer) -> Array:
 
 def _label(axes: Axes, scene: ViewScene, frame: int, camera: Camera) -> None:
     """Names and normal forces of the contacts, in a column on either side, with lines to the contacts."""
-    points = camera.project(scene.points_o)[:, :2] / _FINER
+    points = camera.project(scene.moved(scene.points_o, frame))[:, :2] / _FINER
     on_left = points[:, 0] < np.median(points[:, 0]) if len(points) > 1 else np.array([True] * len(points))
     for left in (True, False):
         chosen = np.flatnonzero(on_left == left)

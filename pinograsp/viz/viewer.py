@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Viewer", "save_html", "view"]
 
-_RATE = 30.0  # frames per second at play speed 1
+_SHOWN = 30.0  # instants per second that a browser keeps up with
 _LAYERS = {
     "hand": "hand",
     "object": "object",
@@ -63,9 +63,13 @@ def view(
         HandNotLoaded: mesh files are missing.
         ExtraMissing: viser (extra ``viz``) is not installed.
     """
+    return opened(scene_of(plan, simulation), port=port, host=host, open_browser=open_browser)
+
+
+def opened(scene: ViewScene, *, port: int, host: str = "localhost", open_browser: bool = True) -> Viewer:
+    """A live page of a scene; see :func:`view`."""
     if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 65536:
         raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {shown(port)}")
-    scene = scene_of(plan, simulation)
     viewer = Viewer(scene, port, host)
     if open_browser:
         import webbrowser
@@ -169,11 +173,14 @@ class Viewer:
             self._playing.wait()
             if self._closed.is_set():
                 return
-            if self._frame >= len(self.scene.times) - 1:
+            # Instants that pass faster than a browser keeps up with are skipped.
+            rate, last = self.scene.rate * self._speed.value, len(self.scene.times) - 1
+            ahead = max(1, round(rate / _SHOWN))
+            if self._frame >= last:
                 self.pause()
             else:
-                self._move_slider(self._frame + 1)
-            time.sleep(1.0 / (_RATE * self._speed.value))
+                self._move_slider(min(self._frame + ahead, last))
+            time.sleep(ahead / rate)
 
     def _move_slider(self, frame: int) -> None:
         self._slider.value = frame  # type: ignore[misc]  # viser's setter, which mypy does not find
@@ -244,7 +251,9 @@ class Viewer:
 
     def _add_contacts(self) -> None:
         scene, world, k = self.scene, self.server.scene, len(self.scene.contacts)
-        width = 0.011 * float(scene.extent[1:].max())
+        width = scene.thickness
+        # Contacts and forces as planned, under a frame that the palm carries.
+        self._grasp = world.add_frame("/contacts", show_axes=False)
         thick, thin = arrow_size(width), arrow_size(0.42 * width)
         ends = scene.points_o[:, None] + 0.6 * scene.cone_height * np.moveaxis(scene.rotations_oc, 1, 2)
         points = np.stack([np.repeat(scene.points_o[:, None], 3, axis=1), ends], axis=2).reshape(-1, 2, 3)
@@ -298,12 +307,9 @@ class Viewer:
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.add_html(head(scene))
         last = len(scene.times) - 1
-        marks = {
-            0: "0 s",
-            last: f"{scene.times[-1]:.3g} s",
-            scene.frame_at(scene.touch): "touch",
-            scene.frame_at(scene.closed): "t_F",
-        }
+        marks = {0: "0 s", last: f"{scene.times[-1]:.3g} s"}
+        if scene.carried is None:
+            marks |= {scene.frame_at(scene.touch): "touch", scene.frame_at(scene.closed): "t_F"}
         self._slider = gui.add_slider(
             "time",
             min=0,
@@ -311,7 +317,7 @@ class Viewer:
             step=1,
             initial_value=self._frame,
             marks=tuple(marks.items()),
-            hint="instants are closer together where forces build up",
+            hint="instants are closer together where forces build up" if scene.carried is None else None,
         )
         self._play = gui.add_button("Play")
         self._forces = gui.add_html("")
@@ -332,7 +338,7 @@ class Viewer:
                 initial_value=1e3 * scene.force_scale,
             )
             self._speed = gui.add_slider("play speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
-        with gui.add_folder("Margins of the grasp"):
+        with gui.add_folder(scene.heading):
             gui.add_html(foot(scene))
         with gui.add_folder("Joint torques"):
             self._torques = gui.add_html("")
@@ -373,7 +379,7 @@ class Viewer:
 
     def _draw(self) -> None:
         scene, i = self.scene, self._frame
-        tracks: list[tuple[Array, Array | None]] = [(scene.link_poses[i], scene.object_pose)]
+        tracks: list[tuple[Array, Array | None]] = [(scene.link_poses[i], scene.object_at(i))]
         if scene.simulated is not None:
             tracks.append((scene.simulated.link_poses[i], scene.simulated.object_poses[i]))
         with self.server.atomic():
@@ -384,7 +390,9 @@ class Viewer:
                     body.object.position, body.object.wxyz = object_pose[:3], object_pose[3:]
             for points, handle in zip(scene.arrows(i, self._scale), self._arrows):
                 self._aim(handle, points)
-            self._aim(self._load, np.stack([scene.com_o, scene.com_o + self._scale * scene.load_o]))
+            self._aim(self._load, scene.load_arrow(i, self._scale))
+            if scene.carried is not None:
+                self._grasp.position, self._grasp.wxyz = scene.carried[i, :3], scene.carried[i, 3:]
             if scene.simulated is not None:
                 for points, handle in zip(scene.simulated.arrows(i, self._scale), self._pressing):
                     self._aim(handle, points, self._on["simulation"])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import io
+import itertools
 import json
 import re
 import shutil
@@ -18,14 +20,20 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from matplotlib.image import imread
+from panda_path import JOINTS, START, WAYPOINTS
+from scipy.spatial.transform import Rotation
 from shipped_hands import loaded
 
+from pinograsp.carry import plan_carry
+from pinograsp.carry.scene import carry_scene
 from pinograsp.cases import load_case
 from pinograsp.contacts.friction import Friction
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten, Status
+from pinograsp.forces import GraspConditions
 from pinograsp.hands import load_hand
-from pinograsp.hands.catalogue import CATALOGUE
-from pinograsp.objects import Cylinder, Mesh
+from pinograsp.hands.catalogue import CATALOGUE, file_of
+from pinograsp.objects import Box, Cylinder, Mesh
 from pinograsp.plan import (
     ContactLaw,
     Layout,
@@ -36,12 +44,15 @@ from pinograsp.plan import (
     PlanGrid,
     PlanRecord,
 )
-from pinograsp.planner import GraspPlan, plan_grasp, save_run
+from pinograsp.planner import GraspPlan, plan_grasp, plan_grasp_on, save_run
 from pinograsp.referee import simulate
 from pinograsp.spatial import pose_of, tangent_frame
 from pinograsp.storage import newest_check, read_check, write_simulation
+from pinograsp.viz.page import page_of as page_of_scene
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import friction_cone, triangles_of
+from pinograsp.viz.solids import sevens
+from pinograsp.viz.still import picture_of, png_of
 from pinograsp.viz.viewer import save_html, view
 
 
@@ -253,7 +264,7 @@ def test_links_are_drawn_as_they_are_hulls_where_nothing_else_is_known():
 def test_every_hand_of_the_catalogue_is_seen(drawn, tmp_path):
     """What is seen of a link lies where its collision shapes do, and the page is small."""
     name, run, scene = drawn
-    assert not scene.cautions
+    assert not scene.unseen
     shapes = [solid for solid in scene.solids if solid.link is not None]
     looks = {solid.look for solid in shapes} - {"always"}  # the paper's hand is seen as it touches
     assert looks == (set() if name == "humanoid" else {"visual", "collision"})
@@ -283,7 +294,7 @@ def test_a_run_whose_pictures_are_gone_shows_collision_shapes(tmp_path):
     gone = tuple(replace(one, path=str(tmp_path / "gone.dae")) for one in hand.visuals)
     scene = scene_of(run_with(replace(hand, visuals=gone)))
     assert {solid.look for solid in scene.solids} == {"always"}
-    assert any("gone.dae' is not there" in caution for caution in scene.cautions)
+    assert any("gone.dae' is not there" in one for one in scene.unseen)
     some = scene_of(run_with(replace(hand, visuals=(*hand.visuals[:1], *gone[1:]))))
     looks = {solid.link: set() for solid in some.solids}
     for solid in some.solids:
@@ -330,7 +341,7 @@ def test_torques_and_forces_are_the_runs_at_every_instant(run):
     steps = np.diff(scene.times)
     touch = scene.frame_at(scene.touch)
     assert np.median(steps[touch:]) < 0.3 * np.median(steps[:touch])  # forces build up in slow motion
-    assert scene.phase(0).startswith("Approach") and scene.phase(len(scene.times) - 1).startswith("Grasp complete")
+    assert scene.told[0].startswith("Approach") and scene.told[-1].startswith("Grasp complete")
 
 
 def test_the_camera_sees_everything(run):
@@ -412,6 +423,62 @@ def test_the_simulation_stands_beside_the_plan_at_the_same_instants(run, simulat
     assert abs(shown.beside @ scene.up) < 1e-12 and abs(shown.beside @ scene.view) < 1e-12  # to the right
     again = scene_of(run, read_check(stored(simulation, tmp_path / "check")))
     assert np.array_equal(again.simulated.link_poses, shown.link_poses) and again.simulated.reason == shown.reason
+
+
+# -- what the palm carries ---------------------------------------------------------------------------------------------
+
+
+def record_of(scene):
+    text = page_of_scene(scene)
+    return json.loads(text.split('id="data">')[1].split("</script>")[0])
+
+
+def array_in(record, place):
+    """An array in the bytes of a page's record."""
+    kind, offset, shape = record[place]
+    content = base64.b64decode(record["bytes"])
+    return np.frombuffer(content, dtype=f"<{kind}", count=int(np.prod(shape)), offset=offset).reshape(shape)
+
+
+def test_grasps_stay_where_they_are(run, simulation):
+    """Nothing of a grasp's page is carried."""
+    scene = scene_of(run)
+    record = record_of(scene)
+    assert scene.carried is None and record["carried"] is None and record["rate"] == 30
+    assert np.array_equal(scene.object_at(7), scene.object_pose)
+    assert scene.moved(scene.points_o, 7) is scene.points_o
+    touch, closed = scene.frame_at(scene.touch), scene.frame_at(scene.closed)
+    assert record["phases"] == [["approach", 0, touch], ["grasp", touch, closed]]
+    assert record["heading"] == "Margins of the grasp" and "other loads" in record["load_told"]
+    assert np.allclose(array_in(record, "load"), np.tile(run.load[:3], (len(scene.times), 1)))
+    with_simulation = record_of(scene_of(run, simulation))["phases"]
+    assert [name for name, *_ in with_simulation] == ["approach", "grasp", "simulated hold"]
+
+
+def moved_by(scene, pose):
+    """A scene whose hand and all that it holds are somewhere else at every instant."""
+    turn = Rotation.from_matrix(pose[:3, :3])
+    links = np.array(scene.link_poses)
+    flat = links.reshape(-1, 7)
+    turned = (turn * Rotation.from_quat(flat[:, [4, 5, 6, 3]])).as_quat()[:, [3, 0, 1, 2]]
+    links = np.concatenate([flat[:, :3] @ pose[:3, :3].T + pose[:3, 3], turned], axis=1).reshape(links.shape)
+    return replace(scene, link_poses=links, carried=np.tile(sevens(pose), (len(links), 1)))
+
+
+def test_all_that_is_carried_is_drawn_where_it_is(run):
+    """A camera that is carried along sees the same picture."""
+    scene = scene_of(run)
+    angle = np.radians(70.0)
+    turn = Rotation.from_rotvec(angle * scene.up).as_matrix()
+    away = moved_by(scene, pose_of(0.4 * np.cross(scene.up, scene.view), turn))
+
+    def seen(scene, view):
+        return imread(io.BytesIO(png_of(picture_of(scene, scene.closed, view=view))))[..., :3]
+
+    before = seen(scene, scene.view)
+    assert differing(before, seen(away, turn @ scene.view)) < 2e-3
+    left_behind = replace(away, carried=None)
+    assert differing(before, seen(left_behind, turn @ scene.view)) > 0.05
 
 
 # -- the file ----------------------------------------------------------------------------------------------------------
@@ -555,8 +622,6 @@ def page_of(chromium, url: str, width: int = 1100, height: int = 700):
 
 def pixels(target) -> np.ndarray:
     """A picture (h, w, 3) of a page or an element, 0 to 1."""
-    from matplotlib.image import imread
-
     return imread(io.BytesIO(target.screenshot()))[..., :3]
 
 
@@ -691,6 +756,47 @@ def test_the_file_plays_turns_and_scales_its_arrows(offline):
     offline.mouse.dblclick(box["x"] + 300, box["y"] + 300)
     offline.wait_for_timeout(150)
     assert differing(short, pixels(canvas)) < 1e-3  # back to where it was
+
+
+def middle_of_the_object(page) -> np.ndarray:
+    """On the screen [pixels]: what is yellow."""
+    r, g, b = np.moveaxis(pixels(page.locator("#scene")), 2, 0)
+    found = (r > 0.5) & (g > 0.5) & (np.minimum(r, g) - b > 0.25)
+    assert found.sum() > 20
+    return np.argwhere(found).mean(axis=0)
+
+
+def test_the_file_shows_an_object_in_a_moving_hand(chromium, tmp_path):
+    arm = load_hand(file_of("panda"), posture=dict(zip(JOINTS, START)))
+    pose = arm.frame_placements(arm.resting, [arm.palm])[0] @ pose_of(np.array([0, 0, 0.1034]), np.eye(3))
+    box = Box(size=[0.04, 0.04, 0.06], mass=0.2, pose=pose)
+    plan = plan_carry(arm, plan_grasp_on(arm, box, GraspConditions(mu=0.6)), WAYPOINTS, intervals=20)
+    scene = carry_scene(plan)
+    last = len(scene.times) - 1
+    path = plan.save_html(tmp_path / "way.html")
+    with page_of(chromium, path.as_uri()) as page:
+        page.wait_for_function("() => document.body.dataset.drawn !== undefined")
+        assert page.locator("#clock").inner_text() == "0.000 s"
+        overview = pixels(page.locator("#scene"))
+        for layer in ("frames", "cones", "forces", "labels"):
+            page.locator(f"#layer-{layer}").uncheck()
+        moved = []
+        for frame in (0, last // 2, last):
+            slide(page, frame)
+            moved.append(middle_of_the_object(page))
+            assert scene.told[frame] in page.locator("#caption").inner_text()
+        assert min(np.linalg.norm(b - a) for a, b in itertools.pairwise(moved)) > 20  # pixels
+        assert differing(overview, pixels(page.locator("#scene"))) > 0.05
+        # A camera that goes with the hand sees the object in the same place, and the fingers beside it.
+        page.locator("#layer-follow").check()
+        page.locator("#layer-hand").uncheck()
+        still = []
+        for frame in (0, last // 2, last):
+            slide(page, frame)
+            still.append(middle_of_the_object(page))
+        assert np.ptp(still, axis=0).max() < 12
+        # The page's "residual" is that of the plan at its own instants.
+        assert float(page.locator("#panel p").first.inner_text().split("residual ")[1].split()[0]) < 1e-3
 
 
 def test_the_file_shows_the_simulation(chromium, run, simulation, tmp_path):

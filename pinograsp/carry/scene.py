@@ -1,0 +1,210 @@
+"""A carry plan as the viewer's scene: the arm moves, and the hand holds."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.carry.loads import Carried
+from pinograsp.carry.path import ArmPath
+from pinograsp.carry.timing import Timing
+from pinograsp.errors import InvalidInput
+from pinograsp.plan.answer import Answer, friction_model
+from pinograsp.spatial import Array
+from pinograsp.viz import carried
+from pinograsp.viz.scene import THICKNESS, Phase, ViewScene, busy, friction_of, in_words
+from pinograsp.viz.scene_meshes import friction_cone
+from pinograsp.viz.solids import Links, sevens, solids_of
+from pinograsp.viz.stage import Held, Stage, scale_of
+from pinograsp.viz.style import COLOURS
+from pinograsp.words import number
+
+_RATE, _FEWEST, _MOST = 60.0, 150, 600  # instants per second of the plan, and how many there are
+_DETAIL = 0.25  # size of forces and cones, over that in a scene of the hand alone: the arm is larger
+
+
+class Shown(carried.Carried, Protocol):
+    """What the scene takes from a carry plan, besides what figures show."""
+
+    @property
+    def path(self) -> ArmPath:
+        """The arm's."""
+
+    @property
+    def timing(self) -> Timing:
+        """Of the path."""
+
+    @property
+    def gravity_o(self) -> Array:
+        """(3,) [m/s^2]."""
+
+    @property
+    def loads(self) -> Array:
+        """On the object, linear first (N, 6) [N, N m]."""
+
+    @property
+    def forces_o(self) -> Array:
+        """On the object (N, k, 3) [N]."""
+
+    @property
+    def fastest(self) -> float | None:
+        """Duration of the fastest timing [s]."""
+
+    @property
+    def lower_bound(self) -> float | None:
+        """No timing is faster [s]."""
+
+    @property
+    def factor(self) -> float:
+        """How many times as fast this timing may be."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the caller should know."""
+
+
+def carry_scene(plan: Shown) -> ViewScene:
+    """The scene of a carry plan, at instants that are equally far apart.
+
+    Raises:
+        InvalidInput: a grasp without its object.
+    """
+    robot, grasp = plan.robot, plan.grasp
+    contacts, body, hand = grasp.contacts, grasp.body, grasp.require_hand()
+    if body is None:
+        raise InvalidInput("plan: expected a grasp with its object, got one without")
+    held = Carried(robot, hand, body, np.array(grasp.motion.q[-1]))
+    duration = plan.timing.duration
+    times = np.linspace(0.0, duration, 1 + int(np.clip(round(_RATE * duration), _FEWEST, _MOST)))
+    q = np.tile(held.posture, (len(times), 1))
+    q[:, held.moving(plan.path)] = plan.path.at(plan.timing.at(times).s).q
+    axes = _axes(held, q)
+    planned = sevens(body.pose)
+    colours = tuple(COLOURS[i % len(COLOURS)] for i in range(len(contacts.names)))
+    links = Links(robot)
+    solids, unseen = solids_of(robot, body, links, dict(zip(contacts.links, colours)))
+    link_poses, middle = links.poses(q), len(times) // 2
+    turn, shift = axes[middle, :3, :3], axes[middle, :3, 3]
+    stage = Stage(
+        Held(
+            plan.gravity_o,
+            contacts.points_o @ turn.T + shift,
+            contacts.rotations_oc[:, :, 2] @ turn.T,
+            turn @ contacts.com_o + shift,
+        ),
+        solids,
+        link_poses,
+        sevens(axes @ body.pose),
+        middle,
+    )
+    centre, extent = stage.frame()
+    forces, loads = _between(plan, times, plan.forces_o), _between(plan, times, plan.loads)[:, :3]
+    torques, size = _between(plan, times, plan.torques), _DETAIL * stage.size
+    normal, tangential, used = friction_of(contacts.rotations_oc, grasp.friction.mu, forces)
+    interval = np.clip(np.searchsorted(plan.times, times, side="right") - 1, 0, len(plan.binding) - 1)
+    binding = [plan.binding[i] for i in interval.tolist()]
+    fingers = {"arm": tuple(held.arm.tolist())} | {one.name: tuple(one.dofs.tolist()) for one in robot.fingers}
+    largest = np.linalg.norm(np.concatenate([forces, loads[:, None]], axis=1), axis=2).max()
+    return ViewScene(
+        title=f"{robot.name} carries a {in_words(body)}",
+        subtitle=f"{robot.n} joints, {len(plan.path.joints)} of them move; {len(contacts.names)} contacts",
+        answer=Answer("caution" if plan.notes else "yes", _answer(plan)),
+        status=f"within all limits, {100 * plan.reserve:g} % of them kept free",
+        remedy="",
+        heading="On the way",
+        facts=tuple(_facts(plan)),
+        cautions=plan.notes,
+        unseen=tuple(unseen),
+        times=times,
+        rate=(len(times) - 1) / duration,
+        touch=0.0,
+        closed=0.0,
+        phases=_phases(binding),
+        told=tuple(_told(what) for what in binding),
+        solids=solids,
+        link_poses=link_poses,
+        object_pose=planned,
+        carried=sevens(axes),
+        contacts=contacts.names,
+        colours=colours,
+        points_o=contacts.points_o,
+        rotations_oc=contacts.rotations_oc,
+        cones=tuple(friction_cone(float(mu), 0.16 * size, grasp.friction.edges) for mu in grasp.friction.mu),
+        cone_height=0.16 * size,
+        pyramids=grasp.friction.edges is not None,
+        forces_o=forces,
+        normal=normal,
+        tangential=tangential,
+        used=used,
+        load_o=loads,
+        com_o=contacts.com_o,
+        joints=robot.joint_names,
+        fingers=busy(fingers, q, torques),
+        sliding=robot.slides,
+        q=q,
+        torques=torques,
+        limits=plan.torque_limits,
+        force_scale=scale_of(size, float(largest)),
+        up=stage.up,
+        ground=stage.ground,
+        centre=centre,
+        view=stage.view,
+        extent=extent,
+        thickness=_DETAIL * THICKNESS * float(extent[1:].max()),
+        simulated=None,
+    )
+
+
+def _axes(held: Carried, q: Array) -> Array:
+    """Where the axes of the grasp's plan are at q (f, n), as placements (f, 4, 4)."""
+    model, poses = held.robot.model, []
+    data = model.createData()
+    for one in q:
+        pin.forwardKinematics(model, data, one)
+        poses.append((data.oMi[held.joint] * held.jMo).homogeneous)
+    return np.array(poses)
+
+
+def _between(plan: Shown, times: Array, values: Array) -> Array:
+    """Values (N, ...) of the middles at times (f, ...); before the first and after the last they stay."""
+    flat = values.reshape(len(values), -1)
+    found = np.column_stack([np.interp(times, plan.instants, column) for column in flat.T])
+    return found.reshape(len(times), *values.shape[1:])
+
+
+def _phases(binding: list[str]) -> tuple[Phase, ...]:
+    """Stretches where the same binds."""
+    starts = [i for i, what in enumerate(binding) if i == 0 or what != binding[i - 1]]
+    return tuple(Phase(binding[first], first, last) for first, last in zip(starts, [*starts[1:], len(binding) - 1]))
+
+
+def _told(what: str) -> str:
+    if what == "nothing":
+        return "On the way. Nothing keeps it from being faster here."
+    return f"On the way. It cannot be faster here because of: {what}."
+
+
+def _answer(plan: Shown) -> str:
+    text = f"Yes, in {plan.timing.duration:.4g} s: friction, forces, torques and speeds stay within their limits."
+    if plan.lower_bound is not None:
+        return f"{text} No timing of this path takes less than {plan.lower_bound:.4g} s."
+    return f"{text} {plan.factor:.3g} times as fast could be held."
+
+
+def _facts(plan: Shown) -> list[tuple[str, str]]:
+    """The plan in a few lines."""
+    squeeze = plan.normal_forces.sum(axis=1)
+    facts = [("duration", f"{plan.timing.duration:.4g} s")]
+    if plan.fastest is not None and plan.lower_bound is not None:
+        facts.append(("fastest (accelerations jump)", f"{plan.fastest:.4g} s"))
+        facts.append(("lower bound (proven)", f"{plan.lower_bound:.4g} s"))
+    else:
+        facts.append(("may be faster by", f"{plan.factor:.3g} times"))
+    facts.append(("squeeze (all normal forces)", f"{number(squeeze.min(), 3)} to {number(squeeze.max(), 3)} N"))
+    facts.append(("friction", friction_model(plan.grasp.friction)))
+    facts.append(("most friction used", f"{100 * plan.friction_use.max():.0f} % of what is relied on"))
+    facts.append(("kept free", f"{100 * plan.reserve:g} % of each limit"))
+    facts += [(f"binds {100 * share:.0f} % of the time", what) for what, share in plan.shares()[:4]]
+    return facts

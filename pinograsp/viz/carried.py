@@ -1,0 +1,289 @@
+"""Matplotlib figures of what an arm carries: speed along the path, contact forces, friction, torques, and motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.interpolate import CubicHermiteSpline
+
+from pinograsp.hands.model import HandModel
+from pinograsp.plan import PlanRecord
+from pinograsp.spatial import Array, IntArray
+from pinograsp.viz.style import COLOURS, label_of
+
+_NAMED = 6  # limits or joints with a colour of their own: more cannot be told apart
+_OTHERS = "0.6"  # grey
+_NEAR = 0.3  # share of a torque limit from which on it is drawn
+_TALLEST = 2.5  # of the limit's curve, over the largest speed: it may be far above at places
+_WIDTH, _HALF = 7.6, 5.2  # [in] of a figure, and of one of two panels
+_LETTER, _MARGIN = 0.072, 0.6  # [in] of a legend's letter, and beside each of its labels
+
+
+class Carried(Protocol):
+    """What figures show of a carry plan: N intervals, k contacts, n joints."""
+
+    @property
+    def robot(self) -> HandModel:
+        """Arm and hand."""
+
+    @property
+    def grasp(self) -> PlanRecord:
+        """What is carried."""
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Their names (k,)."""
+
+    @property
+    def reserve(self) -> float:
+        """Share of the limits that is kept free."""
+
+    @property
+    def s(self) -> Array:
+        """Path parameter at the ends of the intervals (N + 1,)."""
+
+    @property
+    def times(self) -> Array:
+        """There (N + 1,) [s]."""
+
+    @property
+    def speed(self) -> Array:
+        """Of the path parameter there (N + 1,) [1/s]."""
+
+    @property
+    def instants(self) -> Array:
+        """Of the middles (N,) [s]."""
+
+    @property
+    def limit(self) -> Array:
+        """The fastest at which each middle may be passed by itself (N,) [1/s]."""
+
+    @property
+    def torque_limits(self) -> Array:
+        """Largest torques (n,) [N m or N]; infinity: none is known."""
+
+    @property
+    def dq(self) -> Array:
+        """Speeds of the joints (N, n)."""
+
+    @property
+    def ddq(self) -> Array:
+        """Accelerations (N, n)."""
+
+    @property
+    def torques(self) -> Array:
+        """Torques (N, n) [N m or N]."""
+
+    @property
+    def normal_forces(self) -> Array:
+        """On the object (N, k) [N]."""
+
+    @property
+    def commanded(self) -> Array:
+        """That the hand is told to press with (N, k) [N]."""
+
+    @property
+    def friction_use(self) -> Array:
+        """Share of the friction that is relied on (N, k)."""
+
+    @property
+    def binding(self) -> tuple[str, ...]:
+        """What keeps each interval from being passed faster (N,)."""
+
+    def shares(self) -> list[tuple[str, float]]:
+        """What binds, and for which share of the time, most of it first."""
+
+
+def path_speed(plan: Carried) -> Figure:
+    """Speed over the path parameter, coloured by what binds, below the speed at which each place may be passed."""
+    s, speed = plan.s, plan.speed
+    middles = CubicHermiteSpline(plan.times, s, speed)(plan.instants)
+    figure = Figure(figsize=(_WIDTH, 5.0), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(middles, plan.limit, color="0.2", linewidth=1.1, zorder=3, label="limit of each place by itself")
+    shares = [(what, share) for what, share in plan.shares() if what != "nothing"]
+    named, others = shares[:_NAMED], shares[_NAMED:]
+    drawn = [(what, share, {what}, colour) for (what, share), colour in zip(named, COLOURS)]
+    if others:
+        what, share = f"{len(others)} others", sum(one for _, one in others)
+        drawn.append((what, share, {name for name, _ in others}, _OTHERS))
+    if free := dict(plan.shares()).get("nothing"):
+        drawn.append(("nothing", free, {"nothing"}, "0.8"))
+    for what, share, names, colour in drawn:
+        inside = np.array([name in names for name in plan.binding])
+        # Each interval from end to end; a gap after it where the next one is not of this colour.
+        x, y = (
+            np.column_stack([part[:-1], part[1:], np.where(inside, part[1:], np.nan)])[inside].ravel()
+            for part in (s, speed)
+        )
+        gaps = np.zeros((inside.sum(), 3), dtype=bool)
+        gaps[:, 2] = ~np.append(inside, False)[1:][inside]
+        x, y = np.where(gaps.ravel(), np.nan, x), np.where(gaps.ravel(), np.nan, y)
+        label = f"{label_of(what)}, {_percent(share)} of the time"
+        axes.plot(x, y, color=colour, linewidth=3.0, solid_capstyle="butt", label=label)
+    top = float(min(plan.limit.max(), _TALLEST * speed.max()))
+    axes.set(xlabel="path parameter s [-]", ylabel="path speed ds/dt [1/s]", xlim=(0, 1), ylim=(0, 1.06 * top))
+    _grid(axes)
+    _legend_above(axes, title="what keeps it from being faster")
+    return figure
+
+
+def normal_forces(plan: Carried) -> Figure:
+    """Sum of the normal forces and those of the contacts over time; dashed: commanded, where that is something else."""
+    figure = Figure(figsize=(_WIDTH, 6.0), layout="constrained")
+    total, each = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.7))
+    forces, commanded = plan.normal_forces, plan.commanded
+    other = np.abs(commanded - forces).max(axis=0) > 1e-3 * max(float(forces.max()), 1e-9)
+    total.plot(plan.instants, forces.sum(axis=1), color="0.2", linewidth=1.8, label="on the object")
+    _contacts(each, plan, forces)
+    if other.any():
+        total.plot(plan.instants, commanded.sum(axis=1), "--", color="0.2", linewidth=1.2, label="commanded (dashed)")
+        _legend_above(total)
+    for i in np.flatnonzero(other):
+        each.plot(plan.instants, commanded[:, i], "--", color=COLOURS[i % 7], linewidth=1.1)
+    for axes, ylabel in ((total, "sum [N]"), (each, "normal force [N]")):
+        _over_time(axes, plan, ylabel)
+        axes.set_ylim(0, 1.08 * max(float(np.max(line.get_ydata())) for line in axes.lines))
+    total.set_xlabel("")
+    _legend_above(each)
+    return figure
+
+
+def friction_use(plan: Carried) -> Figure:
+    """Share of the friction relied on that each contact uses over time; 1: all of it."""
+    figure = Figure(figsize=(_WIDTH, 4.4), layout="constrained")
+    axes = figure.subplots()
+    _contacts(axes, plan, plan.friction_use)
+    axes.axhline(1.0, color="0.2", linewidth=1.0, linestyle="--", zorder=3)
+    _remark(axes, 1.01, "all that is relied on", "bottom")
+    _over_time(axes, plan, "friction used, of what is relied on [-]")
+    axes.set_ylim(0, max(1.12, 1.05 * float(plan.friction_use.max())))
+    _legend_above(axes)
+    return figure
+
+
+def torque_shares(plan: Carried) -> Figure:
+    """Joint torques over their limits over time, of the arm and of the fingers."""
+    limits = plan.torque_limits
+    fingers = _fingers(plan)
+    arm = np.setdiff1d(np.arange(plan.robot.n), fingers)
+    figure = Figure(figsize=(2 * _HALF, 4.8), layout="constrained")
+    for axes, dofs, what in zip(figure.subplots(1, 2), (arm, fingers), ("arm", "fingers")):
+        known = dofs[np.isfinite(limits[dofs])]
+        shares = plan.torques[:, known] / limits[known]
+        _over_time(axes, plan, f"torque of the {what}, of each joint's largest [-]")
+        if not known.size:
+            axes.text(0.5, 0.5, "no torque limits are known", ha="center", color="0.35", transform=axes.transAxes)
+            continue
+        axes.axhline(0.0, color="0.2", linewidth=0.6)
+        _joints(axes, plan, known, shares)
+        # The limit's line would leave curves far below it flat.
+        if np.abs(shares).max() > _NEAR:
+            axes.set_ylim(-1.12, 1.12)
+            for bound in (-1.0, 1.0):
+                axes.axhline(bound, color="0.2", linewidth=1.0, linestyle="--")
+                axes.axhline(bound * (1.0 - plan.reserve), color="0.45", linewidth=0.8, linestyle=":")
+            _remark(axes, 1.01, "limit", "bottom")
+            if plan.reserve:
+                _remark(axes, 0.985 - plan.reserve, f"{100 * plan.reserve:g} % kept free", "top")
+    return figure
+
+
+def arm_motion(plan: Carried) -> Figure:
+    """Speeds and accelerations of the joints that move, over time."""
+    moving = np.flatnonzero(np.abs(plan.dq).max(axis=0) > 0)
+    slides = plan.robot.slides[moving]
+    unit = "m" if slides.all() else "rad or m" if slides.any() else "rad"
+    figure = Figure(figsize=(2 * _HALF, 4.8), layout="constrained")
+    for axes, values, what, per in zip(
+        figure.subplots(1, 2), (plan.dq, plan.ddq), ("speed", "acceleration"), ("s", "s$^2$")
+    ):
+        _joints(axes, plan, moving, values[:, moving])
+        _over_time(axes, plan, f"joint {what} [{unit}/{per}]")
+    return figure
+
+
+def save_carry_figures(plan: Carried, folder: str | Path) -> list[Path]:
+    """Write all of these as PNG files into an existing folder; returns their paths."""
+    figures = {
+        "carry_speed": path_speed(plan),
+        "carry_forces": normal_forces(plan),
+        "carry_friction": friction_use(plan),
+        "carry_torques": torque_shares(plan),
+        "carry_motion": arm_motion(plan),
+    }
+    paths = []
+    for name, figure in figures.items():
+        paths.append(Path(folder) / f"{name}.png")
+        figure.savefig(paths[-1], dpi=130)
+    return paths
+
+
+def _fingers(plan: Carried) -> IntArray:
+    """The robot's joints that are those of the fingers in the grasp."""
+    hand = plan.grasp.require_hand()
+    own = {hand.joint_names[i] for finger in hand.fingers for i in finger.dofs.tolist()}
+    return np.array([i for i, joint in enumerate(plan.robot.joint_names) if joint in own], dtype=int)
+
+
+def _contacts(axes: Axes, plan: Carried, values: Array) -> None:
+    """A line for each contact; earlier ones are wider, so that they are seen below others of the same values."""
+    for i, name in enumerate(plan.contacts):
+        width = 1.2 + 1.4 * (1 - (i + 1) / len(plan.contacts))
+        style = ("-", "-.", ":")[i // 7 % 3]
+        axes.plot(plan.instants, values[:, i], style, color=COLOURS[i % 7], linewidth=width, label=label_of(name))
+
+
+def _joints(axes: Axes, plan: Carried, dofs: IntArray, values: Array) -> None:
+    """A line for each joint, values (N, len(dofs)): those with the largest in colour."""
+    named = set(np.argsort(-np.abs(values).max(axis=0, initial=0.0), kind="stable")[: _NAMED + 1].tolist())
+    colours = iter(COLOURS)
+    others = "others"
+    for i, (joint, column) in enumerate(zip(dofs.tolist(), values.T)):
+        if i in named:
+            label = label_of(plan.robot.joint_names[joint])
+            axes.plot(plan.instants, column, color=next(colours), linewidth=1.6, label=label, zorder=3)
+        else:
+            axes.plot(plan.instants, column, color=_OTHERS, linewidth=0.8, label=others)
+            others = "_again"  # the legend names them once
+    if dofs.size:
+        _legend_above(axes, _HALF)
+
+
+def _over_time(axes: Axes, plan: Carried, ylabel: str) -> None:
+    axes.set(xlabel="time [s]", ylabel=ylabel, xlim=(0, float(plan.times[-1])))
+    axes.ticklabel_format(useOffset=False)
+    _grid(axes)
+
+
+def _grid(axes: Axes) -> None:
+    axes.grid(alpha=0.3, linewidth=0.5)
+
+
+def _remark(axes: Axes, height: float, text: str, va: Literal["top", "bottom"]) -> None:
+    """A small one on the right, at a height in the axes' unit."""
+    where = axes.get_yaxis_transform()
+    axes.text(0.995, height, text, fontsize=8, ha="right", va=va, color="0.3", transform=where)
+
+
+def _percent(share: float) -> str:
+    return "less than 1 %" if share < 0.01 else f"{100 * share:.0f} %"
+
+
+def _legend_above(axes: Axes, room: float = _WIDTH, title: str | None = None) -> None:
+    """Clear of the curves, in as many columns as there is room for [in]."""
+    columns = int(room / (_MARGIN + _LETTER * max(map(len, axes.get_legend_handles_labels()[1]))))
+    axes.legend(
+        fontsize=8,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=min(max(columns, 1), 3),
+        frameon=False,
+        title=title,
+        title_fontsize=8,
+        alignment="left",
+    )
