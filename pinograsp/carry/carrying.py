@@ -135,8 +135,10 @@ class Carrying:
         self.reserve, self.gravity, self.count = reserve, gravity, count
         body, posture = problem_of(grasp).object, np.array(grasp.motion.q[-1])
         assert body is not None
-        self.carried = [Carried(robot, grasp.hand, body, posture, one) for one in scenarios]
+        # Friction counts at its least: scenarios of the same loads are one.
         mu = min(one.mu for one in scenarios)
+        loads = {(one.mass, *np.asarray(one.com).tolist()): one for one in reversed(scenarios)}
+        self.carried = [Carried(robot, grasp.hand, body, posture, one) for one in reversed(loads.values())]
         self.problem, self.range_n = with_reserve(grasp, self.carried[0], reserve, torque_limit, mu)
         self.spare = spare_forces(self.problem, *disturbance_of(grasp, disturbance))
         if np.any(short := self.spare >= self.range_n[1]):

@@ -213,9 +213,9 @@ class _Method:
         moving = np.abs(self.E[:, 0] + self.E[:, 1]).max(axis=0)
         each = still / np.maximum(moving, 1e-9 * still)
         if not self.coupled:
-            return np.broadcast_to(each, self.highest.shape)
+            return np.asarray(np.broadcast_to(each, self.highest.shape))
         padded = np.concatenate([each[:1], each, each[-1:]])
-        return np.minimum(padded[:-1], padded[1:])
+        return np.asarray(np.minimum(padded[:-1], padded[1:]))
 
     def measure_cost(self) -> None:
         """The cost and its derivatives."""

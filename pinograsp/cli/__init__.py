@@ -14,7 +14,7 @@ from typing import Any
 try:  # Ctrl-C may come while the commands are imported
     import typer
 
-    from pinograsp.cli import bench, certify, check, export, hands, plan, report, sweep, view
+    from pinograsp.cli import bench, carry, certify, check, export, hands, plan, report, sweep, view
     from pinograsp.cli.app import app, given
 except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
@@ -23,7 +23,21 @@ except KeyboardInterrupt:
 from pinograsp.errors import PinograspError, Status, exit_code_of, status_of
 from pinograsp.words import escaped
 
-__all__ = ["app", "bench", "certify", "check", "export", "hands", "main", "plan", "report", "run", "sweep", "view"]
+__all__ = [
+    "app",
+    "bench",
+    "carry",
+    "certify",
+    "check",
+    "export",
+    "hands",
+    "main",
+    "plan",
+    "report",
+    "run",
+    "sweep",
+    "view",
+]
 
 _UsageError: Any = typer.BadParameter.__base__  # of click, or of the copy of it that typer brings
 

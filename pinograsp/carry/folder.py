@@ -1,0 +1,80 @@
+"""A carry plan as a folder of files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from pinograsp.carry.record import CarryPlan
+from pinograsp.carry.report import carry_report, levels_of
+from pinograsp.checks import instance_of
+from pinograsp.plan import Simulation
+from pinograsp.report import page
+from pinograsp.writing import NewFolder, write_folder
+
+_ARRAYS = (
+    "s",
+    "times",
+    "speed",
+    "instants",
+    "limit",
+    "q",
+    "dq",
+    "ddq",
+    "torques",
+    "loads",
+    "forces_o",
+    "normal_forces",
+    "commanded",
+    "commanded_q",
+    "commanded_torques",
+    "torsion",
+    "friction_use",
+)
+
+
+def save_carry(
+    plan: CarryPlan,
+    folder: str | Path | NewFolder,
+    *,
+    rate: float = 1000.0,
+    simulation: Simulation | None = None,
+    force: bool = False,
+) -> Path:
+    """Write a carry plan into ``folder``, whole or not at all; returns it.
+
+    ``report.html`` and ``report.md``, figures, ``view.html`` (arm and hand as they move), ``carry.json`` (figures),
+    ``carry.npz`` (the plan's arrays, by their names), and the motion for a controller: ``trajectory.csv``,
+    ``trajectory.json`` (of ROS 2), ``trajectory.xml`` with its ``.npz`` (MuJoCo's keyframes).
+
+    Args:
+        rate: of the trajectory's samples [Hz].
+        simulation: of :func:`~pinograsp.carry.simulate_carry`, for the report.
+        force: replace what an earlier call wrote.
+
+    Raises:
+        InvalidInput: not a carry plan, an unusable rate.
+        ResultsNotWritten: the folder exists and ``force`` is off, or the place cannot be written.
+    """
+    instance_of("plan", plan, CarryPlan)
+    instance_of("simulation", simulation, Simulation, type(None))
+    trajectory = plan.trajectory(rate=rate)
+
+    def fill(path: Path) -> None:
+        figures = plan.save_figures(path)
+        text = carry_report(plan, [one.name for one in figures], simulation)
+        (path / "report.md").write_text(text, encoding="utf-8")
+        (path / "report.html").write_text(page(text, figures, levels_of(plan, simulation)), encoding="utf-8")
+        seen = None if simulation is None else simulation.summary()
+        document = json.dumps({**plan.summary(), "simulation": seen}, allow_nan=False, indent=1)
+        (path / "carry.json").write_text(document + "\n", encoding="utf-8")
+        arrays = {name: getattr(plan, name) for name in _ARRAYS}
+        np.savez_compressed(path / "carry.npz", binding=np.array(plan.binding), **arrays)
+        trajectory.to_csv(path / "trajectory.csv")
+        trajectory.to_ros2(path / "trajectory.json")
+        trajectory.to_mujoco(path / "trajectory.xml")
+        plan.save_html(path / "view.html")
+
+    return write_folder(folder, fill, force=force)

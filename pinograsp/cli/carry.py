@@ -1,0 +1,186 @@
+"""``pinograsp carry``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pinograsp.cli.app import (
+    Arguments,
+    Exclude,
+    Fingers,
+    Json,
+    Masses,
+    Packages,
+    Palm,
+    Posture,
+    Quiet,
+    Root,
+    Srdf,
+    Trusted,
+    Verbose,
+    app,
+    bar,
+    loading,
+    new_folder,
+    posture_of,
+)
+from pinograsp.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from pinograsp.carry import CarryScenario
+    from pinograsp.planner import GraspPlan
+
+_SHIFTS = ("com_x", "com_y", "com_z")
+
+
+# An option per thing that a plan and a path do not say.
+@app.command()
+def carry(
+    grasp: Annotated[str, typer.Argument(metavar="RUN_OR_CASE", help="What is held: a run's folder, or a case.")],
+    path: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE",
+            help="The arm's way: .csv (a line of joints, then waypoints, with a column time or without), or .yaml, "
+            ".json (a JointTrajectory of ROS 2).",
+        ),
+    ],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Arm and hand in one model: a file, or a hand of the catalogue; default: the grasp's own hand. --root "
+            "to --posture go with it."
+        ),
+    ] = None,
+    timing: Annotated[str, typer.Option(help="fastest, or given: that of FILE.")] = "fastest",
+    squeeze: Annotated[
+        str,
+        typer.Option(
+            help="least: follows the loads; constant: commanded once; or a number: its largest change \\[N/s]."
+        ),
+    ] = "least",
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE,...",
+            help="What may be otherwise, as well: mass, mu (over the planned), com_x, com_y, com_z \\[m]; repeatable.",
+        ),
+    ] = None,
+    ramp: Annotated[
+        float | None, typer.Option(help="Time in which accelerations change, at least \\[s]; default: 0.05.")
+    ] = None,
+    jerk: Annotated[float | None, typer.Option(help="Largest of each joint \\[rad/s^3 or m/s^3].")] = None,
+    acceleration: Annotated[float | None, typer.Option(help="Largest of each joint \\[rad/s^2 or m/s^2].")] = None,
+    speed: Annotated[
+        float | None, typer.Option(help="Largest of each joint \\[rad/s or m/s]; default: the robot's own.")
+    ] = None,
+    reserve: Annotated[float, typer.Option(help="Share of every limit that is kept free.")] = 0.1,
+    intervals: Annotated[int, typer.Option(help="Of the path, or of its time.")] = 500,
+    gravity: Annotated[
+        tuple[float, float, float], typer.Option(metavar="X Y Z", help="In the robot's world \\[m/s^2].")
+    ] = (0.0, 0.0, -9.81),
+    check: Annotated[
+        bool, typer.Option("--check", help="Simulate arm, hand and object on the whole way, too.")
+    ] = False,
+    rate: Annotated[float, typer.Option(help="Of the trajectory's samples \\[Hz].")] = 1000.0,
+    root: Root = None,
+    palm: Palm = None,
+    fingers: Fingers = None,
+    packages: Packages = None,
+    arguments: Arguments = None,
+    trusted: Trusted = False,
+    masses: Masses = "estimate",
+    exclude: Exclude = None,
+    srdf: Srdf = None,
+    posture: Posture = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; default: a new one, carries/NAME, carries/NAME-2, ...")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results in --out.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Carry what a hand holds along an arm's path: how fast, how hard to squeeze on the way, and what binds where.
+
+    Examples:
+      pinograsp plan --hand panda --object box:size=0.03x0.03x0.08,mass=0.1 --out runs/box
+
+      pinograsp carry runs/box --robot panda --root panda_link0 --path way.csv
+
+      pinograsp carry runs/box --robot panda --root panda_link0 --path way.csv --squeeze constant --check
+
+      pinograsp carry runs/box --robot panda --root panda_link0 --path timed.csv --timing given --scenario mass=1.2
+    """
+    from pinograsp.carry import ArmPath, plan_carry, save_carry, simulate_carry
+    from pinograsp.hands import load_hand
+
+    way, held = ArmPath.read(path), _grasp(grasp, as_json)
+    described = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
+    hand = held.hand
+    if robot is not None:
+        hand = load_hand(robot, root=root, posture=posture_of(posture), **described.pop("xacro_args"), **described)
+    options = {"ramp": ramp, "jerk": jerk, "acceleration": acceleration, "speed": speed}
+    with new_folder(out, force, Path(grasp).name, Path("carries")) as folder:
+        plan = plan_carry(
+            hand,
+            held,
+            way,
+            timing=timing,  # type: ignore[arg-type]  # checked there
+            squeeze=_squeeze(squeeze),  # type: ignore[arg-type]
+            scenarios=[_scenario(text) for text in scenario or []],
+            reserve=reserve,
+            intervals=intervals,
+            gravity_o=gravity,
+            **{name: value for name, value in options.items() if value is not None},
+        )
+        simulation = simulate_carry(plan) if check else None
+        save_carry(plan, folder, rate=rate, simulation=simulation)
+    if as_json:
+        seen = {} if simulation is None else {"held": simulation.verdict.held, "reason": simulation.verdict.reason}
+        typer.echo(json.dumps({**plan.summary(), **seen, "folder": str(folder.path)}, allow_nan=False))
+    else:
+        typer.echo(plan.describe())
+        if simulation is not None:
+            typer.echo(f"{'HELD' if simulation.verdict.held else 'LOST'}: {simulation.verdict.reason}")
+            for cause in simulation.verdict.causes:
+                typer.echo(f"  {cause}")
+        typer.echo(f"written to {folder.path}: report.html, view.html, trajectory.csv, trajectory.json and figures")
+    if simulation is not None and not simulation.verdict.held:
+        raise typer.Exit(3)
+
+
+def _grasp(text: str, as_json: bool) -> GraspPlan:
+    """The plan of a run's folder, or of a case."""
+    from pinograsp.cases import load_case
+    from pinograsp.planner import load_run
+
+    return load_run(text) if Path(text).is_dir() else load_case(text).plan(progress=bar(as_json))
+
+
+def _squeeze(text: str) -> str | float:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _scenario(text: str) -> CarryScenario:
+    """``mass=1.2,mu=0.8,com_x=0.005`` as a scenario."""
+    from pinograsp.carry import CarryScenario
+
+    found: dict[str, float] = {}
+    for one in text.split(","):
+        name, _, value = one.partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise InvalidInput(f"--scenario: expected NAME=NUMBER, got '{one}'") from None
+    if unknown := set(found) - {"mass", "mu", *_SHIFTS}:
+        raise InvalidInput(f"--scenario: expected mass, mu, {', '.join(_SHIFTS)}, got {', '.join(sorted(unknown))}")
+    options: dict[str, Any] = {name: value for name, value in found.items() if name not in _SHIFTS}
+    return CarryScenario(com=[found.get(axis, 0.0) for axis in _SHIFTS], **options)
