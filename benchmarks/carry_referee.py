@@ -32,18 +32,19 @@ from pinograsp.handover import JointTrajectory
 from pinograsp.planner import plan_best
 
 HERE = Path(__file__).resolve().parent
-STEP = 5e-4  # [s] of the simulations
+SETTINGS = {"time_step": 1e-3, "sample": 5e-3, "hold": 0.3}  # [s] of the simulations
+INTERVALS = 200
 FASTER = 1.1
 ANY = 100.0  # times the limits of joints: none
 HANDS = ("panda", "panda + allegro_right")
 
 
 def random_path(arm, rng) -> ArmPath:
-    """Waypoints in the inner half of the joints' ranges, the first where the arm rests."""
+    """Waypoints in the inner third of the joints' ranges."""
     moving = [arm.joint_names.index(joint) for joint in JOINTS]
     middle, half = (arm.upper + arm.lower)[moving] / 2, (arm.upper - arm.lower)[moving] / 2
     while True:
-        way = middle + half * rng.uniform(-0.5, 0.5, (rng.integers(3, 6), len(moving)))
+        way = middle + half * rng.uniform(-0.35, 0.35, (rng.integers(3, 6), len(moving)))
         path = ArmPath.through(dict(zip(JOINTS, way.T)))
         if (np.abs(path.at(np.linspace(0, 1, 200)).q - middle) <= half).all():
             return path
@@ -76,14 +77,14 @@ def trial(name: str, seed: int) -> dict[str, object]:
     path = random_path(robot(name), rng)
     try:
         grasp = grasp_of(name, rng)
-        plan = plan_carry(robot(name), grasp, path, intervals=300)
+        plan = plan_carry(robot(name), grasp, path, intervals=INTERVALS)
     except CarryInfeasible:
         return row | {"plan": "infeasible"}
     except PinograspError as error:
         return row | {"plan": f"{type(error).__name__}"}
     row |= {"duration_s": plan.duration, "fastest_s": plan.fastest, "binds": plan.shares()[0][0]}
     try:
-        seen = simulate_carry(plan, time_step=STEP)
+        seen = simulate_carry(plan, **SETTINGS)
         row |= {"held": seen.verdict.held, "why": "; ".join(seen.verdict.causes), "drift": seen.verdict.reason}
     except SimulationDiverged as error:
         row |= {"held": False, "why": str(error)}
@@ -94,13 +95,13 @@ def too_fast(name: str, grasp, path: ArmPath, plan: CarryPlan) -> dict[str, obje
     """Ten percent faster than the limit of the grasp alone."""
     arm = robot(name)
     fast, strong = np.full(arm.n, ANY), np.where(arm.effort > 0, ANY * arm.effort, np.inf)
-    free = {"reserve": 0.0, "disturbance": 0.0, "speed": fast, "torque_limit": strong, "intervals": 300}
+    free = {"reserve": 0.0, "disturbance": 0.0, "speed": fast, "torque_limit": strong, "intervals": INTERVALS}
     try:
         most = plan_carry(robot(name), grasp, path, ramp=0.0, **free)
     except PinograspError as error:
         return {"proven": f"{type(error).__name__}"}
     faster = most.timing.faster(FASTER)
-    times = np.linspace(0.0, faster.duration, 3000)
+    times = np.linspace(0.0, faster.duration, 2000)
     moving, point = faster.at(times), path.at(faster.at(times).s)
     v, a = moving.speed[:, None], moving.acceleration[:, None]
     nothing = np.zeros_like(point.q)
@@ -125,7 +126,7 @@ def too_fast(name: str, grasp, path: ArmPath, plan: CarryPlan) -> dict[str, obje
     task = carry_task(quick, LETTING_GO)
     task = replace(task, torque_limit=np.where(np.isin(robot(name).joint_names, JOINTS), np.inf, task.torque_limit))
     try:
-        seen = pg.simulate(task, servo=servo_of(quick), time_step=STEP, letting_go=LETTING_GO)
+        seen = pg.simulate(task, servo=servo_of(quick), letting_go=LETTING_GO, **SETTINGS)
     except SimulationDiverged as error:
         return {"proven": proven, "fast_drift": str(error)}
     return {"proven": proven, "lost": not seen.verdict.held, "fast_drift": seen.verdict.reason}

@@ -183,7 +183,7 @@ class _Method:
         program, N = self.program, self.N
         # Slow at the ends, since the path mostly begins and ends at rest.
         rise = np.minimum(1.0, 8.0 * np.minimum(np.arange(N + 1), np.arange(N, -1, -1)) / N)
-        start = np.minimum(0.3 * self.highest * (rise if self.coupled else 1.0), self._moderate())
+        start = np.minimum(0.3 * self.highest * (rise if self.coupled else 1.0), self._of_nodes(program.moderate))
         self.y = np.where(self.free, start, self.given)
         self.x = np.zeros((self.d, self.k, N))
         self.x[0] = (program.least + np.minimum(0.5 * (program.most - program.least), self.size))[:, None]
@@ -204,18 +204,6 @@ class _Method:
         self.parts = [one for one in (self.sides, self.ends, self.cones) if one is not None]
         self.degree = self._all([one.degree for one in self.parts])
         self.measure()
-
-    def _moderate(self) -> Array:
-        """Squared speeds whose loads are as large as those at rest, as y: where limits are far, nearer to what can
-        be.
-        """
-        still = np.maximum(np.abs(self.e).max(axis=0), 1e-3 * self.size)
-        moving = np.abs(self.E[:, 0] + self.E[:, 1]).max(axis=0)
-        each = still / np.maximum(moving, 1e-9 * still)
-        if not self.coupled:
-            return np.asarray(np.broadcast_to(each, self.highest.shape))
-        padded = np.concatenate([each[:1], each, each[-1:]])
-        return np.asarray(np.minimum(padded[:-1], padded[1:]))
 
     def measure_cost(self) -> None:
         """The cost and its derivatives."""

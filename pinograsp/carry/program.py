@@ -73,6 +73,17 @@ class Program:
         first = np.arange(self.count) * (1 if self.shared else 2)
         return np.stack([first, first + 1], axis=1)
 
+    @property
+    def moderate(self) -> Array:
+        """Squared speeds whose loads are about as large as those at rest, as ``top``: a place to begin."""
+        size = np.abs(self.e).max(initial=0.0)
+        still = np.maximum(np.abs(self.e).max(axis=1), 1e-3 * size + 1e-12)
+        each = still / np.maximum(np.abs(self.E.sum(axis=2)).max(axis=1), 1e-9 * still)
+        if len(self.top) != self.count + 1:
+            return np.repeat(each, 2)
+        padded = np.concatenate([each[:1], each, each[-1:]])
+        return np.asarray(np.minimum(padded[:-1], padded[1:]))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solved:

@@ -7,17 +7,25 @@ import numpy as np
 import pytest
 from panda_path import JOINTS, WAY
 
+import pinograsp as pg
 from pinograsp.carry import ArmPath
 from pinograsp.handover import read_csv
+from pinograsp.spatial import pose_of
 
 ROBOT = ("--robot", "panda", "--root", "panda_link0")
 
 
+@pytest.fixture(scope="module")
+def grasp():
+    """A box in a gripper's jaws."""
+    box = pg.Box(size=(0.04, 0.03, 0.05), mass=0.1, pose=pose_of([0, 0, 0.11], np.eye(3)))
+    return pg.plan_grasp_on(pg.load_hand("panda"), box, pg.GraspConditions(mu=0.6))
+
+
 @pytest.fixture
-def run(command, tmp_path):
-    """A box in the jaws, and a way of the arm."""
-    box = ("--object", "box:size=0.03x0.03x0.08,mass=0.1", "--samples", "4")
-    assert command("plan", "--hand", "panda", *box, "--out", str(tmp_path / "run"))[0] == 0
+def run(grasp, command, tmp_path):
+    """Its run, and a way of the arm."""
+    pg.save_run(grasp, tmp_path / "run")
     with open(tmp_path / "way.csv", "w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([JOINTS, *WAY.tolist()])
     return tmp_path
@@ -96,7 +104,7 @@ def test_squeezes_scenarios_and_the_referee(command, run, no_rendering):
     ],
 )
 def test_options_that_cannot_be(command, run, options, message):
-    code, out, err = command("carry", str(run / "run"), *ROBOT, "--path", str(run / "way.csv"), *options)
+    code, _, err = command("carry", str(run / "run"), *ROBOT, "--path", str(run / "way.csv"), *options)
     assert code == 2 and message in err and "Traceback" not in err
     assert not (run / "carries").exists() or not any((run / "carries").iterdir())
 
