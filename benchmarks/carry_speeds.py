@@ -3,8 +3,8 @@
     python benchmarks/carry_speeds.py
 
 For each grasp: the fastest with what the hand holds (and its lower bound), the plan with accelerations that change over
-50 ms, the same with a squeeze that is commanded once, and the largest acceleration of the object on the way. Limits less
-10 %, disturbances as the grasps' plans bear them. Writes carry_speeds.csv beside this file.
+50 ms, the same with a squeeze that is commanded once, and the largest acceleration of the object on the way. Limits
+less 10 %, disturbances as the grasps' plans bear them. Writes carry_speeds.csv beside this file.
 """
 
 from __future__ import annotations
