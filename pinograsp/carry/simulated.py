@@ -27,6 +27,7 @@ _CHANGE = 0.15  # [s] from the grasp's squeeze to the first one of the way
 _SETTLE = 0.05  # [s] between letting go and setting off
 LETTING_GO = 0.2  # [s]
 _GIVES = 0.03  # [rad or m] by which an arm's drive gives way to its largest torque
+_POSTURES = 9  # on the way, at which the arm's inertia is looked at
 
 
 def simulate_carry(
@@ -58,7 +59,7 @@ def simulate_carry(
 
 
 def servo_of(plan: CarryPlan) -> Servo:
-    """The hand's servos, and for joints of the arm without any stiff ones, damped critically at the path's start.
+    """The hand's servos, and for joints of the arm without any stiff ones, damped critically on the way.
 
     What a joint moves when all others give way is less than what it moves when they do not, by far where axes are
     nearly in line; more damping than for that would need shorter steps than the contacts do.
@@ -68,10 +69,12 @@ def servo_of(plan: CarryPlan) -> Servo:
     bare = arm[np.isnan(robot.servo_stiffness[arm]) & (robot.effort[arm] > 0)]
     stiffness, damping = np.array(own.stiffness), np.array(own.damping)
     stiffness[bare] = robot.effort[bare] / _GIVES
-    model, q = robot.model, np.array(plan.q[0])
-    mass = np.triu(pin.crba(model, model.createData(), q))
-    mass += np.triu(mass, 1).T + np.diag(own.rotor - model.armature)
-    damping[bare] = 2.0 * np.sqrt(stiffness / np.diag(np.linalg.inv(mass)))[bare]
+    model, least = robot.model, np.full(robot.n, np.inf)
+    for q in plan.q[np.linspace(0, len(plan.q) - 1, _POSTURES).astype(int)]:
+        mass = np.triu(pin.crba(model, model.createData(), np.array(q)))
+        mass += np.triu(mass, 1).T + np.diag(own.rotor - model.armature)
+        least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
+    damping[bare] = 2.0 * np.sqrt(stiffness * least)[bare]
     return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control)
 
 
