@@ -34,6 +34,7 @@ _SMALLEST = 0.02  # [s] of these, where no ramp is asked for
 _MOST = 10.0  # times as fast as a known timing: what is beyond does not matter
 _HALVINGS = 9  # of the interval in which the largest factor on the speed lies
 _GIVING = 1e-2  # joints that move a contact less than this, over the largest, do not press it
+_FREELY = 2e-2  # motions along the surface less than this, over the largest, are let be
 _IMPACT = 0.9  # t_I over t_F where a force problem asks for one: how fast the hand closed does not matter any more
 _TRIED = 60  # points of the path at which a proof is looked for
 
@@ -423,15 +424,23 @@ class Carrying:
         return torque_limits(carried.hand, self.problem.contacts, posture, limit=np.inf).jacobian
 
     def _deeper(self, normal: Array) -> Array:
-        """How much further the hand's joints have to be than in the grasp (N, n_h) for normal forces (N, k)."""
+        """How much further the hand's joints have to be than in the grasp (N, n_h) for normal forces (N, k).
+
+        Of the ways to be deeper the one that moves contacts along the surface least: friction would hold against it.
+        """
         law, hand = self.problem.compliance, self.carried[0].hand
         depths = (np.maximum(normal, 0.0) / law.stiffness) ** (1.0 / law.exponent) - self.grasp.forces.final_depths
         fingers = np.unique(np.concatenate([finger.dofs for finger in hand.fingers]))
-        # Along the normals, and not across them: contacts that slide while they press turn their friction.
-        moved = depths[:, :, None] * self.problem.contacts.rotations_oc[:, :, 2]
-        J = self._jacobian()[:, :3, fingers].reshape(-1, len(fingers))
+        moved = np.einsum("kxn,kxc->kcn", self._jacobian()[:, :3], self.problem.contacts.rotations_oc)[..., fingers]
+        along, into = moved[:, :2].reshape(-1, len(fingers)), moved[:, 2]
+        deeper = np.linalg.pinv(into, rcond=_GIVING)
+        _, size, axes = np.linalg.svd(into)
+        free = axes[int((size > _GIVING * size[0]).sum()) :].T
+        drag, damping = along @ free, _FREELY * np.linalg.norm(along, 2)
+        # Damped: what hardly moves contacts would have to go far.
+        deeper -= free @ np.linalg.solve(drag.T @ drag + damping**2 * np.eye(free.shape[1]), drag.T @ along @ deeper)
         found = np.zeros((len(normal), hand.n))
-        found[:, fingers] = moved.reshape(len(normal), -1) @ np.linalg.pinv(J, rcond=_GIVING).T
+        found[:, fingers] = depths @ deeper.T
         return found
 
     def _contact_torques(self, local: Array, torsion: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +27,7 @@ _CHANGE = 0.15  # [s] from the grasp's squeeze to the first one of the way
 _SETTLE = 0.05  # [s] between letting go and setting off
 LETTING_GO = 0.2  # [s]
 _GIVES = 0.03  # [rad or m] by which an arm's drive gives way to its largest torque
+_POSTURES = 9  # on the way, at which the arm's inertia is looked at
 
 
 def simulate_carry(
@@ -50,19 +52,29 @@ def simulate_carry(
     chosen: SimulationSettings = {"letting_go": LETTING_GO, **settings}
     if chosen.get("servo") is None:
         chosen["servo"] = servo_of(plan)
-    return simulate(carry_task(plan, chosen["letting_go"]), disturbance=disturbance, **chosen)
+    task = carry_task(plan, chosen["letting_go"])
+    seen = simulate(task, disturbance=disturbance, **chosen)
+    off = float(task.times[-1]) - plan.duration
+    return replace(seen, notes=(*seen.notes, f"carried along the path from {off:.3f} to {task.times[-1]:.3f} s"))
 
 
 def servo_of(plan: CarryPlan) -> Servo:
-    """The hand's servos, and for joints of the arm without any stiff ones, damped critically at the path's start."""
+    """The hand's servos, and for joints of the arm without any stiff ones, damped critically on the way.
+
+    What a joint moves when all others give way is less than what it moves when they do not, by far where axes are
+    nearly in line; more damping than for that would need shorter steps than the contacts do.
+    """
     robot, own = plan.robot, Servo.of(plan.robot)
     arm = _carried(plan).arm
     bare = arm[np.isnan(robot.servo_stiffness[arm]) & (robot.effort[arm] > 0)]
     stiffness, damping = np.array(own.stiffness), np.array(own.damping)
     stiffness[bare] = robot.effort[bare] / _GIVES
-    model, q = robot.model, np.array(plan.q[0])
-    inertia = np.diag(pin.crba(model, model.createData(), q))
-    damping[bare] = 2.0 * np.sqrt(stiffness * (inertia + own.rotor))[bare]
+    model, least = robot.model, np.full(robot.n, np.inf)
+    for q in plan.q[np.linspace(0, len(plan.q) - 1, _POSTURES).astype(int)]:
+        mass = np.triu(pin.crba(model, model.createData(), np.array(q)))
+        mass += np.triu(mass, 1).T + np.diag(own.rotor - model.armature)
+        least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
+    damping[bare] = 2.0 * np.sqrt(stiffness * least)[bare]
     return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control)
 
 

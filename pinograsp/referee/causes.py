@@ -44,7 +44,8 @@ def causes_of(
     events = [] if servo is None else _saturated(task, history, until)
     events = sorted([*events, *_slipped_or_opened(task, history, until), *_yielded(task, history, until)])[:_MOST]
     first = min((event.time for event in events if event.kind in ("slipped", "opened")), default=history.times[until])
-    ratio = _pressed(history, float(first))
+    # On a way after the release planned forces are other ones than at its end.
+    ratio = 1.0 if task.way else _pressed(history, float(first))
     causes = [event.text for event in events]
     if not _WEAK <= ratio <= _STRONG:
         causes.append(

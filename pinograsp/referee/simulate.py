@@ -179,9 +179,9 @@ def _schedule(
     if prescribed:
         _check_exact(disturbance)
     if disturbance.base_motion is not None:
-        _check_base_motion(disturbance.base_motion, hold + letting_go, release)
+        _check_base_motion(disturbance.base_motion, task.way + hold + letting_go, release)
     for push in disturbance.pushes:
-        if push.start + push.duration > hold + 0.5 * dt:
+        if push.start + push.duration > task.way + hold + 0.5 * dt:
             raise InvalidInput(
                 f"hold: expected at least {push.start + push.duration:g} s, the end of a push, got {hold:g} s"
             )

@@ -53,13 +53,16 @@ def verdict_of(
     gravity = np.linalg.norm(task.gravity_o)
     up = -task.gravity_o / gravity if gravity > 0 else np.array([0.0, 0.0, 1.0])
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
-    held, reason = _held(times, poses, normal, drift, turn, release, float(task.times[-1]), gone, shaken)
+    held, reason = _held(times, poses, normal, drift, turn, release, task.way, gone, shaken)
     moved = float(np.linalg.norm(poses[complete, :3, 3] - poses[0, :3, 3]))
     if support == "table" and moved > SLIPPED:
         reason += f"; the hand had moved it by {1e3 * moved:.2f} mm until the grasp was complete"
 
     # Averages over the last tenth of the hold remove small oscillations.
-    last = slice(min(times.size - 1, times.size - max(1, (times.size - complete) // 10)), None)
+    holding = (
+        times.size - int(np.searchsorted(times, times[complete] + task.way)) if task.way else times.size - complete
+    )
+    last = slice(min(times.size - 1, times.size - max(1, holding // 10)), None)
     should = planned > 0
     # Errors of small forces are relative to a twentieth of the largest force.
     size = np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
@@ -96,7 +99,7 @@ def _held(
     drift: float,
     turn: float,
     release: float | None,
-    commanded: float,
+    way: float,
     gone: bool,
     shaken: float | None,
 ) -> tuple[bool, str]:
@@ -108,7 +111,7 @@ def _held(
     if not (drift <= MOVED and turn <= TURNED):
         return False, f"the object moved {1e3 * drift:.2f} mm and turned {turn:.1f} deg within {since:.2f} s"
     # A compliant grasp sways with a shaken hand: it creeps where it is elsewhere whole periods later.
-    last = 0.2 * max(times[-1] - max(release, commanded), 0.0)
+    last = 0.2 * max(since - way, 0.0)
     if in_phase := shaken is not None and shaken <= since:
         last = shaken * min(np.ceil(last / shaken), since // shaken)
     resting = poses[times >= times[-1] - last - 1e-9]

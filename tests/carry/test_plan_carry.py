@@ -1,18 +1,17 @@
 """Carrying a box with a Panda: against rigid-body mechanics by differences, and by what must follow from what."""
 
 from dataclasses import replace
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from panda_allegro import arm_with_allegro
 from panda_path import INTERVALS, JOINTS, WAYPOINTS
 
 import pinograsp as pg
 from pinograsp.carry import ArmPath, plan_carry
 from pinograsp.errors import CarryInfeasible, InvalidInput
 from pinograsp.handover import JointTrajectory
-from pinograsp.hands.catalogue import file_of
 from pinograsp.planner import plan_best
 
 
@@ -162,23 +161,11 @@ def test_options_that_cannot_be(arm, grasp, options, message):
         plan_carry(arm, grasp, WAYPOINTS, **options)
 
 
-def arm_with_allegro(folder):
-    """A Panda whose hand is an Allegro's, as a URDF."""
-    arm, hand = (ElementTree.parse(file_of(name)).getroot() for name in ("panda", "allegro_right"))
-    gone = {"panda_hand", "panda_hand_tcp", "panda_leftfinger", "panda_rightfinger"}
-    for one in list(arm):
-        child = one.find("child") if one.tag == "joint" else None
-        if one.get("name") in gone or (child is not None and child.get("link") in gone):
-            arm.remove(one)
-    arm.extend(one for one in hand if one.tag in ("link", "joint"))
-    mount = ElementTree.SubElement(arm, "joint", name="mount", type="fixed")
-    ElementTree.SubElement(mount, "parent", link="panda_link8")
-    ElementTree.SubElement(mount, "child", link="palm_link")
-    ElementTree.SubElement(mount, "origin", xyz="0 0 0.1", rpy="0 0 0")
-    file = folder / "panda_allegro.urdf"
-    ElementTree.ElementTree(arm).write(file)
-    data = next(one for one in file_of("panda").parents if one.name == "example-robot-data")
-    return pg.load_hand(file, packages={"example-robot-data": str(data)})
+def points_on(hand, q, links, points, before):
+    """Where points (k, 3) that lie on links at joint positions ``before`` go (k, 3)."""
+    there, here = hand.frame_placements(q, list(links)), hand.frame_placements(before, list(links))
+    moved = [pose @ np.linalg.inv(old) @ [*point, 1] for pose, old, point in zip(there, here, points)]
+    return np.array(moved)[:, :3]
 
 
 def test_a_grasp_of_the_hand_alone(tmp_path):
@@ -196,6 +183,17 @@ def test_a_grasp_of_the_hand_alone(tmp_path):
     limit = (1 - found.reserve) * robot.effort[fingers]
     assert (np.abs(found.torques[:, fingers]) <= limit * (1 + 1e-5) + 1e-6).all()
     limits = np.where(robot.effort > 0, robot.effort, np.inf)
+    # Fingers are sent deeper without dragging contacts along the surface, where friction would hold against it.
+    normals, points = grasp.contacts.rotations_oc[:, :, 2], grasp.contacts.points_o
+    names, q = [robot.joint_names.index(joint) for joint in hand.joint_names], np.array(grasp.motion.q[-1])
+    for i in (0, 20):
+        moved = (
+            points_on(grasp.hand, q + (found.commanded_q - found.q)[i, names], grasp.contacts.links, points, q) - points
+        )
+        deeper = np.einsum("kx,kx->k", moved, normals)
+        wanted = (found.commanded[i] / grasp.law.stiffness) ** (1 / grasp.law.exponent) - grasp.forces.final_depths
+        np.testing.assert_allclose(deeper, wanted, atol=5e-5)
+        assert np.linalg.norm(moved - deeper[:, None] * normals, axis=1).max() < 1e-4
     same = plan_carry(robot, grasp, WAYPOINTS, intervals=40, torque_limit=limits)
     assert same.duration == pytest.approx(found.duration, rel=1e-5)
 
