@@ -23,6 +23,7 @@ from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import Finger, HandModel, servo_gains
+from pinograsp.motion.approach import JointPath
 from pinograsp.motion.contact_ik import ContactPostures
 from pinograsp.motion.contact_springs import Servos, object_motion
 from pinograsp.motion.grasp_ik import FingerMotion, points_along
@@ -342,15 +343,43 @@ def _least_squares(rows: Array, right: Array) -> Array:
     return found
 
 
+class Pressing(NamedTuple):
+    """The grasp phase of a closed hand, at m times.
+
+    Attributes:
+        path: of all joints (m, n).
+        missing: what the surfaces of k contacts miss of their depths (m, k) [m].
+        limited: indices of the joints that were stopped by their limits.
+    """
+
+    path: JointPath
+    missing: Array
+    limited: frozenset[int]
+
+
+def pressing_along(pressed: ClosedPress, profile: PenetrationProfile, times: Array) -> Pressing:
+    """How a closed hand's joints go at ``times`` (m,) [s] from t_I to t_F, with the penetration of all contacts."""
+    first = int(np.argmax(profile.final_depth))  # all contacts take the same course
+    course, rate = (of(times)[:, first] / profile.final_depth[first] for of in (profile.depth, profile.rate))
+    along = CubicSpline(pressed.course, pressed.q)
+    q, dq = along(course), along(course, 1) * rate[:, None]
+    if stopped := sorted(pressed.limited):
+        # Within the limits between these depths, too.
+        within = PchipInterpolator(pressed.course, pressed.q[:, stopped])
+        q[:, stopped], dq[:, stopped] = within(course), within(course, 1) * rate[:, None]
+    ddq = np.array(np.gradient(dq, float(times[1] - times[0]), axis=0, edge_order=2))
+    missing = np.column_stack([np.interp(course, pressed.course, one) for one in np.abs(pressed.missing).T])
+    return Pressing(JointPath(q=q, dq=dq, ddq=ddq), missing, pressed.limited)
+
+
 def press_surfaces(
     hand: HandModel,
     finger: Finger,
     contacts: ContactSet,
     which: Sequence[int],
     found: ContactPostures,
-    pressed: ClosedPress,
+    pressing: Pressing,
     profile: PenetrationProfile,
-    times: Array,
 ) -> FingerMotion:
     """The grasp phase of a closed finger.
 
@@ -360,32 +389,23 @@ def press_surfaces(
         contacts: all contacts, with the posture of the closed hand.
         which: those of the finger.
         found: the finger's contact points.
-        pressed: how the hand's joints go.
+        pressing: how the hand's joints go.
         profile: penetration of all contacts.
-        times: samples (m,) [s] from t_I to t_F.
     """
     own = [contacts[i] for i in which]
-    first = int(np.argmax(profile.final_depth))  # all contacts take the same course
-    course, rate = (of(times)[:, first] / profile.final_depth[first] for of in (profile.depth, profile.rate))
-    along = CubicSpline(pressed.course, pressed.q[:, finger.dofs])
-    q, dq = along(course), along(course, 1) * rate[:, None]
-    if stopped := [j for j, dof in enumerate(finger.dofs.tolist()) if dof in pressed.limited]:
-        # Within the limits between these depths, too.
-        within = PchipInterpolator(pressed.course, pressed.q[:, finger.dofs[stopped]])
-        q[:, stopped], dq[:, stopped] = within(course), within(course, 1) * rate[:, None]
-    points, jacobians = points_along(hand, finger, own, found.points_l[0], q, contacts.posture)
+    path = pressing.path.of(finger.dofs)
+    points, jacobians = points_along(hand, finger, own, found.points_l[0], path.q, contacts.posture)
     normals = np.array([contact.normal_o for contact in own])
     moved = points - np.array([contact.point_o for contact in own])
     slid = moved - np.einsum("mcx,cx->mc", moved, normals)[:, :, None] * normals
-    missing = np.abs(pressed.missing[:, list(which)])
     motion = FingerMotion(
-        q=frozen(q),
-        dq=frozen(dq),
-        ddq=frozen(np.array(np.gradient(dq, float(times[1] - times[0]), axis=0, edge_order=2))),
+        q=frozen(path.q),
+        dq=frozen(path.dq),
+        ddq=frozen(path.ddq),
         jacobians=frozen(jacobians),
-        errors=frozen(np.column_stack([np.interp(course, pressed.course, column) for column in missing.T])),
-        slips=frozen(np.linalg.norm(slid, axis=2)),
-        limited=tuple(name for name, dof in zip(finger.actuated, finger.dofs.tolist()) if dof in pressed.limited),
+        errors=frozen(pressing.missing[:, list(which)]),
+        slips=frozen(np.sqrt((slid * slid).sum(axis=2))),
+        limited=tuple(name for name, dof in zip(finger.actuated, finger.dofs.tolist()) if dof in pressing.limited),
     )
     return replace(motion, surfaces=bool(off_path(motion, profile, which).any()))
 
