@@ -165,11 +165,6 @@ class _Planning:
     def closed(self, solution: ForceSolution, q: Array, corrected: bool) -> ClosedPress:
         """How all joints of the hand that is closed at ``q`` (n,) press, and the object gives way when it is let go."""
         pressed = press_closed(self.hand, solution, q, servo_gains(self.hand), corrected=corrected)
-        size = float(np.linalg.norm(pressed.shift[-1, :3]))
-        if size > _SHIFTED:
-            self.notes.append(
-                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it"
-            )
         planned, rest = self.problem.compliance.normal_force(self.profile.final_depth), pressed.rest.normal
         if not pressed.rest.balanced:
             self.notes.append(
@@ -177,6 +172,11 @@ class _Planning:
                 "up then: simulate the plan"
             )
             return pressed
+        size = float(np.linalg.norm(pressed.rest.shift[:3]))
+        if size > _SHIFTED:
+            self.notes.append(
+                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it"
+            )
         others = [
             f"{name} {force:.2g} N (planned {asked:.2g} N)"
             for name, force, asked in zip(self.problem.contacts.names, rest, planned)
