@@ -28,6 +28,7 @@ _OFF = 1e-4  # [m] largest error of coal's depth of an overlap
 _CLEAR = 1e-4  # [m] where the hull is farther off than this, the part's own distance is not needed
 _TILT = 1e-3  # [rad] tilt that separates the corners of a flat contact
 _MOST_SHAPES = 500
+_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3))).T  # of a box (3, 8)
 HOLLOW = 1e-3  # [m] between a link and its convex hull: worth a caution
 _POINT = coal.Sphere(1e-7)
 _PATCH = 1e-3  # [m] corners nearer to each other are one: curved bodies of up to a metre's radius touch at a point
@@ -162,26 +163,31 @@ class Distances:
             moved = coal.Transform3s(object_pose.getRotation(), aside)
         raise GeometryFailed(part.link, type(part.geometry).__name__)
 
-    def near(self, parts: Sequence[HandPart], postures: Array) -> BoolArray:
-        """Which parts (m, p) may touch the object at postures (m, n): those whose boxes' spans reach its box."""
+    def near(self, parts: Sequence[HandPart], postures: Array) -> tuple[BoolArray, Array]:
+        """Which parts (m, p) may touch the object at postures (m, n), and how far they move from one to the next.
+
+        Those may touch whose boxes' spans reach the object's box. No point of a part moves further (m - 1, p) [m].
+        """
         self.shape.computeLocalAABB()
         box, pose = self.shape.aabb_local, self.body.pose
         joints = sorted({part.joint for part in parts})
         column = np.array([joints.index(part.joint) for part in parts], dtype=int)
-        turned, moved = np.empty((len(postures), len(joints), 3, 3)), np.empty((len(postures), len(joints), 3))
+        placed = np.empty((len(postures), len(joints), 4, 4))
         for i, q in enumerate(postures):
             pin.forwardKinematics(self.model, self.data, q)
-            for c, joint in enumerate(joints):
-                placed = self.data.oMi[joint]
-                turned[i, c], moved[i, c] = placed.rotation, placed.translation
+            poses = self.data.oMi.tolist()
+            placed[i] = [poses[joint].homogeneous for joint in joints]
+        carried = placed[:, column]
         centres = np.array([part.centre for part in parts]).reshape(-1, 3)
-        centres_o = np.einsum("mpij,pj->mpi", turned[:, column], centres) + moved[:, column]
-        centres_b = (centres_o - pose[:3, 3]) @ pose[:3, :3]
         own = np.array([part.placement.rotation for part in parts]).reshape(-1, 3, 3)
-        edges = np.abs(pose[:3, :3].T @ turned[:, column] @ own) * np.array([part.half for part in parts])[:, None]
-        apart = np.maximum(box.min_ - centres_b, centres_b - box.max_) - edges.sum(axis=3)
+        edges = own * np.array([part.half for part in parts]).reshape(-1, 1, 3)
+        corners = carried[..., :3, :3] @ (centres[:, :, None] + edges @ _CORNERS) + carried[..., :3, 3:]  # (m, p, 3, 8)
+        steps = np.diff(corners, axis=0)
+        steps = np.sqrt((steps * steps).sum(axis=2).max(axis=2))
+        inside = pose[:3, :3].T @ corners - (pose[:3, :3].T @ pose[:3, 3])[:, None]
+        apart = np.maximum(box.min_ - inside.max(axis=3), inside.min(axis=3) - box.max_)
         near: BoolArray = apart.max(axis=2) <= _CLEAR
-        return near
+        return near, steps
 
     def surface(self, point: Array) -> tuple[Array, Array]:
         """The object's surface point nearest to a point (3,), and the inward normal there (3,)."""
@@ -358,13 +364,18 @@ class Way:
     def deepest_hit(self, postures: ArrayLike, *, allowed: float = 0.0) -> Hit | None:
         """As :func:`deepest_hit`, on one of them."""
         distances, way = self.distances, array_of("postures", postures, (None, self.n))
+        near, steps = distances.near(self.parts, way)
         worst: Hit | None = None
-        for q, near, sample in zip(way, distances.near(self.parts, way), itertools.count()):
-            if not near.any():
-                continue
-            distances.put(q)
-            for part in itertools.compress(self.parts, near):
-                if distances.rough(part) >= -allowed:
+        gaps = np.full(len(self.parts), -np.inf)  # at least
+        for sample, q in enumerate(way):
+            gaps -= steps[sample - 1] if sample else 0.0
+            looked_at = np.flatnonzero(near[sample] & (gaps <= 0.0)).tolist()
+            if looked_at:
+                distances.put(q)
+            for i in looked_at:
+                part = self.parts[i]
+                gaps[i] = distances.rough(part)
+                if gaps[i] >= -allowed:
                     continue
                 depth = -distances.of(part)[0]
                 if depth > max(allowed, 0.0 if worst is None else worst.depth):

@@ -62,18 +62,22 @@ class Penetration:
     def _joint(self, contact: Contact) -> int:
         return 0 if contact.finger == PALM else self.hand.finger(contact.finger).joint_of(contact.link)
 
-    def at(self, q: Array, which: Iterable[int] | None = None, near: Array | None = None) -> tuple[Array, Array, Array]:
+    def at(
+        self, q: Array, which: Iterable[int] | None = None, near: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array, Array]:
         """Depths (c,) [m], negative where clear, inward normals (c, 3), and points on the object's surface (c, 3) [m].
 
-        ``which`` contacts; default: all. ``near``: normals of all contacts (k, 3) to start from; None: the contacts'.
+        ``which`` contacts; default: all. ``near``: normals (k, 3) and depths (k,) of all contacts to start from; None:
+        the contacts' normals.
         """
         self.distances.put(q)
-        near = self.normals if near is None else near
-        found = [self._one(i, near[i]) for i in (range(len(self.contacts)) if which is None else which)]
+        from_normals, from_depths = (self.normals, np.full(len(self.contacts), _CLEAR)) if near is None else near
+        chosen = range(len(self.contacts)) if which is None else which
+        found = [self._one(i, from_normals[i], float(from_depths[i])) for i in chosen]
         depths, normals, points = zip(*found)
         return np.array(depths), np.array(normals), np.array(points)
 
-    def _one(self, i: int, near: Array) -> tuple[float, Array, Array]:
+    def _one(self, i: int, near: Array, deep: float) -> tuple[float, Array, Array]:
         if self.corner[i]:
             point = self.distances.data.oMi[self.joints[i]].act(np.array(self.contacts[i].point_l))
             # Of the plane they touched, not of the nearest surface: at an edge of the object that may be another face.
@@ -81,13 +85,13 @@ class Penetration:
             depth = float((point - self.contacts[i].point_o) @ normal)
             return depth, normal, point - depth * normal
         return max(
-            (deepest_of(self.distances, part, near, self.roughly) for part in self.parts[i]),
+            (deepest_of(self.distances, part, near, self.roughly, deep) for part in self.parts[i]),
             key=lambda one: one[0],
         )
 
 
 def deepest_of(
-    distances: Distances, part: HandPart, normal: Array, roughly: float = _ROUGHLY
+    distances: Distances, part: HandPart, normal: Array, roughly: float = _ROUGHLY, deep: float = _CLEAR
 ) -> tuple[float, Array, Array]:
     """Depth of a part in the object [m], negative where clear, inward normal (3,), and point on the object (3,) [m].
 
@@ -96,11 +100,12 @@ def deepest_of(
         part: of the hand.
         normal: where to start from (3,).
         roughly: normals that come no closer may differ by this [rad]; 0: go on as long as they do.
+        deep: about how deep it is [m].
 
     Raises:
         GeometryFailed: the object cannot be moved off along the normals found.
     """
-    off, further, turned = 2 * _CLEAR, _CLEAR, math.inf
+    off, further, turned = _CLEAR + max(deep, 0.0), _CLEAR, math.inf
     mine_at, moved, geometry = distances.placed(part), coal.Transform3s(distances.pose), part.geometry
     # Three numbers at a time are quicker as floats than as arrays.
     hx, hy, hz = distances.pose.getTranslation().tolist()
@@ -121,7 +126,9 @@ def deepest_of(
         # Farther off than need be, the nearest points are others than those that overlap.
         spare = gap - _CLEAR
         before, turned = turned, math.hypot(dx / gap - x, dy / gap - y, dz / gap - z)
-        alike = turned < _ALIKE or 0.5 * before < turned < roughly
+        # As quickly as they came closer, the next ones would be the same.
+        settled = turned < roughly and turned * turned < _ALIKE * before < math.inf
+        alike = turned < _ALIKE or settled or 0.5 * before < turned < roughly
         last = off - (dx * x + dy * y + dz * z), ox - off * x, oy - off * y, oz - off * z
         # Far off, its place as it is tells: bringing the object closer may go round the part.
         if alike and (abs(spare) <= 0.5 * _CLEAR or (off == 0.0 and spare > 0)):

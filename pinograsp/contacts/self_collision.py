@@ -37,9 +37,10 @@ class SelfCollisions:
             return
         disabled = {frozenset(pair) for pair in hand.disabled_collisions}
         apart = ~_near(model)
-        pairs = np.argwhere(np.tril(apart[np.ix_(self.joints, self.joints)], -1)).tolist()
-        kept = [(b, a) for b, a in pairs if frozenset((self.links[a], self.links[b])) not in disabled]
-        self.pairs = np.array(kept, dtype=int).reshape(-1, 2)
+        self.pairs = np.argwhere(np.tril(apart[np.ix_(self.joints, self.joints)], -1))
+        if disabled:
+            kept = [frozenset((self.links[a], self.links[b])) not in disabled for b, a in self.pairs.tolist()]
+            self.pairs = self.pairs[np.array(kept, dtype=bool)]
         self.reach = radii[self.pairs].sum(axis=1)
         coupled = [tuple(pair) for pair in self.pairs[_moved_by_one(model, *self.joints[self.pairs].T)].tolist()]
         if coupled:
@@ -130,11 +131,11 @@ def _near(model: pin.Model) -> BoolArray:
 def _moved_by_one(model: pin.Model, one: IntArray, other: IntArray) -> BoolArray:
     """Whether all that moves joints ``one`` (p,) against ``other`` (p,) is a single motor (p,)."""
     supports = np.zeros((model.njoints, model.njoints), dtype=bool)
-    motors = np.zeros((model.njoints, model.nv), dtype=int)
+    motors = np.zeros((model.njoints, model.nv))
     for j, support in enumerate(model.supports):
         supports[j, list(support)] = True
         if j:
-            motors[j, model.joints[j].idx_v] = 1
-    between = (supports[one] ^ supports[other]).astype(int)
+            motors[j, model.joints[j].idx_v] = 1.0
+    between = (supports[one] ^ supports[other]).astype(float)  # quicker to multiply than integers
     single: BoolArray = ((between @ motors) > 0).sum(axis=1) == 1
     return single

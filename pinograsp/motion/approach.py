@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import array_of, brief, number, one_of
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 
 StartAcceleration = Literal["rest", "paper"]
 _HALVINGS = 0.5 ** np.arange(7)
@@ -33,6 +33,10 @@ class JointPath:
     ddq: Array
 
     __repr__ = brief()
+
+    def of(self, joints: IntArray) -> JointPath:
+        """Of some joints."""
+        return JointPath(q=self.q[:, joints], dq=self.dq[:, joints], ddq=self.ddq[:, joints])
 
 
 def approach(

@@ -100,7 +100,7 @@ class Contacts:
         self.law, springs = problem.compliance, springs_of(problem)
         self.springs = springs if self.soft else springs[:3]
         # Springs slip where they are stretched further than this per newton [m/N, 1/N].
-        self.slack = np.broadcast_to(problem.mu / TANGENTIAL, (self.k,))
+        self.slack = np.asarray(problem.mu) / TANGENTIAL
         self.slack_about = problem.friction.torsion / springs[3] if self.soft else 0.0
         twists, n, rows = 6 * free, 0 if servos is None else len(servos.stiffness), len(self.springs)
         self.columns = np.empty((self.k, 1 + rows, twists + n))

@@ -23,6 +23,7 @@ from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import Finger, HandModel, servo_gains
+from pinograsp.motion.approach import JointPath
 from pinograsp.motion.contact_ik import ContactPostures
 from pinograsp.motion.contact_springs import Servos, object_motion
 from pinograsp.motion.grasp_ik import FingerMotion, points_along
@@ -37,12 +38,13 @@ _SHARE = 0.01
 _WELL = 2e-4  # share of their depth to which surfaces are brought
 _KNOTS = 5  # depths at which the joints are solved for: their course over the depth is smooth
 _ROUNDS, _HALVINGS = 15, 3
-# The share of the forces that is well. Rounds that make up for friction by another shift, what a round has to gain of
-# what is left, and the furthest that it moves the object, in shifts that cost 1; and rounds by other depths, what one
-# has to gain, how often a step may lead astray, and how much shorter the next one is then.
-_AS_PLANNED, _SHORTER = 0.01, 3.0
-_SHIFTS, _SHIFT_GAIN, _FURTHEST = 2, 0.5, 10.0
-_DEPTHS, _DEPTH_GAIN, _ASTRAY = 6, 0.1, 2
+# The share of the forces that is well. Rounds by other depths, what one has to gain of what is left, how many may gain
+# less, and how much longer a step may be than the one before; and rounds by another shift of the object, what one has
+# to gain, the furthest that it moves the object, in shifts that cost 1, and how much shorter the next one is where it
+# led astray.
+_AS_PLANNED = 0.01
+_DEPTHS, _DEPTH_GAIN, _ASTRAY, _LONGER = 6, 0.1, 2, 2.0
+_SHIFTS, _SHIFT_GAIN, _FURTHEST, _SHORTER = 2, 0.5, 10.0, 3.0
 _AT_LIMIT = 1e-9  # [rad or m]
 _ROUNDED = 0.1  # share of its depth that a contact keeps where others need less of it
 # What the joints' freedom is used for: contacts that slide by 1 mm cost as much as joints that turn by 1 rad (or slide
@@ -62,6 +64,7 @@ class ClosedPress(NamedTuple):
         missing: depths less than planned, once the object has shifted (c, k) [m].
         limited: indices of the joints that were stopped by their limits.
         rest: the contacts after the object is let go.
+        on_the_way: how they are pressed (c,).
     """
 
     course: Array
@@ -71,6 +74,7 @@ class ClosedPress(NamedTuple):
     missing: Array
     limited: frozenset[int]
     rest: LetGo
+    on_the_way: tuple[_Pressed, ...]
 
     def off(self, planned: Array) -> float:
         """The largest error of a normal force at rest, as a share of those ``planned`` (k,) [N]."""
@@ -93,6 +97,24 @@ def press_closed(
     solver, final = _Solver(hand, solution, posture, gains), solution.profile.final_depth
     planned = solution.problem.compliance.normal_force(final)
     best = _press(solver, final, np.zeros(6))
+    if not (corrected and best.rest.balanced):
+        best = _shifted(solver, final, planned, best)
+    return _corrected(solver, final, planned, best) if corrected else best
+
+
+def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
+    """Normal forces (k,) [N] that a closed hand leaves of a solution once the object is let go, with the hand's own
+    servos; None where that is not foreseen.
+    """
+    posture = solution.problem.contacts.posture
+    if posture is None:
+        return None
+    rest = press_closed(hand, solution, posture, servo_gains(hand)).rest
+    return rest.normal if rest.balanced else None
+
+
+def _shifted(solver: _Solver, final: Array, planned: Array, best: ClosedPress) -> ClosedPress:
+    """A press that has the object shift as friction makes it: forces at rest are nearer the ``planned`` (k,) [N]."""
     off, share = best.off(planned), 1.0
     for _ in range(_SHIFTS):
         if off < _AS_PLANNED:
@@ -110,39 +132,41 @@ def press_closed(
                 break
         else:
             share /= _SHORTER
-    return _corrected(solver, final, planned, best) if corrected else best
-
-
-def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
-    """Normal forces (k,) [N] that a closed hand leaves of a solution once the object is let go, with the hand's own
-    servos; None where that is not foreseen.
-    """
-    posture = solution.problem.contacts.posture
-    if posture is None:
-        return None
-    rest = press_closed(hand, solution, posture, servo_gains(hand)).rest
-    return rest.normal if rest.balanced else None
+    return best
 
 
 def _corrected(solver: _Solver, final: Array, planned: Array, best: ClosedPress) -> ClosedPress:
     """A press to other depths than ``final`` (k,) [m], with forces at rest that are nearer the ``planned`` (k,) [N]."""
-    law, further, share, astray = solver.problem.compliance, np.zeros(len(final)), 1.0, 0
+    law, towards, depths, astray = solver.problem.compliance, best.shift[-1], final, 0
     reached, off = max(TRACKED, float(np.abs(best.missing).max())), best.off(planned)
+    lacking, seen, longest = final - law.depth(best.rest.normal), list[tuple[Array, Array]](), np.inf
     for _ in range(_DEPTHS):
         if off < _AS_PLANNED or not best.rest.balanced:
             break
-        lacking = final - law.depth(best.rest.normal)
-        step = np.linalg.lstsq(best.rest.response, lacking, rcond=_STIFF)[0]
-        tried = _press(solver, np.maximum(final + further + share * step, _ROUNDED * final), best.shift[-1], best)
+        step = np.asarray(np.linalg.lstsq(_as_seen(best.rest.response, seen), lacking, rcond=_STIFF)[0], dtype=float)
+        step *= min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
+        tried_depths = np.maximum(depths + step, _ROUNDED * final)
+        tried = _press(solver, tried_depths, towards, best)
+        step, left, gained = tried_depths - depths, final - law.depth(tried.rest.normal), 0.0
+        seen.append((step, lacking - left))
+        longest = _LONGER * float(np.linalg.norm(step))
         if tried.rest.balanced and tried.off(planned) < off and np.abs(tried.missing).max() <= reached:
-            gained, best, further, off = off - tried.off(planned), tried, further + share * step, tried.off(planned)
-            if gained < _DEPTH_GAIN * off:
-                break
-        else:
-            share, astray = share / _SHORTER, astray + 1
-            if astray == _ASTRAY:
-                break
+            gained, best, depths, lacking = off - tried.off(planned), tried, tried_depths, left
+            off -= gained
+        astray += gained < _DEPTH_GAIN * off
+        if astray == _ASTRAY:
+            break
     return best
+
+
+def _as_seen(response: Array, seen: Sequence[tuple[Array, Array]]) -> Array:
+    """A ``response`` (k, k) changed so that steps (k,) give what was ``seen`` of them, the last ones best.
+
+    Friction changes it more than it tells (C. G. Broyden, Mathematics of Computation 19(92), 1965).
+    """
+    for step, gain in seen:
+        response = response + np.outer(gain - response @ step, step / max(float(step @ step), 1e-300))
+    return response
 
 
 def _press(solver: _Solver, final: Array, towards: Array, since: ClosedPress | None = None) -> ClosedPress:
@@ -158,26 +182,22 @@ def _press(solver: _Solver, final: Array, towards: Array, since: ClosedPress | N
     now = solver.start
     on_the_way = [now]
     for i in range(1, _KNOTS):
+        before, wanted, shifted = _Before(q[i - 1], slid[i - 1], now), course[i] * final, course[i] * towards
         if since is None:  # on from where the last steps led
-            ahead = 2 * q[i - 1] - q[i - 2] if i > 1 else q[0]
-            gone = shift[i - 1] * course[i] / course[i - 1] if i > 1 else course[i] * towards
+            ahead = np.clip(2 * q[i - 1] - q[i - 2] if i > 1 else q[0], solver.lower, solver.upper)
+            near, gone = now, shift[i - 1] * course[i] / course[i - 1] if i > 1 else shifted
         else:
-            # As far from that press as before, in proportion.
-            share = course[i] / course[i - 1] if i > 1 else 0.0
-            ahead = since.q[i] + share * (q[i - 1] - since.q[i - 1])
-            gone = since.shift[i] + (share * (shift[i - 1] - since.shift[i - 1]) if i > 1 else 0.0)
-        before = _Before(q[i - 1], slid[i - 1], now)
-        q[i], shift[i], now, stopped = solver.solve(
-            np.clip(ahead, solver.lower, solver.upper), gone, course[i] * final, course[i] * towards, before
-        )
+            near = since.on_the_way[i]
+            ahead, gone, _ = solver.step(since.q[i], since.shift[i], near, wanted, shifted, before)
+        q[i], shift[i], now, stopped = solver.solve(ahead, gone, wanted, shifted, before, near)
         slid[i], depths[i] = before.slid_at(q[i], now.across), now.depth
-        missing[i] = course[i] * final + solver.shifts @ shift[i] - now.depth
+        missing[i] = wanted + solver.shifts @ shift[i] - now.depth
         limited |= stopped
         on_the_way.append(now)
     servos = solver.servos(on_the_way, course)
     pressed = friction_built_up(solver.problem, depths, slid, servos)
     rest = let_go(solver.problem, depths[-1], pressed, None if servos is None else servos[-1], solver.motion)
-    return ClosedPress(course, q, shift, depths, missing, frozenset(limited), rest)
+    return ClosedPress(course, q, shift, depths, missing, frozenset(limited), rest, tuple(on_the_way))
 
 
 class _Pressed(NamedTuple):
@@ -238,8 +258,8 @@ class _Solver:
         self.rows = self._costs()
         self.start = self.at(self.posture)
 
-    def at(self, q: Array, near: Array | None = None) -> _Pressed:
-        """How deep the contacts are, and how joints move them; ``near``: normals (k, 3) that may be theirs."""
+    def at(self, q: Array, near: _Pressed | None = None) -> _Pressed:
+        """How deep the contacts are, and how joints move them; ``near``: at a posture that is not far."""
         model = self.hand.model
         pin.computeJointJacobians(model, self.data, q)
         if self.surfaces is None:
@@ -247,7 +267,7 @@ class _Solver:
             depth, normals = ((material - self.origins) * self.normals).sum(axis=1), self.normals
             on_object = material - depth[:, None] * normals
         else:
-            depth, normals, on_object = self.surfaces.at(q, near=near)
+            depth, normals, on_object = self.surfaces.at(q, near=None if near is None else (near.normals, near.depth))
         J = point_jacobians(model, self.data, self.joints, on_object)  # the depth's are the same all along the normal
         along = (normals[:, None, None] @ J.reshape(len(depth), 2, 3, model.nv))[:, :, 0]
         deepening = along[:, 0]
@@ -272,19 +292,22 @@ class _Solver:
         return tuple(found)
 
     def solve(
-        self, q: Array, shift: Array, wanted: Array, towards: Array, before: _Before
+        self, q: Array, shift: Array, wanted: Array, towards: Array, before: _Before, near: _Pressed
     ) -> tuple[Array, Array, _Pressed, set[int]]:
-        """Joints and shift with the depths ``wanted`` (k,), from a guess (Gauss and Newton), and joints at limits."""
+        """Joints and shift with the depths ``wanted`` (k,), from a guess (Gauss and Newton), and joints at limits.
+
+        ``near``: how the contacts are pressed at a posture that is not far.
+        """
         well = np.maximum(TRACKED, _WELL * wanted)
         best: tuple[float, Array, Array, _Pressed] | None = None
-        stopped, halved, normals = set[int](), 0, before.pressed.normals
+        stopped, halved = set[int](), 0
         for _ in range(_ROUNDS):
-            now = self.at(q, normals)
+            now = self.at(q, near)
             missing = wanted + self.shifts @ shift - now.depth
             off = float(np.abs(missing / well).max())
             if best is None or off < best[0]:
-                best, halved, normals = (off, q, shift, now), 0, now.normals
-                to_q, to_shift, at_limit = self._step(q, shift, now, wanted, towards, before)
+                best, halved, near = (off, q, shift, now), 0, now
+                to_q, to_shift, at_limit = self.step(q, shift, now, wanted, towards, before)
                 stopped |= at_limit
                 if off < 1.0 and np.abs(now.deepening @ (to_q - q)).max() < TRACKED:
                     break
@@ -307,7 +330,7 @@ class _Solver:
         rows[4 * k + n :, n:] = np.diag(self.shift_costs)
         return rows
 
-    def _step(
+    def step(
         self, q: Array, shift: Array, now: _Pressed, wanted: Array, towards: Array, before: _Before
     ) -> tuple[Array, Array, set[int]]:
         """Where the least-squares step leads joints and shift, and which joints meet their limits on it."""
@@ -342,15 +365,43 @@ def _least_squares(rows: Array, right: Array) -> Array:
     return found
 
 
+class Pressing(NamedTuple):
+    """The grasp phase of a closed hand, at m times.
+
+    Attributes:
+        path: of all joints (m, n).
+        missing: what the surfaces of k contacts miss of their depths (m, k) [m].
+        limited: indices of the joints that were stopped by their limits.
+    """
+
+    path: JointPath
+    missing: Array
+    limited: frozenset[int]
+
+
+def pressing_along(pressed: ClosedPress, profile: PenetrationProfile, times: Array) -> Pressing:
+    """How a closed hand's joints go at ``times`` (m,) [s] from t_I to t_F, with the penetration of all contacts."""
+    first = int(np.argmax(profile.final_depth))  # all contacts take the same course
+    course, rate = (of(times)[:, first] / profile.final_depth[first] for of in (profile.depth, profile.rate))
+    along = CubicSpline(pressed.course, pressed.q)
+    q, dq = along(course), along(course, 1) * rate[:, None]
+    if stopped := sorted(pressed.limited):
+        # Within the limits between these depths, too.
+        within = PchipInterpolator(pressed.course, pressed.q[:, stopped])
+        q[:, stopped], dq[:, stopped] = within(course), within(course, 1) * rate[:, None]
+    ddq = np.array(np.gradient(dq, float(times[1] - times[0]), axis=0, edge_order=2))
+    missing = np.column_stack([np.interp(course, pressed.course, one) for one in np.abs(pressed.missing).T])
+    return Pressing(JointPath(q=q, dq=dq, ddq=ddq), missing, pressed.limited)
+
+
 def press_surfaces(
     hand: HandModel,
     finger: Finger,
     contacts: ContactSet,
     which: Sequence[int],
     found: ContactPostures,
-    pressed: ClosedPress,
+    pressing: Pressing,
     profile: PenetrationProfile,
-    times: Array,
 ) -> FingerMotion:
     """The grasp phase of a closed finger.
 
@@ -360,32 +411,23 @@ def press_surfaces(
         contacts: all contacts, with the posture of the closed hand.
         which: those of the finger.
         found: the finger's contact points.
-        pressed: how the hand's joints go.
+        pressing: how the hand's joints go.
         profile: penetration of all contacts.
-        times: samples (m,) [s] from t_I to t_F.
     """
     own = [contacts[i] for i in which]
-    first = int(np.argmax(profile.final_depth))  # all contacts take the same course
-    course, rate = (of(times)[:, first] / profile.final_depth[first] for of in (profile.depth, profile.rate))
-    along = CubicSpline(pressed.course, pressed.q[:, finger.dofs])
-    q, dq = along(course), along(course, 1) * rate[:, None]
-    if stopped := [j for j, dof in enumerate(finger.dofs.tolist()) if dof in pressed.limited]:
-        # Within the limits between these depths, too.
-        within = PchipInterpolator(pressed.course, pressed.q[:, finger.dofs[stopped]])
-        q[:, stopped], dq[:, stopped] = within(course), within(course, 1) * rate[:, None]
-    points, jacobians = points_along(hand, finger, own, found.points_l[0], q, contacts.posture)
+    path = pressing.path.of(finger.dofs)
+    points, jacobians = points_along(hand, finger, own, found.points_l[0], path.q, contacts.posture)
     normals = np.array([contact.normal_o for contact in own])
     moved = points - np.array([contact.point_o for contact in own])
     slid = moved - np.einsum("mcx,cx->mc", moved, normals)[:, :, None] * normals
-    missing = np.abs(pressed.missing[:, list(which)])
     motion = FingerMotion(
-        q=frozen(q),
-        dq=frozen(dq),
-        ddq=frozen(np.array(np.gradient(dq, float(times[1] - times[0]), axis=0, edge_order=2))),
+        q=frozen(path.q),
+        dq=frozen(path.dq),
+        ddq=frozen(path.ddq),
         jacobians=frozen(jacobians),
-        errors=frozen(np.column_stack([np.interp(course, pressed.course, column) for column in missing.T])),
-        slips=frozen(np.linalg.norm(slid, axis=2)),
-        limited=tuple(name for name, dof in zip(finger.actuated, finger.dofs.tolist()) if dof in pressed.limited),
+        errors=frozen(pressing.missing[:, list(which)]),
+        slips=frozen(np.sqrt((slid * slid).sum(axis=2))),
+        limited=tuple(name for name, dof in zip(finger.actuated, finger.dofs.tolist()) if dof in pressing.limited),
     )
     return replace(motion, surfaces=bool(off_path(motion, profile, which).any()))
 

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -24,10 +24,10 @@ from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, appr
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
 from pinograsp.motion.grasp_ik import FingerMotion, press_all
 from pinograsp.motion.jacobian import contact_jacobian
-from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces
+from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces, pressing_along
 from pinograsp.motion.torques import contact_torques, finger_dynamics, inverse_dynamics
 from pinograsp.plan import Motion
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
 
 _HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do not move them
 # Peak torques closer than this [N m] are a tie: the first posture wins.
@@ -129,6 +129,13 @@ def _of_touching(contacts: ContactSet, posture: Mapping[str, ArrayLike] | None) 
     return {name: angles for name, angles in (posture or {}).items() if name in touching}
 
 
+class Gentle(NamedTuple):
+    """A closing hand's path over both phases (m, n), and which of its joints (n,) jump into their motion at impact."""
+
+    path: JointPath
+    jumps: BoolArray
+
+
 class _Planning:
     """A motion while it is put together, finger by finger."""
 
@@ -148,19 +155,16 @@ class _Planning:
         self.tracking, self.slip = np.zeros(k), np.zeros(k)
         self.notes, self.remedies = list(hand.notes), list[str]()
         self.within_limits = self.on_path = self.clear = True
-        self.closing: list[tuple[Finger, FingerMotion, JointPath]] = []  # with their paths at first
+        self.closing: list[Finger] = []
         self.pressed: ClosedPress | None = None
         if self.problem.contacts.posture is not None:
             self.pressed = self.closed(solution, self.problem.contacts.posture, corrected)
+            self.pressing = pressing_along(self.pressed, self.profile, self.after)
+            self.gentle = self.gentle_path()
 
     def closed(self, solution: ForceSolution, q: Array, corrected: bool) -> ClosedPress:
         """How all joints of the hand that is closed at ``q`` (n,) press, and the object gives way when it is let go."""
         pressed = press_closed(self.hand, solution, q, servo_gains(self.hand), corrected=corrected)
-        size = float(np.linalg.norm(pressed.shift[-1, :3]))
-        if size > _SHIFTED:
-            self.notes.append(
-                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it"
-            )
         planned, rest = self.problem.compliance.normal_force(self.profile.final_depth), pressed.rest.normal
         if not pressed.rest.balanced:
             self.notes.append(
@@ -168,6 +172,11 @@ class _Planning:
                 "up then: simulate the plan"
             )
             return pressed
+        size = float(np.linalg.norm(pressed.rest.shift[:3]))
+        if size > _SHIFTED:
+            self.notes.append(
+                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it"
+            )
         others = [
             f"{name} {force:.2g} N (planned {asked:.2g} N)"
             for name, force, asked in zip(self.problem.contacts.names, rest, planned)
@@ -187,9 +196,10 @@ class _Planning:
         """Move a finger, from its best posture ``found``, as its contacts ``which`` ask for."""
         hand, contacts, start = self.hand, self.problem.contacts, self.start[finger.dofs]
         if found.method == "closing" and self.pressed is not None:
-            motion = press_surfaces(hand, finger, contacts, which, found, self.pressed, self.profile, self.after)
-            candidates, paths = [motion], [self.gentle_path(finger, motion)]
-            self.closing.append((finger, motion, paths[0]))
+            candidates = [press_surfaces(hand, finger, contacts, which, found, self.pressing, self.profile)]
+            paths = [self.gentle.path.of(finger.dofs)]
+            self.note_jumps(finger, self.gentle.jumps)
+            self.closing.append(finger)
         else:
             own = [contacts[i] for i in which]
             candidates = press_all(hand, finger, own, found.angles, found.points_l, self.profile, which, self.after)
@@ -209,14 +219,16 @@ class _Planning:
         if not self.closing or body is None:
             return
         way_there, collisions = Way(self.hand, body), SelfCollisions(self.hand)
-        tried: list[tuple[float, str, list[JointPath]]] = []
-        paths = [path for _, _, path in self.closing]
+        tried: list[tuple[float, str, JointPath]] = []
+        gentle = self.gentle
         for last_part, order in itertools.product(_LAST_PARTS, _ORDERS):
             # Some samples are enough: the way is smooth, and ends where the last part begins.
             looked_at = np.unique(np.linspace(0, (1 - last_part) * self.impact, _LOOKS).astype(int))
             if tried:  # at first they follow theirs already
-                paths = [self.gentle_path(finger, motion, order, last_part) for finger, motion, _ in self.closing]
-                self.follow_all(paths)
+                gentle = self.gentle_path(order, last_part)
+                self.follow_all(gentle.path)
+                for finger in self.closing:
+                    self.note_jumps(finger, gentle.jumps)
             way = self.path.q[looked_at]
             what, hit = "the object", way_there.deepest_hit(way, allowed=_HIT)
             if hit is None and self.spec.table is not None:
@@ -225,21 +237,21 @@ class _Planning:
                 crossing = collisions.after(way[0], way[1::_EVERY])
                 if not crossing:
                     return
-                tried.append((0.0, f"{' and '.join(crossing[0])} hit each other on the way", paths))
+                tried.append((0.0, f"{' and '.join(crossing[0])} hit each other on the way", gentle.path))
             else:
                 time = self.times[[*looked_at, -1][hit.sample]]
                 where = f"{hit.link} hits {what} on the way, at {time:.2g} s, {1e3 * hit.depth:.2g} mm deep"
-                tried.append((hit.depth, where, paths))
-        _, why, paths = min(tried, key=lambda one: one[0])
-        self.follow_all(paths)
+                tried.append((hit.depth, where, gentle.path))
+        _, why, path = min(tried, key=lambda one: one[0])
+        self.follow_all(path)
         self.clear = False
         self.notes.append(why)
         self.remedies.append(f"{why}: start elsewhere, or take another grasp")
 
-    def follow_all(self, paths: Sequence[JointPath]) -> None:
-        """Take the closing fingers' paths into the hand's."""
-        for (finger, _, _), path in zip(self.closing, paths):
-            self.follow(finger, path)
+    def follow_all(self, path: JointPath) -> None:
+        """Take the closing fingers' parts of a path of all joints into the hand's."""
+        for finger in self.closing:
+            self.follow(finger, path.of(finger.dofs))
 
     def follow(self, finger: Finger, path: JointPath) -> None:
         """Take a finger's path into the hand's."""
@@ -287,28 +299,31 @@ class _Planning:
         )
         return _joined(rise, motion)
 
-    def gentle_path(
-        self, finger: Finger, motion: FingerMotion, order: Order = "together", last_part: float = _LAST_PARTS[0]
-    ) -> JointPath:
-        """The path of a closing finger over both phases, its joints moving together or in turn."""
-        n, dofs = finger.n, finger.dofs
-        begin = np.zeros(n) if order == "together" else np.linspace(0, _TURNS, n)[:: 1 if order == "base first" else -1]
+    def gentle_path(self, order: Order = "together", last_part: float = _LAST_PARTS[0]) -> Gentle:
+        """The path of a closing hand over both phases, the joints of a finger moving together or in turn."""
+        motion, begin = self.pressing.path, np.zeros(self.hand.n)
+        if order != "together":
+            for finger in self.closing:
+                begin[finger.dofs] = np.linspace(0, _TURNS, finger.n)[:: 1 if order == "base first" else -1]
         rise, jumps = gentle_approach(
             self.before,
             self.before[-1],
-            self.start[dofs],
+            self.start,
             motion.q[0],
             motion.dq[0],
             motion.ddq[0],
-            limits=(self.hand.lower[dofs], self.hand.upper[dofs]),
+            limits=(self.hand.lower, self.hand.upper),
             windows=np.column_stack([begin, begin + (1.0 if order == "together" else 1 - _TURNS)]),
             last_part=last_part,
         )
-        jumping = ", ".join(name for name, jump in zip(finger.actuated, jumps) if jump)
+        return Gentle(_joined(rise, motion), jumps)
+
+    def note_jumps(self, finger: Finger, jumps: BoolArray) -> None:
+        """Note which of a finger's joints are among those (n,) that jump into their motion."""
+        jumping = ", ".join(name for name, jump in zip(finger.actuated, jumps[finger.dofs]) if jump)
         note = f"{jumping} jumps into its motion at impact: a limit leaves no room to come up to speed"
         if jumping and note not in self.notes:
             self.notes.append(note)
-        return _joined(rise, motion)
 
     def choose(
         self,
@@ -403,7 +418,7 @@ class _Planning:
         )
 
 
-def _joined(rise: JointPath, motion: FingerMotion) -> JointPath:
+def _joined(rise: JointPath, motion: JointPath | FingerMotion) -> JointPath:
     """Approach and grasp phase; the sample at t_I is the grasp phase's."""
     return JointPath(
         q=np.concatenate([rise.q[:-1], motion.q]),

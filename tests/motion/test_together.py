@@ -69,9 +69,12 @@ def test_parts_that_are_not_near_do_not_touch():
     body = pg.Box(size=(0.05, 0.09, 0.04), mass=0.1, pose=pose)
     distances, parts = Distances(hand, body), parts_of(hand)
     postures = rng.uniform(hand.lower, hand.upper, (40, hand.n))
-    near = distances.near(parts, postures)
-    touching = np.zeros_like(near)
+    near, steps = distances.near(parts, postures)
+    gaps = np.empty(near.shape)
     for i, q in enumerate(postures):
         distances.put(q)
-        touching[i] = [distances.rough(part) < 0 for part in parts]
+        gaps[i] = [distances.rough(part) for part in parts]
+    touching = gaps < 0
+    both_apart = ~touching[1:] & ~touching[:-1]
+    assert np.all(np.abs(np.diff(gaps, axis=0))[both_apart] <= steps[both_apart] + 1e-9)
     assert touching.sum() > 40 and not (touching & ~near).any() and near.mean() < 0.8
