@@ -123,7 +123,7 @@ class CarryPlan:
 
     @property
     def torque_limits(self) -> Array:
-        """Largest torques that the robot's joints and drives can make (n,) [N m or N]; infinity: none is known."""
+        """Largest torques that the robot's joints and drives can make (n,) [N m or N], infinity where none is known."""
         return drives_limit(self.robot)
 
     def describe(self) -> str:
