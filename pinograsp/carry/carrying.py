@@ -16,10 +16,11 @@ from pinograsp.carry.reserve import disturbance_of, problem_of, spare_forces, wi
 from pinograsp.carry.squeeze import CommonSqueeze, common_squeeze
 from pinograsp.carry.timing import Timing
 from pinograsp.checks import brief, read_only
-from pinograsp.errors import CarryInfeasible, CarryUndecided
+from pinograsp.errors import CarryInfeasible, CarryUndecided, PinograspError, Status
 from pinograsp.forces import ConvexSolution, TorqueLimit, diagnose, optimize_forces
 from pinograsp.hands import HandModel
-from pinograsp.motion import torque_limits
+from pinograsp.motion import plan_motion, torque_limits
+from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
 
@@ -353,7 +354,10 @@ class Carrying:
         bare = loads.torque.at(still, u)
         torques, told, sent = bare.copy(), bare.copy(), loads.q.copy()
         torques[:, carried.fingers] += self._contact_torques(local, torsion)[:, carried.fingers]
-        sent[:, carried.of_hand] += self._deeper(held.commanded)
+        closing, reference = self._closing(held)
+        sent[:, carried.of_hand] = np.where(
+            np.isin(carried.of_hand, carried.arm), sent[:, carried.of_hand], closing.q[-1]
+        ) + self._deeper(held.commanded, reference)
         # What is commanded once has the tangential forces of the first load, when normal forces are the commanded ones.
         once = slice(0, 1) if not np.ptp(held.commanded, axis=0).any() else slice(None)
         pressed = np.broadcast_to(local[once], local.shape).copy()
@@ -368,6 +372,7 @@ class Carrying:
             path=self.path,
             gravity_o=read_only(self.gravity),
             timing=passage.timing,
+            closing=closing,
             contacts=tuple(problem.contacts.names),
             s=read_only(knots.s),
             times=read_only(passage.knots),
@@ -393,8 +398,15 @@ class Carrying:
             factor=passage.factor,
             residual=held.residual,
             elapsed=elapsed,
-            notes=held.notes,
+            notes=(*held.notes, *self._doubts()),
         )
+
+    def _doubts(self) -> list[str]:
+        """What the grasp's own plan says against it."""
+        grasp = self.grasp
+        if grasp.status is Status.OK:
+            return []
+        return [f"the grasp's own plan is {grasp.status}: {grasp.remedy}", *grasp.cautions]
 
     def _limit(self, passage: Passage, fastest: Fastest | None, s: Array) -> tuple[Array, tuple[str, ...]]:
         """How fast each place may be passed by itself (N,) [1/s], and what binds there."""
@@ -423,13 +435,40 @@ class Carrying:
         posture = carried.posture[carried.of_hand]
         return torque_limits(carried.hand, self.problem.contacts, posture, limit=np.inf).jacobian
 
-    def _deeper(self, normal: Array) -> Array:
-        """How much further the hand's joints have to be than in the grasp (N, n_h) for normal forces (N, k).
+    def _closing(self, held: Held) -> tuple[Motion, Array]:
+        """How the grasp's hand closes to the first squeeze of the way, and how deep its contacts then are (k,) [m].
+
+        It is planned as any grasp's motion, since surfaces, friction and servos make more of it than depths along
+        normals. Where that is not to be had, it is the grasp's own.
+        """
+        grasp, normal = self.grasp, held.commanded[0]
+        first = held.passage.programs.middle.wrench
+        load = -(first.along_b[0] * held.passage.level + first.still[0])
+        problem = replace(
+            self.problem,
+            load=load,
+            gravity_o=-first.still[0, :3] / self.carried[0].inertia.mass,
+            torques=None,
+            min_normal_force=normal,
+            max_normal_force=normal,
+        )
+        try:
+            forces = optimize_forces(problem, grasp.forces.impact_time, objective="least_squares")
+            if forces.found:
+                motion = plan_motion(grasp.hand, forces)
+                if motion.status is Status.OK:
+                    return motion, forces.profile.final_depth
+        except PinograspError:
+            pass
+        return grasp.motion, grasp.forces.final_depths
+
+    def _deeper(self, normal: Array, reference: Array) -> Array:
+        """How much further the hand's joints have to be (N, n_h) for normal forces (N, k) than for depths (k,) [m].
 
         Of the ways to be deeper the one that moves contacts along the surface least: friction would hold against it.
         """
         law, hand = self.problem.compliance, self.carried[0].hand
-        depths = (np.maximum(normal, 0.0) / law.stiffness) ** (1.0 / law.exponent) - self.grasp.forces.final_depths
+        depths = (np.maximum(normal, 0.0) / law.stiffness) ** (1.0 / law.exponent) - reference
         fingers = np.unique(np.concatenate([finger.dofs for finger in hand.fingers]))
         moved = np.einsum("kxn,kxc->kcn", self._jacobian()[:, :3], self.problem.contacts.rotations_oc)[..., fingers]
         along, into = moved[:, :2].reshape(-1, len(fingers)), moved[:, 2]

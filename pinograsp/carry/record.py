@@ -17,6 +17,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.handover import JointTrajectory
 from pinograsp.hands import HandModel
 from pinograsp.motion.torques import drives_limit
+from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
 from pinograsp.writing import write_file
@@ -40,6 +41,7 @@ class CarryPlan:
         path: the arm's.
         gravity_o: (3,) [m/s^2].
         timing: of the path.
+        closing: how the grasp's hand closes to the first squeeze, as in the grasp's plan.
         contacts: names of the contacts (k,).
         s: path parameter at the ends of the intervals (N + 1,), from 0 to 1.
         times: there (N + 1,) [s].
@@ -75,6 +77,7 @@ class CarryPlan:
     path: ArmPath
     gravity_o: Array
     timing: Timing
+    closing: Motion
     contacts: tuple[str, ...]
     s: Array
     times: Array

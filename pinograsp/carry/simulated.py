@@ -87,7 +87,7 @@ def _carried(plan: CarryPlan) -> Carried:
 def carry_task(plan: CarryPlan, letting_go: float) -> Task:
     """The task of a carry plan: closing, letting go for a time [s], the way."""
     robot, grasp, carried = plan.robot, plan.grasp, _carried(plan)
-    motion, way = grasp.motion, plan.trajectory(rate=1.0 / _STEP)
+    motion, way = plan.closing, plan.trajectory(rate=1.0 / _STEP)
     start = np.array(way.q[0])
     start[carried.of_hand] = np.where(np.isin(carried.of_hand, carried.arm), start[carried.of_hand], motion.q[-1])
     # Where the object's axes of the grasp are when the arm is at the start of its path.
@@ -100,7 +100,9 @@ def carry_task(plan: CarryPlan, letting_go: float) -> Task:
     q, dq, ddq = np.tile(start, (len(motion.times), 1)), *np.zeros((2, len(motion.times), robot.n))
     for own, grasped in ((q, motion.q), (dq, motion.dq), (ddq, motion.ddq)):
         own[:, carried.of_hand[fingers]] = grasped[:, fingers]
-    bare = inverse_dynamics(grasp.hand, motion.q, motion.dq, motion.ddq, gravity_o=grasp.gravity_o)
+    # In the grasp's axes gravity pulls as the palm lies now, where the motion was planned for that.
+    gravity = grasp.gravity_o if motion is grasp.motion else turn.T @ plan.gravity_o
+    bare = inverse_dynamics(grasp.hand, motion.q, motion.dq, motion.ddq, gravity_o=gravity)
     torques = inverse_dynamics(robot, q, dq, ddq, gravity_o=plan.gravity_o)
     torques[:, carried.of_hand[fingers]] += (motion.torques - bare)[:, fingers]
     # Then the first squeeze of the way, the arm bearing the object as it is let go.
