@@ -53,15 +53,15 @@ def random_path(arm, rng) -> ArmPath:
 
 
 def grasp_of(name: str, rng):
-    """A grasp of something, by the jaws on the arm or by the Allegro alone."""
+    """A grasp of something by the hand alone."""
     mu, mass = float(rng.uniform(0.4, 0.9)), float(rng.uniform(0.05, 0.4))
     conditions = pg.GraspConditions(mu=mu)
     if name == "panda":
-        arm, at = robot(name), np.eye(4)
+        hand, at = pg.load_hand("panda"), np.eye(4)
         at[:3, 3] = [0.0, 0.0, 0.1034 + rng.uniform(-0.005, 0.005)]
-        pose = arm.frame_placements(arm.resting, [arm.palm])[0] @ at
+        pose = hand.frame_placements(hand.resting, [hand.palm])[0] @ at
         box = pg.Box(size=[rng.uniform(0.03, 0.08), rng.uniform(0.02, 0.06), rng.uniform(0.03, 0.07)], mass=mass)
-        return pg.plan_grasp_on(arm, box.placed(pose), conditions)
+        return pg.plan_grasp_on(hand, box.placed(pose), conditions)
     shape = pg.Sphere(radius=float(rng.uniform(0.03, 0.04)), mass=mass)
     if rng.random() < 0.5:
         shape = pg.Box(size=[0.05, 0.05, 0.1], mass=mass)
@@ -83,6 +83,8 @@ def trial(name: str, seed: int) -> dict[str, object]:
         while grasp.status is not Status.OK and drawn < MOST_DRAWN:
             grasp, drawn = grasp_of(name, rng), drawn + 1
         row |= {"grasps_drawn": drawn, "grasp": str(grasp.status)}
+        if grasp.status is not Status.OK:
+            return row | {"plan": "no grasp that is ok"}
         plan = plan_carry(robot(name), grasp, path, intervals=INTERVALS)
     except CarryInfeasible:
         return row | {"plan": "infeasible"}

@@ -403,10 +403,12 @@ class Carrying:
 
     def _doubts(self) -> list[str]:
         """What the grasp's own plan says against it."""
-        grasp = self.grasp
-        if grasp.status is Status.OK:
-            return []
-        return [f"the grasp's own plan is {grasp.status}: {grasp.remedy}", *grasp.cautions]
+        grasp, arm = self.grasp, self.carried[0].arm
+        doubts = list(grasp.cautions) if grasp.status is Status.DOUBTFUL else []
+        if np.isin(arm, self.carried[0].of_hand).any():
+            # A grasp of arm and hand in one takes the arm's drives for as soft as fingers'.
+            doubts = [one for one in doubts if not one.startswith("with servos of")]
+        return [f"the grasp's own plan is doubtful: {one}" for one in doubts]
 
     def _limit(self, passage: Passage, fastest: Fastest | None, s: Array) -> tuple[Array, tuple[str, ...]]:
         """How fast each place may be passed by itself (N,) [1/s], and what binds there."""
