@@ -15,7 +15,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.planner import plan_best
 from pinograsp.referee import Disturbance, Push, simulate
 
-STEP = 5e-4  # [s]
+STEP = 1e-3  # [s]
 OVER = {"panda_joint2": 0.4, "panda_joint4": -0.5, "panda_joint6": 3.6}
 
 
@@ -89,6 +89,7 @@ def test_three_times_as_fast_as_planned_it_is_lost(arm, smoothed):
     assert lost.verdict.drift > 5e-3
 
 
+@pytest.mark.slow
 def test_turned_upside_down(arm, grasp):
     ends = {joint: [start, OVER.get(joint, start)] for joint, start in zip(JOINTS, START)}
     plan = plan_carry(arm, grasp, ends, intervals=100, speed=arm.velocity / 3)
@@ -99,6 +100,7 @@ def test_turned_upside_down(arm, grasp):
     assert seen.verdict.turn < 3.0 and seen.verdict.tilt < 3.0
 
 
+@pytest.mark.slow
 def test_both_engines_carry_alike(slow, seen):
     other = simulate_carry(slow, time_step=STEP, hold=0.3, engine="pinocchio")
     assert other.verdict.held, other.verdict.causes
