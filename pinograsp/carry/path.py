@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline, PPoly
 
 from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, one_of, path_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.handover import JointTrajectory, read_csv, read_ros2
 from pinograsp.spatial import Array
 
+_JUMP = 1e-6  # of a slope, over the largest, that is one
 _APART = 1e-9  # [rad or m] waypoints this close are one
 
 
@@ -44,7 +45,7 @@ class ArmPath:
     s: Array
     q: Array
     times: Array | None = None
-    _spline: CubicSpline = field(init=False, repr=False)
+    _spline: PPoly = field(init=False, repr=False)
 
     __repr__ = brief("joints", "s")
 
@@ -67,7 +68,38 @@ class ArmPath:
         put("_spline", CubicSpline(self.s, self.q))
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebuilt, (self.joints, self.s, self.q, self.times)
+        return _rebuilt, (self.joints, self.s, self.q, self.times, self._spline)
+
+    @classmethod
+    def along(cls, joints: Sequence[str], spline: PPoly | BSpline) -> ArmPath:
+        """The path of a spline of SciPy, over its whole range: positions of the joints (n,) [rad or m].
+
+        Raises:
+            InvalidInput: no such spline, one of other sizes, or one whose slope jumps.
+        """
+        instance_of("spline", spline, PPoly, BSpline)
+        if np.ndim(spline.c) != (2 if isinstance(spline, BSpline) else 3):
+            raise InvalidInput(
+                f"spline: expected one of {len(joints)} joints' positions, got coefficients {spline.c.shape}"
+            )
+        piecewise = _pieces(spline) if isinstance(spline, BSpline) else spline
+        # Pieces of a B-spline begin before its range.
+        begin, end = (
+            (spline.t[spline.k], spline.t[-spline.k - 1]) if isinstance(spline, BSpline) else piecewise.x[[0, -1]]
+        )
+        kept = (piecewise.x[:-1] < end) & (piecewise.x[1:] > begin)
+        knots = np.append(piecewise.x[:-1][kept], piecewise.x[1:][kept][-1])
+        length = end - begin
+        powers = length ** np.arange(len(piecewise.c))[::-1].astype(float)
+        unit = PPoly(piecewise.c[:, kept] * powers[:, None, None], (knots - begin) / length)
+        path = cls(joints=tuple(joints), s=unit.x, q=np.asarray(unit(unit.x)))
+        slopes = unit.derivative()
+        left = np.asarray(slopes(np.nextafter(unit.x[1:-1], 0.0)))
+        jump = np.abs(left - np.asarray(slopes(unit.x[1:-1]))).max(initial=0.0)
+        if jump > _JUMP * max(float(np.abs(slopes(unit.x)).max()), 1e-12):
+            raise InvalidInput(f"spline: expected one whose slope is continuous, got a jump of {jump:.3g}: smooth it")
+        object.__setattr__(path, "_spline", unit)
+        return path
 
     @classmethod
     def through(cls, waypoints: Mapping[str, ArrayLike]) -> ArmPath:
@@ -149,5 +181,13 @@ class ArmPath:
         return PathPoint(*(read_only(self._spline(values, order)) for order in (0, 1, 2, 3)))
 
 
-def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None) -> ArmPath:
-    return ArmPath(joints=joints, s=s, q=q, times=times)
+def _pieces(spline: BSpline) -> PPoly:
+    """The polynomials of a spline of several joints."""
+    each = [PPoly.from_spline((spline.t, column, spline.k)) for column in spline.c.T]
+    return PPoly(np.stack([one.c for one in each], axis=2), each[0].x)
+
+
+def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None, spline: PPoly) -> ArmPath:
+    path = ArmPath(joints=joints, s=s, q=q, times=times)
+    object.__setattr__(path, "_spline", spline)
+    return path

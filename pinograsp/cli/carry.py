@@ -79,6 +79,10 @@ def carry(
         float | None, typer.Option(help="Largest of each joint \\[rad/s or m/s]; default: the robot's own.")
     ] = None,
     reserve: Annotated[float, typer.Option(help="Share of every limit that is kept free.")] = 0.1,
+    disturbance: Annotated[
+        float | None,
+        typer.Option(help="Force in any direction to bear as well \\[N]; default: what the grasp's plan bears."),
+    ] = None,
     intervals: Annotated[int, typer.Option(help="Of the path, or of its time.")] = 500,
     gravity: Annotated[
         tuple[float, float, float], typer.Option(metavar="X Y Z", help="In the robot's world \\[m/s^2].")
@@ -124,7 +128,7 @@ def carry(
     hand = held.hand
     if robot is not None:
         hand = load_hand(robot, root=root, posture=posture_of(posture), **described.pop("xacro_args"), **described)
-    options = {"ramp": ramp, "jerk": jerk, "acceleration": acceleration, "speed": speed}
+    options = {"ramp": ramp, "jerk": jerk, "acceleration": acceleration, "speed": speed, "disturbance": disturbance}
     with new_folder(out, force, Path(grasp).name, Path("carries")) as folder:
         plan = plan_carry(
             hand,

@@ -1,11 +1,13 @@
 """Paths from files, plans that were read back, and what the joints are sent."""
 
 import csv
+import pickle
 
 import mujoco
 import numpy as np
 import pytest
 from panda_path import INTERVALS, JOINTS, WAY, WAYPOINTS
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 import pinograsp as pg
 from pinograsp.carry import ArmPath, plan_carry
@@ -38,6 +40,32 @@ def test_trajectories_of_controllers(tmp_path, smoothed):
         path = ArmPath.read(tmp_path / name)
         assert path.duration == pytest.approx(smoothed.duration)
         np.testing.assert_allclose(path.at([0.0, 1.0]).q, sent.q[[0, -1]], atol=1e-9)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+def test_splines_of_scipy(degree):
+    x = np.linspace(2.0, 5.0, 8)
+    q = np.random.default_rng(0).normal(size=(8, 2))
+    spline = make_interp_spline(x, q, k=degree)
+    path = pickle.loads(pickle.dumps(ArmPath.along(("a", "b"), spline)))
+    s = np.linspace(0.003, 0.997, 50)
+    found = path.at(s)
+    for order, value in enumerate(found[:degree]):
+        np.testing.assert_allclose(value, spline(2.0 + 3.0 * s, order) * 3.0**order, rtol=1e-6, atol=1e-6)
+    clamped = CubicSpline(x, q, bc_type="clamped")
+    np.testing.assert_allclose(
+        ArmPath.along(("a", "b"), clamped).at(s).slope, 3.0 * clamped(2.0 + 3.0 * s, 1), atol=1e-9
+    )
+
+
+def test_splines_that_are_no_paths():
+    corner = make_interp_spline([0.0, 1.0, 2.0], [[0.0], [1.0], [0.0]], k=1)
+    with pytest.raises(InvalidInput, match="slope is continuous"):
+        ArmPath.along(("a",), corner)
+    with pytest.raises(InvalidInput, match="spline"):
+        ArmPath.along(("a",), np.sin)
+    with pytest.raises(InvalidInput, match="waypoints"):
+        ArmPath.along(("a", "b"), make_interp_spline(np.arange(5.0), np.arange(5.0)[:, None]))
 
 
 @pytest.mark.parametrize(
