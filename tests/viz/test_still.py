@@ -114,8 +114,9 @@ def test_pictures_follow_time_and_view(plan, usual):
     usual = seen(usual)
     assert differing(usual, seen(picture(plan, time=0.0))) > 0.02
     assert differing(usual, seen(picture(plan, view=[1, 0.2, 0.3]))) > 0.02
-    assert np.array_equal(usual, seen(picture(plan, view=7 * scene_of(plan).view)))
-    assert np.array_equal(usual, seen(picture(plan, collision_shapes=True)))  # the paper's hand is seen as it touches
+    # But for pixels on edges, which rounding decides.
+    assert differing(usual, seen(picture(plan, view=7 * scene_of(plan).view))) < 1e-3
+    assert differing(usual, seen(picture(plan, collision_shapes=True))) < 1e-3  # the paper's hand is seen as it touches
     alone = seen(picture(replace(plan, body=None)))
     assert differing(usual, alone) > 0.01
     for view in ([0, 0, 2.0], [0, 0, 0], [1, 2], "top"):
