@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from pinograsp.carry.binding import binding_of
 from pinograsp.carry.interior_point import Solved, solve
 from pinograsp.carry.loads import Carried, CarryScenario
+from pinograsp.carry.passage import Fastest, Held, Passage
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.programs import ArmLimits, Programs
 from pinograsp.carry.record import CarryPlan
 from pinograsp.carry.reserve import disturbance_of, problem_of, spare_forces, with_reserve
 from pinograsp.carry.squeeze import CommonSqueeze, common_squeeze
 from pinograsp.carry.timing import Timing
-from pinograsp.checks import brief, read_only
+from pinograsp.checks import read_only
 from pinograsp.errors import CarryInfeasible, CarryUndecided, PinograspError, Status
 from pinograsp.forces import ConvexSolution, TorqueLimit, diagnose, optimize_forces
 from pinograsp.hands import HandModel
@@ -37,83 +38,8 @@ _HALVINGS = 9  # of the interval in which the largest factor on the speed lies
 _GIVING = 1e-2  # joints that move a contact less than this, over the largest, do not press it
 _FREELY = 2e-2  # motions along the surface less than this, over the largest, are let be
 _IMPACT = 0.9  # t_I over t_F where a force problem asks for one: how fast the hand closed does not matter any more
+_AT_REST = 1e-3  # [rad/s or m/s]
 _TRIED = 60  # points of the path at which a proof is looked for
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Passage:
-    """A known timing with its programs, as functions of the square of a factor on its speed.
-
-    Attributes:
-        timing: of the path.
-        instants: of the samples (N,) [s].
-        knots: of the ends of the intervals (N + 1,) [s].
-        programs: of the loads of the samples.
-        level: the factor's square that belongs to ``timing`` [-].
-        free: how many times as fast each interval may be passed (N,) [-].
-        found: the solution that says so.
-        fastest: whether that is the solution of the fastest timing, whose forces bear this one.
-    """
-
-    timing: Timing
-    instants: Array
-    knots: Array
-    programs: Programs
-    level: float
-    free: Array
-    found: Solved
-    fastest: bool = False
-
-    __repr__ = brief("timing", "level")
-
-    @property
-    def factor(self) -> float:
-        """How many times as fast the whole may be passed [-]."""
-        return float(self.free.min())
-
-    def faster(self, factor: float) -> Passage:
-        """The same way, ``factor`` times as fast."""
-        return replace(
-            self,
-            timing=self.timing.faster(factor),
-            instants=self.instants / factor,
-            knots=self.knots / factor,
-            level=self.level * factor**2,
-            free=self.free / factor,
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fastest:
-    """The fastest timing, with accelerations that jump."""
-
-    timing: Timing
-    programs: Programs
-    solved: Solved
-    passage: Passage
-
-    __repr__ = brief("timing")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Held:
-    """Forces along a passage.
-
-    Attributes:
-        passage: the timing.
-        x: forces (N, k, d), as in a force program.
-        commanded: normal forces that are commanded (N, k) [N].
-        residual: largest error of the balance, over the largest load [-].
-        notes: what the caller should know.
-    """
-
-    passage: Passage
-    x: Array
-    commanded: Array
-    residual: float
-    notes: tuple[str, ...] = ()
-
-    __repr__ = brief("residual")
 
 
 class Carrying:
@@ -133,7 +59,7 @@ class Carrying:
         count: int,
         disturbance: float | None,
     ):
-        self.robot, self.grasp, self.path, self.limits = robot, grasp, path, limits
+        self.robot, self.grasp, self.limits = robot, grasp, limits
         self.reserve, self.gravity, self.count = reserve, gravity, count
         body, posture = problem_of(grasp).object, np.array(grasp.motion.q[-1])
         assert body is not None
@@ -141,8 +67,10 @@ class Carrying:
         mu = min(one.mu for one in scenarios)
         loads = {(one.mass, *np.asarray(one.com).tolist()): one for one in reversed(scenarios)}
         self.carried = [Carried(robot, grasp.hand, body, posture, one) for one in reversed(loads.values())]
+        self.path = self.carried[0].of_arm(path)
         self.problem, self.range_n = with_reserve(grasp, self.carried[0], reserve, torque_limit, mu)
-        self.spare = spare_forces(self.problem, *disturbance_of(grasp, disturbance))
+        self.disturbance = disturbance_of(grasp, disturbance)
+        self.spare = spare_forces(self.problem, *self.disturbance)
         if np.any(short := self.spare >= self.range_n[1]):
             weak = int(np.argmax(short))
             raise CarryInfeasible(
@@ -285,6 +213,14 @@ class Carrying:
         """Why a given timing cannot be: where there are no forces, with the proof, and how fast it may be."""
         slow = int(passage.free.argmin())
         s = passage.timing.at(passage.instants).s
+        if over := self._beyond(passage.programs, slow, passage.level):
+            return CarryInfeasible(
+                f"at {passage.instants[slow]:.4g} s, {100 * s[slow]:.3g} % of the path, this speed asks for {over} "
+                f"(less {100 * self.reserve:g} %); {passage.factor:.4g} times the speed is within the limits",
+                at=float(s[slow]),
+                solution=passage.found,
+                factor=passage.factor,
+            )
         proof = self._proof(passage.programs, slow, passage.level)
         if proof is None:
             return CarryUndecided(
@@ -299,6 +235,18 @@ class Carrying:
             solution=proof,
             factor=passage.factor,
         )
+
+    def _beyond(self, programs: Programs, i: int, level: float) -> str:
+        """Which limit of the joints an interval breaks at a squared speed of timed loads, whatever the forces; ""."""
+        ends = np.maximum(np.abs(programs.slopes[i]), np.abs(programs.slopes[i + 1])) * np.sqrt(level)
+        fast = ends / self.limits.speed
+        found = [(float(fast.max()), f"speed of {self.robot.joint_names[int(fast.argmax())]}")]
+        line = programs.alone()
+        # Rows are over what their limit leaves of what is there at rest.
+        over = (line.C[i].sum(axis=1) * level + (1.0 - line.c[i])) if line.C.shape[1] else np.zeros(1)
+        found.append((float(over.max()), programs.arm_words[int(over.argmax())] if len(programs.arm_words) else ""))
+        share, what = max(found)
+        return f"{share:.4g} times the largest {what}" if share > 1.0 else ""
 
     def _proof(self, programs: Programs, i: int, level: float) -> ConvexSolution | None:
         """That there are no forces at a sample, at the squared speed of timed loads (0: at rest), in any scenario."""
@@ -398,7 +346,8 @@ class Carrying:
             factor=passage.factor,
             residual=held.residual,
             elapsed=elapsed,
-            notes=(*held.notes, *self._doubts()),
+            notes=(*held.notes, *self._notes(passage), *self._doubts()),
+            disturbance=self.disturbance,
         )
 
     def _doubts(self) -> list[str]:
@@ -409,6 +358,14 @@ class Carrying:
             # A grasp of arm and hand in one takes the arm's drives for as soft as fingers'.
             doubts = [one for one in doubts if not one.startswith("with servos of")]
         return [f"the grasp's own plan is doubtful: {one}" for one in doubts]
+
+    def _notes(self, passage: Passage) -> list[str]:
+        """What the caller should know about how the way begins and ends."""
+        speed = passage.timing.at(passage.knots[[0, -1]]).speed[:, None] * self.path.at(np.array([0.0, 1.0])).slope
+        fastest = float(np.abs(speed).max())
+        if fastest < _AT_REST:
+            return []
+        return [f"the trajectory does not begin and end at rest: joints move by up to {fastest:.3g} rad/s or m/s there"]
 
     def _limit(self, passage: Passage, fastest: Fastest | None, s: Array) -> tuple[Array, tuple[str, ...]]:
         """How fast each place may be passed by itself (N,) [1/s], and what binds there."""

@@ -189,6 +189,12 @@ class Carried:
         found[..., 3:] -= np.cross(self.body.com_o, found[..., :3])
         return np.asarray(found)
 
+    def of_arm(self, path: ArmPath) -> ArmPath:
+        """A path without the columns of the fingers, which hold."""
+        fingers = [joint for j, joint in enumerate(self.robot.joint_names) if j not in self.arm]
+        kept = [joint for joint in path.joints if joint not in fingers]
+        return path.only(kept) if 0 < len(kept) < len(path.joints) else path
+
     def moving(self, path: ArmPath) -> IntArray:
         """Where the path's joints are among the robot's."""
         names = list(self.robot.joint_names)
@@ -197,6 +203,11 @@ class Carried:
             raise InvalidInput(
                 f"path: expected joints of the arm, {', '.join(arm) or 'of which there are none'}; got "
                 f"{', '.join(wrong)}"
+                + (
+                    ""
+                    if arm
+                    else ": the robot is to be arm and hand (robot=, --robot with --root, the arm's first link)"
+                )
             )
         return np.array([names.index(joint) for joint in path.joints])
 
@@ -205,6 +216,6 @@ class Carried:
         at, joint = np.unravel_index(int(over.argmax()), over.shape)
         if over[at, joint] > 1e-6:
             raise InvalidInput(
-                f"path: joint '{path.joints[joint]}' goes {over[at, joint]:.3g} beyond its limit, to "
-                f"{q[at, moving[joint]]:.4g}; the spline may swing out between waypoints: give more of them"
+                f"path: joint '{path.joints[joint]}' goes {over[at, joint]:.3g} rad or m beyond its limit, to "
+                f"{q[at, moving[joint]]:.4g}: angles are in radians; splines may swing out between waypoints"
             )

@@ -129,13 +129,17 @@ class ArmPath:
 
     @classmethod
     def of(cls, trajectory: JointTrajectory) -> ArmPath:
-        """The path of a timed trajectory, as of :func:`~pinograsp.handover.read_csv` or ``read_ros2``."""
+        """The path of a timed trajectory, as of :func:`~pinograsp.handover.read_csv` or ``read_ros2``.
+
+        Its speeds at both ends are those of the trajectory.
+        """
         instance_of("trajectory", trajectory, JointTrajectory)
         times = np.array(trajectory.times)
         if len(times) < 2:
             raise InvalidInput("trajectory: expected two samples or more, got 1")
         s = (times - times[0]) / (times[-1] - times[0])
-        return cls(joints=tuple(trajectory.names), s=s, q=np.array(trajectory.q), times=times - times[0])
+        ends = np.array(trajectory.dq[[0, -1]]) * (times[-1] - times[0])
+        return _timed(tuple(trajectory.names), s, np.array(trajectory.q), times - times[0], ends)
 
     @property
     def duration(self) -> float | None:
@@ -146,9 +150,9 @@ class ArmPath:
     def read(cls, file: str | Path) -> ArmPath:
         """The path in a file.
 
-        ``.csv``: a line of names, then one for each waypoint [rad or m], with a column ``time`` [s] or without; or a
-        table of :meth:`~pinograsp.handover.JointTrajectory.to_csv`. ``.yaml``, ``.yml``, ``.json``: a message
-        ``trajectory_msgs/JointTrajectory`` of ROS 2.
+        ``.csv``: a line of names, then one for each waypoint [rad or m]; with a column ``time`` [s] it is a trajectory,
+        at rest at both ends. Or a table of :meth:`~pinograsp.handover.JointTrajectory.to_csv`. ``.yaml``, ``.yml``,
+        ``.json``: a message ``trajectory_msgs/JointTrajectory`` of ROS 2.
 
         Raises:
             InvalidInput: another suffix, or a file that holds none of these.
@@ -162,8 +166,13 @@ class ArmPath:
             if any("/" in name for name in header):
                 return cls.of(read_csv(file))
             values = np.array(rows, dtype=float).reshape(len(rows), len(header))
-        except (OSError, ValueError) as error:
-            raise InvalidInput(f"'{file}': expected a line of joint names and lines of numbers: {error}") from error
+        except OSError as error:
+            raise InvalidInput(f"'{file}' cannot be read: {error.strerror}") from error
+        except ValueError as error:
+            raise InvalidInput(
+                f"'{file}': expected a line of joint names, then lines of as many numbers each, with commas between: "
+                f"{error}"
+            ) from error
         columns = dict(zip((name.strip() for name in header), values.T))
         times = columns.pop("time", None)
         if len(columns) + (times is not None) < len(header):
@@ -173,7 +182,15 @@ class ArmPath:
         if len(times) < 2 or np.any(np.diff(times) <= 0):
             raise InvalidInput(f"'{file}': expected two lines or more, each later than the one before")
         since = times - times[0]
-        return cls(joints=tuple(columns), s=since / since[-1], q=np.column_stack(list(columns.values())), times=since)
+        q = np.column_stack(list(columns.values()))
+        return _timed(tuple(columns), since / since[-1], q, since, np.zeros((2, q.shape[1])))
+
+    def only(self, joints: Sequence[str]) -> ArmPath:
+        """The path of some of its joints."""
+        which = [self.joints.index(joint) for joint in joints]
+        path = ArmPath(joints=tuple(joints), s=self.s, q=self.q[:, which], times=self.times)
+        object.__setattr__(path, "_spline", PPoly(self._spline.c[:, :, which], self._spline.x))
+        return path
 
     def at(self, s: ArrayLike) -> PathPoint:
         """Positions and derivatives at parameters (m,)."""
@@ -185,6 +202,13 @@ def _pieces(spline: BSpline) -> PPoly:
     """The polynomials of a spline of several joints."""
     each = [PPoly.from_spline((spline.t, column, spline.k)) for column in spline.c.T]
     return PPoly(np.stack([one.c for one in each], axis=2), each[0].x)
+
+
+def _timed(joints: tuple[str, ...], s: Array, q: Array, times: Array, ends: Array) -> ArmPath:
+    """The path of a trajectory with slopes (2, n) at its ends."""
+    path = ArmPath(joints=joints, s=s, q=q, times=times)
+    object.__setattr__(path, "_spline", CubicSpline(s, q, bc_type=((1, ends[0]), (1, ends[1]))))
+    return path
 
 
 def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None, spline: PPoly) -> ArmPath:

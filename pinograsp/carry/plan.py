@@ -8,8 +8,9 @@ from typing import Literal, get_args
 
 from numpy.typing import ArrayLike
 
-from pinograsp.carry.carrying import Carrying, Fastest
+from pinograsp.carry.carrying import Carrying
 from pinograsp.carry.loads import AS_PLANNED, CarryScenario
+from pinograsp.carry.passage import Fastest
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.record import CarryPlan
 from pinograsp.carry.reserve import arm_limits, joint_limits
@@ -66,7 +67,8 @@ def plan_carry(
             change of each commanded normal force [N/s].
         scenarios: what may be otherwise than planned; one squeeze bears them all, whichever comes true.
         ramp: time over which accelerations of the fastest timing change at least [s]; 0: they jump.
-        jerk: largest |jerk| of each joint, one number or (n,) [rad/s^3 or m/s^3], met by longer ramps; None: no limit.
+        jerk: largest |jerk| of the arm's joints, one number or (n,) [rad/s^3 or m/s^3], met by longer ramps (small ones
+            are better met with ``acceleration`` besides); None: no limit.
         intervals: of the path, or of its time, N.
         reserve: share of friction, largest normal forces, torques, speeds and accelerations that is kept free [-].
         disturbance: force in any direction, or as a moment about any axis at the object's radius of gyration, that is
@@ -88,7 +90,11 @@ def plan_carry(
     instance_of("grasp", grasp, GraspPlan)
     way, named = _path_of(path), one_of("timing", timing, get_args(TimingName))
     if named == "given" and way.duration is None:
-        raise InvalidInput("timing: expected 'fastest' for a path of waypoints, got 'given': give a trajectory")
+        raise InvalidInput(
+            "timing: expected 'fastest' for a path of waypoints, got 'given': give a trajectory (a column time)"
+        )
+    if named == "given" and jerk is not None:
+        raise InvalidInput("jerk: expected with timing='fastest', got one with a timing that is given")
     rate = _rate_of(squeeze)
     reserve = share_of("reserve", reserve)
     carrying = Carrying(
@@ -131,6 +137,8 @@ def _path_of(path: ArmPath | JointTrajectory | Mapping[str, ArrayLike]) -> ArmPa
 
 def _rate_of(squeeze: SqueezeName | float) -> float | None:
     """Of the commanded forces' change [N/s]; None: they follow the loads."""
+    if isinstance(squeeze, str) and squeeze not in get_args(SqueezeName):
+        raise InvalidInput(f"squeeze: expected 'least', 'constant' or a number [N/s], got '{squeeze}'")
     if isinstance(squeeze, str):
         return None if one_of("squeeze", squeeze, get_args(SqueezeName)) == "least" else 0.0
     return number("squeeze, as the largest change of commanded forces", squeeze, above=0, unit="N/s")

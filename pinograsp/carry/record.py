@@ -67,6 +67,7 @@ class CarryPlan:
         fastest: duration of the fastest timing, whose accelerations jump [s]; None: the timing was given.
         lower_bound: no timing of the N intervals within these limits is faster [s]; None: the timing was given.
         factor: how many times as fast this timing may be, with a squeeze that follows the loads [-].
+        disturbance: that is borne on the way as well: a force in any direction [N], or a moment [N m].
         residual: largest error of the balance, over the largest load [-].
         elapsed: computing time by stage [s].
         notes: what the caller should know.
@@ -101,6 +102,7 @@ class CarryPlan:
     fastest: float | None
     lower_bound: float | None
     factor: float
+    disturbance: tuple[float, float]
     residual: float
     elapsed: dict[str, float]
     notes: tuple[str, ...] = ()
@@ -143,7 +145,7 @@ class CarryPlan:
         lines = [
             f"{self.robot.name} carries it {timed}",
             f"  squeeze {self.squeeze.min():.3g} to {self.squeeze[peak]:.3g} N (sum of normal forces), most at "
-            f"{self.instants[peak]:.3g} s",
+            f"{self.instants[peak]:.3g} s; it bears {self.disturbance[0]:.3g} N in any direction besides",
             "  what binds on the way:",
         ]
         for what, first, last in self.stretches():
@@ -168,6 +170,8 @@ class CarryPlan:
             "relative_gap": self.gap,
             "speed_factor": self.factor,
             "reserve": self.reserve,
+            "disturbance_N": self.disturbance[0],
+            "disturbance_Nm": self.disturbance[1],
             "squeeze_N": [float(self.squeeze.min()), float(self.squeeze.max())],
             "normal_forces_N": dict(zip(self.contacts, self.normal_forces.max(axis=0).tolist())),
             "friction_use": float(self.friction_use.max()),

@@ -72,7 +72,7 @@ def test_splines_that_are_no_paths():
     ("name", "text", "message"),
     [
         ("a.txt", "", "suffix"),
-        ("a.csv", "panda_joint1\n0\nx\n", "lines of numbers"),
+        ("a.csv", "panda_joint1\n0\nx\n", "lines of as many numbers"),
         ("a.csv", "panda_joint1,panda_joint1\n0,1\n1,1\n", "each joint once"),
         ("a.csv", "time,panda_joint1\n0,1\n0,2\n", "later than the one before"),
         ("a.csv", "", "line of joint names"),

@@ -288,3 +288,31 @@ def test_a_given_timing_needs_a_duration(arm, grasp):
     path = ArmPath.through(WAYPOINTS)
     with pytest.raises(InvalidInput, match="give a trajectory"):
         plan_carry(arm, grasp, path, timing="given")
+
+
+def test_joints_that_are_too_fast_are_named(arm, grasp, smoothed):
+    """Whatever the forces: the speed or the torque of a joint rules a timing out by itself."""
+    with pytest.raises(CarryInfeasible, match=r"times the largest speed of panda_joint\d") as told:
+        plan_carry(arm, grasp, trajectory_of(smoothed, 1.5), timing="given", intervals=INTERVALS)
+    assert told.value.factor == pytest.approx(smoothed.factor / 1.5, rel=0.02)
+    with pytest.raises(CarryInfeasible, match=r"times the largest torque of panda_joint\d"):
+        plan_carry(arm, grasp, trajectory_of(smoothed, 4.0), timing="given", intervals=INTERVALS, speed=100.0)
+
+
+def test_a_whole_trajectory_is_taken_back(arm, grasp, smoothed, tmp_path):
+    """Its fingers' columns are left out: they hold."""
+    smoothed.trajectory(rate=500.0).to_csv(tmp_path / "a.csv")
+    again = plan_carry(arm, grasp, ArmPath.read(tmp_path / "a.csv"), timing="given", intervals=INTERVALS)
+    assert again.path.joints == JOINTS and again.duration == pytest.approx(smoothed.duration)
+    assert not any("at rest" in note for note in again.notes)
+
+
+def test_what_begins_at_speed_is_told(arm, grasp):
+    path = ArmPath(joints=JOINTS, s=[0.0, 0.5, 1.0], q=np.array(list(WAYPOINTS.values())).T, times=[0.0, 1.0, 2.0])
+    plan = plan_carry(arm, grasp, path, timing="given", intervals=INTERVALS)
+    assert any("does not begin and end at rest" in note for note in plan.notes)
+
+
+def test_jerk_of_a_given_timing_is_refused(arm, grasp, smoothed):
+    with pytest.raises(InvalidInput, match="jerk"):
+        plan_carry(arm, grasp, trajectory_of(smoothed), timing="given", jerk=10.0)
