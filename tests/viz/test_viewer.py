@@ -827,7 +827,7 @@ def live(run):
         yield viewer
 
 
-def settled(page, done, timeout: float = 120.0) -> np.ndarray:
+def settled(page, done, timeout: float = 300.0) -> np.ndarray:
     """The picture once it is as wanted: the page fades in, slowly where graphics are computed."""
     until = time.monotonic() + timeout
     while True:
