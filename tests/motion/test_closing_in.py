@@ -6,7 +6,7 @@ import numpy as np
 import own_hands
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 import pinograsp as pg
 from pinograsp.contacts import close_hand
@@ -21,13 +21,15 @@ shares = st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3)
 
 
 @settings(max_examples=40)
+@example([0.0, 0.0, 0.0], [0.9999, 0.0, 0.0], [-1.0, 0.0, 0.0], 0.01)
 @given(shares, shares, st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3), st.sampled_from([0.1, 0.01]))
 def test_gentle_approaches_stay_within_the_limits(begin, end, rates, last):
     """And end where, as fast and as accelerated as they are to; rates and accelerations are the derivatives."""
     start, q = LOW + np.array(begin) * (HIGH - LOW), LOW + np.array(end) * (HIGH - LOW)
     dq = np.array(rates)
     ddq = -dq / 0.1  # as the grasp phase brakes
-    times = np.linspace(0, 0.9, 2_001)
+    # Near a limit that it leaves, a joint turns within a fraction of a millisecond.
+    times = np.concatenate([np.linspace(0, 0.899, 2_000, endpoint=False), np.linspace(0.899, 0.9, 2_001)])
     path, jumps = gentle_approach(
         times, 0.9, start, q, dq, ddq, limits=(LOW, HIGH), windows=[[0, 1], [0, 0.4], [0.6, 1]], last_part=last
     )
@@ -35,9 +37,9 @@ def test_gentle_approaches_stay_within_the_limits(begin, end, rates, last):
     assert path.q[0] == pytest.approx(start) and path.q[-1] == pytest.approx(q)
     assert path.dq[-1] == pytest.approx(np.where(jumps, 0.0, dq), abs=1e-9)
     assert np.all(path.dq[0] == 0) and path.ddq[-1][~jumps] == pytest.approx(ddq[~jumps], abs=1e-6)
-    step = times[1]
-    middle = (path.q[1:] - path.q[:-1]) / step
-    assert middle == pytest.approx((path.dq[1:] + path.dq[:-1]) / 2, abs=2 * step * np.abs(path.ddq).max() + 1e-9)
+    step = np.diff(times)[:, None]
+    off = np.abs(np.diff(path.q, axis=0) / step - (path.dq[1:] + path.dq[:-1]) / 2)
+    assert (off <= 2 * step * np.abs(path.ddq).max() + 1e-8).all()
     # A joint has no room only at a limit that it leaves.
     at_limit = (dq > 0) & (q - LOW < 1e-2) | (dq < 0) & (HIGH - q < 1e-2)
     assert not np.any(jumps & ~at_limit)
