@@ -54,16 +54,34 @@ class Touches:
     spin: Array
 
 
-class BodyPoses(NamedTuple):
-    """Rotations (m, 3, 3) and positions (m, 3) [m] of bodies."""
+class Displacements:
+    """How points of bodies move from one step to the next, by where the bodies are.
 
-    rotation: Array
-    position: Array
+    Speeds times the step are not how far points on an arm that swings have come: what it carries would seem to creep.
+    """
 
-    def since(self, before: BodyPoses, which: IntArray, points: Array) -> Array:
-        """How far points (c, 3) of bodies ``which`` (c,) have moved from where they were then (c, 3) [m]."""
-        local = np.einsum("cji,cj->ci", self.rotation[which], points - self.position[which])
-        return np.asarray(points - before.position[which] - np.einsum("cij,cj->ci", before.rotation[which], local))
+    def __init__(self, time_step: float):
+        self.dt = time_step
+        self.before: tuple[Array, Array] | None = None
+        self.now: tuple[Array, Array] | None = None
+
+    def put(self, rotations: Array, positions: Array) -> None:
+        """Where m bodies are at a step (m, 3, 3), (m, 3) [m]."""
+        self.before, self.now = self.now, (rotations, positions)
+
+    def velocity(self, body: IntArray, other: int, points: Array) -> Array | None:
+        """Of points (c, 3) of bodies (c,) against those of another body (c, 3) [m/s]; None at the first step."""
+        if self.before is None:
+            return None
+        return (self._since(body, points) - self._since(np.full(len(body), other), points)) / self.dt
+
+    def _since(self, which: IntArray, points: Array) -> Array:
+        """How far points of bodies have come since the step before (c, 3) [m]."""
+        assert self.before is not None and self.now is not None
+        rotations, positions = self.now
+        local = np.einsum("cji,cj->ci", rotations[which], points - positions[which])
+        rotations, positions = self.before
+        return np.asarray(points - positions[which] - np.einsum("cij,cj->ci", rotations[which], local))
 
 
 _NO_INDICES, _NO_VALUES, _NO_VECTORS = np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 3))

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.referee.dry_friction import rubbing
-from pinograsp.referee.law import NO_TOUCHES, BodyPoses, Pressing, Touches, cross
+from pinograsp.referee.law import NO_TOUCHES, Displacements, Pressing, Touches, cross
 from pinograsp.referee.overlaps import Collider
 from pinograsp.referee.scene import build
 from pinograsp.referee.settings import Servo
@@ -74,9 +74,7 @@ class MujocoEngine:
         finite = np.isfinite(task.torque_limit)
         model.actuator_forcelimited[:] = finite
         model.actuator_forcerange[:] = np.where(finite, task.torque_limit, 0.0)[:, None] * [-1, 1]
-        self.carried = bool(task.carrier)
-        self.before: BodyPoses | None = None  # of all bodies at the last touches
-        self.places: BodyPoses | None = None
+        self.displacements = Displacements(time_step) if task.carrier else None
         self.dofs = np.array([model.joint(name).dofadr[0] for name in hand.joint_names])
         self.followers = [
             _Follower(int(model.joint(name).dofadr[0]), hand.joint_names.index(c.followed), c.factor, c.offset)
@@ -117,8 +115,8 @@ class MujocoEngine:
         """Detect collisions at the present state: the points at which the hand overlaps the object."""
         model, data = self.model, self.data
         mujoco.mj_step1(model, data)
-        if self.carried:
-            self.before, self.places = self.places, BodyPoses(data.xmat.reshape(-1, 3, 3).copy(), data.xpos.copy())
+        if self.displacements is not None:
+            self.displacements.put(data.xmat.reshape(-1, 3, 3).copy(), data.xpos.copy())
         if self.collider is not None:
             return self._touches_of_surface(self.collider)
         contact = data.contact
@@ -154,14 +152,10 @@ class MujocoEngine:
         """Touches of MuJoCo's bodies, with their velocities relative to the object."""
         model, data = self.model, self.data
         mine, other = data.cvel[body], np.tile(data.cvel[self.object], (len(body), 1))
-        velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
-        velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
-        if self.before is not None and self.places is not None:
-            # Speeds times the step are not how far points on an arm that swings have come: it would seem to creep.
-            object_ = np.full(len(body), self.object)
-            velocity = (
-                self.places.since(self.before, body, point) - self.places.since(self.before, object_, point)
-            ) / self.dt
+        velocity = None if self.displacements is None else self.displacements.velocity(body, self.object, point)
+        if velocity is None:
+            velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
+            velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
         spin = ((mine[:, :3] - other[:, :3]) * normal).sum(axis=1)
         return Touches(self.part_of_body[body], geometry, point, normal, depth, velocity, spin)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.referee.dry_friction import rubbing
-from pinograsp.referee.law import NO_TOUCHES, BodyPoses, Pressing, Touches, cross
+from pinograsp.referee.law import NO_TOUCHES, Displacements, Pressing, Touches, cross
 from pinograsp.referee.overlaps import Collider
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.task import Task
@@ -59,9 +59,7 @@ class PinocchioEngine:
         self.velocity: Array = np.zeros(3)  # of the centre of mass, world axes
         self.turning: Array = np.zeros(3)  # angular velocity, axes of the object
         self.set_gravity(task.gravity_o)
-        self.carried = bool(task.carrier)
-        self.before: BodyPoses | None = None  # of the parts and the object at the last touches
-        self.places: BodyPoses | None = None
+        self.displacements = Displacements(time_step) if task.carrier else None
         self._mass_matrix: Array = np.zeros((hand.n, hand.n))  # of coupled joints, at the last touches
         self._potential = self._kinetic = 0.0
 
@@ -81,10 +79,10 @@ class PinocchioEngine:
         """Detect collisions at the present state: the points at which the hand overlaps the object."""
         data, w = self.data, self.turning
         self._update_energies()
-        if self.carried:
+        if self.displacements is not None:  # the object comes last
             rotations = [placement.rotation for placement in data.oMi] + [self.rotation]
             positions = [placement.translation for placement in data.oMi] + [self.position]
-            self.before, self.places = self.places, BodyPoses(np.array(rotations), np.array(positions))
+            self.displacements.put(np.array(rotations), np.array(positions))
         overlaps = self.collider.collide(data.oMi, self.q, self.rotation, self.position)
         if not overlaps:
             return NO_TOUCHES
@@ -94,12 +92,9 @@ class PinocchioEngine:
         linear = np.array([moving[j].linear for j in part])
         angular = np.array([moving[j].angular for j in part])
         turning = np.tile(self.rotation @ w, (len(part), 1))
-        velocity = linear + cross(angular, point) - self.velocity - cross(turning, point - self.position)
-        if self.before is not None and self.places is not None:
-            # As in MujocoEngine: the object comes last.
-            object_ = np.full(len(part), self.parts)
-            velocity = self.places.since(self.before, part, point) - self.places.since(self.before, object_, point)
-            velocity /= self.dt
+        velocity = None if self.displacements is None else self.displacements.velocity(part, self.parts, point)
+        if velocity is None:
+            velocity = linear + cross(angular, point) - self.velocity - cross(turning, point - self.position)
         return Touches(
             part=part,
             geometry=np.array([one.geometry for one in overlaps]),

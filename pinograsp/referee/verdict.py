@@ -59,9 +59,7 @@ def verdict_of(
         reason += f"; the hand had moved it by {1e3 * moved:.2f} mm until the grasp was complete"
 
     # Averages over the last tenth of the hold remove small oscillations.
-    holding = (
-        times.size - int(np.searchsorted(times, times[complete] + task.way)) if task.way else times.size - complete
-    )
+    holding = times.size - int(np.searchsorted(times, times[complete] + task.way))
     last = slice(min(times.size - 1, times.size - max(1, holding // 10)), None)
     should = planned > 0
     # Errors of small forces are relative to a twentieth of the largest force.
