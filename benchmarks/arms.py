@@ -31,7 +31,7 @@ def panda(posture=START) -> pg.HandModel:
     return pg.load_hand(file_of("panda"), posture=dict(zip(JOINTS, posture)))
 
 
-def panda_with(name: str, link: str, xyz: str = "0 0 0.1", rpy: str = "0 0 0") -> pg.HandModel:
+def panda_with(name: str, link: str, rpy: str = "0 0 0", posture=START) -> pg.HandModel:
     """The arm with a hand of the catalogue at its flange; ``link``: the hand's outermost one."""
     arm, hand = (ElementTree.parse(file_of(own)).getroot() for own in ("panda", name))
     for one in list(arm):
@@ -42,9 +42,9 @@ def panda_with(name: str, link: str, xyz: str = "0 0 0.1", rpy: str = "0 0 0") -
     mount = ElementTree.SubElement(arm, "joint", name="mount", type="fixed")
     ElementTree.SubElement(mount, "parent", link="panda_link8")
     ElementTree.SubElement(mount, "child", link=link)
-    ElementTree.SubElement(mount, "origin", xyz=xyz, rpy=rpy)
+    ElementTree.SubElement(mount, "origin", xyz="0 0 0.1", rpy=rpy)
     data = next(one for one in file_of("panda").parents if one.name == "example-robot-data")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"panda_{name}.urdf"
         ElementTree.ElementTree(arm).write(file)
-        return pg.load_hand(file, packages={"example-robot-data": str(data)}, posture=dict(zip(JOINTS, START)))
+        return pg.load_hand(file, packages={"example-robot-data": str(data)}, posture=dict(zip(JOINTS, posture)))

@@ -27,14 +27,13 @@ import os
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "RAYON", "NUMEXPR")})
 
 import argparse
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest.mock import patch
-from xml.etree import ElementTree
 
+import arms
 import clarabel
 import numpy as np
 from results import header, write_rows
@@ -45,12 +44,10 @@ from pinograsp.carry import carrying, interior_point, plan_carry
 from pinograsp.carry.interior_point import Program, Solved
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.errors import CarryInfeasible, CarryUndecided
-from pinograsp.hands.catalogue import file_of
 from pinograsp.planner import plan_best
 from pinograsp.spatial import tangent_frame
 
 HERE = Path(__file__).resolve().parent
-JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
 WAY = np.array(
     [
         [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8],
@@ -59,7 +56,7 @@ WAY = np.array(
         [0.2, -0.3, 0.1, -2.2, 0.1, 2.0, 0.8],
     ]
 )
-PATH = dict(zip(JOINTS, WAY.T))
+PATH = dict(zip(arms.JOINTS, WAY.T))
 RADIUS, MASS, MU, MOST = 0.03, 0.3, 0.6, 20.0  # [m, kg, -, N]
 STIFF = 50.0  # contacts over the planned ones': so that normal forces are limited by MOST
 INTERVALS, CONTACTS, USUAL = (100, 200, 500, 1000, 2000), (3, 5, 8, 16), (500, 5)
@@ -84,33 +81,11 @@ class Case:
 
 def panda() -> tuple[pg.HandModel, pg.GraspPlan, np.ndarray]:
     """The arm with its own jaws, a grasp with them, and its motors, those of the jaws without limits."""
-    arm = pg.load_hand(file_of("panda"), posture=dict(zip(JOINTS, WAY[0])))
-    at = np.eye(4)
+    arm, at = arms.panda(WAY[0]), np.eye(4)
     at[2, 3] = 0.1034
     pose = arm.frame_placements(arm.resting, [arm.palm])[0] @ at
     grasp = pg.plan_grasp_on(arm, pg.Box(size=(0.04, 0.04, 0.06), mass=MASS, pose=pose), pg.GraspConditions(mu=MU))
-    limit = arm.effort_or_infinity.copy()
-    limit[np.concatenate([finger.dofs for finger in arm.fingers])] = np.inf
-    return arm, grasp, limit
-
-
-def mounted(file: Path, palm: str, folder: Path) -> pg.HandModel:
-    """A Panda with another hand than its own."""
-    arm, hand = (ElementTree.parse(one).getroot() for one in (file_of("panda"), file))
-    gone = {"panda_hand", "panda_hand_tcp", "panda_leftfinger", "panda_rightfinger"}
-    for one in list(arm):
-        child = one.find("child") if one.tag == "joint" else None
-        if one.get("name") in gone or (child is not None and child.get("link") in gone):
-            arm.remove(one)
-    arm.extend(one for one in hand if one.tag in ("link", "joint"))
-    mount = ElementTree.SubElement(arm, "joint", name="mount", type="fixed")
-    ElementTree.SubElement(mount, "parent", link="panda_link8")
-    ElementTree.SubElement(mount, "child", link=palm)
-    ElementTree.SubElement(mount, "origin", xyz="0 0 0.1", rpy="0 0 0")
-    written = folder / f"panda_{file.stem}.urdf"
-    ElementTree.ElementTree(arm).write(written)
-    data = next(one for one in file_of("panda").parents if one.name == "example-robot-data")
-    return pg.load_hand(written, packages={"example-robot-data": str(data)}, posture=dict(zip(JOINTS, WAY[0])))
+    return arm, grasp, with_motors(arm, np.inf)
 
 
 def with_motors(robot: pg.HandModel, limit: float | None) -> np.ndarray:
@@ -164,7 +139,7 @@ def random_grasp(plan: pg.GraspPlan, k: int, rng: np.random.Generator) -> pg.Gra
         compliance=replace(held.compliance, stiffness=STIFF * held.compliance.stiffness),
     )
     forces = replace(plan.forces, depths=np.zeros((len(plan.forces.depths), k)))
-    return replace(plan, forces=forces, solution=replace(plan.searched(), problem=problem))
+    return replace(plan, body=body, forces=forces, solution=replace(plan.searched(), problem=problem))
 
 
 def held_case(robot: pg.HandModel, plan: pg.GraspPlan, limit: np.ndarray, k: int, rng: np.random.Generator) -> Case:
@@ -338,11 +313,10 @@ def main() -> None:
     count, k = USUAL
     cases = [("random", random[k], intervals) for intervals in INTERVALS]
     cases += [("random", random[other], count) for other in CONTACTS if other != k]
-    with tempfile.TemporaryDirectory() as folder:
-        hands = {
-            "allegro": (mounted(file_of("allegro_right"), "palm_link", Path(folder)), allegro()),
-            "paper's hand": (mounted(file_of("humanoid"), "palm", Path(folder)), pg.load_case("paper").plan()),
-        }
+    hands = {
+        "allegro": (arms.panda_with("allegro_right", "palm_link", posture=WAY[0]), allegro()),
+        "paper's hand": (arms.panda_with("humanoid", "palm", posture=WAY[0]), pg.load_case("paper").plan()),
+    }
     for hand, (robot, plan) in hands.items():
         cases.append((hand, held_case(robot, plan, with_motors(robot, None), k, rng), count))
         cases.append((f"{hand}, weak", held_case(robot, plan, with_motors(robot, WEAK), k, rng), count))

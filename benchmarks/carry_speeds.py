@@ -52,7 +52,7 @@ def jaws(mass: float, mu: float) -> GraspPlan:
 
 def largest_acceleration(plan: CarryPlan) -> float:
     """Of the object's centre of mass [m/s^2]."""
-    carried = Carried(plan.robot, plan.grasp.hand, plan.grasp.body, np.array(plan.grasp.motion.q[-1]))
+    carried = Carried.of(plan.robot, plan.grasp)
     weight = carried.along(plan.path, plan.timing.at(plan.instants).s, plan.gravity_o).wrench.still
     return float(np.linalg.norm(plan.loads[:, :3] + weight[:, :3], axis=1).max() / plan.grasp.body.mass)
 

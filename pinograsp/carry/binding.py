@@ -44,7 +44,7 @@ def binding_of(programs: Programs, found: Solved, slack: BoolArray | None = None
         *(f"largest force of {name}" for name in names),
         *(f"least force of {name}" for name in names),
         *hand,
-        *programs.arm_words,
+        *programs.arm_rows[2],
         "speed of the joints",
     ]
     values = np.concatenate(

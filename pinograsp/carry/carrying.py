@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
 from pinograsp.carry.binding import binding_of
 from pinograsp.carry.interior_point import Solved, solve
 from pinograsp.carry.loads import Carried, CarryScenario
-from pinograsp.carry.passage import Fastest, Held, Passage
+from pinograsp.carry.passage import Held, Passage
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.programs import ArmLimits, Programs
 from pinograsp.carry.record import CarryPlan
-from pinograsp.carry.reserve import disturbance_of, problem_of, spare_forces, with_reserve
+from pinograsp.carry.reserve import disturbance_of, spare_forces, with_reserve
 from pinograsp.carry.squeeze import CommonSqueeze, common_squeeze
 from pinograsp.carry.timing import Timing
 from pinograsp.checks import read_only
@@ -61,15 +62,13 @@ class Carrying:
     ):
         self.robot, self.grasp, self.limits = robot, grasp, limits
         self.reserve, self.gravity, self.count = reserve, gravity, count
-        body, posture = problem_of(grasp).object, np.array(grasp.motion.q[-1])
-        assert body is not None
         # Friction counts at its least: scenarios of the same loads are one.
         mu = min(one.mu for one in scenarios)
         loads = {(one.mass, *np.asarray(one.com).tolist()): one for one in reversed(scenarios)}
-        self.carried = [Carried(robot, grasp.hand, body, posture, one) for one in reversed(loads.values())]
+        self.carried = [Carried.of(robot, grasp, one) for one in reversed(loads.values())]
         self.path = self.carried[0].of_arm(path)
         self.problem, self.range_n = with_reserve(grasp, self.carried[0], reserve, torque_limit, mu)
-        self.disturbance = disturbance_of(grasp, disturbance)
+        self.disturbance = disturbance_of(grasp, self.carried[0].body, disturbance)
         self.spare = spare_forces(self.problem, *self.disturbance)
         if np.any(short := self.spare >= self.range_n[1]):
             weak = int(np.argmax(short))
@@ -91,44 +90,50 @@ class Carrying:
             )
         return found[-1]
 
-    def fastest(self) -> Fastest:
+    def fastest(self) -> Passage:
         """The fastest timing of the path from rest to rest, with its lower bound."""
         s = np.linspace(0.0, 1.0, self.count + 1)
         middle = (s[:-1] + s[1:]) / 2.0
         programs = self._programs(middle, s)
         found = solve(programs.program(), accuracy=ACCURACY)
         if not found.converged:
-            raise self._failure(programs, s[:-1], found)
+            raise self._failure(programs, middle, found)
         y = found.y * (1.0 - _SLOWER)
         timing = Timing.of_squares(s, y)
         # Half the way of an interval, at its acceleration.
         b, a = (y[:-1] + y[1:]) / 2.0, np.diff(y) * self.count / 2.0
         instants = timing.times[:-1] + (s[1] - s[0]) / (timing.speed[:-1] + np.sqrt(b))
-        passage = Passage(
+        return Passage(
             timing=timing,
             instants=instants,
             knots=timing.times,
+            places=programs,
             programs=programs.timed(a, b, y, _MOST),
             level=1.0,
             free=np.ones(self.count),
             found=found,
             fastest=True,
         )
-        return Fastest(timing=timing, programs=programs, solved=found, passage=passage)
 
     def passage(self, timing: Timing) -> Passage:
         """A known timing, and how many times as fast each interval of it may be passed."""
         knots = np.linspace(0.0, timing.duration, self.count + 1)
         instants = (knots[:-1] + knots[1:]) / 2.0
         moving, ends = timing.at(instants), timing.at(knots)
-        programs = self._programs(moving.s, ends.s)
-        programs = programs.timed(moving.acceleration, moving.speed**2, ends.speed**2, _MOST)
-        found = solve(programs.fastest_anywhere(), accuracy=_CURVE)
+        places = self._programs(moving.s, ends.s)
+        programs = places.timed(moving.acceleration, moving.speed**2, ends.speed**2, _MOST)
+        found, free = self._fastest_anywhere(programs)
         if not found.converged:
             raise self._failure(programs, moving.s, found)
-        free = np.sqrt(found.y.reshape(self.count, 2).mean(axis=1))
         return Passage(
-            timing=timing, instants=instants, knots=knots, programs=programs, level=1.0, free=free, found=found
+            timing=timing,
+            instants=instants,
+            knots=knots,
+            places=places,
+            programs=programs,
+            level=1.0,
+            free=free,
+            found=found,
         )
 
     def smoothed(self, timing: Timing, ramp: float, jerk: Array | None) -> Passage:
@@ -241,10 +246,10 @@ class Carrying:
         ends = np.maximum(np.abs(programs.slopes[i]), np.abs(programs.slopes[i + 1])) * np.sqrt(level)
         fast = ends / self.limits.speed
         found = [(float(fast.max()), f"speed of {self.robot.joint_names[int(fast.argmax())]}")]
-        line = programs.alone()
-        # Rows are over what their limit leaves of what is there at rest.
-        over = (line.C[i].sum(axis=1) * level + (1.0 - line.c[i])) if line.C.shape[1] else np.zeros(1)
-        found.append((float(over.max()), programs.arm_words[int(over.argmax())] if len(programs.arm_words) else ""))
+        C, c, words = programs.arm_rows
+        if words:  # over what their limits leave of what is there at rest
+            over = C[i].sum(axis=1) * level + (1.0 - c[i])
+            found.append((float(over.max()), words[int(over.argmax())]))
         share, what = max(found)
         return f"{share:.4g} times the largest {what}" if share > 1.0 else ""
 
@@ -252,16 +257,15 @@ class Carrying:
         """That there are no forces at a sample, at the squared speed of timed loads (0: at rest), in any scenario."""
         for one in (programs, *programs.others):
             held = replace(one.problem, min_normal_force=None, max_normal_force=self.range_n[1] - self.spare)
-            torques, load = held.torques, one.middle.wrench
+            torques = held.torques
             # What contacts keep to bear disturbances is not there to bear the load.
             normals = np.column_stack([np.zeros((held.k, 2)), self.spare]).ravel()
             kept = self.spare[:, None] * held.contacts.rotations_oc[:, :, 2]
             if torques is not None:
-                bias = one.middle.torque
-                own = (bias.along_b[i] * level + bias.still[i])[one.carried.of_hand]
+                own = one.middle.torque.squared(level)[i, one.carried.of_hand]
                 spare = np.einsum("kxn,kx->n", torques.jacobian[:, :3], kept)
                 torques = replace(torques, bias=own + spare)
-            wrench = load.along_b[i] * level + load.still[i] - held.contacts.G @ normals
+            wrench = one.middle.wrench.squared(level)[i] - held.contacts.G @ normals
             found = optimize_forces(
                 replace(held, load=-wrench, torques=torques), _IMPACT * held.final_time, objective="peak"
             )
@@ -289,30 +293,24 @@ class Carrying:
             solution=found,
         )
 
-    def record(self, held: Held, fastest: Fastest | None, elapsed: dict[str, float]) -> CarryPlan:
+    def record(self, held: Held, fastest: Passage | None, elapsed: dict[str, float]) -> CarryPlan:
         """The plan, as data."""
         passage, problem, x = held.passage, self.problem, held.x
         programs, carried, level = passage.programs, self.carried[0], passage.level
-        loads, still = programs.middle, np.zeros(self.count)
-        u, knots = np.full(self.count, level), passage.timing.at(passage.knots)
-        s = passage.timing.at(passage.instants).s
+        loads, knots, s = programs.middle, passage.timing.at(passage.knots), passage.timing.at(passage.instants).s
         widths = problem.friction.scale(problem.mu)
         local = np.concatenate([x[..., :2] * widths[:, :2], x[..., -1:]], axis=2)
         torsion = x[..., 2] * widths[:, 2] if problem.friction.d == 4 else np.zeros(x.shape[:2])
-        bare = loads.torque.at(still, u)
+        bare = loads.torque.squared(level)
         torques, told, sent = bare.copy(), bare.copy(), loads.q.copy()
-        torques[:, carried.fingers] += self._contact_torques(local, torsion)[:, carried.fingers]
+        torques[:, carried.fingers] += self._contact_torques(local, torsion)
         closing, reference = self._closing(held)
-        sent[:, carried.of_hand] = np.where(
-            np.isin(carried.of_hand, carried.arm), sent[:, carried.of_hand], closing.q[-1]
-        ) + self._deeper(held.commanded, reference)
+        sent[:, carried.fingers] = closing.q[-1][carried.finger_dofs] + self._deeper(held.commanded, reference)
         # What is commanded once has the tangential forces of the first load, when normal forces are the commanded ones.
         once = slice(0, 1) if not np.ptp(held.commanded, axis=0).any() else slice(None)
         pressed = np.broadcast_to(local[once], local.shape).copy()
         pressed[..., 2] = held.commanded
-        told[:, carried.fingers] += self._contact_torques(pressed, np.broadcast_to(torsion[once], torsion.shape))[
-            :, carried.fingers
-        ]
+        told[:, carried.fingers] += self._contact_torques(pressed, np.broadcast_to(torsion[once], torsion.shape))
         limit, binding = self._limit(passage, fastest, s)
         return CarryPlan(
             robot=self.robot,
@@ -329,9 +327,9 @@ class Carrying:
             limit=read_only(limit),
             q=read_only(loads.q),
             dq=read_only(loads.speed * np.sqrt(level)),
-            ddq=read_only(loads.acceleration.at(still, u)),
+            ddq=read_only(loads.acceleration.squared(level)),
             torques=read_only(torques),
-            loads=read_only(-loads.wrench.at(still, u)),
+            loads=read_only(-loads.wrench.squared(level)),
             forces_o=read_only(np.einsum("kij,nkj->nki", problem.contacts.rotations_oc, local)),
             normal_forces=read_only(x[..., -1]),
             commanded=read_only(held.commanded),
@@ -342,7 +340,7 @@ class Carrying:
             binding=binding,
             reserve=self.reserve,
             fastest=None if fastest is None else fastest.timing.duration,
-            lower_bound=None if fastest is None else fastest.solved.lower_bound,
+            lower_bound=None if fastest is None else fastest.found.lower_bound,
             factor=passage.factor,
             residual=held.residual,
             elapsed=elapsed,
@@ -367,25 +365,22 @@ class Carrying:
             return []
         return [f"the trajectory does not begin and end at rest: joints move by up to {fastest:.3g} rad/s or m/s there"]
 
-    def _limit(self, passage: Passage, fastest: Fastest | None, s: Array) -> tuple[Array, tuple[str, ...]]:
+    def _limit(self, passage: Passage, fastest: Passage | None, s: Array) -> tuple[Array, tuple[str, ...]]:
         """How fast each place may be passed by itself (N,) [1/s], and what binds there."""
+        _, limit = self._fastest_anywhere((passage if fastest is None else fastest).places)
         if fastest is None:
-            knots = passage.timing.at(passage.knots).s
-            programs, words = (
-                self._programs(s, knots),
-                binding_of(passage.programs, passage.found, passage.free > _FREE),
-            )
-            return self._fastest_anywhere(programs), words
+            return limit, binding_of(passage.programs, passage.found, passage.free > _FREE)
         middle = (np.arange(self.count) + 0.5) / self.count
-        words = binding_of(fastest.programs, fastest.solved)
+        words = binding_of(fastest.places, fastest.found)
         nearest = np.clip((s * self.count).astype(int), 0, self.count - 1)
-        limit = np.interp(s, middle, self._fastest_anywhere(fastest.programs))
-        return limit, tuple(words[i] for i in nearest.tolist())
+        return np.interp(s, middle, limit), tuple(words[i] for i in nearest.tolist())
 
-    def _fastest_anywhere(self, programs: Programs) -> Array:
+    def _fastest_anywhere(self, programs: Programs) -> tuple[Solved, Array]:
+        """How fast each interval may be passed by itself (N,)."""
         found = solve(programs.fastest_anywhere(), accuracy=_CURVE)
-        return np.asarray(np.sqrt(found.y.reshape(self.count, 2).mean(axis=1)))
+        return found, np.asarray(np.sqrt(found.y.reshape(self.count, 2).mean(axis=1)))
 
+    @cached_property
     def _jacobian(self) -> Array:
         """Of the contact points (k, 6, n_h) in the joints of the grasp's hand, where the grasp was planned."""
         if self.problem.torques is not None:
@@ -402,10 +397,9 @@ class Carrying:
         """
         grasp, normal = self.grasp, held.commanded[0]
         first = held.passage.programs.middle.wrench
-        load = -(first.along_b[0] * held.passage.level + first.still[0])
         problem = replace(
             self.problem,
-            load=load,
+            load=-first.squared(held.passage.level)[0],
             gravity_o=-first.still[0, :3] / self.carried[0].inertia.mass,
             torques=None,
             min_normal_force=normal,
@@ -422,35 +416,28 @@ class Carrying:
         return grasp.motion, grasp.forces.final_depths
 
     def _deeper(self, normal: Array, reference: Array) -> Array:
-        """How much further the hand's joints have to be (N, n_h) for normal forces (N, k) than for depths (k,) [m].
+        """How much further the fingers' joints have to be (N, ...) for normal forces (N, k) than for depths (k,) [m].
 
         Of the ways to be deeper the one that moves contacts along the surface least: friction would hold against it.
         """
-        law, hand = self.problem.compliance, self.carried[0].hand
+        law, dofs = self.problem.compliance, self.carried[0].finger_dofs
         depths = (np.maximum(normal, 0.0) / law.stiffness) ** (1.0 / law.exponent) - reference
-        fingers = np.unique(np.concatenate([finger.dofs for finger in hand.fingers]))
-        moved = np.einsum("kxn,kxc->kcn", self._jacobian()[:, :3], self.problem.contacts.rotations_oc)[..., fingers]
-        along, into = moved[:, :2].reshape(-1, len(fingers)), moved[:, 2]
+        moved = np.einsum("kxn,kxc->kcn", self._jacobian[:, :3, dofs], self.problem.contacts.rotations_oc)
+        along, into = moved[:, :2].reshape(-1, len(dofs)), moved[:, 2]
         deeper = np.linalg.pinv(into, rcond=_GIVING)
         _, size, axes = np.linalg.svd(into)
         free = axes[int((size > _GIVING * size[0]).sum()) :].T
         drag, damping = along @ free, _FREELY * np.linalg.norm(along, 2)
         # Damped: what hardly moves contacts would have to go far.
         deeper -= free @ np.linalg.solve(drag.T @ drag + damping**2 * np.eye(free.shape[1]), drag.T @ along @ deeper)
-        found = np.zeros((len(normal), hand.n))
-        found[:, fingers] = depths @ deeper.T
-        return found
+        return np.asarray(depths @ deeper.T)
 
     def _contact_torques(self, local: Array, torsion: Array) -> Array:
-        """J^T f of the robot's joints (N, n) [N m or N], the arm's left out."""
-        carried, contacts, J = self.carried[0], self.problem.contacts, self._jacobian()
-        found = np.zeros((self.count, self.robot.n))
+        """J^T f of the fingers' joints (N, ...) [N m or N]."""
+        contacts, J = self.problem.contacts, self._jacobian[..., self.carried[0].finger_dofs]
         forces = np.einsum("kij,nkj->nki", contacts.rotations_oc, local)
         moments = np.einsum("nk,kx->nkx", torsion, contacts.rotations_oc[:, :, 2])
-        found[:, carried.of_hand] = np.einsum("kxj,nkx->nj", J[:, :3], forces) + np.einsum(
-            "kxj,nkx->nj", J[:, 3:], moments
-        )
-        return found
+        return np.asarray(np.einsum("kxj,nkx->nj", J[:, :3], forces) + np.einsum("kxj,nkx->nj", J[:, 3:], moments))
 
 
 def _in_words(proof: ConvexSolution) -> str:

@@ -147,15 +147,3 @@ def _inverse(upper: Array) -> Array:
     found[:, half:, half:] = last = _inverse(upper[:, half:, half:])
     found[:, :half, half:] = -first @ upper[:, :half, half:] @ last
     return found
-
-
-def inverse_root(D: Array) -> Array:
-    """L^-1 (d, d, ...) of positive definite D = L L^T (d, d, ...), lower triangular; others give no numbers."""
-    d = len(D)
-    L, found = np.zeros_like(D), np.zeros_like(D)
-    for j in range(d):
-        column = D[j:, j] - np.einsum("il...,l...->i...", L[j:, :j], L[j, :j])
-        L[j:, j] = column / np.sqrt(column[0])
-        found[j, j] = 1.0 / L[j, j]
-        found[j, :j] = -np.einsum("l...,li...->i...", L[j, :j], found[:j, :j]) * found[j, j]
-    return found

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,26 +15,6 @@ from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
 from pinograsp.report import page
 from pinograsp.writing import NewFolder, write_folder
-
-_ARRAYS = (
-    "s",
-    "times",
-    "speed",
-    "instants",
-    "limit",
-    "q",
-    "dq",
-    "ddq",
-    "torques",
-    "loads",
-    "forces_o",
-    "normal_forces",
-    "commanded",
-    "commanded_q",
-    "commanded_torques",
-    "torsion",
-    "friction_use",
-)
 
 
 def save_carry(
@@ -66,11 +48,12 @@ def save_carry(
         figures = plan.save_figures(path)
         text = carry_report(plan, [one.name for one in figures], simulation)
         (path / "report.md").write_text(text, encoding="utf-8")
-        (path / "report.html").write_text(page(text, figures, levels_of(plan, simulation)), encoding="utf-8")
+        (path / "report.html").write_text(page(text, figures, levels_of(simulation)), encoding="utf-8")
         seen = None if simulation is None else simulation.summary()
         document = json.dumps({**plan.summary(), "simulation": seen}, allow_nan=False, indent=1)
         (path / "carry.json").write_text(document + "\n", encoding="utf-8")
-        arrays = {name: getattr(plan, name) for name in _ARRAYS}
+        values = {one.name: getattr(plan, one.name) for one in fields(plan)}
+        arrays: dict[str, Any] = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
         np.savez_compressed(path / "carry.npz", binding=np.array(plan.binding), **arrays)
         trajectory.to_csv(path / "trajectory.csv")
         trajectory.to_ros2(path / "trajectory.json")

@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from pinograsp.carry.elimination import Factors, GramSchmidt, Householder, Rows, inverse_root
+from pinograsp.carry.elimination import Factors, GramSchmidt, Householder, Rows
 from pinograsp.carry.program import Program, Solved, times
 from pinograsp.carry.slacks import Cones, Limits, summed
 from pinograsp.spatial import Array, BoolArray
@@ -247,16 +247,19 @@ class _Method:
             size = np.sqrt(1.0 + np.einsum("i...,i...->...", g, g))
             along = np.einsum("i...,ij...->j...", g, W)
             return np.asarray(W - (g / (size * (1.0 + size)))[:, None] * along)
-        D = np.zeros((d, d, self.k, self.N))
+        # Orthogonal factors here as well: of facets, one may weigh 1e18 times what the others do.
+        n, m = 0 if self.cones is None else len(self.cones.s), len(self.facets)
+        T = np.zeros((d, n + m + d, self.k, self.N))
         if self.cones is not None:
-            inverse, n = self.cones.matrix(-1), len(self.cones.s)
-            D[:n, :n] = np.einsum("il...,lj...->ij...", inverse, inverse)
-        if len(self.facets):
-            rows = np.concatenate([np.ones((len(self.facets), 1)), -self.facets], axis=1)
-            D += np.einsum("rkn,ri,rj->ijkn", weight[self.at["flat"]].reshape(-1, self.k, self.N), rows, rows)
-        D[range(d), range(d)] += self.weights
-        D[0, 0] += normal
-        return inverse_root(D)
+            T[:n, :n] = self.cones.matrix(-1)
+        if m:
+            root = np.sqrt(weight[self.at["flat"]]).reshape(m, self.k, self.N)
+            T[0, n : n + m], T[1:, n : n + m] = root, -self.facets.T[..., None, None] * root
+        own = np.zeros((d, self.k, self.N)) + self.weights
+        own[0] += normal
+        T[range(d), range(n + m, n + m + d)] = np.sqrt(own)
+        inverse = GramSchmidt(T.reshape(d, n + m + d, -1)).inverse
+        return np.ascontiguousarray(inverse.transpose(1, 0, 2)).reshape(d, d, self.k, self.N)
 
     def _scaled(self, rows: Array) -> Array:
         """Q rows^T, for rows (m, d k): (m, d k, N)."""

@@ -20,6 +20,7 @@ from pinograsp.checks import array_of, brief, number
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
+from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, IntArray
 
 
@@ -38,6 +39,10 @@ class Linear(NamedTuple):
         """The same of a known timing (m,), as a function of its speed: ``along_b`` times that squared."""
         moving = self.along_a * a[:, None] + self.along_b * b[:, None]
         return Linear(np.zeros_like(moving), moving, self.still)
+
+    def squared(self, y: float) -> Array:
+        """Of a known timing, the values (m, r) at the square of a factor on its speed."""
+        return np.asarray(self.along_b * y + self.still)
 
     def pairs(self, step: float) -> Array:
         """Its slopes (m, r, 2) over the squared speeds at both ends of intervals of this length, at their middles."""
@@ -128,8 +133,9 @@ class Carried:
         self.of_hand: IntArray = np.array([names.index(joint) for joint in hand.joint_names])
         self.posture = np.array(robot.resting)
         self.posture[self.of_hand] = posture
-        fingers = np.unique(np.concatenate([finger.dofs for finger in hand.fingers]))
-        self.fingers: IntArray = self.of_hand[fingers]
+        # The fingers' joints, among those of the hand and of the robot.
+        self.finger_dofs: IntArray = np.unique(np.concatenate([finger.dofs for finger in hand.fingers]))
+        self.fingers: IntArray = self.of_hand[self.finger_dofs]
         self.arm: IntArray = np.setdiff1d(np.arange(robot.n), self.fingers)
         # Where the object's axes of then are in the joint that carries the palm.
         frame = robot.model.frames[robot.model.getFrameId(palm)]
@@ -142,6 +148,26 @@ class Carried:
         self.inertia = pin.Inertia(scenario.mass * body.mass, centre, scenario.mass * turn @ body.inertia_b @ turn.T)
         if self.joint:
             self.model.inertias[self.joint] = self.model.inertias[self.joint] + self.jMo.act(self.inertia)
+
+    @classmethod
+    def of(cls, robot: HandModel, grasp: PlanRecord, scenario: CarryScenario = AS_PLANNED) -> Carried:
+        """What a grasp holds, in a robot's hand.
+
+        Raises:
+            InvalidInput: the grasp's object is not known, or the robot has not its hand.
+        """
+        if grasp.body is None:
+            raise InvalidInput("grasp: expected one of a known object, whose mass and inertia are to be carried")
+        return cls(robot, grasp.require_hand(), grasp.body, np.array(grasp.motion.q[-1]), scenario)
+
+    def axes(self, q: Array) -> Array:
+        """Where the axes in which the grasp was planned are at joint positions (m, n), as placements (m, 4, 4)."""
+        model, data = self.robot.model, self.robot.model.createData()
+        found = np.empty((len(q), 4, 4))
+        for i, one in enumerate(q):
+            pin.forwardKinematics(model, data, one)
+            found[i] = (data.oMi[self.joint] * self.jMo).homogeneous
+        return found
 
     def along(self, path: ArmPath, s: Array, gravity_o: Array) -> CarryLoads:
         """Loads at path parameters (m,); gravity (3,) [m/s^2] in the robot's world."""
@@ -203,11 +229,7 @@ class Carried:
             raise InvalidInput(
                 f"path: expected joints of the arm, {', '.join(arm) or 'of which there are none'}; got "
                 f"{', '.join(wrong)}"
-                + (
-                    ""
-                    if arm
-                    else ": the robot is to be arm and hand (robot=, --robot with --root, the arm's first link)"
-                )
+                + ("" if arm else ": the robot is to be arm and hand (robot=, --robot with --root, its first link)")
             )
         return np.array([names.index(joint) for joint in path.joints])
 

@@ -19,16 +19,18 @@ class Passage:
         timing: of the path.
         instants: of the samples (N,) [s].
         knots: of the ends of the intervals (N + 1,) [s].
-        programs: of the loads of the samples.
+        places: programs of the samples' places, at any speed.
+        programs: of the timing's loads there.
         level: the factor's square that belongs to ``timing`` [-].
         free: how many times as fast each interval may be passed (N,) [-].
-        found: the solution that says so.
-        fastest: whether that is the solution of the fastest timing, whose forces bear this one.
+        found: the solution that says so; of the fastest timing that timing's, whose forces bear it.
+        fastest: whether it is that, with accelerations that jump.
     """
 
     timing: Timing
     instants: Array
     knots: Array
+    places: Programs
     programs: Programs
     level: float
     free: Array
@@ -52,18 +54,6 @@ class Passage:
             level=self.level * factor**2,
             free=self.free / factor,
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fastest:
-    """The fastest timing, with accelerations that jump."""
-
-    timing: Timing
-    programs: Programs
-    solved: Solved
-    passage: Passage
-
-    __repr__ = brief("timing")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

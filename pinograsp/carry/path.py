@@ -84,9 +84,9 @@ class ArmPath:
             )
         piecewise = _pieces(spline) if isinstance(spline, BSpline) else spline
         # Pieces of a B-spline begin before its range.
-        begin, end = (
-            (spline.t[spline.k], spline.t[-spline.k - 1]) if isinstance(spline, BSpline) else piecewise.x[[0, -1]]
-        )
+        begin, end = piecewise.x[[0, -1]]
+        if isinstance(spline, BSpline):
+            begin, end = spline.t[spline.k], spline.t[-spline.k - 1]
         kept = (piecewise.x[:-1] < end) & (piecewise.x[1:] > begin)
         knots = np.append(piecewise.x[:-1][kept], piecewise.x[1:][kept][-1])
         length = end - begin
@@ -98,8 +98,7 @@ class ArmPath:
         jump = np.abs(left - np.asarray(slopes(unit.x[1:-1]))).max(initial=0.0)
         if jump > _JUMP * max(float(np.abs(slopes(unit.x)).max()), 1e-12):
             raise InvalidInput(f"spline: expected one whose slope is continuous, got a jump of {jump:.3g}: smooth it")
-        object.__setattr__(path, "_spline", unit)
-        return path
+        return _with_spline(path, unit)
 
     @classmethod
     def through(cls, waypoints: Mapping[str, ArrayLike]) -> ArmPath:
@@ -189,8 +188,7 @@ class ArmPath:
         """The path of some of its joints."""
         which = [self.joints.index(joint) for joint in joints]
         path = ArmPath(joints=tuple(joints), s=self.s, q=self.q[:, which], times=self.times)
-        object.__setattr__(path, "_spline", PPoly(self._spline.c[:, :, which], self._spline.x))
-        return path
+        return _with_spline(path, PPoly(self._spline.c[:, :, which], self._spline.x))
 
     def at(self, s: ArrayLike) -> PathPoint:
         """Positions and derivatives at parameters (m,)."""
@@ -207,11 +205,14 @@ def _pieces(spline: BSpline) -> PPoly:
 def _timed(joints: tuple[str, ...], s: Array, q: Array, times: Array, ends: Array) -> ArmPath:
     """The path of a trajectory with slopes (2, n) at its ends."""
     path = ArmPath(joints=joints, s=s, q=q, times=times)
-    object.__setattr__(path, "_spline", CubicSpline(s, q, bc_type=((1, ends[0]), (1, ends[1]))))
-    return path
+    return _with_spline(path, CubicSpline(s, q, bc_type=((1, ends[0]), (1, ends[1]))))
 
 
 def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None, spline: PPoly) -> ArmPath:
-    path = ArmPath(joints=joints, s=s, q=q, times=times)
+    return _with_spline(ArmPath(joints=joints, s=s, q=q, times=times), spline)
+
+
+def _with_spline(path: ArmPath, spline: PPoly) -> ArmPath:
+    """A new path, along another spline than the one through its waypoints."""
     object.__setattr__(path, "_spline", spline)
     return path

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.carry.carrying import Carrying
 from pinograsp.carry.loads import AS_PLANNED, CarryScenario
-from pinograsp.carry.passage import Fastest
+from pinograsp.carry.passage import Passage
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.record import CarryPlan
 from pinograsp.carry.reserve import arm_limits, joint_limits
@@ -111,14 +111,13 @@ def plan_carry(
     )
     ramp = number("ramp", ramp, at_least=0, at_most=10, unit="s")
     most_jerk = None if jerk is None else joint_limits("jerk", jerk, robot.n)
-    fastest: Fastest | None = None
+    fastest: Passage | None = None
     if named == "given":
         passage = carrying.passage(Timing.steady(float(way.duration or 0.0)))
         if passage.factor < 1.0 - _ROUNDING:
             raise carrying.too_fast(passage)
     else:
-        fastest = carrying.fastest()
-        passage = fastest.passage
+        passage = fastest = carrying.fastest()
         if ramp or most_jerk is not None:
             passage = carrying.smoothed(fastest.timing, ramp, most_jerk)
     mark = time.perf_counter()
@@ -137,8 +136,8 @@ def _path_of(path: ArmPath | JointTrajectory | Mapping[str, ArrayLike]) -> ArmPa
 
 def _rate_of(squeeze: SqueezeName | float) -> float | None:
     """Of the commanded forces' change [N/s]; None: they follow the loads."""
-    if isinstance(squeeze, str) and squeeze not in get_args(SqueezeName):
-        raise InvalidInput(f"squeeze: expected 'least', 'constant' or a number [N/s], got '{squeeze}'")
     if isinstance(squeeze, str):
-        return None if one_of("squeeze", squeeze, get_args(SqueezeName)) == "least" else 0.0
+        if squeeze not in get_args(SqueezeName):
+            raise InvalidInput(f"squeeze: expected 'least', 'constant' or a number [N/s], got '{squeeze}'")
+        return None if squeeze == "least" else 0.0
     return number("squeeze, as the largest change of commanded forces", squeeze, above=0, unit="N/s")

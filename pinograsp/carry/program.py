@@ -79,7 +79,7 @@ class Program:
         size = np.abs(self.e).max(initial=0.0)
         still = np.maximum(np.abs(self.e).max(axis=1), 1e-3 * size + 1e-12)
         each = still / np.maximum(np.abs(self.E.sum(axis=2)).max(axis=1), 1e-9 * still)
-        if len(self.top) != self.count + 1:
+        if not self.shared:
             return np.repeat(each, 2)
         padded = np.concatenate([each[:1], each, each[-1:]])
         return np.asarray(np.minimum(padded[:-1], padded[1:]))

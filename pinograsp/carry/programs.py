@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -139,7 +140,8 @@ class Programs:
         still = torque.still[:, of_hand] @ L.T
         return B, self.matrices.R_lo - still, self.matrices.R_hi - still
 
-    def _arm(self) -> tuple[Array, Array, list[str]]:
+    @cached_property
+    def arm_rows(self) -> tuple[Array, Array, list[str]]:
         """C (N, r, 2) and c (N, r), each row over its limit, and what the rows are."""
         names, arm = self.carried.robot.joint_names, self.carried.arm
         rows, ends, words = [], [], []
@@ -157,13 +159,17 @@ class Programs:
 
     def program(self, **changes: object) -> Program:
         """The program of the least time from rest to rest, in all scenarios; or with ``changes`` of it."""
-        whole = self.alone()
-        return replace(self._with_others(whole) if self.others else whole, **changes)  # type: ignore[arg-type]
+        return replace(self._whole, **changes)  # type: ignore[arg-type]
 
+    @cached_property
+    def _whole(self) -> Program:
+        return self._with_others() if self.others else self.alone
+
+    @cached_property
     def alone(self) -> Program:
         """The program of the least time from rest to rest, in this scenario."""
         B, low, high = self._rows()
-        C, c, self.arm_words = self._arm()
+        C, c, _ = self.arm_rows
         given = np.full(self.count + 1, np.nan)
         given[[0, -1]] = 0.0
         k, d = self.problem.k, self.problem.friction.d
@@ -188,12 +194,13 @@ class Programs:
             step=self.step,
         )
 
-    def _with_others(self, own: Program) -> Program:
+    def _with_others(self) -> Program:
         """The program of all scenarios: their contacts side by side, whose squeeze is the same.
 
         Normal forces differ as much as the loads make them on equal springs: n_s - n_1 = C (w_s - w_1).
         """
-        each = [own, *(other.alone() for other in self.others)]
+        own = self.alone
+        each = [own, *(other.alone for other in self.others)]
         S, k, d = len(each), own.k, own.friction.d
         C, step = elastic_reaction(self.problem), self.step
         normal = np.zeros((k, k * d))
@@ -229,8 +236,7 @@ class Programs:
 
     def wrenches(self, y: float) -> Array:
         """Of the contacts on the object (N, 6), moments over the moment length [N], at a squared speed."""
-        wrench = self.middle.wrench
-        return np.asarray((wrench.along_b * y + wrench.still) * self.wrench_scale)
+        return np.asarray(self.middle.wrench.squared(y) * self.wrench_scale)
 
     def fastest_anywhere(self) -> Program:
         """How fast each interval may be passed by itself, with the acceleration that suits it best."""
@@ -239,9 +245,8 @@ class Programs:
 
     def gentlest(self, y: Array) -> Program:
         """The least squared forces at squared speeds y (N + 1,) that are known."""
-        weights = np.diag(self.matrices.P) if self.matrices.P is not None else None
-        if weights is not None:
-            weights = np.tile(weights, 1 + len(self.others))
+        assert self.matrices.P is not None  # of least squares
+        weights = np.tile(np.diag(self.matrices.P), 1 + len(self.others))
         return self.program(step=None, given=y, weights=weights)
 
 

@@ -15,6 +15,7 @@ from pinograsp.carry.timing import Timing
 from pinograsp.checks import brief, number
 from pinograsp.errors import InvalidInput
 from pinograsp.handover import JointTrajectory
+from pinograsp.handover.quintic import interpolated
 from pinograsp.hands import HandModel
 from pinograsp.motion.torques import drives_limit
 from pinograsp.plan import Motion
@@ -193,8 +194,8 @@ class CarryPlan:
         if self.duration > _MOST * step:
             raise InvalidInput(f"rate: expected fewer than {_MOST} samples in {self.duration:.4g} s, got {rate:g} Hz")
         times = np.append(np.arange(0.0, self.duration - 0.5 * step, step), self.duration)
-        moving, point = self.timing.at(times), self.path.at(self.timing.at(times).s)
-        v, a = moving.speed[:, None], moving.acceleration[:, None]
+        moving = self.timing.at(times)
+        point, v, a = self.path.at(moving.s), moving.speed[:, None], moving.acceleration[:, None]
         # Before the first sample and after the last the squeeze stays.
         instants = np.concatenate([[-step], self.instants, [self.duration + step]])
         ends = np.concatenate([self.commanded_q[:1], self.commanded_q, self.commanded_q[-1:]])
@@ -202,14 +203,13 @@ class CarryPlan:
         q, dq, ddq = (np.array(fingers(times, order)) for order in (0, 1, 2))
         arm = [self.robot.joint_names.index(joint) for joint in self.path.joints]
         q[:, arm], dq[:, arm], ddq[:, arm] = point.q, point.slope * v, point.slope * a + point.bend * v**2
-        effort = [np.interp(times, self.instants, column) for column in self.commanded_torques.T]
         return JointTrajectory(
             names=self.robot.joint_names,
             times=times,
             q=q,
             dq=dq,
             ddq=ddq,
-            effort=np.column_stack(effort),
+            effort=interpolated(times, self.instants, self.commanded_torques),
             joints=tuple(self.robot.model.names)[1:],
             couplings=self.robot.couplings,
             begin=0.0,

@@ -62,11 +62,9 @@ def carry_report(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
     return "\n".join(lines)
 
 
-def levels_of(plan: CarryPlan, simulation: Simulation | None) -> list[str]:
+def levels_of(simulation: Simulation | None) -> list[str]:
     """Colours of the headline's entries."""
-    if simulation is None:
-        return ["yes"]
-    return ["yes" if simulation.verdict.held else "no"]
+    return ["yes" if simulation is None or simulation.verdict.held else "no"]
 
 
 def _headline(plan: CarryPlan, simulation: Simulation | None) -> list[str]:

@@ -18,6 +18,7 @@ from pinograsp.forces.matrices import balance_columns
 from pinograsp.hands import HandModel
 from pinograsp.motion import effort_of, torque_limits
 from pinograsp.motion.torques import torques_matter
+from pinograsp.objects.body import Body
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
 
@@ -53,14 +54,7 @@ def joint_limits(name: str, value: ArrayLike, n: int) -> Array:
 
 
 def problem_of(grasp: GraspPlan) -> ForceProblem:
-    """The force problem of a grasp's object; of a plan that was read back, with what is stored of it.
-
-    Raises:
-        InvalidInput: the object is not known.
-    """
-    body = grasp.body
-    if body is None:
-        raise InvalidInput("grasp: expected one of a known object, whose mass and inertia are to be carried")
+    """The force problem of a grasp's object; of a plan that was read back, with what is stored of it."""
     if grasp.solution is not None:
         return grasp.problem
     own, law, friction = grasp.contacts, grasp.law, grasp.friction
@@ -86,17 +80,17 @@ def problem_of(grasp: GraspPlan) -> ForceProblem:
         # Caps are not stored: contacts may become so deep as anywhere.
         max_depth=max(GraspConditions(mu=1.0).max_depth, float(grasp.forces.final_depths.max())),
         gravity_o=grasp.gravity_o,
-        object=body,
+        object=grasp.body,
     )
 
 
-def disturbance_of(grasp: GraspPlan, size: float | None) -> tuple[float, float]:
+def disturbance_of(grasp: GraspPlan, body: Body, size: float | None) -> tuple[float, float]:
     """Force in any direction [N], or moment about any axis [N m], to bear on the way as well.
 
-    ``size``: of the force; None: what the grasp's plan bears besides its weight, a heavier object included.
+    ``body``: what is held. ``size``: of the force; None: what the grasp's plan bears besides its weight, a heavier
+    object included.
     """
-    body, own = problem_of(grasp).object, grasp.reserve
-    assert body is not None
+    own = grasp.reserve
     if size is not None:
         return size, size * Reserve().arm(body)
     if own is None:
@@ -125,11 +119,9 @@ def spare_forces(problem: ForceProblem, force: float, moment: float) -> Array:
     spare = np.zeros((2, k))
     for part, rows in enumerate((slice(0, 3), slice(3, 6))):
         T = across[:, :, rows]
-        size = (
-            np.linalg.norm(T[:, : friction.round_dimensions], 2, axis=(1, 2))
-            if friction.round_dimensions
-            else np.zeros(k)
-        )
+        size = np.zeros(k)
+        if friction.round_dimensions:
+            size = np.linalg.norm(T[:, : friction.round_dimensions], 2, axis=(1, 2))
         if len(friction.facets):
             size = np.maximum(size, np.linalg.norm(friction.facets @ T, axis=2).max(axis=1))
         spare[part] = size + np.linalg.norm(reaction[:, -1, rows], axis=1)
@@ -155,7 +147,7 @@ def with_reserve(
     # Limits of each joint are the robot's.
     own = limit[carried.of_hand] if isinstance(limit, np.ndarray) and limit.ndim else limit
     most = effort_of(hand, own)
-    arm = np.setdiff1d(np.arange(hand.n), np.concatenate([finger.dofs for finger in hand.fingers]))
+    arm = np.setdiff1d(np.arange(hand.n), carried.finger_dofs)
     most[arm] = np.inf  # rows of their own, without contact forces
     torques = None
     if torques_matter(hand, most):

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-import pinocchio as pin
 
 from pinograsp.carry.loads import Carried
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.timing import Timing
-from pinograsp.errors import InvalidInput
+from pinograsp.handover.quintic import interpolated
 from pinograsp.plan.answer import Answer, friction_model
 from pinograsp.spatial import Array
 from pinograsp.viz import carried
@@ -72,15 +71,13 @@ def carry_scene(plan: Shown) -> ViewScene:
         InvalidInput: a grasp without its object.
     """
     robot, grasp = plan.robot, plan.grasp
-    contacts, body, hand = grasp.contacts, grasp.body, grasp.require_hand()
-    if body is None:
-        raise InvalidInput("plan: expected a grasp with its object, got one without")
-    held = Carried(robot, hand, body, np.array(grasp.motion.q[-1]))
+    contacts, held = grasp.contacts, Carried.of(robot, grasp)
+    body = held.body
     duration = plan.timing.duration
     times = np.linspace(0.0, duration, 1 + int(np.clip(round(_RATE * duration), _FEWEST, _MOST)))
     q = np.tile(held.posture, (len(times), 1))
     q[:, held.moving(plan.path)] = plan.path.at(plan.timing.at(times).s).q
-    axes = _axes(held, q)
+    axes = held.axes(q)
     planned = sevens(body.pose)
     colours = tuple(COLOURS[i % len(COLOURS)] for i in range(len(contacts.names)))
     links = Links(robot)
@@ -157,20 +154,9 @@ def carry_scene(plan: Shown) -> ViewScene:
     )
 
 
-def _axes(held: Carried, q: Array) -> Array:
-    """Where the axes of the grasp's plan are at q (f, n), as placements (f, 4, 4)."""
-    model, poses = held.robot.model, []
-    data = model.createData()
-    for one in q:
-        pin.forwardKinematics(model, data, one)
-        poses.append((data.oMi[held.joint] * held.jMo).homogeneous)
-    return np.array(poses)
-
-
 def _between(plan: Shown, times: Array, values: Array) -> Array:
     """Values (N, ...) of the middles at times (f, ...); before the first and after the last they stay."""
-    flat = values.reshape(len(values), -1)
-    found = np.column_stack([np.interp(times, plan.instants, column) for column in flat.T])
+    found = interpolated(times, plan.instants, values.reshape(len(values), -1))
     return found.reshape(len(times), *values.shape[1:])
 
 

@@ -10,7 +10,6 @@ import pinocchio as pin
 
 from pinograsp.carry.loads import Carried
 from pinograsp.carry.record import CarryPlan
-from pinograsp.carry.reserve import problem_of
 from pinograsp.checks import instance_of
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.plan import Simulation
@@ -65,7 +64,7 @@ def servo_of(plan: CarryPlan) -> Servo:
     nearly in line; more damping than for that would need shorter steps than the contacts do.
     """
     robot, own = plan.robot, Servo.of(plan.robot)
-    arm = _carried(plan).arm
+    arm = Carried.of(robot, plan.grasp).arm
     bare = arm[np.isnan(robot.servo_stiffness[arm]) & (robot.effort[arm] > 0)]
     stiffness, damping = np.array(own.stiffness), np.array(own.damping)
     stiffness[bare] = robot.effort[bare] / _GIVES
@@ -78,33 +77,24 @@ def servo_of(plan: CarryPlan) -> Servo:
     return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control)
 
 
-def _carried(plan: CarryPlan) -> Carried:
-    body = problem_of(plan.grasp).object
-    assert body is not None
-    return Carried(plan.robot, plan.grasp.hand, body, np.array(plan.grasp.motion.q[-1]))
-
-
 def carry_task(plan: CarryPlan, letting_go: float) -> Task:
     """The task of a carry plan: closing, letting go for a time [s], the way."""
-    robot, grasp, carried = plan.robot, plan.grasp, _carried(plan)
+    robot, grasp, carried = plan.robot, plan.grasp, Carried.of(plan.robot, plan.grasp)
     motion, way = plan.closing, plan.trajectory(rate=1.0 / _STEP)
     start = np.array(way.q[0])
-    start[carried.of_hand] = np.where(np.isin(carried.of_hand, carried.arm), start[carried.of_hand], motion.q[-1])
+    start[carried.fingers] = motion.q[-1][carried.finger_dofs]
     # Where the object's axes of the grasp are when the arm is at the start of its path.
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, start)
-    moved = (data.oMi[carried.joint] * carried.jMo).homogeneous
+    moved = carried.axes(start[None])[0]
     turn = moved[:3, :3]
     # Closing: the fingers' motion, with the contacts' torques of the grasp.
-    fingers = np.flatnonzero(~np.isin(carried.of_hand, carried.arm))
     q, dq, ddq = np.tile(start, (len(motion.times), 1)), *np.zeros((2, len(motion.times), robot.n))
     for own, grasped in ((q, motion.q), (dq, motion.dq), (ddq, motion.ddq)):
-        own[:, carried.of_hand[fingers]] = grasped[:, fingers]
+        own[:, carried.fingers] = grasped[:, carried.finger_dofs]
     # In the grasp's axes gravity pulls as the palm lies now, where the motion was planned for that.
     gravity = grasp.gravity_o if motion is grasp.motion else turn.T @ plan.gravity_o
     bare = inverse_dynamics(grasp.hand, motion.q, motion.dq, motion.ddq, gravity_o=gravity)
     torques = inverse_dynamics(robot, q, dq, ddq, gravity_o=plan.gravity_o)
-    torques[:, carried.of_hand[fingers]] += (motion.torques - bare)[:, fingers]
+    torques[:, carried.fingers] += (motion.torques - bare)[:, carried.finger_dofs]
     # Then the first squeeze of the way, the arm bearing the object as it is let go.
     closed = float(motion.times[-1])
     change = np.linspace(0.0, 1.0, max(2, round(_CHANGE / _STEP)) + 1)[1:]

@@ -12,7 +12,7 @@ program with second-order cones, which Clarabel solves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
@@ -72,7 +72,7 @@ class _CommonProgram:
         self.matrices, self.k, self.d = first.matrices, first.problem.k, first.problem.friction.d
         self.S, self.N, self.width = len(scenarios), first.count, self.k * self.d
         self.m = self.N if rate else 1
-        lines = [one.alone() for one in scenarios]
+        lines = [one.alone for one in scenarios]
         wanted = np.stack([line.E.sum(axis=2) * level + line.e for line in lines])
         wrenches = np.stack([one.wrenches(level) for one in scenarios])
         self.size = max(float(np.abs(wanted).max()), 1e-9)
@@ -145,7 +145,7 @@ class _CommonProgram:
             # Where A' ray = 0 > b . ray no z has A z + s = b with s in the cones, whose duals they are.
             along = float(b @ ray)
             proven = along < 0 and float(np.abs(A.T @ ray).max()) <= -_PROOF * along
-            return CommonSqueeze(commanded=nothing.commanded, x=nothing.x, ruled_out=proven, residual=np.inf)
+            return replace(nothing, ruled_out=proven)
         residual = float(np.abs(A @ z + slack - b).max()) if np.isfinite(z).all() else np.inf
         if not residual <= _BALANCED:
             return nothing

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,11 +61,11 @@ class Timing:
 
     def smoothed(self, window: float) -> Timing:
         """Its moving average over a window [s]."""
-        return Timing(times=self.times, s=self.s, speed=self.speed, window=window)
+        return replace(self, window=window)
 
     def faster(self, factor: float) -> Timing:
         """The same motion, ``factor`` times as fast."""
-        return Timing(times=self.times / factor, s=self.s, speed=self.speed * factor, window=self.window / factor)
+        return replace(self, times=self.times / factor, speed=self.speed * factor, window=self.window / factor)
 
     def at(self, times: Array) -> Instants:
         """The motion at instants (m,) [s]; the acceleration at a knot is that after it."""

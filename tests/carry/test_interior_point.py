@@ -91,6 +91,13 @@ def test_the_solution_keeps_to_the_program(friction):
     np.testing.assert_array_equal(found.y[[0, -1]], 0.0)
 
 
+def test_few_facets_at_their_limits_cost_no_digits():
+    """One facet of a contact weighs 1e18 times what others do then: squares of that have no digits left."""
+    for seed in range(60):
+        found = solve(some_program(seed, Friction(model="pyramid", edges=4), k=3), accuracy=1e-9)
+        assert max(found.gap, found.residual) < 1e-8, seed
+
+
 def test_no_speeds_beat_the_lower_bound():
     """Slower timings of the same forces' program are feasible, and none is below the bound."""
     program = some_program(2, CONE)

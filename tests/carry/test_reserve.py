@@ -55,12 +55,12 @@ def test_nothing_is_kept_for_no_disturbance(arm):
 
 
 def test_the_disturbance_is_that_of_the_grasp(grasp):
-    weight = 9.81 * grasp.body.mass
-    force, moment = disturbance_of(grasp, None)
+    body, weight = grasp.body, 9.81 * grasp.body.mass
+    force, moment = disturbance_of(grasp, body, None)
     assert force == pytest.approx((grasp.reserve.disturbance + grasp.reserve.mass) * weight)
     assert moment == pytest.approx(grasp.reserve.moment)
-    assert disturbance_of(replace(grasp, reserve=None), None) == (0.0, 0.0)
-    assert disturbance_of(grasp, 1.5)[0] == 1.5
+    assert disturbance_of(replace(grasp, reserve=None), body, None) == (0.0, 0.0)
+    assert disturbance_of(grasp, body, 1.5)[0] == 1.5
 
 
 def test_what_is_kept_is_pressed_on_top(arm, grasp):
