@@ -21,7 +21,7 @@ from pinograsp.checks import read_only
 from pinograsp.errors import CarryInfeasible, CarryUndecided, PinograspError, Status
 from pinograsp.forces import ConvexSolution, TorqueLimit, diagnose, optimize_forces
 from pinograsp.hands import HandModel
-from pinograsp.motion import plan_motion, torque_limits
+from pinograsp.motion import MotionSpec, plan_motion, torque_limits
 from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
@@ -34,6 +34,7 @@ _BALANCED, _LEAST = 1e-6, 1e-3  # errors of the loads, and the gap, with which c
 _FREE = 1.05  # an interval that may be passed so many times as fast is bound by nothing
 _WINDOWS = 1.5 ** np.arange(12)  # times the ramp, or the smallest, tried against a limit of the jerk
 _SMALLEST = 0.02  # [s] of these, where no ramp is asked for
+_NEAR = 1e-4  # relative, of the normal forces that a hand closes to
 _MOST = 10.0  # times as fast as a known timing: what is beyond does not matter
 _HALVINGS = 9  # of the interval in which the largest factor on the speed lies
 _GIVING = 1e-2  # joints that move a contact less than this, over the largest, do not press it
@@ -395,20 +396,26 @@ class Carrying:
         It is planned as any grasp's motion, since surfaces, friction and servos make more of it than depths along
         normals. Where that is not to be had, it is the grasp's own.
         """
-        grasp, normal = self.grasp, held.commanded[0]
+        grasp, normal, own = self.grasp, held.commanded[0], self.grasp.motion
+        fingers = [(finger.name, finger.dofs) for finger in grasp.hand.fingers]
+        spec = MotionSpec(
+            start={name: own.q[0, dofs] for name, dofs in fingers},
+            posture={name: own.q[own.impact, dofs] for name, dofs in fingers},
+        )
         first = held.passage.programs.middle.wrench
         problem = replace(
             self.problem,
             load=-first.squared(held.passage.level)[0],
             gravity_o=-first.still[0, :3] / self.carried[0].inertia.mass,
             torques=None,
-            min_normal_force=normal,
-            max_normal_force=normal,
+            # A little room, for rounding.
+            min_normal_force=normal * (1.0 - _NEAR),
+            max_normal_force=normal * (1.0 + _NEAR),
         )
         try:
             forces = optimize_forces(problem, grasp.forces.impact_time, objective="least_squares")
             if forces.found:
-                motion = plan_motion(grasp.hand, forces)
+                motion = plan_motion(grasp.hand, forces, spec)
                 if motion.status is Status.OK:
                     return motion, forces.profile.final_depth
         except PinograspError:
