@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import importlib.util
 import os
 import secrets
 import signal
@@ -69,30 +66,8 @@ def height(item) -> int:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
-    """The upper rooms first: their tests take longest. In parallel runs one process compiles for all of these.
-
-    The second of two processes begins in the middle: there stand the rooms that need nothing compiled.
-    """
+    """The upper rooms first: their tests take longest."""
     items.sort(key=height, reverse=True)
-    compiled = [item for item in items if height(item) >= ROOMS.index("forces")]
-    for item in compiled:
-        item.fixturenames.insert(0, "compiled_solvers")
-    middle = min(len(compiled), len(items) // 2 - 1)
-    items[:] = compiled[:middle] + items[len(compiled) :] + compiled[middle:]
-
-
-@pytest.fixture(scope="session")
-def compiled_solvers(request, tmp_path_factory):
-    """Compiled by one process while the others wait: two at once would compile the same twice."""
-    if not hasattr(request.config, "workerinput") or importlib.util.find_spec("numba") is None:
-        return
-    folder = tmp_path_factory.getbasetemp().parent  # of all processes of this run
-    with (folder / "compiled.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with contextlib.suppress(FileExistsError):
-            (folder / "compiled").touch(exist_ok=False)
-            # In a process that is not measured: what is counted is not made slower.
-            subprocess.run([sys.executable, "-c", "import pinograsp; pinograsp.warm_up()"], cwd=folder, check=True)
 
 
 # The paper's printed contact points, written out again: tests do not share the package's tables.

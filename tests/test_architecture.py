@@ -29,6 +29,7 @@ ROOMS = [
     "objects",
     "plan",
     "contacts",
+    "core",
     "forces",
     "actuation",
     "motion",
@@ -59,7 +60,6 @@ OWNERS = {
     "qpsolvers": {"forces"},
     "daqp": {"forces"},
     "clarabel": {"forces", "carry"},
-    "numba": {"forces"},
     "matplotlib": {"viz"},
     "viser": {"viz"},
     "websockets": {"viz"},
@@ -212,22 +212,6 @@ def test_the_referee_shares_nothing_with_what_it_judges():
 def test_modules_stay_readable():
     for path in PACKAGE.rglob("*.py"):
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 520, path.name
-
-
-def test_compiled_code_comes_from_its_own_folder():
-    """The cache of compiled functions looks at the files of this folder: what they took from elsewhere could change.
-
-    Types are not compiled, and jit.py is how they are: it stands above."""
-    folder = "pinograsp.forces.kernels"
-    strangers = [
-        f"{module} imports {name}"
-        for module, name in arrows()
-        if module.startswith(folder)
-        and name.startswith("pinograsp.")
-        and not name.startswith(folder)
-        and name not in ("pinograsp.forces.jit", "pinograsp.spatial")
-    ]
-    assert not strangers
 
 
 def test_public_names_resolve():

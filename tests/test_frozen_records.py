@@ -127,7 +127,6 @@ first = asked()
 problem = made()
 for name in forces.BACKENDS:
     pg.optimize_forces(problem, 0.9, backend=name)
-pg.warm_up()
 found = pg.optimize_forces(problem, 0.9)
 assert found.forces_c.tolist() == first[-1] and found.backend == first[-2], (found, first)
 assert asked() == first

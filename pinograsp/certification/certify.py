@@ -101,7 +101,7 @@ def certify(
 
     Raises:
         InvalidInput: shapes that do not go together, a hand without geometry, or conditions that cannot be used.
-        ExtraMissing: numba (extra ``fast``), or for objects that are not convex coacd (extra ``mesh``).
+        ExtraMissing: the compiled core, or for objects that are not convex coacd (extra ``mesh``).
     """
     certifier = Certifier(
         hand,

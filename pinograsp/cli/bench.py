@@ -28,9 +28,8 @@ def bench(
 ) -> None:
     """Measure the speed of this machine: one load of a ForceSolver, one step of OnlineForces, a batch of problems.
 
-    Seeded random grasps on a cylinder with exact friction cones and least squares; medians over 200 loads. The compiled
-    solvers (extra fast) are used where they are installed. Comparisons with other solvers are in the sources, in
-    benchmarks.
+    Seeded random grasps on a cylinder with exact friction cones and least squares; medians over 200 loads.
+    Comparisons with other solvers are in the sources, in benchmarks.
 
     Examples:
       pinograsp bench
@@ -40,18 +39,16 @@ def bench(
     import numpy as np
 
     import pinograsp as pg
-    from pinograsp.errors import ExtraMissing, InvalidInput
+    from pinograsp import core
+    from pinograsp.errors import InvalidInput
 
     contacts = contacts or [3, 10, 50]
     for k in contacts:
         if not 3 <= k <= _MOST_CONTACTS:
             raise InvalidInput(f"--contacts: expected at least 3 and at most {_MOST_CONTACTS}, got {k}")
-    try:
-        pg.warm_up()
-        fast = True
-    except ExtraMissing as missing:
-        fast = False
-        typer.echo(str(missing), err=True)
+    fast = core.installed()
+    if not fast:
+        typer.echo("the compiled core is missing: install pinograsp with a C++17 compiler at hand", err=True)
     rows: list[dict[str, Any]] = []
     for k in contacts:
         problem, loads = _problem(k)

@@ -7,16 +7,18 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from pinograsp import core
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import DenseMethod
 from pinograsp.forces.answers import Answer, CertifiedForces, certify
 from pinograsp.forces.certificate import Infeasibility
+from pinograsp.forces.compiled import solve_program
 from pinograsp.forces.conic import HUGE, ConicMethod, exponents_of
 from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
-from pinograsp.forces.solvers import SolverName, compiled_installed, need_compiled_solvers
+from pinograsp.forces.solvers import SolverName
 from pinograsp.forces.template import Template
 
 _USEFUL = 1e-3  # relative to the load: forces that miss their limits by more are not recorded
@@ -53,10 +55,10 @@ class Backends:
     """
 
     def __init__(self, matrices: Matrices, backend: str):
-        """With "auto" the order depends on the matrices and on whether numba is installed, and on nothing else."""
+        """With "auto" the order depends on the matrices and on whether the core is installed, and on nothing else."""
         general = ("daqp", "clarabel") if matrices.k <= _DENSE_UP_TO else ("clarabel", "daqp")
         if backend == "auto":
-            backend = (compiled_method(matrices) if compiled_installed() else "") or general[0]
+            backend = (compiled_method(matrices) if core.installed() else "") or general[0]
         self.order = tuple(dict.fromkeys((backend, *general)))
         self._matrices = matrices
         self._dense: dict[str, DenseMethod] = {}
@@ -84,7 +86,7 @@ class Backends:
         order = self.order if not first else tuple(dict.fromkeys((first, *self.order)))
         best = Outcome(status=Status.INACCURATE, backend=order[0])
         for name in order:
-            answer = None if tried and name == self.order[0] else self._answer(program, name)
+            answer = None if tried and name == self.order[0] else self._answer(problem, program, name)
             if answer is None or not all(np.abs(part).max(initial=0.0) < HUGE for part in answer[:3]):
                 continue
             found = certify(problem, program, answer)
@@ -99,14 +101,11 @@ class Backends:
         proof = prove(problem, program)
         return best if proof is None else Outcome(status=Status.INFEASIBLE, backend=order[0], infeasibility=proof)
 
-    def _answer(self, program: Program, name: str) -> Answer | None:
+    def _answer(self, problem: ForceProblem, program: Program, name: str) -> Answer | None:
         if name in COMPILED:
             if not self.takes(name):
                 return None
-            need_compiled_solvers()
-            from pinograsp.forces.compiled import solve_program
-
-            return solve_program(program, self.template, name)
+            return solve_program(problem, program, self.template, name)
         if name == "clarabel":
             exponents = exponents_of(program)
             if self._conic is None or self._conic.exponents != exponents:

@@ -1,4 +1,4 @@
-"""Batches of force problems, solved on all cores: arrays in, arrays out (extra ``fast``)."""
+"""Batches of force problems, solved on all cores: arrays in, arrays out."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pinograsp import core
 from pinograsp.checks import (
     are_rotations,
     array_of,
     brief,
     each_of,
     floats_of,
-    frozen,
     instance_of,
     integer,
     items_of,
@@ -34,16 +34,12 @@ from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.backends import Backends
 from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
-from pinograsp.forces.kernels.layouts import CONVERGED, INFEASIBLE, STALLED, Bulk, BulkModel, BulkResults
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, assemble, weights_of
-from pinograsp.forces.solvers import need_compiled_solvers
 from pinograsp.spatial import Array, BoolArray, IntArray
 
-_Scalar = TypeVar("_Scalar", bound=np.generic)
-
-_AT_ONCE = 256  # problems per compiled call: an interruption waits for the end of one call, about a millisecond
+_AT_ONCE = 2048  # problems per compiled call: an interruption waits for the end of one, some milliseconds
 _MOST_THREADS = 1024
 
 
@@ -274,6 +270,25 @@ class BatchSolution:
         )
 
 
+class _Results(NamedTuple):
+    """Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N], code (N,)."""
+
+    forces: Array
+    moments: Array
+    objective: Array
+    lower_bound: Array
+    residual: Array
+    violation: Array
+    codes: IntArray
+
+    @classmethod
+    def of(cls, n: int, k: int) -> _Results:
+        """Room for n problems of up to k contacts; zeros, and no answer yet."""
+        objective, bound, residual, violation = np.zeros((4, n))
+        codes = np.full(n, core.STALLED, dtype=np.int64)
+        return cls(np.zeros((n, k, 3)), np.zeros((n, k)), objective, bound, residual, violation, codes)
+
+
 def solve_batch(
     batch: ForceBatch, *, objective: str | Mapping[str, float] = "least_squares", threads: int | None = None
 ) -> BatchSolution:
@@ -289,11 +304,10 @@ def solve_batch(
 
     Raises:
         InvalidInput: an objective that is unknown or has no energies.
-        ExtraMissing: numba is not installed.
+        ExtraMissing: the compiled core is not installed.
     """
     started = time.perf_counter()
-    need_compiled_solvers()
-    from pinograsp.forces.kernels.bulk import solve_many
+    solve_part = core.load().solve_batch
 
     instance_of("batch (see ForceBatch.of)", batch, ForceBatch)
     threads = _cores() if threads is None else integer("threads", threads, at_least=1, at_most=_MOST_THREADS)
@@ -308,29 +322,27 @@ def solve_batch(
     terms = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0, 2))
     squares = weights.get("least_squares", 0.0)
     takes = friction.separates and not weights.get("peak") and not (friction.model == "soft" and squares)
-    results = BulkResults.of(n, k)
-    # All arrays that go in are read-only: for writable ones the code would be compiled once more.
-    bulk = Bulk(
-        points=_read_only(batch.points),
-        rotations=_read_only(batch.rotations),
-        counts=_read_only(batch.counts),
-        loads=_read_only(batch.loads),
-        mu=_read_only(batch.mu / friction.safety),
-        low=_read_only(batch.low),
-        high=_read_only(batch.high),
-        arms=_read_only(batch.moment_lengths),
-        terms=_read_only(terms),
-    )
-    model = BulkModel(
-        rows=6 if batch.balance == "wrench" else 3,
-        torsion=float(friction.torsion / friction.safety),
-        squares=float(squares),
-        radii=_read_only(friction.radii),
-        n_round=friction.round_dimensions,
-    )
+    results = _Results.of(n, k)
+    given: dict[str, Any] = {
+        "components": friction.d,
+        "round": friction.round_dimensions,
+        "rows": 6 if batch.balance == "wrench" else 3,
+        "torsion": float(friction.torsion / friction.safety),
+        "squares": float(squares),
+        "points": batch.points,
+        "rotations": batch.rotations,
+        "counts": batch.counts,
+        "loads": batch.loads,
+        "mu": batch.mu / friction.safety,
+        "low": batch.low,
+        "high": batch.high,
+        "arms": batch.moment_lengths,
+        "terms": terms,
+    }
+    given = {name: np.ascontiguousarray(one) if isinstance(one, np.ndarray) else one for name, one in given.items()}
 
     def solve(start: int) -> None:
-        solve_many(start, min(start + _AT_ONCE, n), bulk, model, results)
+        solve_part(start, min(start + _AT_ONCE, n), **given, **results._asdict())
 
     starts = range(0, n if takes else 0, _AT_ONCE)
     if threads == 1 or len(starts) < 2:
@@ -341,9 +353,9 @@ def solve_batch(
             for _ in pool.map(solve, starts):  # the compiled code releases Python's lock
                 pass
     kinds = np.empty(3, dtype=object)  # filled one by one: np.array would turn statuses into texts
-    kinds[CONVERGED], kinds[STALLED], kinds[INFEASIBLE] = Status.OK, Status.INACCURATE, Status.INFEASIBLE
+    kinds[core.CONVERGED], kinds[core.STALLED], kinds[core.INFEASIBLE] = Status.OK, Status.INACCURATE, Status.INFEASIBLE
     found = _solution(batch, kinds[results.codes], results, started)
-    left = np.flatnonzero((results.codes == STALLED) | (found.ok & ~found.is_optimal()))
+    left = np.flatnonzero((results.codes == core.STALLED) | (found.ok & ~found.is_optimal()))
     if not len(left):
         return found
     for i in left:
@@ -351,12 +363,7 @@ def solve_batch(
     return replace(_solution(batch, found.status, results, started), general=len(left))
 
 
-def _read_only(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
-    """A view that is contiguous and read-only."""
-    return frozen(np.ascontiguousarray(values).view())
-
-
-def _solution(batch: ForceBatch, status: NDArray[Any], results: BulkResults, started: float) -> BatchSolution:
+def _solution(batch: ForceBatch, status: NDArray[Any], results: _Results, started: float) -> BatchSolution:
     """The record of the compiled code's results."""
     used = np.arange(batch.mu.shape[1]) < batch.counts[:, None]
     scaled = batch.loads.copy()
@@ -404,7 +411,7 @@ def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple
     return problem, assemble(matrices, problem.scaled_load, terms, batch.low[i, :own], batch.high[i, :own])
 
 
-def _solve_by_general_methods(batch: ForceBatch, i: int, weights: Mapping[str, float], results: BulkResults) -> Status:
+def _solve_by_general_methods(batch: ForceBatch, i: int, weights: Mapping[str, float], results: _Results) -> Status:
     """The status of problem ``i``, whose entries of the results are filled."""
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
     found = Backends(program.matrices, "auto").solve(problem, program)

@@ -15,11 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pinograsp import core
 from pinograsp.checks import array_of, brief, frozen, instance_of, one_of, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solvers import SOLVERS, need_compiled_solvers, solve_qp
+from pinograsp.forces.solvers import SOLVERS, solve_qp
 from pinograsp.spatial import Array
 
 # Weight of ||k||^2 against ||r||^2 (normalised by the largest column): selects the least-norm multipliers. Below 1e-10
@@ -144,7 +145,7 @@ def _certified(
 
 
 class MultiplierQP:
-    """The multiplier QP at fixed normal forces for one load after another, compiled (extra ``fast``).
+    """The multiplier QP at fixed normal forces for one load after another, in the compiled core.
 
     Attributes:
         multipliers: of the last load (k, 2); overwritten by the next.
@@ -155,23 +156,20 @@ class MultiplierQP:
 
         Raises:
             InvalidInput: normal forces that are negative, or all zero.
-            ExtraMissing: numba is not installed.
+            ExtraMissing: the compiled core is not installed.
         """
-        need_compiled_solvers()
-        from pinograsp.forces.kernels.boxes import box_least_squares, box_memory
-
         instance_of("problem", problem, ForceProblem)
         normal = array_of("normal forces", normal_forces, (problem.k,))
         if np.any(normal < 0) or not normal.any():
             raise InvalidInput(f"normal forces: expected values >= 0 [N], not all zero, got {shown(normal.tolist())}")
         columns = problem.scaled_columns
         H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
-        self.problem, self.normal_forces, self._solve = problem, normal, box_least_squares
+        self.problem, self.normal_forces = problem, normal
         scale = float(np.linalg.norm(H, axis=0).max()) or 1.0
-        self._memory, box = box_memory(*H.shape, _LEAST_NORM)
-        box.H[:], box.fixed[:], box.row[:] = H / scale, columns[:, :, 2] @ normal / scale, 1 / scale
-        box.row[3:] /= problem.moment_length
-        self._load: Array = box.load
+        row = np.full(problem.rows, 1.0 / scale)
+        row[3:] /= problem.moment_length
+        box = core.load().Box(H / scale, _LEAST_NORM, columns[:, :, 2] @ normal / scale, row)
+        self._solve = box.solve
         self.multipliers: Array = box.k.reshape(-1, 2)
         self.solve(np.zeros(6))
 
@@ -184,8 +182,7 @@ class MultiplierQP:
         """
         if type(load) is not np.ndarray or load.shape != (6,) or load.dtype.char != "d":
             load = array_of("load", load, (6,))
-        self._load[:] = load
-        if not self._solve(self._memory):
+        if not self._solve(load):
             array_of("load", load, (6,))
             self.multipliers[:] = refine_multipliers(self.problem.with_load(load), self.normal_forces).multipliers
         return self.multipliers

@@ -9,7 +9,6 @@ from time import perf_counter
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import ConvexSolution
 from pinograsp.forces.solver import ForceSolver
-from pinograsp.forces.solvers import need_compiled_solvers
 
 
 def optimize_forces(
@@ -31,7 +30,7 @@ def optimize_forces(
             squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All are convex and solved to optimality.
-        backend: a name of :data:`BACKENDS`. ``"auto"``: with numba installed (extra ``fast``) a compiled method, either
+        backend: a name of :data:`BACKENDS`. ``"auto"``: with the core installed one of its methods, either
             Newton on the dual (``"newton"``; cones, soft fingers and 4-edge pyramids without torque limits) or interior
             points (``"interior"``; all but peak and coupled motor heat); else DAQP up to 20 contacts, Clarabel above.
             Where a backend cannot take the problem, or its answer fails the certificate, DAQP and Clarabel follow; the
@@ -43,7 +42,7 @@ def optimize_forces(
 
     Raises:
         InvalidInput: an impact time not below t_F, an unknown objective or backend.
-        ExtraMissing: a compiled backend was asked for, and numba is not installed.
+        ExtraMissing: a compiled backend was asked for, and the core is not installed.
     """
     started = perf_counter()
     found = ForceSolver(problem, impact_time, objective=objective, backend=backend).solve()
@@ -51,16 +50,4 @@ def optimize_forces(
 
 
 def warm_up() -> None:
-    """Load and compile all compiled solvers (extra ``fast``), so that no later call waits for it.
-
-    This includes those of :class:`~pinograsp.motion.OnlineForces` and :func:`~pinograsp.forces.solve_batch`. Compiling
-    takes a minute or two once per machine (the result is cached on disk, in NUMBA_CACHE_DIR where that is set), loading
-    some seconds.
-
-    Raises:
-        ExtraMissing: numba is not installed.
-    """
-    need_compiled_solvers()
-    from pinograsp.forces import compiled
-
-    compiled.compile_now()
+    """Nothing: the core is compiled when it is installed. It stays for programs that still call it, until 0.3."""

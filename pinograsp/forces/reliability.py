@@ -100,7 +100,7 @@ def holding_probability(
 
     Raises:
         InvalidInput: a problem with torque limits, or negative standard deviations.
-        ExtraMissing: numba (extra ``fast``) is not installed.
+        ExtraMissing: the compiled core is not installed.
     """
     instance_of("problem", problem, ForceProblem)
     count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)

@@ -10,6 +10,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
+from pinograsp import core
 from pinograsp.checks import frozen, read_only
 from pinograsp.errors import Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, objective_size_of
@@ -19,7 +20,6 @@ from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, feasibility
 from pinograsp.forces.robust_forces import Reaction, RobustForces
-from pinograsp.forces.solvers import compiled_installed
 from pinograsp.spatial import Array
 
 
@@ -361,7 +361,7 @@ class RobustProgram:
         )
 
     def suspects(self) -> list[ForceProblem]:
-        """The loads one by one; where numba is installed only those that cannot be held alone, if it finds any."""
+        """The loads one by one; where the core is installed only those that cannot be held alone, if it finds any."""
         problem, torques = self.problem, self.problem.torques
         if torques is not None and torques.underactuation is not None:
             problem = replace(problem, torques=replace(torques, underactuation=None))
@@ -369,7 +369,7 @@ class RobustProgram:
         if problem is not self.problem:
             return [self.problem, *singles]
         low, high = self.problem.normal_force_range(self.t)
-        if not compiled_installed() or np.any(low > high):
+        if not core.installed() or np.any(low > high):
             return singles
         from pinograsp.forces.batch import ForceBatch, solve_batch
 

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import instance_of, one_of, record_of
 from pinograsp.errors import Status
 from pinograsp.forces.backends import BACKENDS, COMPILED, Backends
+from pinograsp.forces.compiled import Prepared
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
-from pinograsp.forces.solvers import need_compiled_solvers
 
 
 class ForceSolver:
@@ -48,7 +48,7 @@ class ForceSolver:
 
         Raises:
             InvalidInput: an impact time not below t_F, an unknown objective or backend.
-            ExtraMissing: a compiled backend was asked for, and numba is not installed.
+            ExtraMissing: a compiled backend was asked for, and the core is not installed.
         """
         self.problem = instance_of("problem", problem, ForceProblem)
         self.impact_time = problem.checked_impact_time(impact_time)
@@ -63,9 +63,6 @@ class ForceSolver:
         method = self.backends[0]
         # Equations of an underactuated hand have one side each: as programs alone their other side is set.
         if method in COMPILED and self._backends.takes(method) and not self._matrices.fixed:
-            need_compiled_solvers()
-            from pinograsp.forces.compiled import Prepared
-
             self._compiled = Prepared(problem, self._backends.template, method, self.impact_time, self._terms)
 
     def solve(self, load: ArrayLike | None = None) -> ConvexSolution:

@@ -1,9 +1,7 @@
-"""The only place that calls a QP solver or imports the compiled ones: all tolerances are passed explicitly."""
+"""The only place that calls a QP solver of others: all tolerances are passed explicitly."""
 
 from __future__ import annotations
 
-import functools
-import importlib.util
 import warnings
 from typing import Any, Literal, get_args
 
@@ -12,7 +10,6 @@ import numpy as np
 import qpsolvers
 
 from pinograsp.checks import one_of
-from pinograsp.errors import ExtraMissing
 from pinograsp.spatial import Array
 
 # The defaults of ProxQP and OSQP (1e-3 to 1e-5) leave residuals that the certificates reject; below 1e-10 Clarabel
@@ -36,25 +33,6 @@ TOLERANCES: dict[str, dict[str, Any]] = {
 }
 SolverName = Literal["daqp", "proxqp", "osqp", "quadprog", "piqp", "clarabel"]
 SOLVERS: tuple[SolverName, ...] = get_args(SolverName)
-
-
-@functools.cache
-def compiled_installed() -> bool:
-    """Whether the compiled solvers can be loaded: numba (extra ``fast``) is installed."""
-    return importlib.util.find_spec("numba") is not None
-
-
-def need_compiled_solvers() -> None:
-    """Make sure that :mod:`pinograsp.forces.kernels` can be imported, which the first time takes seconds. Compiling
-    it takes a minute or two, once per machine.
-
-    Raises:
-        ExtraMissing: numba is not installed.
-    """
-    try:
-        from pinograsp.forces.kernels import flags  # noqa: F401
-    except ImportError as error:
-        raise ExtraMissing(f"the compiled solvers need numba: pip install 'pinograsp[fast]' ({error})") from error
 
 
 def solve_qp(

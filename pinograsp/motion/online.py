@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from pinograsp import core
 from pinograsp.checks import (
     are_rotations,
     array_of,
@@ -22,8 +23,6 @@ from pinograsp.checks import (
 from pinograsp.contacts import PALM
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem
-from pinograsp.forces.kernels.layouts import CONVERGED, INFEASIBLE, STALLED, TickSettings, TorqueRows
-from pinograsp.forces.solvers import need_compiled_solvers
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array, IntArray
 
@@ -31,7 +30,7 @@ Invalid: TypeAlias = Literal["raise", "keep"]
 
 _HUGE, _FAR = 1e12, 1e6  # loads [N, N m]; positions [rad, m] and friction: beyond them numbers mean nothing
 _MOST = 50  # Newton steps of one try; a warm start needs one to five
-_STATUS = {CONVERGED: Status.OK, INFEASIBLE: Status.INFEASIBLE, STALLED: Status.INACCURATE}
+_STATUS = {core.CONVERGED: Status.OK, core.INFEASIBLE: Status.INFEASIBLE, core.STALLED: Status.INACCURATE}
 
 
 class OnlineForces:
@@ -40,7 +39,7 @@ class OnlineForces:
     Every tick minimises the sum of squares of normal and tangential forces (a torsional moment counts as the tangential
     force that uses as much friction) under balance, friction and the limits of F_n, from the last tick's multipliers: a
     strongly convex problem, so the forces change no more abruptly than the load does. Solved to 1e-11 of the load by
-    Newton's method on the dual (:mod:`pinograsp.forces.kernels`), in a bounded number of steps. What cannot be balanced
+    Newton's method on the dual (:mod:`pinograsp.core`), in a bounded number of steps. What cannot be balanced
     leaves the least that any forces within the limits leave, to 1e-8 of the load (1e-6 with torque limits), by a bound
     that proves it. Where a joint would bear more than its limit the tick is solved again by interior points, with rows
     for the joints: a tenth of a millisecond more for a dozen contacts, half of one where the load cannot be held. So it
@@ -98,15 +97,11 @@ class OnlineForces:
 
         Raises:
             InvalidInput: what cannot be used, with the reason.
-            ExtraMissing: numba (extra ``fast``) is not installed.
+            ExtraMissing: the compiled core is not installed.
         """
-        need_compiled_solvers()
-        from pinograsp.forces.kernels.memory import pack_chains, tick_memory
-        from pinograsp.forces.kernels.tick import online
-
         instance_of("problem", problem, ForceProblem)
         instance_of("hand", hand, HandModel, type(None))
-        friction, k = problem.friction, problem.k
+        friction = problem.friction
         if not friction.separates:
             raise InvalidInput(
                 f"OnlineForces: expected a cone, soft fingers or 4 edges, got a pyramid with {friction.edges}"
@@ -116,51 +111,54 @@ class OnlineForces:
         self.problem, self.hand, self.names = problem, hand, problem.contacts.names
         self.period = number("period", period, above=0, unit="s")
         ramp = number("ramp", ramp, at_least=0, unit="s")
-        self._rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
-        steps = integer("most steps", max_steps, at_least=1, at_most=10_000)
-        under = None if problem.torques is None else problem.torques.underactuation
-        self._memory, tick = tick_memory(
-            TickSettings(
-                contacts=k,
-                components=friction.d,
-                joints=0 if hand is None else hand.n,
-                rows=problem.rows,
-                n_round=friction.round_dimensions,
-                torsion=friction.torsion,
-                arm=problem.moment_length,
-                safety=friction.safety,
-                steps=steps,
-                ramp=min(1.0, self.period / ramp) if ramp else 1.0,
-                couplings=0 if under is None else len(under.rows),
-            )
-        )
-        self._inputs, self._multipliers = tick.inputs, tick.room.multipliers
-        self._load, self._change = tick.inputs.wrench, tick.inputs.rate
-        self.forces, self.moments, self.residual, self.torques = tick.outputs
-        self.status, self.steps, self._started = Status.OK, 0, False
-        self._inputs.com[:] = problem.contacts.com_o
-        self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
-        self._inputs.mu[:] = problem.mu
-        self._inputs.share[:] = self._inputs.target[:] = 1.0
-        self._inputs.least[:], self._inputs.largest[:] = self._range(normal_forces)
-        self._jacobian, self._gravity = np.zeros(0), np.zeros(0)
-        links: IntArray = np.zeros((0, 3), dtype=np.int64)
-        rows = None
-        if hand is not None:
-            links = self._attach(hand, q)
-            rows = self._torque_rows(links)
-        elif q is not None:
+        rate = np.inf if max_rate is None else number("largest rate", max_rate, above=0, unit="N/s") * self.period
+        if hand is None and q is not None:
             raise InvalidInput("OnlineForces: q is a posture of the hand: give hand=..., too")
-        self._chains, self._tick = pack_chains(links, rows), online
+        least, largest = self._range(normal_forces)
+        links = np.zeros((0, 3), dtype=np.int64) if hand is None else self._attach(hand, q)
+        under = None if problem.torques is None else problem.torques.underactuation
+        self._loop = loop = core.load().Loop(
+            contacts=problem.k,
+            components=friction.d,
+            round=friction.round_dimensions,
+            rows=problem.rows,
+            torsion=friction.torsion,
+            arm=problem.moment_length,
+            safety=friction.safety,
+            ramp=min(1.0, self.period / ramp) if ramp else 1.0,
+            most_steps=integer("most steps", max_steps, at_least=1, at_most=10_000),
+            most_rate=rate,
+            joints=0 if hand is None else hand.n,
+            links=links,
+            limited=[] if problem.torques is None else np.flatnonzero(problem.torques.limited).tolist(),
+            couplings=np.zeros((0, 0)) if under is None else np.array(under.rows, dtype=float),
+            coupled=[] if under is None else np.asarray(under.torques).tolist(),
+            borne=0.0 if under is None else float(under.friction),
+        )
+        self._step_of, self._share, self._target = loop.step, loop.share, loop.target
+        self.forces, self.moments, self.residual, self.torques = loop.forces, loop.moments, loop.residual, loop.torques
+        self.status = Status.OK
+        loop.com[:] = problem.contacts.com_o
+        self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
+        loop.rub(np.array(problem.mu))
+        self._share[:] = self._target[:] = 1.0
+        loop.least[:], loop.largest[:] = least, largest
+        if hand is not None:
+            # Pinocchio's own memory: it follows the posture.
+            loop.hand(self._data.J.T.reshape(-1), self._gravity)
+            if problem.torques is not None:
+                loop.torque_limit[:] = problem.torques.usable
         self._keeps = one_of("invalid", invalid, get_args(Invalid)) == "keep"
         self._give = self._servos(stiffness)
         self.positions = np.zeros(self._give.size)
-        self.step(np.zeros(6))  # compiles, and must not count
-        for one in (self._multipliers, *tick.outputs):
-            one[:] = 0.0
-        self._started = False
         if self._give.size:
             self.positions[:] = self._posture
+
+    @property
+    def steps(self) -> int:
+        """Newton steps of the last tick."""
+        steps: int = self._loop.steps
+        return steps
 
     def _servos(self, stiffness: ArrayLike | None) -> Array:
         """How far servos give way by an effort of 1 (n,), or nothing."""
@@ -221,44 +219,7 @@ class OnlineForces:
             raise InvalidInput("OnlineForces: these contacts have no posture: give q=..., the hand's joint positions")
         self._posture = np.zeros(hand.n)
         self._move(array_of("q", posture, (hand.n,)))
-        self._jacobian = self._data.J.T.reshape(-1)  # Pinocchio's own memory: it follows the posture
         return np.array(links, dtype=np.int64).reshape(-1, 3)
-
-    def _torque_rows(self, links: IntArray) -> TorqueRows | None:
-        """Which torque limits concern which contacts, as the compiled code takes it; None where there are none."""
-        problem, torques = self.problem, self.problem.torques
-        under = None if torques is None else torques.underactuation
-        if torques is None or (under is None and not torques.limited.any()):
-            return None
-        self._inputs.torque_limit[:] = torques.usable
-        k, m, friction = problem.k, problem.rows, problem.friction
-        moves = np.zeros((len(torques.limit), k), dtype=bool)
-        moves[links[:, 2], links[:, 0]] = True
-        enters = moves & torques.limited[:, None]
-        if under is not None:
-            self._inputs.couplings[:], self._inputs.coupled[:] = under.rows, under.torques
-            self._inputs.borne[:] = under.friction
-            enters = np.concatenate([enters, np.repeat((under.rows != 0) @ moves, 2, axis=0)])
-        count = enters.sum(axis=1)
-        order = np.concatenate([np.flatnonzero(count > 1), np.flatnonzero(count == 1)])
-        rows, shared = len(order), int((count > 1).sum())
-        row_of = np.full(len(count), -1)
-        row_of[order] = np.arange(rows)
-        touched, counts = np.zeros((k, m + rows), dtype=int), np.zeros((k, 2), dtype=int)
-        alone = [m + shared + np.flatnonzero(enters[order[shared:], i]) for i in range(k)]
-        most = max(map(len, alone))
-        own = np.full((most, k), -1)
-        for i in range(k):
-            both = np.concatenate([np.arange(m), m + np.flatnonzero(enters[order[:shared], i])])
-            touched[i, : len(both) + len(alone[i])] = [*both, *alone[i]]
-            counts[i] = len(both), len(both) + len(alone[i])
-            own[: len(alone[i]), i] = alone[i]
-        d, e, rounded = friction.d, friction.d - 1, friction.round_dimensions
-        used = np.ones((2 * (e - rounded) + 1 + most, d), dtype=int)
-        used[: 2 * (e - rounded) + 1, :e] = 0
-        used[np.arange(2 * (e - rounded)), rounded + np.arange(2 * (e - rounded)) // 2] = 1
-        joints = len(torques.limit)
-        return TorqueRows(shared, row_of[:joints], own, touched, counts, used, row_of[joints:].reshape(-1, 2))
 
     def _move(self, q: Array) -> None:
         self._posture[:] = q
@@ -266,8 +227,7 @@ class OnlineForces:
         self._gravity = pin.computeGeneralizedGravity(self._model, self._data, q)
 
     def _place(self, points: Array, rotations: Array) -> None:
-        self._inputs.points[:] = points - self._inputs.com
-        self._inputs.rotations[:] = rotations
+        self._loop.place(points - self._loop.com, np.ascontiguousarray(rotations))
 
     def engage(self, contact: str | int, touches: bool = True) -> None:
         """A contact (name or number) is gained or lost: the limits of its force go there in the time of ``ramp``,
@@ -276,13 +236,13 @@ class OnlineForces:
         if isinstance(contact, str):
             contact = self.names.index(one_of("contact", contact, self.names))
         contact = integer("contact", contact, at_least=-len(self.names), at_most=len(self.names) - 1)
-        self._inputs.target[contact] = float(flag("touches", touches))
-        if not self._started:
-            self._inputs.share[contact] = self._inputs.target[contact]
+        self._target[contact] = float(flag("touches", touches))
+        if not self._loop.started:
+            self._share[contact] = self._target[contact]
 
     def reset(self) -> None:
         """Forget the last tick: the next one starts cold, and its forces at any rate."""
-        self._started, self._multipliers[:] = False, 0.0
+        self._loop.reset()
 
     def step(
         self,
@@ -316,12 +276,9 @@ class OnlineForces:
         load = _checked("load", load, (6,), _HUGE)
         if q is not None or poses is not None or mu is not None:
             self._update(q, poses, mu)
-        self._load[:] = load
-        self._change[0] = self._rate if self._started else np.inf
-        code, self.steps, _ = self._tick(self._memory, self._jacobian, self._gravity, self._chains)
+        code = self._step_of(load)
         if code < 0:
             raise InvalidInput(f"OnlineForces: expected contacts and gravity torques below {_HUGE:g}")
-        self._started = True
         self.status = _STATUS[code]
         if self._give.size:
             np.multiply(self.torques, self._give, out=self.positions)
@@ -343,11 +300,12 @@ class OnlineForces:
             each = _checked("mu", each_of("mu", mu, k), (k,), _FAR)
             if each.min() < 0:
                 raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(each.tolist())}")
-            self._inputs.mu[:] = each
+            self._loop.rub(each)
         if frames is not None:
             self._place(frames[:, :3, 3], frames[:, :3, :3])
         if posture is not None:
             self._move(posture)
+            self._loop.gravity(self._gravity)
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...], limit: float) -> Array:

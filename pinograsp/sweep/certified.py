@@ -159,7 +159,7 @@ def certify_files(
     Raises:
         InvalidInput: options that cannot be used.
         ResultsNotWritten: the folder holds another certification or other files, is in use, or cannot be written.
-        ExtraMissing: pyarrow (extra ``sweep``), numba (``fast``), h5py (``data``) or distributed (``dask``).
+        ExtraMissing: pyarrow (extra ``sweep``), the compiled core, h5py (``data``) or distributed (``dask``).
         PinograspError: workers were lost; completed rows are kept.
     """
     started = time.perf_counter()

@@ -96,7 +96,7 @@ def sweep(
         CaseRejected: a sweep or case that cannot be used.
         InvalidInput: jobs, backend or scheduler.
         ResultsNotWritten: the folder holds another sweep or other files, is in use, or cannot be written.
-        ExtraMissing: pyarrow (extra ``sweep``), distributed (``dask``) or, for forces alone, numba (``fast``) is not
+        ExtraMissing: pyarrow (extra ``sweep``), distributed (``dask``) or, for forces alone, the compiled core is not
             installed.
         PinograspError: workers were lost; completed rows are kept.
     """

@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-import builtins
 import gc
-import importlib
-import json
 import os
 import pickle
-import pkgutil
-import re
-import runpy
-import shutil
 import subprocess
 import sys
 import tracemalloc
-import typing
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from random_grasps import random_grasp
 
 import pinograsp as pg
+from pinograsp import core
 from pinograsp.contacts import Friction
 from pinograsp.errors import ExtraMissing, InvalidInput, Status
 from pinograsp.forces import (
     ForceProblem,
     ForceSolver,
+    MultiplierQP,
     TorqueLimits,
     force_sensitivity,
     optimize_forces,
     optimize_grasp,
-    warm_up,
 )
 
 MODELS = {
@@ -44,11 +36,6 @@ MODELS = {
     "cone, torsion": Friction(model="cone", torsion=0.004),
     "soft": Friction(model="soft", torsion=0.004),
 }
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    warm_up()
 
 
 def grasps(contact_set, k, count, seed):
@@ -143,24 +130,6 @@ def test_both_paths_write_the_same_record(contact_set, model, balance):
         assert max(one.residual_norm, one.violation) < 1e-8
 
 
-def test_nothing_is_compiled_after_warming_up(contact_set):
-    """The first real call must not compile: numba compiles once per combination of argument types."""
-    from pinograsp.forces import compiled
-
-    known = {name: len(getattr(compiled, name).signatures) for name in ("answer", "solve_one")}
-    for model in MODELS.values():
-        for contacts, load in grasps(contact_set, 3, 2, 2):
-            for torques in (None, joint_limits(3)):
-                for cap in (None, 4.0):
-                    problem = ForceProblem(
-                        contacts=contacts, load=load, mu=0.7, friction=model, torques=torques, max_normal_force=cap
-                    )
-                    for objective in ("work", "impulse", "least_squares"):
-                        for t in (0.85, 0.9):
-                            optimize_forces(problem.with_load(0.9 * load), t, objective=objective)
-    assert known == {name: len(getattr(compiled, name).signatures) for name in known} == {"answer": 1, "solve_one": 1}
-
-
 def test_another_load(contact_set):
     contacts, load = next(grasps(contact_set, 4, 1, 3))
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7)
@@ -217,61 +186,60 @@ def test_infeasible_loads_are_proven(contact_set):
             assert found.status is Status.INFEASIBLE and found.infeasibility.margin > 0
 
 
-def test_interior_points_recognise_infeasible_loads(contact_set):
-    """Mostly without the general methods' help: the multipliers end as a certificate, and never as anything else."""
-    from pinograsp.forces.compiled import problem_of
-    from pinograsp.forces.kernels.interior import interior_point
-    from pinograsp.forces.kernels.layouts import CONVERGED, INFEASIBLE
+def answered(problem, name, objective="work"):
+    """Code, x and y (all rows) of a method by itself, and the program."""
     from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble
     from pinograsp.forces.template import Template
 
+    terms = {objective: problem.energy_terms(0.85, objective)}
+    program = assemble(
+        matrices_of(problem, {objective: 1.0}), problem.scaled_load, terms, *problem.normal_force_range(0.85)
+    )
+    if name == "newton" and not program.matrices.separates:
+        return None
+    fixed = Template(program.matrices)
+    code, newton, *_, x, y, _, _ = fixed.grasp(problem).answer(
+        name == "newton",
+        program.b,
+        program.lo,
+        program.hi,
+        program.R_lo[fixed.order],
+        program.R_hi[fixed.order],
+        fixed.P * (program.force_scale**2 / program.objective_scale),
+        fixed.q * (program.force_scale / program.objective_scale),
+        np.array(program.powers, dtype=float).reshape(-1, 2),
+    )
+    return code, newton, x, y, program
+
+
+def test_interior_points_recognise_infeasible_loads(contact_set):
+    """Mostly without the general methods' help: the multipliers end as a certificate, and never as anything else."""
     proven = 0
     for contacts, load in grasps(contact_set, 4, 4, 7):
         for model in MODELS.values():
             problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=model)
-            terms = {"work": problem.energy_terms(0.85, "work")}
-            program = assemble(
-                matrices_of(problem, {"work": 1.0}), problem.scaled_load, terms, *problem.normal_force_range(0.85)
-            )
-            x, y = np.empty((4, program.d)), np.empty(6)
-            code, _ = interior_point(problem_of(program, Template(program.matrices)), 0.0, x, y)
-            assert code != CONVERGED
-            if code == INFEASIBLE:
+            code, _, _, y, program = answered(problem, "interior")
+            assert code != core.CONVERGED
+            if program.excluded(y, np.zeros(0)) > 0:
                 proven += 1
-                assert program.excluded(y, np.zeros(0)) > 0
     assert proven >= 18  # of 24
 
 
 def test_dual_newton_recognises_infeasible_loads(contact_set):
     """By itself: its ray is a certificate, whoever checks it, and there is none where there are forces."""
-    from pinograsp.forces.kernels.layouts import CONVERGED, INFEASIBLE, Balance, Cones, Costs
-    from pinograsp.forces.kernels.newton import dual_newton, newton_scratch
-    from pinograsp.forces.kernels.powers import powers_of
-    from pinograsp.forces.matrices import matrices_of
-    from pinograsp.forces.program import assemble
-    from pinograsp.forces.template import Template
-
-    codes = {Status.OK: CONVERGED, Status.INFEASIBLE: INFEASIBLE}
     for factor in (1e3, 1.0):
         for contacts, load in grasps(contact_set, 4, 4, 7):
             for name, model in MODELS.items():
                 problem = ForceProblem(contacts=contacts, load=factor * load, mu=0.5, friction=model)
-                terms = {"work": problem.energy_terms(0.85, "work")}
-                program = assemble(
-                    matrices_of(problem, {"work": 1.0}), problem.scaled_load, terms, *problem.normal_force_range(0.85)
-                )
-                fixed, d = Template(program.matrices), program.d
-                if not program.matrices.separates:
+                found = answered(problem, "newton")
+                if found is None:
                     continue
-                x, y, q = np.full((d, 4), 0.1), np.zeros(6), np.zeros((d, 4))
-                costs = Costs(q, q, powers_of(np.array(program.powers), 1.0, 1.0))
-                cones = Cones(program.lo, program.hi, fixed.friction.radii, fixed.friction.n_round)
-                balance, work = Balance(fixed.rows.A, program.b, 0.0), np.empty(newton_scratch(d, 4))
-                code, _ = dual_newton(balance, costs, cones, x, y, work)
-                expected = codes[optimize_forces(problem, 0.85, objective="work", backend="daqp").status]
-                assert code == expected, name
-                assert (program.excluded(y, np.zeros(0)) > 0) == (expected == INFEASIBLE)
+                code, newton, _, y, program = found
+                feasible = optimize_forces(problem, 0.85, objective="work", backend="daqp").status is Status.OK
+                assert newton, name
+                assert (code == core.CONVERGED) == feasible, name
+                assert (program.excluded(y, np.zeros(0)) > 0) == (not feasible)
 
 
 def test_global_search_through_it(make_problem):
@@ -283,93 +251,33 @@ def test_global_search_through_it(make_problem):
         assert fast.certificate.relative_gap <= 1e-6
 
 
-def test_every_kernel_is_compiled():
-    """A decorator that is lost changes no result, only the time."""
-    from numba.core.registry import CPUDispatcher
+def test_without_the_core_general_methods_answer(contact_set, monkeypatch):
+    """And what has no other method names what is missing."""
 
-    plain = {
-        name for name, one in kernel_functions() if not isinstance(one, CPUDispatcher) and not isinstance(one, type)
-    }
-    assert plain == {
-        "tick_in",  # for Python; compiled it has another name
-        "tick_memory",
-        "box_in",  # as well
-        "box_memory",
-        "pack_grasp",
-        "pack_stage",
-        "pack_chains",
-        "results_in",  # as well
-        "room_for_results",
-        "_joined",
-    }
-
-
-def kernel_functions():
-    """Names and values of what the files of the kernels define and may be called."""
-    from pinograsp.forces import kernels
-
-    for found in pkgutil.iter_modules(kernels.__path__, f"{kernels.__name__}."):
-        module = importlib.import_module(found.name)
-        for name, one in vars(module).items():
-            if callable(one) and getattr(one, "__module__", "") == found.name and not name.startswith("__"):
-                yield name, one
-
-
-def holds_arrays(hint):
-    """Whether values of a type of an annotation hold arrays."""
-    if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
-        return any(map(holds_arrays, typing.get_type_hints(hint).values()))
-    return typing.get_origin(hint) is np.ndarray or any(map(holds_arrays, typing.get_args(hint)))
-
-
-def test_arrays_are_returned_among_functions_that_count_references_alike():
-    """An array that is handed from a function that counts none to one that does would be given back too often.
-
-    Functions that become part of their caller are of its kind."""
-    from numba.core.registry import CPUDispatcher
-
-    functions = [one for _, one in kernel_functions() if isinstance(one, CPUDispatcher)]
-    inlined = [one for one in functions if one.targetoptions.get("inline") == "always"]
-    counts = {one: one.targetoptions.get("_nrt", True) for one in functions}
-    called = {one: [one.py_func.__globals__.get(name) for name in one.py_func.__code__.co_names] for one in functions}
-    called = {one: [name for name in names if isinstance(name, CPUDispatcher)] for one, names in called.items()}
-    compared = 0
-    for one in functions:
-        if one in inlined:
-            continue
-        known = list(called[one])
-        for other in known:
-            known += called[other] if other in inlined else []
-        for other in known:
-            if other not in inlined and holds_arrays(typing.get_type_hints(other.py_func)["return"]):
-                compared += 1
-                assert counts[other] == counts[one], (one, other)
-    assert compared >= 8
-
-
-def test_missing_numba_names_the_extra(monkeypatch):
-    for name in [name for name in sys.modules if re.match(r"pinograsp\.forces\.(compiled|kernels|jit)\b", name)]:
-        monkeypatch.delitem(sys.modules, name)
-    for name in ("compiled", "kernels", "jit"):
-        monkeypatch.delattr(f"pinograsp.forces.{name}", raising=False)
-    plain = builtins.__import__
-
-    def without(name, *args, **kwargs):
-        if name == "numba" or name.startswith("numba."):
-            raise ImportError("No module named 'numba'")
-        return plain(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ExtraMissing, match=r"pinograsp\[fast\]"):
-        pg.warm_up()
+    core.load.cache_clear()
+    monkeypatch.setitem(sys.modules, "pinograsp.core._core_base", None)
+    monkeypatch.setattr(core, "installed", lambda: False)
+    contacts, load = next(grasps(contact_set, 4, 1, 3))
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.7)
+    try:
+        assert optimize_forces(problem, 0.85).backend == "daqp"
+        for needs in (
+            lambda: optimize_forces(problem, 0.85, backend="newton"),
+            lambda: pg.OnlineForces(problem),
+            lambda: MultiplierQP(problem, np.ones(4)),
+            lambda: pg.solve_batch(pg.ForceBatch.of([problem], 0.85)),
+        ):
+            with pytest.raises(ExtraMissing, match=r"C\+\+17 compiler"):
+                needs()
+    finally:
+        core.load.cache_clear()
 
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("limited", [False, True])
 def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
     """Bound and Farkas bound of the compiled certificate, at points and multipliers that are far from any optimum."""
-    from pinograsp.forces.compiled import problem_of, solve_program
-    from pinograsp.forces.kernels.bounds import bound_of, excluded
+    from pinograsp.forces.compiled import solve_program
     from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble, weights_of
     from pinograsp.forces.template import Template
@@ -385,8 +293,18 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
                 matrices_of(problem, weights), problem.scaled_load, terms, *problem.normal_force_range(0.85)
             )
             fixed, k, d, r = Template(program.matrices), program.k, program.d, len(program.R)
-            compiled_problem, scratch = problem_of(program, fixed), np.empty(d)
-            answer = solve_program(program, Template(program.matrices), "interior")
+            weight, force = program.objective_scale, program.force_scale
+            given = (
+                program.b,
+                program.lo,
+                program.hi,
+                program.R_lo[fixed.order],
+                program.R_hi[fixed.order],
+                fixed.P * (force**2 / weight),
+                fixed.q * (force / weight),
+                np.array(program.powers, dtype=float).reshape(-1, 2),
+            )
+            answer = solve_program(problem, program, fixed, "interior")
             if answer is None:  # infeasible
                 continue
             compared += 1
@@ -399,8 +317,8 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
                 x, y, w = rng.normal(size=(k, d)), rng.normal(size=6), rng.normal(size=r)
                 x[:, -1] = np.clip(np.exp(rng.normal(size=k)), program.lo, program.hi)
                 both = np.concatenate([y, w[fixed.order]])
-                assert excluded(compiled_problem, both, scratch) == pytest.approx(program.excluded(y, w), rel=1e-9)
-                bound, _ = bound_of(compiled_problem, x, both, scratch)
+                bound, excluded = fixed.grasp(problem).bounds(*given, np.ascontiguousarray(x.T), both)
+                assert excluded == pytest.approx(program.excluded(y, w), rel=1e-9)
                 if not program.powers:  # with them the tangents are each method's own choice
                     assert bound == pytest.approx(program.lower_bound(x.ravel(), y, w), rel=1e-9)
                 for _ in range(20):
@@ -413,186 +331,16 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
     assert compared >= 3
 
 
-INTERPRETED = """
-import json, sys
-import numpy as np
-import pinograsp as pg
-from pinograsp.forces import TorqueLimits
-pg.warm_up()
-rng = np.random.default_rng(5)
-primal = []
-for model in (pg.Friction(), pg.Friction(torsion=0.004), pg.Friction(edges=8), pg.Friction(model="cone"),
-              pg.Friction(model="cone", torsion=0.004), pg.Friction(model="soft", torsion=0.004)):
-    angle = np.linspace(0, 2 * np.pi, 4, endpoint=False) + rng.uniform(-0.3, 0.3, 4)
-    points = 0.03 * np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-0.5, 0.5, 4)])
-    contacts = pg.contacts_at(None, pg.Cylinder(radius=0.03, height=0.2, mass=0.2), points)
-    jacobian = np.zeros((4, 6, 6))
-    for i in range(4):
-        jacobian[i, :3, i] = rng.uniform(-0.05, 0.05, 3)
-    jacobian[:, :3, 4:] = rng.uniform(-0.05, 0.05, (4, 3, 2))
-    limits = TorqueLimits(jacobian=jacobian, bias=np.full(6, 0.01), limit=np.full(6, 0.3))
-    for torques in (None, limits):
-        problem = pg.ForceProblem(contacts=contacts, load=[0.3, 0.1, -1.0, 0.002, 0.0, 0.001], mu=0.7, friction=model,
-                                  torques=torques)
-        for objective in ("work", "impulse", "least_squares"):
-            for solver in ("interior", "newton"):
-                for _ in range(2):
-                    found = pg.optimize_forces(problem, 0.85, objective=objective, backend=solver)
-                primal.append([found.backend, found.certificate.objective if found.certificate else None])
-    heavy = problem.with_load([300.0, 0, -1000.0, 0, 0, 0])
-    primal.append([str(pg.optimize_forces(heavy, 0.85, backend="interior").status), None])
-print(json.dumps(primal))
-"""
-
-
-@pytest.mark.slow
-def test_interpreted_kernels_give_the_same(tmp_path):
-    """Compiled code checks no index: the same functions, interpreted, do, and must agree."""
-    answers = {}
-    for interpreted in ("0", "1"):
-        done = subprocess.run(
-            [sys.executable, "-c", INTERPRETED],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=500,
-            env={**os.environ, "NUMBA_DISABLE_JIT": interpreted},
-        )
-        assert done.returncode == 0, done.stderr
-        answers[interpreted] = json.loads(done.stdout)
-    assert len(answers["0"]) == len(answers["1"]) == 78
-    assert sum(solver == "interior" for solver, _ in answers["1"]) >= 30
-    assert sum(solver == "newton" for solver, _ in answers["1"]) >= 10
-    for (one, a), (two, b) in zip(*answers.values()):
-        assert one == two and (a == b if a is None else a == pytest.approx(b, rel=1e-7))
-
-
 def test_problems_go_to_other_processes(contact_set):
-    """Without what solvers keep with them, which cannot be pickled, and read-only as before: nothing is compiled anew."""
-    from pinograsp.forces import compiled
-
+    """Without what solvers keep with them, which cannot be pickled, and read-only as before."""
     contacts, load = next(grasps(contact_set, 4, 1, 3))
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"))
     found = [optimize_forces(problem, 0.85, backend=solver) for solver in ("clarabel", "interior", "interior")][-1]
     there = pickle.loads(pickle.dumps(found))
     assert not there.problem.load.flags.writeable
-    known = len(compiled.solve_one.signatures)
     for _ in range(2):
         again = optimize_forces(there.problem, 0.85, backend="interior")
         assert again.certificate.objective == pytest.approx(found.certificate.objective, rel=1e-8)
-    assert len(compiled.solve_one.signatures) == known
-
-
-COMPILING = """
-import numpy as np
-from pinograsp.forces.kernels.layouts import Balance, Cones
-from pinograsp.forces.kernels.powers import phi
-from pinograsp.forces.kernels.rows import judge
-for _ in range(2):
-    assert phi(1.0, np.ones(1), np.ones(2))[0] == 0.5
-    judge(Balance(np.ones((3, 3)), np.ones(3), 0.0), Cones(np.ones(1), np.ones(1), np.ones(2), 2), np.ones((3, 1)))
-"""
-
-
-def run_python(script, folder, **environment):
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=500,
-        env={**os.environ, **environment},
-    )
-    assert done.returncode == 0, done.stderr
-    return done
-
-
-def test_compiling_is_said_once(tmp_path):
-    """Where functions are not in the cache yet; loading them from there says nothing."""
-    for told in (1, 0):
-        done = run_python(COMPILING, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
-        assert done.stderr.count("compiling solvers") == told and done.stdout == ""
-
-
-def test_damaged_caches_are_made_again(tmp_path):
-    """Files that were cut off, are empty, or are no such file."""
-    module = tmp_path / "kernel.py"
-    module.write_text("from pinograsp.forces.jit import jit\n\n\n@jit()\ndef twice(x):\n    return 2.0 * x\n")
-
-    def from_cache():
-        twice = runpy.run_path(str(module))["twice"]
-        assert twice(1.5) == 3.0
-        return sum(twice.stats.cache_hits.values())
-
-    assert [from_cache(), from_cache()] == [0, 1]
-    for damage in (
-        lambda data: data[:-9],
-        lambda data: data[: len(data) // 2],
-        lambda data: b"",
-        lambda data: b"nothing",
-    ):
-        for kind in ("nbi", "nbc"):
-            (file,) = (tmp_path / "__pycache__").glob(f"*.{kind}")
-            file.write_bytes(damage(file.read_bytes()))
-            assert [from_cache(), from_cache()] == [0, 1]
-
-
-@pytest.mark.slow
-def test_caches_notice_what_other_files_of_the_folder_say(tmp_path):
-    """A function's code contains that of the functions that it calls: numba alone would look at its own file."""
-    (tmp_path / "inner.py").write_text(
-        "from pinograsp.forces.jit import jit\n\n\n@jit()\ndef inner(x):\n    return 2.0 * x\n"
-    )
-    (tmp_path / "outer.py").write_text(
-        "from inner import inner\nfrom pinograsp.forces.jit import jit\n\n\n@jit()\ndef outer(x):\n    return inner(x) + 1.0\n"
-    )
-    script = "from outer import outer; print(outer(1.5), sum(outer.stats.cache_hits.values()))"
-    environment = {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]), "PYTHONDONTWRITEBYTECODE": "1"}
-
-    def told():
-        return run_python(script, tmp_path, **environment).stdout.split()
-
-    assert [told(), told()] == [["4.0", "0"], ["4.0", "1"]]
-    text = (tmp_path / "inner.py").read_text()
-    (tmp_path / "inner.py").write_text(text.replace("2.0", "4.0"))
-    assert [told(), told()] == [["7.0", "0"], ["7.0", "1"]]
-    (tmp_path / "inner.py").write_text(text)
-    assert told() == ["4.0", "0"]
-
-
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("k, joints, rows", [(1, 0, 3), (3, 16, 6), (15, 2, 6)])
-def test_parts_of_a_loop_memory_fill_it(model, k, joints, rows):
-    """Side by side, none within another, and scratch is as large as Newton's method needs."""
-    from pinograsp.forces.kernels.layouts import TickSettings
-    from pinograsp.forces.kernels.memory import tick_memory
-    from pinograsp.forces.kernels.newton import newton_scratch
-
-    d, n_round = MODELS[model].d, MODELS[model].round_dimensions
-    memory, tick = tick_memory(TickSettings(k, d, joints, rows, n_round, 0.0, 1.0, 1.0, 9, 0.5, joints // 8))
-    room = tick.room
-    parts = [*tick.inputs, *tick.outputs, room.multipliers, *room.balance[:2], *room.quadratic, *room.cones[:3]]
-    parts += [room.x, room.y, room.widths, room.slip, room.work]
-    assert tick.settings == (k, d, joints, rows, n_round, 0.0, 1.0, 1.0, 9, 0.5, joints // 8)
-    for number, part in enumerate(parts, 1):
-        assert np.shares_memory(part, memory) or not part.size
-        assert not part.any()
-        part[:] = number
-    assert all((part == number).all() for number, part in enumerate(parts, 1))
-    assert len(room.work) == newton_scratch(d, k)
-
-
-def test_nowhere_to_keep_compiled_code(tmp_path):
-    """Neither the package's folder nor the user's can be written, not even by root: their places are taken by files."""
-    package = tmp_path / "pinograsp"
-    shutil.copytree(Path(pg.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    (package / "forces" / "kernels" / "__pycache__").write_text("")
-    (tmp_path / "home").write_text("")
-    places = {name: str(tmp_path / "home") for name in ("HOME", "XDG_CACHE_HOME", "IPYTHONDIR")}
-    done = run_python(
-        COMPILING, tmp_path, PYTHONPATH=str(tmp_path), PYTHONDONTWRITEBYTECODE="1", NUMBA_CACHE_DIR="", **places
-    )
-    assert done.stderr.count("compiling solvers") == 1 == done.stderr.count("set NUMBA_CACHE_DIR")
 
 
 IN_PROCESSES = """
@@ -625,32 +373,22 @@ if __name__ == "__main__":
 """
 
 
+def run_python(script, folder, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=500,
+        env={**os.environ, **environment},
+    )
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 def test_bulk_in_threads_forks_and_pools(tmp_path):
-    """No threading layer of numba's: what follows several calls at once, or a fork, is what one call gives."""
+    """What follows several calls at once, or a fork, is what one call gives."""
     assert run_python(IN_PROCESSES, tmp_path).stdout.split() == ["True", "True", "8", "0"]
-
-
-def test_nothing_is_left_to_compile_after_warming_up(contact_set):
-    """Loops and bulk as they are used: any kind of array, any model, with and without limits of torques."""
-    from numba.core import event
-
-    from pinograsp.forces import MultiplierQP
-
-    warm_up()
-    with event.install_recorder("numba:compile") as compiled:
-        for _name, model in MODELS.items():
-            for contacts, load in grasps(contact_set, 3, 1, 2):
-                problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=model)
-                batch = pg.ForceBatch.of([problem, problem], 0.9)
-                for one in (batch, pickle.loads(pickle.dumps(batch))):
-                    for objective in ("work", {"impulse": 1, "least_squares": 1}):
-                        pg.solve_batch(one, objective=objective)
-                if model.edges == 4:
-                    online = pg.OnlineForces(problem)
-                    for wrench in (problem.load, np.array(load), list(load), np.tile(load, (2, 1)).T[:, 0]):
-                        online.step(wrench, mu=0.5, poses=np.tile(np.eye(4), (3, 1, 1)))
-                MultiplierQP(problem, np.ones(3)).solve(list(load))
-    assert [done.data["dispatcher"].py_func.__name__ for _, done in compiled.buffer] == []
 
 
 def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 from itertools import pairwise
 
@@ -30,6 +29,7 @@ from random_grasps import (
     violations,
 )
 
+from pinograsp import core
 from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction, contacts_at
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import SOLVERS, ForceProblem, TorqueLimits, diagnose, optimize_forces, optimize_grasp
@@ -40,7 +40,7 @@ from pinograsp.spatial import rotation_rpy
 
 
 # Named, since "auto" depends on what has been loaded. The compiled methods are an extra.
-BACKENDS = ("default", "newton", "interior") if importlib.util.find_spec("numba") else ("default",)
+BACKENDS = ("default", "newton", "interior") if core.installed() else ("default",)
 # The other two models take the same ways through the code, and their time: slow.
 SOME_FAMILIES = [
     pytest.param(family, marks=[] if family in ("pyramid", "cone") else [pytest.mark.slow]) for family in FAMILIES

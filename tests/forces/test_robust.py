@@ -188,13 +188,13 @@ def test_unusable_sets(make_problem):
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_crossed_bounds(make_problem, monkeypatch, compiled):
-    monkeypatch.setattr(robust_room, "compiled_installed", lambda: compiled)
+    monkeypatch.setattr(robust_room.core, "installed", lambda: compiled)
     problem = make_problem(balance="wrench", max_normal_force=1e-3)
     assert optimize_robust(problem, LoadSet(loads=[problem.load]), 0.8).status is Status.INFEASIBLE
 
 
 def test_the_load_that_cannot_be_held_is_found_in_bulk(make_problem, monkeypatch):
-    """Where numba is installed all loads are looked at together: the proof is of the same load."""
+    """Where the core is installed all loads are looked at together: the proof is of the same load."""
     from pinograsp.forces import batch
 
     problem = make_problem(balance="wrench", friction=CONE)
@@ -205,7 +205,7 @@ def test_the_load_that_cannot_be_held_is_found_in_bulk(make_problem, monkeypatch
     monkeypatch.setattr(batch, "solve_batch", lambda *args, **kwargs: asked.append(bulk(*args, **kwargs)) or asked[-1])
     found = optimize_robust(problem, loads, 0.85)
     assert [answer.ok.tolist() for answer in asked] == [[True, True, True, False, True]]
-    monkeypatch.setattr(robust_room, "compiled_installed", lambda: False)
+    monkeypatch.setattr(robust_room.core, "installed", lambda: False)
     plain = optimize_robust(problem, loads, 0.85)
     assert len(asked) == 1 and found.status is plain.status is Status.INFEASIBLE
     assert (

@@ -123,9 +123,7 @@ class _Worker:
         self.said = tempfile.TemporaryFile(dir=root)  # noqa: SIM115 - lives as long as the process
         path = os.pathsep.join([str(HERE.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
         # One thread per worker: the time of an input is then the same on any number of cores.
-        threads = dict.fromkeys(
-            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "MKL_NUM_THREADS"), "1"
-        )
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self.process = subprocess.Popen(
             [sys.executable, "-m", "fuzzing.harness", str(far.fileno()), str(kind), str(seed)],
             pass_fds=[far.fileno()],

@@ -967,7 +967,7 @@ def test_numbers_of_processes_that_cannot_be(tmp_path, jobs):
 
 
 def test_missing_extras_are_named(tmp_path):
-    """Without pyarrow, distributed or numba: one line that says what to install, from a process that cannot import
+    """Without pyarrow, distributed or the core: one line that says what to install, from a process that cannot import
     them.
     """
     write(tmp_path, {**BASE, "over": MASS})
@@ -996,6 +996,6 @@ def test_missing_extras_are_named(tmp_path):
         line.startswith("ExtraMissing") and "pip install 'pinograsp[sweep]'" in line for line in lines
     )
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.yaml"]
-    lines = without("distributed,numba")
+    lines = without("distributed,pinograsp.core._core_base")
     assert len(lines) == 2, lines
-    assert "pip install 'pinograsp[dask]'" in lines[0] and "pip install 'pinograsp[fast]'" in lines[1]
+    assert "pip install 'pinograsp[dask]'" in lines[0] and "the compiled core is missing" in lines[1]

@@ -1,0 +1,7 @@
+// The force methods of pinograsp: headers alone, without dependencies.
+#pragma once
+
+#include "core/batch.hpp"
+#include "core/forces.hpp"
+#include "core/multipliers.hpp"
+#include "core/online.hpp"

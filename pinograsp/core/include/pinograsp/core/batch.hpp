@@ -1,0 +1,319 @@
+// Many force problems at once: one in each lane, by the dual Newton method. Where a lane is done, the next problem takes
+// its place.
+#pragma once
+
+#include "columns.hpp"
+#include "memory.hpp"
+#include "newton.hpp"
+
+namespace pinograsp::core {
+inline namespace PINOGRASP_CORE_LEVEL {
+
+// N problems of up to k contacts, of which the first `counts` (N) count; t powers of F_n in the objective.
+struct Batch {
+    int k = 0, t = 0;
+    double torsion = 0.0, squares = 0.0;  // [m] over the safety factor; weight of the sum of squared forces
+    const double* points = nullptr;       // about the centres of mass (N, k, 3)
+    const double* rotations = nullptr;    // contact frames (N, k, 3, 3)
+    const std::int64_t* counts = nullptr;
+    const double* loads = nullptr;                // (N, 6)
+    const double* mu = nullptr;                   // over the safety factor (N, k)
+    const double *low = nullptr, *high = nullptr;  // F_n (N, k)
+    const double* arms = nullptr;                 // moment lengths (N)
+    const double* terms = nullptr;                // pairs (coefficient, exponent) (N, t, 2)
+};
+
+// Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N], code (N).
+struct BatchResults {
+    double *forces = nullptr, *moments = nullptr, *objective = nullptr, *lower_bound = nullptr, *residual = nullptr,
+           *violation = nullptr;
+    std::int64_t* codes = nullptr;
+};
+
+template <class K>
+class BatchOf {
+public:
+    explicit BatchOf(const Batch& batch)
+        : batch_(batch), k_(batch.k),
+          memory_(Memory::bytes_for<Block<K>>(k_) + Memory::bytes_for<Cost<K>>(k_)) {
+        method_.dual.blocks = memory_.part<Block<K>>(k_);
+        method_.dual.count = k_;
+        method_.costs = memory_.part<Cost<K>>(k_);
+        for (int lane = 0; lane < width; ++lane) leave(lane);
+    }
+
+    // Problems `start` to `stop`.
+    void solve(std::int64_t start, std::int64_t stop, const BatchResults& results) {
+        next_ = start;
+        stop_ = stop;
+        results_ = results;
+        for (int lane = 0; lane < width; ++lane) take(lane);
+        begin(busy());
+        while (any(busy())) {
+            const Vector size = method_.dual.residual();
+            const Mask there = busy() & (size <= tolerance_);
+            if (any(there)) {
+                settle(there);
+                continue;
+            }
+            const auto step = method_.dual.step(busy(), busy() & doubtful());
+            ascents_ = ascents_ + Vector(1.0);
+            const Mask late = busy() & (ascents_ > Vector(N::most_steps - 0.5));
+            end(step.infeasible, Code::infeasible);
+            end((step.stalled | late) & !step.infeasible, Code::stalled);
+        }
+    }
+
+private:
+    using N = Newton<K, Vector>;
+
+    Batch batch_;
+    int k_;
+    Memory memory_;
+    N method_;
+    BatchResults results_;
+    std::int64_t next_ = 0, stop_ = 0, at_[width];
+    Vector active_ = 0.0;                // 1: the lane has a problem
+    Vector weight_, tolerance_, strong_;  // of the pass; 1: no proximal weight is needed
+    Vector passes_ = 0.0, ascents_ = 0.0;
+    double scale_[width], unit_[width];
+
+    Mask busy() const { return active_ > Vector(0.5); }
+
+    // Every eighth step of a lane.
+    Mask doubtful() const {
+        Vector found = 0.0;
+        for (int lane = 0; lane < width; ++lane) found.set(lane, static_cast<int>(ascents_[lane]) % 8 == 7);
+        return found > Vector(0.5);
+    }
+
+    // A lane without a problem: contacts that do not count.
+    void leave(int lane) {
+        active_.set(lane, 0.0);
+        at_[lane] = -1;
+        for (int i = 0; i < k_; ++i) empty(i, lane);
+        for (int r = 0; r < K::M; ++r) {
+            method_.dual.b[r].set(lane, 0.0);
+            method_.dual.y[r].set(lane, 0.0);
+        }
+        for (int a = 0; a < most_powers; ++a) {
+            method_.coefficients[a].set(lane, 0.0);
+            method_.exponents[a].set(lane, 0.0);
+        }
+        tolerance_.set(lane, 1.0);
+        weight_.set(lane, 0.0);
+        strong_.set(lane, 1.0);
+    }
+
+    void empty(int i, int lane) {
+        Block<K>& at = method_.dual.blocks[i];
+        for (int j = 0; j < K::D; ++j) {
+            for (int r = 0; r < K::M; ++r) in_lane(at.a[j][r], lane) = 0.0;
+            in_lane(at.w[j], lane) = in_lane(method_.costs[i].P[j], lane) = 1.0;
+            in_lane(at.q[j], lane) = in_lane(method_.costs[i].q[j], lane) = 0.0;
+            in_lane(at.x[j], lane) = in_lane(at.s[j], lane) = in_lane(at.v[j], lane) = 0.0;
+        }
+        in_lane(at.lo, lane) = in_lane(at.hi, lane) = 0.0;
+    }
+
+    // The next problem that can be solved, in a lane.
+    void take(int lane) {
+        while (next_ < stop_) {
+            const std::int64_t p = next_++;
+            const Code code = load(p, lane);
+            if (code == Code::converged) {
+                at_[lane] = p;
+                active_.set(lane, 1.0);
+                return;
+            }
+            results_.codes[p] = static_cast<std::int64_t>(code);
+        }
+        leave(lane);
+    }
+
+    // Problem p in a lane; infeasible: its limits exclude each other.
+    Code load(std::int64_t p, int lane) {
+        const double *wrench = batch_.loads + 6 * p, arm = batch_.arms[p], *low = batch_.low + p * k_,
+                     *high = batch_.high + p * k_, *mu = batch_.mu + p * k_;
+        const int count = static_cast<int>(batch_.counts[p]);
+        double b[K::M], scale = 0.0;
+        for (int r = 0; r < K::M; ++r) {
+            b[r] = r < 3 ? -wrench[r] : -wrench[r] / arm;
+            scale += b[r] * b[r];
+        }
+        scale = std::sqrt(scale);
+        if (scale == 0.0) scale = low[0] > 0.0 ? low[0] : 1.0;
+        for (int i = 0; i < count; ++i)
+            if (!(low[i] <= high[i])) return Code::infeasible;
+        double heaviest = 0.0, lightest = infinity;
+        for (int i = 0; i < count; ++i)
+            for (int j = 0; j < K::D; ++j) {
+                const double own = weight(j, mu[i], arm);
+                heaviest = max(heaviest, own);
+                lightest = min(lightest, own);
+            }
+        double unit = 0.5 * heaviest * scale * scale;
+        const double* terms = batch_.terms + 2 * p * batch_.t;
+        for (int a = 0; a < batch_.t; ++a) unit = max(unit, terms[2 * a] * std::pow(scale, terms[2 * a + 1]));
+        Powers powers;
+        if (!(unit > 0.0) || !powers_of(terms, batch_.t, scale, unit, powers)) return Code::stalled;
+        for (int r = 0; r < K::M; ++r) {
+            method_.dual.b[r].set(lane, b[r] / scale);
+            method_.dual.y[r].set(lane, 0.0);
+        }
+        for (int a = 0; a < most_powers; ++a) {
+            method_.coefficients[a].set(lane, powers.coefficients[a]);
+            method_.exponents[a].set(lane, powers.exponents[a]);
+        }
+        method_.powers = powers.count > method_.powers ? powers.count : method_.powers;
+        const double curvature = scale * scale / unit;
+        for (int i = 0; i < k_; ++i) {
+            if (i < count) place(p, i, lane, count, scale, curvature);
+            else empty(i, lane);
+        }
+        scale_[lane] = scale;
+        unit_[lane] = unit;
+        const bool strong = lightest * curvature >= N::strong;
+        strong_.set(lane, strong);
+        start(lane, strong ? 0.0 : N::first_weight);
+        passes_.set(lane, 0.0);
+        return Code::converged;
+    }
+
+    double weight(int j, double mu, double arm) const {
+        const double size = unit_of<K>(j, mu, batch_.torsion / arm);
+        return 2.0 * batch_.squares * size * size;
+    }
+
+    void place(std::int64_t p, int i, int lane, int count, double scale, double curvature) {
+        const std::int64_t at = p * k_ + i;
+        Block<K>& block = method_.dual.blocks[i];
+        set_columns(block, lane, batch_.points + 3 * at, batch_.rotations + 9 * at, batch_.mu[at], batch_.torsion,
+                    batch_.arms[p]);
+        const double lo = batch_.low[at] / scale, hi = batch_.high[at] / scale;
+        in_lane(block.lo, lane) = lo;
+        in_lane(block.hi, lane) = hi;
+        for (int j = 0; j < K::D; ++j) {
+            in_lane(method_.costs[i].P[j], lane) = weight(j, batch_.mu[at], batch_.arms[p]) * curvature;
+            in_lane(method_.costs[i].q[j], lane) = 0.0;
+            in_lane(block.x[j], lane) = j < K::E ? 0.0 : min(max(2.0 / count, lo), hi);
+        }
+    }
+
+    // A pass of a lane.
+    void start(int lane, double weight) {
+        weight_.set(lane, weight);
+        tolerance_.set(lane, weight < 2.0 * N::least_weight ? N::balanced : N::roughly);
+        ascents_.set(lane, 0.0);
+    }
+
+    void begin(Mask which) {
+        method_.model(which, weight_);
+        method_.dual.begin();
+    }
+
+    // Lanes whose balance holds: their next pass, or the end.
+    void settle(Mask there) {
+        const auto gap = method_.gap();
+        const Mask once = there & (strong_ > Vector(0.5)) & (Vector(method_.powers) < Vector(0.5));
+        const Mask last = weight_ < Vector(2.0 * N::least_weight);
+        const Mask closed = gap.value - gap.bound <= Vector(N::closed) * max(abs(gap.value), Vector(1e-12));
+        const Mask done = once | (there & last & closed);
+        bool renewed = false;
+        for (int lane = 0; lane < width; ++lane) {
+            if (!lane_of(there, lane)) continue;
+            if (lane_of(done, lane)) {
+                finish(lane, gap.value[lane], gap.bound[lane]);
+                take(lane);
+            } else if (passes_[lane] >= N::passes - 1) {
+                results_.codes[at_[lane]] = static_cast<std::int64_t>(Code::stalled);
+                take(lane);
+            } else {
+                passes_.set(lane, passes_[lane] + 1.0);
+                start(lane, strong_[lane] > 0.5 ? 0.0 : max(weight_[lane] * N::shrink, N::least_weight));
+            }
+            renewed = true;
+        }
+        if (renewed) begin(there);
+    }
+
+    // Lanes without an answer.
+    void end(Mask which, Code code) {
+        which = which & busy();
+        if (!any(which)) return;
+        for (int lane = 0; lane < width; ++lane) {
+            if (!lane_of(which, lane)) continue;
+            results_.codes[at_[lane]] = static_cast<std::int64_t>(code);
+            take(lane);
+        }
+        begin(which);
+    }
+
+    // The answer of a lane, checked.
+    void finish(int lane, double value, double bound) {
+        const std::int64_t p = at_[lane];
+        const Misses misses = judged(lane);
+        const double scale = scale_[lane], unit = unit_[lane];
+        // A bound from multipliers that are exact to rounding can exceed the value by rounding.
+        results_.objective[p] = value * unit;
+        results_.lower_bound[p] = min(bound, value) * unit;
+        results_.residual[p] = misses.balance * scale;
+        results_.violation[p] = max(misses.violation, 0.0) * scale;
+        // Negated, so that what is no number fails.
+        const bool fine = misses.balance <= 1e-10 && misses.violation <= 1e-10 &&
+                          value - bound <= 1e-8 * max(std::fabs(value), 1e-5);
+        results_.codes[p] = static_cast<std::int64_t>(fine ? Code::converged : Code::stalled);
+        if (!fine) return;
+        for (int i = 0; i < batch_.counts[p]; ++i) {
+            const Block<K>& at = method_.dual.blocks[i];
+            double* f = results_.forces + 3 * (p * k_ + i);
+            const double mu = batch_.mu[p * k_ + i];
+            f[0] = at.x[0][lane] * scale * mu;
+            f[1] = at.x[1][lane] * scale * mu;
+            f[2] = at.x[K::E][lane] * scale;
+            if constexpr (K::D == 4) results_.moments[p * k_ + i] = at.x[2][lane] * scale * batch_.torsion;
+        }
+    }
+
+    // Balance and limits of a lane, from its forces alone.
+    Misses judged(int lane) const {
+        double square = 0.0, worst = -infinity;
+        for (int r = 0; r < K::M; ++r) {
+            double total = -method_.dual.b[r][lane];
+            for (int i = 0; i < k_; ++i)
+                for (int j = 0; j < K::D; ++j)
+                    total += method_.dual.blocks[i].a[j][r][lane] * method_.dual.blocks[i].x[j][lane];
+            square += total * total;
+        }
+        for (int i = 0; i < k_; ++i) {
+            const Block<K>& at = method_.dual.blocks[i];
+            const double F = at.x[K::E][lane];
+            double around = 0.0, used = 0.0;
+            for (int j = 0; j < K::R; ++j) around += at.x[j][lane] * at.x[j][lane];
+            used = std::sqrt(around);
+            for (int j = K::R; j < K::E; ++j) used = max(used, std::fabs(at.x[j][lane]) / K::radius(j));
+            worst = max(worst, max(used - F, max(at.lo[lane] - F, F - at.hi[lane])));
+        }
+        return {std::sqrt(square), worst};
+    }
+};
+
+// Solve problems `start` to `stop` of a friction model and a balance of 3 or 6 rows; several threads may take a part
+// each.
+inline void solve_batch(const Batch& batch, int components, int round, int rows, std::int64_t start, std::int64_t stop,
+                        const BatchResults& results) {
+    const auto of = [&](auto m) {
+        constexpr int M = decltype(m)::value;
+        switch (10 * components + round) {
+            case 30: return BatchOf<Shape<3, 0, M>>(batch).solve(start, stop, results);
+            case 32: return BatchOf<Shape<3, 2, M>>(batch).solve(start, stop, results);
+            case 40: return BatchOf<Shape<4, 0, M>>(batch).solve(start, stop, results);
+            case 42: return BatchOf<Shape<4, 2, M>>(batch).solve(start, stop, results);
+            default: return BatchOf<Shape<4, 3, M>>(batch).solve(start, stop, results);
+        }
+    };
+    rows == 3 ? of(std::integral_constant<int, 3>{}) : of(std::integral_constant<int, 6>{});
+}
+
+}  // namespace PINOGRASP_CORE_LEVEL
+}  // namespace pinograsp::core

@@ -1,0 +1,381 @@
+// One force problem after the other of the same grasp: solve it, check the answer, and write out what its record holds.
+#pragma once
+
+#include <cstring>
+#include <initializer_list>
+#include <memory>
+
+#include "bounds.hpp"
+#include "columns.hpp"
+#include "interior.hpp"
+#include "memory.hpp"
+#include "newton.hpp"
+
+namespace pinograsp::core {
+inline namespace PINOGRASP_CORE_LEVEL {
+
+// The dual Newton method for problems of any shape that separate: no torque rows, costs without products.
+class Separable {
+public:
+    virtual ~Separable() = default;
+    virtual Code solve(const Problem& problem, double* x, double* y, int& steps) = 0;
+};
+
+template <class K>
+class SeparableOf final : public Separable {
+public:
+    explicit SeparableOf(int k)
+        : blocks_((k + width - 1) / width),
+          memory_(Memory::bytes_for<Block<K>>(blocks_) + Memory::bytes_for<Cost<K>>(blocks_)) {
+        method_.dual.blocks = memory_.part<Block<K>>(blocks_);
+        method_.dual.count = blocks_;
+        method_.costs = memory_.part<Cost<K>>(blocks_);
+        for (int i = 0; i < blocks_; ++i) {
+            method_.dual.blocks[i].blank();
+            for (int j = 0; j < K::D; ++j) {
+                method_.costs[i].P[j] = 1.0;
+                method_.costs[i].q[j] = 0.0;
+            }
+        }
+    }
+
+    Code solve(const Problem& problem, double* x, double* y, int& steps) override {
+        const int k = problem.k;
+        double least = infinity;
+        for (int i = 0; i < k; ++i) least = min(least, lay_out(problem, i));
+        for (int r = 0; r < K::M; ++r) {
+            method_.dual.b[r] = problem.b[r];
+            method_.dual.y[r] = 0.0;
+        }
+        method_.powers = problem.powers.count;
+        for (int a = 0; a < problem.powers.count; ++a) {
+            method_.coefficients[a] = problem.powers.coefficients[a];
+            method_.exponents[a] = problem.powers.exponents[a];
+        }
+        const Code code = minimise(method_, least, steps);
+        for (int i = 0; i < k; ++i)
+            for (int j = 0; j < K::D; ++j) x[j * k + i] = in_lane(method_.dual.blocks[i / width].x[j], i % width);
+        for (int r = 0; r < K::M; ++r) y[r] = method_.dual.y[r];
+        return code;
+    }
+
+private:
+    int blocks_;
+    Memory memory_;
+    Newton<K, double> method_;
+
+    // Contact i in its lane; returns the least entry of its P.
+    double lay_out(const Problem& problem, int i) {
+        const int k = problem.k, lane = i % width;
+        Block<K>& at = method_.dual.blocks[i / width];
+        Cost<K>& cost = method_.costs[i / width];
+        double least = infinity;
+        for (int j = 0; j < K::D; ++j) {
+            for (int r = 0; r < K::M; ++r) in_lane(at.a[j][r], lane) = problem.B[(r * K::D + j) * k + i];
+            const double own = problem.P[(j * K::D + j) * k + i];
+            least = min(least, own);
+            in_lane(cost.P[j], lane) = own;
+            in_lane(cost.q[j], lane) = problem.q[j * k + i];
+            in_lane(at.x[j], lane) = j < K::E ? 0.0 : min(max(2.0 / k, problem.lo[i]), problem.hi[i]);
+        }
+        in_lane(at.lo, lane) = problem.lo[i];
+        in_lane(at.hi, lane) = problem.hi[i];
+        return least;
+    }
+};
+
+inline std::unique_ptr<Separable> make_separable(int d, int round, int m, int k) {
+    const auto of = [&](auto rows) -> std::unique_ptr<Separable> {
+        constexpr int M = decltype(rows)::value;
+        switch (10 * d + round) {
+            case 30: return std::make_unique<SeparableOf<Shape<3, 0, M>>>(k);
+            case 32: return std::make_unique<SeparableOf<Shape<3, 2, M>>>(k);
+            case 40: return std::make_unique<SeparableOf<Shape<4, 0, M>>>(k);
+            case 42: return std::make_unique<SeparableOf<Shape<4, 2, M>>>(k);
+            default: return std::make_unique<SeparableOf<Shape<4, 3, M>>>(k);
+        }
+    };
+    return m == 3 ? of(std::integral_constant<int, 3>{}) : of(std::integral_constant<int, 6>{});
+}
+
+// What does not depend on the load; arrays are copied. In newtons: objective 1/2 x'Px + q'x + constant.
+struct GraspData {
+    int k = 0, m = 6, r = 0;  // contacts, rows of the balance, torque rows
+    Friction friction;
+    bool separates = false;      // the dual Newton method takes it
+    const double* B = nullptr;   // balance, then torque rows (m + r, d k), by component
+    const double* P = nullptr;   // (d, d, k)
+    const double* q = nullptr;   // (d k)
+    const double *R_lo = nullptr, *R_hi = nullptr;  // (r)
+    const double* correction = nullptr;    // pseudoinverse of the balance (d k, m)
+    const double* widths = nullptr;        // component over force in the contact's axes (d k)
+    const double* grasp_matrix = nullptr;  // contact forces to wrench (6, 3 k)
+    const double* normals = nullptr;       // of the contacts, world axes (k, 3)
+    double constant = 0.0, largest = 0.0;  // of the objective; the largest diagonal entry of P
+    double arm = 1.0;                      // moments are divided by it [m]
+    double near = 1e-6;                    // relative margin of active limits
+};
+
+// An answer with its checks, dimensionless.
+struct Checked {
+    Code code = Code::stalled;
+    bool newton = false;      // by the dual Newton method
+    double violation = 0.0;   // of friction, bounds and torque rows
+    double value = 0.0, bound = 0.0;
+};
+
+// What one load gives: dimensionless but for `scale` and `unit`, what forces [N] and the objective were divided by.
+struct Outcome {
+    Checked checked;
+    double most = 0.0;                 // largest F_n
+    double constant = 0.0;             // of the objective
+    double force = 0.0, moment = 0.0;  // what the balance misses
+    double scale = 0.0, unit = 0.0;
+};
+
+// Where the results of one load go.
+struct Record {
+    double *wrench = nullptr, *forces = nullptr, *torsion = nullptr;  // residual (6), (k, 3), (k) [N, N m]
+    bool *at_friction = nullptr, *at_least = nullptr, *at_most = nullptr, *at_torque = nullptr;  // (k), (r)
+};
+
+class Forces {
+public:
+    explicit Forces(const GraspData& data)
+        : k_(data.k), d_(data.friction.d), m_(data.m), r_(data.r), data_(data),
+          interior_(d_, data.friction.round, data.friction.facets, k_, m_, r_), memory_(bytes(data)) {
+        const std::size_t n = d_ * k_;
+        keep(data_.B, (m_ + r_) * n);
+        keep(data_.P, d_ * n);
+        keep(data_.q, n);
+        keep(data_.R_lo, r_);
+        keep(data_.R_hi, r_);
+        keep(data_.correction, n * m_);
+        keep(data_.widths, n);
+        keep(data_.grasp_matrix, 18 * k_);
+        keep(data_.normals, 3 * k_);
+        keep(data_.friction.C, data_.friction.facets * (d_ - 1));
+        keep(data_.friction.vertices, 2 * data_.friction.corners);
+        for (double** own : {&P_}) *own = memory_.part<double>(d_ * n);
+        for (double** own : {&q_, &x_}) *own = memory_.part<double>(n);
+        for (double** own : {&lo_, &hi_, &gauge_}) *own = memory_.part<double>(k_);
+        for (double** own : {&R_lo_, &R_hi_}) *own = memory_.part<double>(r_);
+        y_ = memory_.part<double>(m_ + r_);
+        if (data.separates && r_ == 0) separable_ = make_separable(d_, data.friction.round, m_, k_);
+    }
+
+    int contacts() const { return k_; }
+    int components() const { return d_; }
+    int balance_rows() const { return m_; }
+    int torque_rows() const { return r_; }
+
+    // What all problems of this grasp share.
+    Problem fixed() const {
+        Problem problem;
+        problem.k = k_;
+        problem.m = m_;
+        problem.r = r_;
+        problem.friction = data_.friction;
+        problem.B = data_.B;
+        return problem;
+    }
+
+    // For a problem of this grasp's rows, made elsewhere: x (d k), y (m + r), gauge (k), residual (m).
+    Checked answer(bool newton, const double* b, const double* lo, const double* hi, const double* R_lo,
+                   const double* R_hi, const double* P, const double* q, const Powers& powers) {
+        Problem problem = fixed();
+        problem.b = b;
+        problem.lo = lo;
+        problem.hi = hi;
+        problem.R_lo = R_lo;
+        problem.R_hi = R_hi;
+        problem.P = P;
+        problem.q = q;
+        problem.powers = powers;
+        return solved(newton, problem);
+    }
+    const double* x() const { return x_; }
+    const double* y() const { return y_; }
+    const double* gauge() const { return gauge_; }
+    const double* residual() const { return residual_; }
+
+    // From a load (6) [N, N m], limits of F_n (k) [N] and powers of F_n (t pairs) to all that its record holds.
+    Outcome solve(bool newton, const double* least, const double* greatest, const double* terms, int t,
+                  const double* load, const Record& record) {
+        Outcome out;
+        double square = 0.0, b[6];
+        for (int r = 0; r < m_; ++r) {
+            b[r] = r < 3 ? -load[r] : -load[r] / data_.arm;
+            square += b[r] * b[r];
+        }
+        double scale = std::sqrt(square);
+        for (int i = 0; i < k_ && square == 0.0; ++i) scale = max(scale, least[i]);
+        for (int i = 0; i < k_; ++i) {
+            lo_[i] = least[i] / scale;
+            hi_[i] = greatest[i] / scale;
+            if (!(hi_[i] - lo_[i] > 1e-9 * hi_[i])) return out;
+        }
+        for (int r = 0; r < m_; ++r) b[r] /= scale;
+        double unit = 0.5 * data_.largest * scale * scale;
+        for (int a = 0; a < t; ++a) unit = max(unit, terms[2 * a] * std::pow(scale, terms[2 * a + 1]));
+        if (!(unit > 0.0)) unit = 1.0;
+        Problem problem = scaled(scale, unit);
+        if (!powers_of(terms, t, scale, unit, problem.powers)) return out;
+        problem.b = b;
+        out.checked = solved(newton, problem);
+        if (out.checked.code != Code::converged) return out;
+        out.scale = scale;
+        out.unit = unit;
+        out.constant = data_.constant / unit;
+        for (int i = 0; i < k_; ++i) out.most = max(out.most, x_[(d_ - 1) * k_ + i]);
+        for (int r = 0; r < m_; ++r) (r < 3 ? out.force : out.moment) += residual_[r] * residual_[r];
+        out.force = std::sqrt(out.force);
+        out.moment = std::sqrt(out.moment);
+        write_forces(scale, load, record);
+        write_active(problem, record);
+        return out;
+    }
+
+private:
+    static constexpr double sharp = 1e-9;  // relative to the load or the largest F_n: answers that miss limits by more fail
+
+    int k_, d_, m_, r_;
+    GraspData data_;
+    Interior interior_;
+    Memory memory_;
+    std::unique_ptr<Separable> separable_;
+    double *P_, *q_, *x_, *lo_, *hi_, *gauge_, *R_lo_, *R_hi_, *y_, residual_[6] = {};
+
+    static std::size_t bytes(const GraspData& data) {
+        const std::size_t k = data.k, d = data.friction.d, n = d * k, m = data.m, r = data.r;
+        const std::size_t sizes[] = {(m + r) * n, d * n, n, r, r, n * m, n, 18 * k, 3 * k,
+                                     data.friction.facets * (d - 1), 2u * data.friction.corners,
+                                     d * n, n, n, k, k, k, r, r, m + r};
+        std::size_t total = 0;
+        for (std::size_t size : sizes) total += Memory::bytes_for<double>(size);
+        return total;
+    }
+
+    void keep(const double*& values, std::size_t count) {
+        double* own = memory_.part<double>(count);
+        if (count > 0) std::memcpy(own, values, count * sizeof(double));
+        values = own;
+    }
+
+    Problem scaled(double scale, double unit) {
+        const double heavy = scale * scale / unit, light = scale / unit;
+        for (int l = 0; l < d_ * d_ * k_; ++l) P_[l] = data_.P[l] * heavy;
+        for (int l = 0; l < d_ * k_; ++l) q_[l] = data_.q[l] * light;
+        for (int h = 0; h < r_; ++h) {
+            R_lo_[h] = data_.R_lo[h] / scale;
+            R_hi_[h] = data_.R_hi[h] / scale;
+        }
+        Problem problem = fixed();
+        problem.lo = lo_;
+        problem.hi = hi_;
+        problem.R_lo = R_lo_;
+        problem.R_hi = R_hi_;
+        problem.P = P_;
+        problem.q = q_;
+        return problem;
+    }
+
+    Checked solved(bool newton, const Problem& problem) {
+        Checked out;
+        int steps = 0;
+        out.newton = newton && separable_ != nullptr;
+        if (out.newton) {
+            out.code = separable_->solve(problem, x_, y_, steps);
+            out.newton = out.code != Code::stalled;
+        }
+        if (!out.newton) out.code = interior_.solve(problem, 0.0, x_, y_, steps);
+        restore_balance(problem);
+        const double most = violation(problem, out.violation);
+        if (!(out.violation <= sharp * most)) out.code = Code::stalled;
+        const Bound bound = bound_of(problem, x_, y_);
+        out.value = bound.value;
+        out.bound = bound.bound;
+        return out;
+    }
+
+    // The residual of the balance, after a correction of x where rounding left one.
+    void restore_balance(const Problem& problem) {
+        const int n = d_ * k_;
+        for (int again = 0; again < 2; ++again) {
+            double square = 0.0;
+            for (int r = 0; r < m_; ++r) {
+                double total = -problem.b[r];
+                for (int l = 0; l < n; ++l) total += problem.B[r * n + l] * x_[l];
+                residual_[r] = total;
+                square += total * total;
+            }
+            if (again || square <= 1e-26) return;
+            for (int l = 0; l < n; ++l)
+                for (int r = 0; r < m_; ++r) x_[l] -= data_.correction[l * m_ + r] * residual_[r];
+        }
+    }
+
+    // The largest violation of friction, bounds and torque rows; returns the largest F_n or 1. Fills the gauges.
+    double violation(const Problem& problem, double& worst) {
+        const Friction& friction = problem.friction;
+        const int e = d_ - 1, n = d_ * k_;
+        double most = 1.0;
+        worst = 0.0;
+        for (int i = 0; i < k_; ++i) {
+            const double F = x_[e * k_ + i];
+            double length = 0.0;
+            for (int j = 0; j < friction.round; ++j) length += x_[j * k_ + i] * x_[j * k_ + i];
+            length = std::sqrt(length);
+            for (int a = 0; a < friction.facets; ++a) {
+                double t = 0.0;
+                for (int j = 0; j < e; ++j) t += friction.C[a * e + j] * x_[j * k_ + i];
+                length = max(length, t);
+            }
+            gauge_[i] = length;
+            most = max(most, F);
+            worst = max(worst, max(length - F, max(problem.lo[i] - F, F - problem.hi[i])));
+        }
+        for (int h = 0; h < r_; ++h) {
+            double t = 0.0;
+            for (int l = 0; l < n; ++l) t += problem.B[(m_ + h) * n + l] * x_[l];
+            worst = max(worst, max(t - problem.R_hi[h], problem.R_lo[h] - t));
+        }
+        return most;
+    }
+
+    // Forces and torsion, and what they and the load leave over.
+    void write_forces(double scale, const double* load, const Record& record) const {
+        std::memcpy(record.wrench, load, 6 * sizeof(double));
+        for (int i = 0; i < k_; ++i) {
+            double* f = record.forces + 3 * i;
+            for (int c = 0; c < 3; ++c) {
+                const int l = (c == 2 ? d_ - 1 : c) * k_ + i;
+                f[c] = x_[l] * scale * data_.widths[l];
+            }
+            record.torsion[i] = d_ == 4 ? x_[2 * k_ + i] * scale * data_.widths[2 * k_ + i] : 0.0;
+            for (int c = 0; c < 3; ++c) record.wrench[3 + c] += record.torsion[i] * data_.normals[3 * i + c];
+            for (int r = 0; r < 6; ++r)
+                for (int c = 0; c < 3; ++c) record.wrench[r] += data_.grasp_matrix[(r * k_ + i) * 3 + c] * f[c];
+        }
+    }
+
+    // Which limits are active.
+    void write_active(const Problem& problem, const Record& record) const {
+        const double near = data_.near;
+        const int n = d_ * k_;
+        for (int i = 0; i < k_; ++i) {
+            const double F = x_[(d_ - 1) * k_ + i];
+            record.at_friction[i] = gauge_[i] >= F * (1.0 - near);
+            record.at_least[i] = lo_[i] * (1.0 + near) >= F;
+            record.at_most[i] = hi_[i] * (1.0 - near) <= F;
+        }
+        for (int h = 0; h < r_; ++h) {
+            double t = 0.0;
+            for (int l = 0; l < n; ++l) t += problem.B[(m_ + h) * n + l] * x_[l];
+            record.at_torque[h] = t >= R_hi_[h] - near || t <= R_lo_[h] + near;
+        }
+    }
+};
+
+}  // namespace PINOGRASP_CORE_LEVEL
+}  // namespace pinograsp::core

@@ -1,0 +1,282 @@
+// Forces that hold a changing load, tick by tick: all memory is taken when the loop is set up.
+//
+// Every tick minimises the sum of squares of normal and tangential forces (a torsional moment counts as the tangential
+// force that uses as much friction) under balance, friction and the limits of F_n, from the last tick's multipliers.
+// What cannot be balanced leaves the least that any forces within the limits leave. Where a joint would bear more than
+// its limit, or where fewer drives than joints make the torques, interior points solve the tick, with rows for the
+// joints.
+#pragma once
+
+#include <algorithm>
+#include <cstring>
+#include <memory>
+#include <vector>
+
+#include "columns.hpp"
+#include "newton.hpp"
+#include "torques.hpp"
+
+namespace pinograsp::core {
+inline namespace PINOGRASP_CORE_LEVEL {
+
+enum class Tick : int { converged = 0, stalled = 1, infeasible = 2, unusable = -1 };
+
+// What a loop is set up with.
+struct OnlineSetup {
+    int contacts = 0;
+    int components = 3, round = 2;  // of a force, and those of them in a cone
+    int rows = 6;                   // of the balance: 3 for forces alone
+    double torsion = 0.0;           // [m]
+    double arm = 1.0;               // moments are divided by it [m]
+    double safety = 1.0;            // friction is divided by it
+    double ramp = 1.0;              // change of a contact's share in a tick
+    int most_steps = 50;            // Newton steps of one try
+    int joints = 0;
+    std::vector<Link> links;        // by contact: which joints move it
+    std::vector<int> limited;       // joints with a torque limit
+    int couplings = 0;              // combinations of the torques that no drive makes
+    std::vector<double> coupling_rows;  // (couplings, joints)
+    std::vector<double> coupled;        // what springs make of them (couplings)
+    double borne = 0.0;                 // share of the contacts' torques on them that friction bears
+};
+
+// A loop. Inputs stay as they are until they are written again; outputs are of the last tick.
+class Online {
+public:
+    virtual ~Online() = default;
+
+    // Inputs.
+    double wrench[6] = {};  // the load, about the centre of mass, linear first [N, N m]
+    double com[3] = {};     // centre of mass [m]
+    double rate = infinity;  // largest change of F_n in this tick [N]
+    double* points = nullptr;     // of the contacts, about the centre of mass (k, 3) [m]
+    double* rotations = nullptr;  // contact frames (k, 3, 3), z the inward normal
+    double* mu = nullptr;         // friction coefficients (k)
+    double *least = nullptr, *largest = nullptr;  // F_n (k) [N]
+    double *share = nullptr, *target = nullptr;   // of these that holds now, and what it moves to (k)
+    double* torque_limit = nullptr;               // of the joints (n)
+    const double* jacobian = nullptr;  // (6, columns), column by column: world axes, linear velocity at the origin first
+    const double* gravity = nullptr;   // torques that gravity needs (n); none of both: no hand
+    bool moved = true;                 // points, rotations or mu have changed since the last tick
+
+    // Outputs.
+    double* forces = nullptr;   // (k, 3) in the contacts' axes [N]
+    double* moments = nullptr;  // about the normals (k) [N m]
+    double unbalanced[6] = {};  // what forces and load leave over [N, N m]
+    double* torques = nullptr;  // (n) [N m]
+    double* multipliers = nullptr;  // of the balance (rows) [N]
+    double off = 0.0;               // norm of what is not balanced, moments over the arm [N]
+    int steps = 0;                  // Newton steps
+
+    // The forces for the inputs. Converged: balanced; infeasible: the closest forces; stalled: the closest that were
+    // found within the steps; unusable: an input is not finite or a friction coefficient negative, nothing has changed.
+    virtual Tick tick() = 0;
+
+    const OnlineSetup& setup() const { return setup_; }
+
+protected:
+    explicit Online(OnlineSetup setup)
+        : setup_(std::move(setup)), memory_(bytes(setup_)) {
+        const int k = setup_.contacts, n = setup_.joints;
+        for (double** part : {&mu, &least, &largest, &share, &target, &moments}) *part = memory_.part<double>(k);
+        points = memory_.part<double>(3 * k);
+        rotations = memory_.part<double>(9 * k);
+        forces = memory_.part<double>(3 * k);
+        torque_limit = memory_.part<double>(n);
+        torques = memory_.part<double>(n);
+        multipliers = memory_.part<double>(6);
+    }
+
+    OnlineSetup setup_;
+
+private:
+    static std::size_t bytes(const OnlineSetup& setup) {
+        const int k = setup.contacts, n = setup.joints;
+        return 6 * Memory::bytes_for<double>(k) + 2 * Memory::bytes_for<double>(3 * k) +
+               Memory::bytes_for<double>(9 * k) + 2 * Memory::bytes_for<double>(n) + Memory::bytes_for<double>(6);
+    }
+
+    Memory memory_;
+};
+
+template <class K>
+class OnlineOf final : public Online {
+public:
+    explicit OnlineOf(const OnlineSetup& setup)
+        : Online(setup),
+          blocks_((setup.contacts + width - 1) / width),
+          room_(Memory::bytes_for<Block<K>>(blocks_) + Memory::bytes_for<Vector>(blocks_ * K::D)) {
+        dual_.blocks = room_.part<Block<K>>(blocks_);
+        dual_.count = blocks_;
+        best_ = room_.part<Vector>(blocks_ * K::D);
+        for (int i = 0; i < blocks_; ++i) {
+            dual_.blocks[i].blank();
+            dual_.blocks[i].weigh();
+        }
+        if (!setup.limited.empty() || setup.couplings > 0)
+            within_ = std::make_unique<TorqueLimits<K>>(
+                setup.contacts, setup.joints, setup.links, setup.limited, setup.couplings, setup.coupling_rows);
+    }
+
+    Tick tick() override {
+        if (unusable()) return Tick::unusable;
+        const double scale = set_up();
+        Code code = solve(scale);
+        write(scale);
+        if (within_ != nullptr && beyond()) code = within(scale);
+        off = judge(dual_.blocks, blocks_, dual_.b).balance * scale;
+        return static_cast<Tick>(code);
+    }
+
+private:
+    int blocks_;
+    Memory room_;
+    Dual<K, double> dual_;
+    Vector* best_;
+    std::unique_ptr<TorqueLimits<K>> within_;
+
+    double slip(int i) const { return mu[i] / setup_.safety; }
+
+    bool unusable() const {
+        bool usable = !not_finite(wrench, 6) && (gravity == nullptr || !not_finite(gravity, setup_.joints));
+        if (!moved || !usable) return !usable;
+        const int k = setup_.contacts;
+        for (int i = 0; i < k; ++i) usable &= mu[i] >= 0.0;
+        return !usable || not_finite(points, 3 * k) || not_finite(rotations, 9 * k) || not_finite(mu, k);
+    }
+
+    // The tick's problem; returns what forces [N] are divided by.
+    double set_up() {
+        double scale = 1e-9;
+        for (int r = 0; r < K::M; ++r) {
+            dual_.b[r] = r < 3 ? -wrench[r] : -wrench[r] / setup_.arm;
+            scale = max(scale, std::fabs(dual_.b[r]));
+        }
+        if (moved) place();
+        for (int i = 0; i < setup_.contacts; ++i) {
+            // Contacts are gained and lost gradually, and no force changes by more than its limit per tick.
+            share[i] += min(max(target[i] - share[i], -setup_.ramp), setup_.ramp);
+            const double low = least[i] * share[i], high = largest[i] * share[i], F = forces[3 * i + 2];
+            Block<K>& at = dual_.blocks[i / width];
+            double& lo = in_lane(at.lo, i % width);
+            lo = min(max(low, F - rate), high);
+            in_lane(at.hi, i % width) = max(min(high, F + rate), lo);
+            scale = max(scale, lo);
+        }
+        const double inverse = 1.0 / scale;
+        for (int i = 0; i < blocks_; ++i) {
+            Block<K>& at = dual_.blocks[i];
+            at.lo = at.lo * Vector(inverse);
+            at.hi = at.hi * Vector(inverse);
+            for (Vector& one : at.q) one = 0.0;
+        }
+        for (double& one : dual_.b) one *= inverse;
+        return scale;
+    }
+
+    // Columns of the balance and weights, after a change of points, frames or friction.
+    void place() {
+        for (int i = 0; i < setup_.contacts; ++i) {
+            Block<K>& at = dual_.blocks[i / width];
+            const int lane = i % width;
+            const double friction = slip(i);
+            set_columns(at, lane, points + 3 * i, rotations + 9 * i, friction, setup_.torsion / setup_.safety, setup_.arm);
+            // Without friction the tangential components are zero: any weight will do.
+            for (int j = 0; j < K::E; ++j) in_lane(at.w[j], lane) = max(friction * friction, 1e-6);
+            in_lane(at.w[K::E], lane) = 1.0;
+        }
+        for (int i = 0; i < blocks_; ++i) dual_.blocks[i].weigh();
+        moved = false;
+    }
+
+    // Forces from the last tick's multipliers, and where these do not lead there from zero; the closest forces where none
+    // balance the load.
+    Code solve(double scale) {
+        using N = Newton<K, double>;
+        steps = 0;
+        for (int r = 0; r < K::M; ++r) dual_.y[r] = multipliers[r] / scale;
+        Code code = ascend(dual_, N::balanced, setup_.most_steps, steps);
+        if (code == Code::stalled) {
+            for (double& one : dual_.y) one = 0.0;
+            code = ascend(dual_, N::balanced, setup_.most_steps, steps);
+        }
+        for (int r = 0; r < K::M; ++r) multipliers[r] = code == Code::converged ? dual_.y[r] * scale : 0.0;
+        if (code == Code::converged) return code;
+        return closest(dual_, best_, setup_.most_steps, steps);
+    }
+
+    // Outputs from the solution.
+    void write(double scale) {
+        std::memcpy(unbalanced, wrench, sizeof unbalanced);
+        for (int j = 0; j < setup_.joints; ++j) torques[j] = gravity[j];
+        auto link = setup_.links.cbegin();
+        for (int i = 0; i < setup_.contacts; ++i) {
+            const Block<K>& at = dual_.blocks[i / width];
+            const int lane = i % width;
+            double* f = forces + 3 * i;
+            for (int c = 0; c < 3; ++c) {
+                const int j = c == 2 ? K::E : c;
+                f[c] = in_lane(at.x[j], lane) * scale * unit_of<K>(j, slip(i), 0.0);
+            }
+            if constexpr (K::D == 4) moments[i] = in_lane(at.x[2], lane) * scale * setup_.torsion / setup_.safety;
+            add_contact(i, link);
+        }
+    }
+
+    // A contact's part of the balance and of the torques.
+    void add_contact(int i, std::vector<Link>::const_iterator& link) {
+        const double *R = rotations + 9 * i, *p = points + 3 * i, *f = forces + 3 * i;
+        double world[3], turn[3], about[3];
+        for (int c = 0; c < 3; ++c) {
+            world[c] = R[3 * c] * f[0] + R[3 * c + 1] * f[1] + R[3 * c + 2] * f[2];
+            turn[c] = R[3 * c + 2] * moments[i];
+        }
+        for (int c = 0; c < 3; ++c) {
+            const int s = (c + 1) % 3, t = (c + 2) % 3;
+            unbalanced[c] += world[c];
+            unbalanced[3 + c] += turn[c] + p[s] * world[t] - p[t] * world[s];
+            about[c] = turn[c] + (p[s] + com[s]) * world[t] - (p[t] + com[t]) * world[s];
+        }
+        for (; link != setup_.links.end() && link->contact == i; ++link) {
+            const double* J = jacobian + 6 * link->column;
+            for (int c = 0; c < 3; ++c) torques[link->joint] += J[c] * world[c] + J[3 + c] * about[c];
+        }
+    }
+
+    bool beyond() const {
+        bool found = setup_.couplings > 0;
+        for (int j : setup_.limited) found |= std::fabs(torques[j]) > torque_limit[j];
+        return found;
+    }
+
+    // The tick again, with rows for the joints.
+    Code within(double scale) {
+        within_->inputs = {points, rotations, com, jacobian, gravity, torque_limit, setup_.coupled.data(), setup_.borne};
+        Code code = within_->solve(dual_, scale, [this](int j, int i) {
+            return unit_of<K>(j, slip(i), setup_.torsion / setup_.safety);
+        }, steps);
+        write(scale);
+        for (int j : setup_.limited)
+            if (code == Code::converged && std::fabs(torques[j]) > torque_limit[j] * (1.0 + 1e-7)) code = Code::infeasible;
+        return code;
+    }
+};
+
+// A loop for a friction model and a balance.
+inline std::unique_ptr<Online> make_online(const OnlineSetup& setup) {
+    const auto of = [&](auto rows) -> std::unique_ptr<Online> {
+        constexpr int M = decltype(rows)::value;
+        switch (10 * setup.components + setup.round) {
+            case 30: return std::make_unique<OnlineOf<Shape<3, 0, M>>>(setup);
+            case 32: return std::make_unique<OnlineOf<Shape<3, 2, M>>>(setup);
+            case 40: return std::make_unique<OnlineOf<Shape<4, 0, M>>>(setup);
+            case 42: return std::make_unique<OnlineOf<Shape<4, 2, M>>>(setup);
+            case 43: return std::make_unique<OnlineOf<Shape<4, 3, M>>>(setup);
+            default: return nullptr;
+        }
+    };
+    return setup.rows == 3 ? of(std::integral_constant<int, 3>{}) : of(std::integral_constant<int, 6>{});
+}
+
+}  // namespace PINOGRASP_CORE_LEVEL
+}  // namespace pinograsp::core

@@ -1,0 +1,52 @@
+// A force problem, dimensionless: k contacts with d components each, the normal force F_n the last of them.
+//
+//     minimise  1/2 x'Px + q'x + sum phi(F_n)
+//     subject to  A x = b,  R_lo <= R x <= R_hi,  friction,  lo <= F_n <= hi
+//
+// Arrays are by component: component j of contact i is entry j k + i, so that contacts are neighbours in memory.
+#pragma once
+
+#include "lanes.hpp"
+
+namespace pinograsp::core {
+inline namespace PINOGRASP_CORE_LEVEL {
+
+enum class Code : int { converged = 0, stalled = 1, infeasible = 2 };
+
+constexpr double proven = 1e-9;  // margin of a Farkas certificate, relative to the load
+constexpr double infinity = __builtin_huge_val();
+constexpr int most_powers = 8;
+
+// The friction cone F_n U: the first `round` tangential components (0, 2 or 3) together up to F_n, the others each up
+// to its radius times F_n; or, for polyhedral cones of many edges, facets F_n >= C u.
+struct Friction {
+    int d = 3;
+    int round = 2;
+    double radii[3] = {1.0, 1.0, 1.0};
+    int facets = 0;
+    const double* C = nullptr;         // (facets, d - 1)
+    int corners = 0;                   // of a polygon, where `round` is 0
+    const double* vertices = nullptr;  // (corners, 2)
+};
+
+// phi' is the sum of coefficients[a] F^exponents[a], with exponents >= 0.
+struct Powers {
+    int count = 0;
+    double coefficients[most_powers] = {};
+    double exponents[most_powers] = {};
+};
+
+struct Problem {
+    int k = 0, m = 0, r = 0;  // contacts, rows of the balance, torque rows
+    Friction friction;
+    const double* B = nullptr;  // balance, then torque rows (m + r, d k)
+    const double* b = nullptr;  // (m)
+    const double *lo = nullptr, *hi = nullptr;      // lo < hi (k)
+    const double *R_lo = nullptr, *R_hi = nullptr;  // R_lo < R_hi (r)
+    const double* P = nullptr;  // blocks of the contacts, symmetric (d, d, k)
+    const double* q = nullptr;  // (d k)
+    Powers powers;
+};
+
+}  // namespace PINOGRASP_CORE_LEVEL
+}  // namespace pinograsp::core

@@ -1,0 +1,377 @@
+// The core for Python: arrays in, arrays out. Compiled once for each kind of processor, a module each.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/unique_ptr.h>
+#include <nanobind/stl/vector.h>
+
+#include "pinograsp/core.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace pinograsp::core;
+
+namespace {
+
+using Numbers = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+using Wrench = nb::ndarray<const double, nb::shape<6>, nb::c_contig, nb::device::cpu>;
+using Written = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
+using Flags = nb::ndarray<bool, nb::c_contig, nb::device::cpu>;
+using Indices = nb::ndarray<const std::int64_t, nb::c_contig, nb::device::cpu>;
+using View = nb::ndarray<nb::numpy, double>;
+
+// A view of memory that `owner` keeps.
+View view(double* values, std::initializer_list<std::size_t> shape, nb::handle owner) {
+    return View(values, shape.size(), shape.begin(), owner);
+}
+
+void need(bool fits, const char* what) {
+    if (!fits) throw nb::value_error(what);
+}
+
+const double* sized(const Numbers& values, std::size_t size, const char* what) {
+    need(values.size() == size, what);
+    return values.data();
+}
+
+// -- one problem ------------------------------------------------------------------------------------------------------
+
+
+std::unique_ptr<Forces> make_forces(int k, int m, int r, int d, int round, bool separates, Numbers facets, Numbers vertices,
+                                    Numbers B, Numbers P, Numbers q, Numbers R_lo, Numbers R_hi, Numbers correction,
+                                    Numbers widths, Numbers grasp_matrix, Numbers normals, double constant, double largest,
+                                    double arm, double near) {
+    const std::size_t n = static_cast<std::size_t>(d) * k;
+    need(k > 0 && (m == 3 || m == 6) && r >= 0 && (d == 3 || d == 4) && round < d && round != 1, "sizes of a grasp");
+    GraspData data;
+    data.k = k;
+    data.m = m;
+    data.r = r;
+    data.friction.d = d;
+    data.friction.round = round;
+    data.friction.facets = static_cast<int>(facets.size()) / (d - 1);
+    data.friction.C = facets.data();
+    data.friction.corners = static_cast<int>(vertices.size()) / 2;
+    data.friction.vertices = vertices.data();
+    data.separates = separates;
+    data.B = sized(B, (m + r) * n, "B");
+    data.P = sized(P, d * n, "P");
+    data.q = sized(q, n, "q");
+    data.R_lo = sized(R_lo, r, "R_lo");
+    data.R_hi = sized(R_hi, r, "R_hi");
+    data.correction = sized(correction, n * m, "correction");
+    data.widths = sized(widths, n, "widths");
+    data.grasp_matrix = sized(grasp_matrix, 18 * static_cast<std::size_t>(k), "grasp_matrix");
+    data.normals = sized(normals, 3 * static_cast<std::size_t>(k), "normals");
+    data.constant = constant;
+    data.largest = largest;
+    data.arm = arm;
+    data.near = near;
+    return std::make_unique<Forces>(data);
+}
+
+// A problem of the grasp's rows that was made elsewhere: (code, violation, value, bound, x, y, gauge, residual).
+nb::tuple answer(Forces& forces, bool newton, Numbers b, Numbers lo, Numbers hi, Numbers R_lo, Numbers R_hi, Numbers P,
+                 Numbers q, Numbers terms) {
+    const int k = forces.contacts(), m = forces.balance_rows(), r = forces.torque_rows(), n = forces.components() * k;
+    Powers powers;
+    need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, powers), "terms");
+    const Checked found = forces.answer(
+        newton, sized(b, m, "b"), sized(lo, k, "lo"), sized(hi, k, "hi"), sized(R_lo, r, "R_lo"), sized(R_hi, r, "R_hi"),
+        sized(P, static_cast<std::size_t>(n) * forces.components(), "P"), sized(q, n, "q"), powers);
+    const auto copied = [](const double* values, std::size_t size) {
+        double* own = new double[size];
+        std::copy(values, values + size, own);
+        return View(own, {size}, nb::capsule(own, [](void* p) noexcept { delete[] static_cast<double*>(p); }));
+    };
+    return nb::make_tuple(static_cast<int>(found.code), found.newton, found.violation, found.value, found.bound,
+                          copied(forces.x(), n), copied(forces.y(), m + r), copied(forces.gauge(), k),
+                          copied(forces.residual(), m));
+}
+
+// Lower bound of the objective, and Farkas bound, of multipliers y (m + r) of such a problem, near x (d k).
+nb::tuple bounds(Forces& forces, Numbers b, Numbers lo, Numbers hi, Numbers R_lo, Numbers R_hi, Numbers P, Numbers q,
+                 Numbers terms, Numbers x, Numbers y) {
+    const int k = forces.contacts(), m = forces.balance_rows(), r = forces.torque_rows(), n = forces.components() * k;
+    Problem problem = forces.fixed();
+    need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, problem.powers), "terms");
+    problem.b = sized(b, m, "b");
+    problem.lo = sized(lo, k, "lo");
+    problem.hi = sized(hi, k, "hi");
+    problem.R_lo = sized(R_lo, r, "R_lo");
+    problem.R_hi = sized(R_hi, r, "R_hi");
+    problem.P = sized(P, static_cast<std::size_t>(n) * forces.components(), "P");
+    problem.q = sized(q, n, "q");
+    const double* multipliers = sized(y, m + r, "y");
+    return nb::make_tuple(bound_of(problem, sized(x, n, "x"), multipliers).bound, excluded(problem, multipliers));
+}
+
+// A grasp's problem at one impact time, for one objective, for one load after the other.
+struct Prepared {
+    nb::object grasp;  // keeps the grasp's memory
+    Forces* forces;
+    bool newton;
+    std::vector<double> least, greatest, terms;
+
+    Prepared(nb::object own, bool by_newton, Numbers low, Numbers high, Numbers powers)
+        : grasp(own), forces(nb::cast<Forces*>(own)), newton(by_newton), least(low.data(), low.data() + low.size()),
+          greatest(high.data(), high.data() + high.size()), terms(powers.data(), powers.data() + powers.size()) {
+        need(least.size() == static_cast<std::size_t>(forces->contacts()) && greatest.size() == least.size(),
+             "limits of F_n");
+        Powers found;
+        need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, found), "terms");
+    }
+
+    // Fills numbers (6 + 4 k): wrench, forces, torsion; and active (3 k + r).
+    nb::tuple solve(Wrench load, Written numbers, Flags active) const {
+        const int k = forces->contacts(), r = forces->torque_rows();
+        need(numbers.size() == static_cast<std::size_t>(6 + 4 * k) && active.size() == static_cast<std::size_t>(3 * k + r),
+             "room for the results");
+        double* out = numbers.data();
+        bool* at = active.data();
+        const Record record{out, out + 6, out + 6 + 3 * k, at, at + k, at + 2 * k, at + 3 * k};
+        const Outcome found = forces->solve(newton, least.data(), greatest.data(), terms.data(),
+                                            static_cast<int>(terms.size()) / 2, load.data(), record);
+        const Checked& checked = found.checked;
+        return nb::make_tuple(static_cast<int>(checked.code), checked.newton, checked.violation, found.most, checked.value,
+                              checked.bound, found.constant, found.force, found.moment, found.scale, found.unit);
+    }
+};
+
+// -- tick by tick -----------------------------------------------------------------------------------------------------
+
+class Loop {
+public:
+    Loop(int contacts, int components, int round, int rows, double torsion, double arm, double safety, double ramp,
+         int most_steps, double most_rate, int joints, Indices links, std::vector<int> limited, Numbers couplings,
+         std::vector<double> coupled, double borne)
+        : most_rate_(most_rate) {
+        OnlineSetup setup;
+        setup.contacts = contacts;
+        setup.components = components;
+        setup.round = round;
+        setup.rows = rows;
+        setup.torsion = torsion;
+        setup.arm = arm;
+        setup.safety = safety;
+        setup.ramp = ramp;
+        setup.most_steps = most_steps;
+        setup.joints = joints;
+        for (std::size_t i = 0; i + 2 < links.size(); i += 3) {
+            const std::int64_t* one = links.data() + i;
+            setup.links.push_back({static_cast<int>(one[0]), static_cast<int>(one[1]), static_cast<int>(one[2])});
+            need(one[0] >= 0 && one[0] < contacts && one[1] >= 0 && one[2] >= 0 && one[2] < joints, "links");
+        }
+        setup.limited = std::move(limited);
+        setup.couplings = static_cast<int>(coupled.size());
+        setup.coupling_rows.assign(couplings.data(), couplings.data() + couplings.size());
+        need(setup.coupling_rows.size() == coupled.size() * joints, "couplings");
+        setup.coupled = std::move(coupled);
+        setup.borne = borne;
+        need(contacts > 0 && joints >= 0, "sizes of a loop");
+        online = make_online(setup);
+        need(online != nullptr, "components");
+        gravity_.assign(joints, 0.0);
+        online->gravity = gravity_.data();
+    }
+
+    std::unique_ptr<Online> online;
+
+    // The Jacobian's memory is looked at in every tick; gravity (n) is copied.
+    void hand(Numbers jacobian, Numbers gravity) {
+        jacobian_ = jacobian;
+        online->jacobian = jacobian.data();
+        this->gravity(gravity);
+    }
+
+    void gravity(Numbers values) {
+        need(values.size() == gravity_.size(), "gravity");
+        std::copy(values.data(), values.data() + values.size(), gravity_.begin());
+    }
+
+    void place(Numbers points, Numbers rotations) {
+        const std::size_t k = online->setup().contacts;
+        std::copy_n(sized(points, 3 * k, "points"), 3 * k, online->points);
+        std::copy_n(sized(rotations, 9 * k, "rotations"), 9 * k, online->rotations);
+        online->moved = true;
+    }
+
+    void rub(Numbers mu) {
+        const std::size_t k = online->setup().contacts;
+        std::copy_n(sized(mu, k, "mu"), k, online->mu);
+        online->moved = true;
+    }
+
+    int step(Wrench load) {
+        std::copy_n(load.data(), 6, online->wrench);
+        online->rate = started ? most_rate_ : infinity;
+        const Tick found = online->tick();
+        started = started || found != Tick::unusable;
+        return static_cast<int>(found);
+    }
+
+    void reset() {
+        started = false;
+        std::fill_n(online->multipliers, online->setup().rows, 0.0);
+    }
+
+    // As if there had been no tick.
+    void clear() {
+        reset();
+        const std::size_t k = online->setup().contacts;
+        std::fill_n(online->forces, 3 * k, 0.0);
+        std::fill_n(online->moments, k, 0.0);
+        std::fill_n(online->unbalanced, 6, 0.0);
+        std::fill_n(online->torques, online->setup().joints, 0.0);
+    }
+
+    bool started = false;
+
+private:
+    double most_rate_;
+    Numbers jacobian_;
+    std::vector<double> gravity_;
+};
+
+// -- multipliers ------------------------------------------------------------------------------------------------------
+
+struct Box {
+    virtual ~Box() = default;
+    virtual bool solve(const double* load) = 0;
+    std::vector<double> k;
+};
+
+template <int M>
+struct BoxOf final : Box {
+    BoxOf(const double* H, int n, double eps, const double* fixed, const double* row) : method(H, n, eps) {
+        k.assign(n, 0.0);
+        std::copy_n(fixed, M, fixed_);
+        std::copy_n(row, M, row_);
+    }
+
+    bool solve(const double* load) override {
+        double b[M];
+        for (int r = 0; r < M; ++r) b[r] = fixed_[r] + row_[r] * load[r];
+        return method.solve(b, k.data());
+    }
+
+    BoxLeastSquares<M> method;
+    double fixed_[M], row_[M];
+};
+
+std::unique_ptr<Box> make_box(Numbers H, double eps, Numbers fixed, Numbers row) {
+    need(H.ndim() == 2 && (H.shape(0) == 3 || H.shape(0) == 6), "H");
+    const int m = static_cast<int>(H.shape(0)), n = static_cast<int>(H.shape(1));
+    sized(fixed, m, "fixed");
+    sized(row, m, "row");
+    if (m == 3) return std::make_unique<BoxOf<3>>(H.data(), n, eps, fixed.data(), row.data());
+    return std::make_unique<BoxOf<6>>(H.data(), n, eps, fixed.data(), row.data());
+}
+
+// -- many problems ----------------------------------------------------------------------------------------------------
+
+void batch(std::int64_t start, std::int64_t stop, int components, int round, int rows, double torsion, double squares,
+           Numbers points, Numbers rotations, Indices counts, Numbers loads, Numbers mu, Numbers low, Numbers high,
+           Numbers arms, Numbers terms, Written forces, Written moments, Written objective, Written lower_bound,
+           Written residual, Written violation, nb::ndarray<std::int64_t, nb::c_contig, nb::device::cpu> codes) {
+    const std::size_t n = counts.size(), k = n ? mu.size() / n : 0;
+    need(k > 0 && start >= 0 && stop <= static_cast<std::int64_t>(n), "problems");
+    need(points.size() == 3 * n * k && rotations.size() == 9 * n * k && loads.size() == 6 * n && mu.size() == n * k &&
+             low.size() == n * k && high.size() == n * k && arms.size() == n && terms.size() % (2 * n) == 0 &&
+             forces.size() == 3 * n * k && moments.size() == n * k && objective.size() == n && lower_bound.size() == n &&
+             residual.size() == n && violation.size() == n && codes.size() == n,
+         "sizes of a batch");
+    Batch own;
+    own.k = static_cast<int>(k);
+    own.t = static_cast<int>(terms.size() / (2 * n));
+    own.torsion = torsion;
+    own.squares = squares;
+    own.points = points.data();
+    own.rotations = rotations.data();
+    own.counts = counts.data();
+    own.loads = loads.data();
+    own.mu = mu.data();
+    own.low = low.data();
+    own.high = high.data();
+    own.arms = arms.data();
+    own.terms = terms.data();
+    const BatchResults results{forces.data(),   moments.data(),   objective.data(), lower_bound.data(),
+                               residual.data(), violation.data(), codes.data()};
+    nb::gil_scoped_release released;
+    solve_batch(own, components, round, rows, start, stop, results);
+}
+
+// The best of the modules that this processor runs.
+const char* best_level() {
+#ifdef PINOGRASP_CORE_X86_64
+    const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+                    __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+    const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+                    __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+    return v4 ? "v4" : v3 ? "v3" : "base";
+#else
+    return "base";
+#endif
+}
+
+}  // namespace
+
+NB_MODULE(PINOGRASP_CORE_MODULE, m) {
+    m.attr("width") = width;
+    m.def("best_level", &best_level);
+    nb::class_<Forces>(m, "Grasp")
+        .def(nb::new_(&make_forces), nb::kw_only(), "k"_a, "m"_a, "r"_a, "d"_a, "round"_a, "separates"_a, "facets"_a,
+             "vertices"_a, "B"_a, "P"_a, "q"_a, "R_lo"_a, "R_hi"_a, "correction"_a, "widths"_a, "grasp_matrix"_a,
+             "normals"_a, "constant"_a, "largest"_a, "arm"_a, "near"_a)
+        .def("bounds", &bounds, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a, "x"_a, "y"_a)
+        .def("answer", &answer, "newton"_a, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a);
+    nb::class_<Prepared>(m, "Prepared")
+        .def(nb::init<nb::object, bool, Numbers, Numbers, Numbers>(), "grasp"_a, "newton"_a, "least"_a, "greatest"_a,
+             "terms"_a)
+        .def("solve", &Prepared::solve, "load"_a, "numbers"_a, "active"_a);
+    nb::class_<Loop> loop(m, "Loop");
+    loop.def(nb::init<int, int, int, int, double, double, double, double, int, double, int, Indices, std::vector<int>,
+                      Numbers, std::vector<double>, double>(),
+             nb::kw_only(), "contacts"_a, "components"_a, "round"_a, "rows"_a, "torsion"_a, "arm"_a, "safety"_a, "ramp"_a,
+             "most_steps"_a, "most_rate"_a, "joints"_a, "links"_a, "limited"_a, "couplings"_a, "coupled"_a, "borne"_a)
+        .def("step", &Loop::step, "load"_a)
+        .def("hand", &Loop::hand, "jacobian"_a, "gravity"_a)
+        .def("gravity", &Loop::gravity, "values"_a)
+        .def("place", &Loop::place, "points"_a, "rotations"_a)
+        .def("rub", &Loop::rub, "mu"_a)
+        .def("reset", &Loop::reset)
+        .def("clear", &Loop::clear)
+        .def_ro("started", &Loop::started)
+        .def_prop_ro("steps", [](const Loop& own) { return own.online->steps; })
+        .def_prop_ro("off", [](const Loop& own) { return own.online->off; });
+    const auto array = [&loop](const char* name, double* Online::*values, int width_of) {
+        loop.def_prop_ro(name, [values, width_of](nb::handle self) {
+            Online& own = *nb::cast<Loop&>(self).online;
+            const std::size_t k = own.setup().contacts;
+            if (width_of == 0) return view(own.*values, {static_cast<std::size_t>(own.setup().joints)}, self);
+            if (width_of == 3) return view(own.*values, {k, 3}, self);
+            return view(own.*values, {k}, self);
+        });
+    };
+    array("least", &Online::least, 1);
+    array("largest", &Online::largest, 1);
+    array("share", &Online::share, 1);
+    array("target", &Online::target, 1);
+    array("forces", &Online::forces, 3);
+    array("moments", &Online::moments, 1);
+    array("torques", &Online::torques, 0);
+    array("torque_limit", &Online::torque_limit, 0);
+    loop.def_prop_ro("residual", [](nb::handle self) {
+        return view(nb::cast<Loop&>(self).online->unbalanced, {6}, self);
+    });
+    loop.def_prop_ro("com", [](nb::handle self) { return view(nb::cast<Loop&>(self).online->com, {3}, self); });
+    nb::class_<Box>(m, "Box")
+        .def(nb::new_(&make_box), "H"_a, "eps"_a, "fixed"_a, "row"_a)
+        .def("solve", [](Box& box, Wrench load) { return box.solve(load.data()); }, "load"_a)
+        .def_prop_ro("k", [](nb::handle self) {
+            Box& box = nb::cast<Box&>(self);
+            return view(box.k.data(), {box.k.size()}, self);
+        });
+    m.def("solve_batch", &batch, "start"_a, "stop"_a, nb::kw_only(), "components"_a, "round"_a, "rows"_a, "torsion"_a,
+          "squares"_a, "points"_a, "rotations"_a, "counts"_a, "loads"_a, "mu"_a, "low"_a, "high"_a, "arms"_a, "terms"_a,
+          "forces"_a, "moments"_a, "objective"_a, "lower_bound"_a, "residual"_a, "violation"_a, "codes"_a);
+}
