@@ -100,7 +100,7 @@ def main() -> None:
         columns = list(dict.fromkeys(column for row in rows for column in row))
         write_rows(
             HERE / "batch.csv",
-            header(("numpy", "numba", "clarabel", "daqp")),
+            header(("numpy", "clarabel", "daqp")),
             [{c: r.get(c, "") for c in columns} for r in rows],
         )
 

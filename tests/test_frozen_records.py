@@ -112,7 +112,7 @@ def test_public_calls_leave_every_record_as_it_was(world, name):
     assert [key for key in before if before[key] != after[key]] == []
 
 
-def test_auto_does_not_depend_on_what_was_called_before(compiled_solvers):
+def test_auto_does_not_depend_on_what_was_called_before():
     """The same methods and the same answer in a fresh process, and after every method was loaded and asked."""
     script = """
 import json, numpy as np, pinograsp as pg

@@ -149,7 +149,7 @@ public:
         setup.contacts = contacts;
         setup.components = components;
         setup.round = round;
-        setup.rows = rows;
+        setup.moments = rows == 6;
         setup.torsion = torsion;
         setup.arm = arm;
         setup.safety = safety;
@@ -211,7 +211,7 @@ public:
 
     void reset() {
         started = false;
-        std::fill_n(online->multipliers, online->setup().rows, 0.0);
+        std::fill_n(online->multipliers, 6, 0.0);
     }
 
     // As if there had been no tick.
@@ -283,6 +283,7 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
     Batch own;
     own.k = static_cast<int>(k);
     own.t = static_cast<int>(terms.size() / (2 * n));
+    own.moments = rows == 6;
     own.torsion = torsion;
     own.squares = squares;
     own.points = points.data();
@@ -297,7 +298,7 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
     const BatchResults results{forces.data(),   moments.data(),   objective.data(), lower_bound.data(),
                                residual.data(), violation.data(), codes.data()};
     nb::gil_scoped_release released;
-    solve_batch(own, components, round, rows, start, stop, results);
+    solve_batch(own, components, round, start, stop, results);
 }
 
 // The best of the modules that this processor runs.

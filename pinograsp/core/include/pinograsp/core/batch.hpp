@@ -12,6 +12,7 @@ inline namespace PINOGRASP_CORE_LEVEL {
 // N problems of up to k contacts, of which the first `counts` (N) count; t powers of F_n in the objective.
 struct Batch {
     int k = 0, t = 0;
+    bool moments = true;                  // whether they are to be balanced, too
     double torsion = 0.0, squares = 0.0;  // [m] over the safety factor; weight of the sum of squared forces
     const double* points = nullptr;       // about the centres of mass (N, k, 3)
     const double* rotations = nullptr;    // contact frames (N, k, 3, 3)
@@ -133,12 +134,12 @@ private:
 
     // Problem p in a lane; infeasible: its limits exclude each other.
     Code load(std::int64_t p, int lane) {
-        const double *wrench = batch_.loads + 6 * p, arm = batch_.arms[p], *low = batch_.low + p * k_,
+        const double *wrench = batch_.loads + 6 * p, arm = batch_.arms[p], reach = batch_.moments ? arm : infinity, *low = batch_.low + p * k_,
                      *high = batch_.high + p * k_, *mu = batch_.mu + p * k_;
         const int count = static_cast<int>(batch_.counts[p]);
         double b[K::M], scale = 0.0;
         for (int r = 0; r < K::M; ++r) {
-            b[r] = r < 3 ? -wrench[r] : -wrench[r] / arm;
+            b[r] = r < 3 ? -wrench[r] : -wrench[r] / reach;
             scale += b[r] * b[r];
         }
         scale = std::sqrt(scale);
@@ -189,7 +190,7 @@ private:
         const std::int64_t at = p * k_ + i;
         Block<K>& block = method_.dual.blocks[i];
         set_columns(block, lane, batch_.points + 3 * at, batch_.rotations + 9 * at, batch_.mu[at], batch_.torsion,
-                    batch_.arms[p]);
+                    batch_.moments ? batch_.arms[p] : infinity);
         const double lo = batch_.low[at] / scale, hi = batch_.high[at] / scale;
         in_lane(block.lo, lane) = lo;
         in_lane(block.hi, lane) = hi;
@@ -298,21 +299,16 @@ private:
     }
 };
 
-// Solve problems `start` to `stop` of a friction model and a balance of 3 or 6 rows; several threads may take a part
-// each.
-inline void solve_batch(const Batch& batch, int components, int round, int rows, std::int64_t start, std::int64_t stop,
+// Solve problems `start` to `stop` of a friction model; several threads may take a part each.
+inline void solve_batch(const Batch& batch, int components, int round, std::int64_t start, std::int64_t stop,
                         const BatchResults& results) {
-    const auto of = [&](auto m) {
-        constexpr int M = decltype(m)::value;
-        switch (10 * components + round) {
-            case 30: return BatchOf<Shape<3, 0, M>>(batch).solve(start, stop, results);
-            case 32: return BatchOf<Shape<3, 2, M>>(batch).solve(start, stop, results);
-            case 40: return BatchOf<Shape<4, 0, M>>(batch).solve(start, stop, results);
-            case 42: return BatchOf<Shape<4, 2, M>>(batch).solve(start, stop, results);
-            default: return BatchOf<Shape<4, 3, M>>(batch).solve(start, stop, results);
-        }
-    };
-    rows == 3 ? of(std::integral_constant<int, 3>{}) : of(std::integral_constant<int, 6>{});
+    switch (10 * components + round) {
+        case 30: return BatchOf<Shape<3, 0>>(batch).solve(start, stop, results);
+        case 32: return BatchOf<Shape<3, 2>>(batch).solve(start, stop, results);
+        case 40: return BatchOf<Shape<4, 0>>(batch).solve(start, stop, results);
+        case 42: return BatchOf<Shape<4, 2>>(batch).solve(start, stop, results);
+        default: return BatchOf<Shape<4, 3>>(batch).solve(start, stop, results);
+    }
 }
 
 }  // namespace PINOGRASP_CORE_LEVEL

@@ -7,7 +7,7 @@ namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
 // The columns of a contact in its lane: from its point about the centre of mass (3), its frame (3, 3), friction `mu` and
-// `torsion` [m] over the safety factor; moments over `arm`.
+// `torsion` [m] over the safety factor; moments over `arm`, infinite where they do not count.
 template <class K>
 PINOGRASP_INLINE void set_columns(
     Block<K>& block, int lane, const double* point, const double* rotation, double mu, double torsion, double arm) {
@@ -20,11 +20,9 @@ PINOGRASP_INLINE void set_columns(
         a[j][0][lane] = u;
         a[j][1][lane] = v;
         a[j][2][lane] = w;
-        if constexpr (K::M == 6) {
-            a[j][3][lane] = y * w - z * v;
-            a[j][4][lane] = z * u - x * w;
-            a[j][5][lane] = x * v - y * u;
-        }
+        a[j][3][lane] = y * w - z * v;
+        a[j][4][lane] = z * u - x * w;
+        a[j][5][lane] = x * v - y * u;
     }
     if constexpr (K::D == 4)
         for (int r = 0; r < K::M; ++r) a[2][r][lane] = r < 3 ? 0.0 : rotation[3 * (r - 3) + 2] * torsion / arm;

@@ -1,6 +1,6 @@
 // The dual of a force problem with a separable quadratic objective, and Newton's method on it.
 //
-// The balance has m = 3 or 6 rows; every other constraint concerns a single contact. With multipliers y of A x = b the
+// The balance has m = 6 rows, of which the last three are zero where moments do not count; every other constraint concerns a single contact. With multipliers y of A x = b the
 // Lagrangian therefore separates,
 //
 //     D(y) = -b . y + sum_i min_{x_i} [ 1/2 x_i' w_i x_i + (q_i + A_i' y) . x_i ],   u_i in F_i U,  lo <= F_i <= hi,
@@ -26,10 +26,10 @@
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
-// D components of a force, the first R of them in a cone, M rows of the balance.
-template <int D_, int R_, int M_>
+// D components of a force, the first R of them in a cone; M rows of the balance.
+template <int D_, int R_>
 struct Shape {
-    static constexpr int D = D_, R = R_, M = M_, E = D_ - 1;
+    static constexpr int D = D_, R = R_, M = 6, E = D_ - 1;
     static constexpr int groups = (R_ > 0 ? 1 : 0) + E - R_;  // of components that saturate together
     static constexpr int sets = 1 << groups;
     // What component j, outside of the cone, is limited by, over F_n. A pyramid's four edges lie on the cone.

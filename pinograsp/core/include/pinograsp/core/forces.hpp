@@ -44,7 +44,7 @@ public:
         double least = infinity;
         for (int i = 0; i < k; ++i) least = min(least, lay_out(problem, i));
         for (int r = 0; r < K::M; ++r) {
-            method_.dual.b[r] = problem.b[r];
+            method_.dual.b[r] = r < problem.m ? problem.b[r] : 0.0;
             method_.dual.y[r] = 0.0;
         }
         method_.powers = problem.powers.count;
@@ -55,7 +55,7 @@ public:
         const Code code = minimise(method_, least, steps);
         for (int i = 0; i < k; ++i)
             for (int j = 0; j < K::D; ++j) x[j * k + i] = in_lane(method_.dual.blocks[i / width].x[j], i % width);
-        for (int r = 0; r < K::M; ++r) y[r] = method_.dual.y[r];
+        for (int r = 0; r < problem.m; ++r) y[r] = method_.dual.y[r];
         return code;
     }
 
@@ -71,7 +71,7 @@ private:
         Cost<K>& cost = method_.costs[i / width];
         double least = infinity;
         for (int j = 0; j < K::D; ++j) {
-            for (int r = 0; r < K::M; ++r) in_lane(at.a[j][r], lane) = problem.B[(r * K::D + j) * k + i];
+            for (int r = 0; r < problem.m; ++r) in_lane(at.a[j][r], lane) = problem.B[(r * K::D + j) * k + i];
             const double own = problem.P[(j * K::D + j) * k + i];
             least = min(least, own);
             in_lane(cost.P[j], lane) = own;
@@ -84,18 +84,14 @@ private:
     }
 };
 
-inline std::unique_ptr<Separable> make_separable(int d, int round, int m, int k) {
-    const auto of = [&](auto rows) -> std::unique_ptr<Separable> {
-        constexpr int M = decltype(rows)::value;
-        switch (10 * d + round) {
-            case 30: return std::make_unique<SeparableOf<Shape<3, 0, M>>>(k);
-            case 32: return std::make_unique<SeparableOf<Shape<3, 2, M>>>(k);
-            case 40: return std::make_unique<SeparableOf<Shape<4, 0, M>>>(k);
-            case 42: return std::make_unique<SeparableOf<Shape<4, 2, M>>>(k);
-            default: return std::make_unique<SeparableOf<Shape<4, 3, M>>>(k);
-        }
-    };
-    return m == 3 ? of(std::integral_constant<int, 3>{}) : of(std::integral_constant<int, 6>{});
+inline std::unique_ptr<Separable> make_separable(int d, int round, int k) {
+    switch (10 * d + round) {
+        case 30: return std::make_unique<SeparableOf<Shape<3, 0>>>(k);
+        case 32: return std::make_unique<SeparableOf<Shape<3, 2>>>(k);
+        case 40: return std::make_unique<SeparableOf<Shape<4, 0>>>(k);
+        case 42: return std::make_unique<SeparableOf<Shape<4, 2>>>(k);
+        default: return std::make_unique<SeparableOf<Shape<4, 3>>>(k);
+    }
 }
 
 // What does not depend on the load; arrays are copied. In newtons: objective 1/2 x'Px + q'x + constant.
@@ -161,7 +157,7 @@ public:
         for (double** own : {&lo_, &hi_, &gauge_}) *own = memory_.part<double>(k_);
         for (double** own : {&R_lo_, &R_hi_}) *own = memory_.part<double>(r_);
         y_ = memory_.part<double>(m_ + r_);
-        if (data.separates && r_ == 0) separable_ = make_separable(d_, data.friction.round, m_, k_);
+        if (data.separates && r_ == 0) separable_ = make_separable(d_, data.friction.round, k_);
     }
 
     int contacts() const { return k_; }

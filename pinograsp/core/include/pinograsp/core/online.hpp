@@ -25,7 +25,7 @@ enum class Tick : int { converged = 0, stalled = 1, infeasible = 2, unusable = -
 struct OnlineSetup {
     int contacts = 0;
     int components = 3, round = 2;  // of a force, and those of them in a cone
-    int rows = 6;                   // of the balance: 3 for forces alone
+    bool moments = true;            // whether they are to be balanced, too
     double torsion = 0.0;           // [m]
     double arm = 1.0;               // moments are divided by it [m]
     double safety = 1.0;            // friction is divided by it
@@ -64,7 +64,7 @@ public:
     double* moments = nullptr;  // about the normals (k) [N m]
     double unbalanced[6] = {};  // what forces and load leave over [N, N m]
     double* torques = nullptr;  // (n) [N m]
-    double* multipliers = nullptr;  // of the balance (rows) [N]
+    double* multipliers = nullptr;  // of the balance (6) [N]
     double off = 0.0;               // norm of what is not balanced, moments over the arm [N]
     int steps = 0;                  // Newton steps
 
@@ -115,7 +115,8 @@ public:
         }
         if (!setup.limited.empty() || setup.couplings > 0)
             within_ = std::make_unique<TorqueLimits<K>>(
-                setup.contacts, setup.joints, setup.links, setup.limited, setup.couplings, setup.coupling_rows);
+                setup.contacts, setup.moments ? 6 : 3, setup.joints, setup.links, setup.limited, setup.couplings,
+                setup.coupling_rows);
     }
 
     Tick tick() override {
@@ -135,6 +136,8 @@ private:
     Vector* best_;
     std::unique_ptr<TorqueLimits<K>> within_;
 
+    // Moments over it vanish where they do not count.
+    double arm() const { return setup_.moments ? setup_.arm : infinity; }
     double slip(int i) const { return mu[i] / setup_.safety; }
 
     bool unusable() const {
@@ -149,7 +152,7 @@ private:
     double set_up() {
         double scale = 1e-9;
         for (int r = 0; r < K::M; ++r) {
-            dual_.b[r] = r < 3 ? -wrench[r] : -wrench[r] / setup_.arm;
+            dual_.b[r] = r < 3 ? -wrench[r] : -wrench[r] / arm();
             scale = max(scale, std::fabs(dual_.b[r]));
         }
         if (moved) place();
@@ -180,7 +183,7 @@ private:
             Block<K>& at = dual_.blocks[i / width];
             const int lane = i % width;
             const double friction = slip(i);
-            set_columns(at, lane, points + 3 * i, rotations + 9 * i, friction, setup_.torsion / setup_.safety, setup_.arm);
+            set_columns(at, lane, points + 3 * i, rotations + 9 * i, friction, setup_.torsion / setup_.safety, arm());
             // Without friction the tangential components are zero: any weight will do.
             for (int j = 0; j < K::E; ++j) in_lane(at.w[j], lane) = max(friction * friction, 1e-6);
             in_lane(at.w[K::E], lane) = 1.0;
@@ -262,20 +265,16 @@ private:
     }
 };
 
-// A loop for a friction model and a balance.
+// A loop for a friction model; none where there is no such model.
 inline std::unique_ptr<Online> make_online(const OnlineSetup& setup) {
-    const auto of = [&](auto rows) -> std::unique_ptr<Online> {
-        constexpr int M = decltype(rows)::value;
-        switch (10 * setup.components + setup.round) {
-            case 30: return std::make_unique<OnlineOf<Shape<3, 0, M>>>(setup);
-            case 32: return std::make_unique<OnlineOf<Shape<3, 2, M>>>(setup);
-            case 40: return std::make_unique<OnlineOf<Shape<4, 0, M>>>(setup);
-            case 42: return std::make_unique<OnlineOf<Shape<4, 2, M>>>(setup);
-            case 43: return std::make_unique<OnlineOf<Shape<4, 3, M>>>(setup);
-            default: return nullptr;
-        }
-    };
-    return setup.rows == 3 ? of(std::integral_constant<int, 3>{}) : of(std::integral_constant<int, 6>{});
+    switch (10 * setup.components + setup.round) {
+        case 30: return std::make_unique<OnlineOf<Shape<3, 0>>>(setup);
+        case 32: return std::make_unique<OnlineOf<Shape<3, 2>>>(setup);
+        case 40: return std::make_unique<OnlineOf<Shape<4, 0>>>(setup);
+        case 42: return std::make_unique<OnlineOf<Shape<4, 2>>>(setup);
+        case 43: return std::make_unique<OnlineOf<Shape<4, 3>>>(setup);
+        default: return nullptr;
+    }
 }
 
 }  // namespace PINOGRASP_CORE_LEVEL

@@ -29,11 +29,11 @@ class TorqueLimits {
 public:
     TorqueInputs inputs{};
 
-    TorqueLimits(int k, int joints, const std::vector<Link>& links, const std::vector<int>& limited, int couplings,
+    TorqueLimits(int k, int m, int joints, const std::vector<Link>& links, const std::vector<int>& limited, int couplings,
                  const std::vector<double>& coupling_rows)
-        : k_(k), n_(joints), couplings_(couplings), links_(links), coupling_rows_(coupling_rows),
+        : k_(k), m_(m), n_(joints), couplings_(couplings), links_(links), coupling_rows_(coupling_rows),
           rows_(count_rows(limited)),
-          interior_(K::D, K::R, facets, k, K::M, rows_),
+          interior_(K::D, K::R, facets, k, m, rows_),
           numbers_(size()) {
         double* at = numbers_.data();
         const auto part = [&at](std::size_t count) {
@@ -41,7 +41,7 @@ public:
             at += count;
             return found;
         };
-        B_ = part((K::M + rows_) * K::D * k);
+        B_ = part((m_ + rows_) * K::D * k);
         P_ = part(K::D * K::D * k);
         q_ = part(K::D * k);
         lo_ = part(k);
@@ -50,7 +50,7 @@ public:
         R_hi_ = part(rows_);
         x_ = part(K::D * k);
         best_ = part(K::D * k);
-        y_ = part(K::M + rows_);
+        y_ = part(m_ + rows_);
         every_ = part(couplings ? n_ * K::D * k : 0);
         facets_of();
     }
@@ -83,7 +83,7 @@ private:
     // Forces are the closest where what they leave of the balance is this near to its proven least value.
     static constexpr double close_enough = 1e-6;
 
-    int k_, n_, couplings_;
+    int k_, m_, n_, couplings_;
     std::vector<Link> links_;
     std::vector<double> coupling_rows_;
     std::vector<int> row_of_, low_of_;  // row of a joint, first of the two rows of a coupling; -1 for none
@@ -95,7 +95,7 @@ private:
 
     std::size_t size() const {
         const std::size_t n = K::D * k_;
-        return (K::M + rows_) * n + K::D * n + 3 * n + 2 * k_ + 2 * rows_ + K::M + rows_ + (couplings_ ? n_ * n : 0);
+        return (m_ + rows_) * n + K::D * n + 3 * n + 2 * k_ + 2 * rows_ + m_ + rows_ + (couplings_ ? n_ * n : 0);
     }
 
     // Joints that no contact loads have no row.
@@ -130,7 +130,7 @@ private:
     Problem problem(const double* b) const {
         Problem found;
         found.k = k_;
-        found.m = K::M;
+        found.m = m_;
         found.r = rows_;
         found.friction.d = K::D;
         found.friction.round = K::R;
@@ -151,18 +151,18 @@ private:
     }
 
     // Row r of the torque rows: coefficient of component j of contact i.
-    double& R(int r, int j, int i) { return B_[((K::M + r) * K::D + j) * k_ + i]; }
+    double& R(int r, int j, int i) { return B_[((m_ + r) * K::D + j) * k_ + i]; }
 
     template <class Unit>
     void lay_out(const Dual<K, double>& dual, const Unit& unit) {
-        std::memset(B_ + K::M * K::D * k_, 0, sizeof(double) * rows_ * K::D * k_);
+        std::memset(B_ + m_ * K::D * k_, 0, sizeof(double) * rows_ * K::D * k_);
         for (int i = 0; i < k_; ++i) {
             const Block<K>& at = dual.blocks[i / width];
             const int lane = i % width;
             lo_[i] = in_lane(at.lo, lane);
             hi_[i] = max(in_lane(at.hi, lane), lo_[i] + 1e-9);
             for (int j = 0; j < K::D; ++j) {
-                for (int r = 0; r < K::M; ++r) B_[(r * K::D + j) * k_ + i] = in_lane(at.a[j][r], lane);
+                for (int r = 0; r < m_; ++r) B_[(r * K::D + j) * k_ + i] = in_lane(at.a[j][r], lane);
                 for (int c = 0; c < K::D; ++c) P_[(j * K::D + c) * k_ + i] = j == c ? in_lane(at.w[j], lane) : 0.0;
                 q_[j * k_ + i] = 0.0;
             }
@@ -285,9 +285,9 @@ private:
                 std::memcpy(best_, x_, sizeof(double) * K::D * k_);
             }
             double square = 0.0;
-            for (int r = 0; r < K::M; ++r) square += y_[r] * y_[r];
+            for (int r = 0; r < m_; ++r) square += y_[r] * y_[r];
             const double size = max(std::sqrt(square), 1e-300);
-            for (int r = 0; r < K::M + rows_; ++r) y_[r] /= size;
+            for (int r = 0; r < m_ + rows_; ++r) y_[r] /= size;
             sure = nearest - excluded(problem, y_) <= close_enough * max(nearest, 1.0);
             give = max(give * 0.1, 1e-7);
             for (int i = 0; i < k_; ++i)
@@ -301,7 +301,7 @@ private:
 
     double missed(const Problem& problem) const {
         double square = 0.0;
-        for (int r = 0; r < K::M; ++r) {
+        for (int r = 0; r < m_; ++r) {
             double total = -problem.b[r];
             for (int l = 0; l < K::D * k_; ++l) total += B_[r * K::D * k_ + l] * x_[l];
             square += total * total;
