@@ -38,7 +38,7 @@ TOLERANCE = Tolerance()
 
 # Objectives can vanish (motor heat, where contact forces cancel gravity). Where one is below the first share of the
 # usual cost (that of forces of the load's size, or of no forces), the gap is measured against the second share of it.
-_NEGLIGIBLE, _VANISHING = 1e-5, 1e-2
+NEGLIGIBLE, VANISHING = 1e-5, 1e-2
 _WEIGHTLESS = 1e-6  # relative to the least normal force: the size of a smaller load is no measure of the forces
 
 
@@ -53,7 +53,7 @@ def objective_size_of(objective: float, constant: float) -> float:
     """The size that the gap is compared with: the objective, unless it vanishes; ``constant`` is part of it."""
     usual = max(1.0, abs(constant))
     size = abs(objective)
-    return _VANISHING * usual if size < _NEGLIGIBLE * usual else size
+    return VANISHING * usual if size < NEGLIGIBLE * usual else size
 
 
 @overload

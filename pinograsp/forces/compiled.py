@@ -15,7 +15,7 @@ import numpy as np
 from pinograsp import core
 from pinograsp.checks import record_of
 from pinograsp.forces.answers import Answer, Checks
-from pinograsp.forces.certificate import Certificate, objective_size_of
+from pinograsp.forces.certificate import NEGLIGIBLE, TOLERANCE, VANISHING, Certificate
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import EnergyTerms, Program
 from pinograsp.forces.template import Template
@@ -74,42 +74,49 @@ class Prepared:
         least = np.full(self._k, low) if floor is None else np.maximum(floor, low)
         largest = np.full(self._k, high) if cap is None else np.minimum(cap, high)
         powers = np.array([(weights[m] * c, e) for m, own in terms.items() for c, e in own], dtype=float).reshape(-1, 2)
-        self._solve = core.load().Prepared(template.grasp(problem), method == "newton", least, largest, powers).solve
+        self._solve = (
+            core.load()
+            .Prepared(
+                template.grasp(problem),
+                method == "newton",
+                least,
+                largest,
+                powers,
+                residual=TOLERANCE.residual,
+                violation=TOLERANCE.violation,
+                gap=TOLERANCE.gap,
+                vanishing=VANISHING,
+                negligible=NEGLIGIBLE,
+            )
+            .solve
+        )
 
     def forces(self, load: Array) -> CompiledForces | None:
         """Forces for a load (6,), read-only; None where there is no certified answer."""
         k = self._k
         numbers, active = np.empty(6 + 4 * k), np.empty(3 * k + len(self._joints), np.bool_)
-        code, newton, violation, most, value, bound, constant, force, moment, scale, unit = self._solve(
-            load, numbers, active
+        optimal, newton, objective, lower_bound, residual_norm, violation, load_size, force_size, objective_size = (
+            self._solve(load, numbers, active)
         )
-        if code != core.CONVERGED:
+        if not optimal:
             return None
-        # No objective is negative; rounding may raise a sharp bound above the value.
-        lower_bound = min(max(bound, -constant), value)
         numbers.flags.writeable = active.flags.writeable = False
         certificate = record_of(
             Certificate,
             {
-                "objective": (value + constant) * unit,
-                "lower_bound": (lower_bound + constant) * unit,
+                "objective": objective,
+                "lower_bound": lower_bound,
                 "residual": numbers[:6],
-                "residual_norm": math.hypot(force, moment) * scale,
-                "violation": max(violation, 0.0) * scale,
-                "load_size": scale,
-                "force_size": max(1.0, most) * scale,
-                "objective_size": objective_size_of(value + constant, constant) * unit,
+                "residual_norm": residual_norm,
+                "violation": violation,
+                "load_size": load_size,
+                "force_size": force_size,
+                "objective_size": objective_size,
                 "at_friction": active[:k],
                 "at_least": active[k : 2 * k],
                 "at_most": active[2 * k : 3 * k],
                 "at_torque": tuple(self._joints[row] for row in active[3 * k :].nonzero()[0]) if self._joints else (),
             },
         )
-        if not math.isfinite(bound) or not certificate.is_optimal():
-            return None
-        return CompiledForces(
-            backend="newton" if newton else "interior",
-            certificate=certificate,
-            forces_c=numbers[6 : 6 + 3 * k].reshape((k, 3)),
-            torsion=numbers[6 + 3 * k :],
-        )
+        forces = numbers[6 : 6 + 3 * k].reshape((k, 3))
+        return CompiledForces("newton" if newton else "interior", certificate, forces, numbers[6 + 3 * k :])

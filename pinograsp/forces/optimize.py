@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import weakref
+from collections.abc import Hashable, Mapping
 from dataclasses import replace
 from time import perf_counter
+from typing import TypeAlias
 
+from pinograsp.checks import instance_of
+from pinograsp.forces.compiled import Prepared
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import ConvexSolution
-from pinograsp.forces.solver import ForceSolver
+from pinograsp.forces.solver import ForceSolver, certified
+
+_MOST = 4  # impact times, objectives and backends for which a problem's preparations are kept
+_Kept: TypeAlias = dict[Hashable, tuple[Prepared, dict[str, float], float]]
+_KEPT: dict[int, _Kept] = {}  # by what problems that differ in their loads alone share
 
 
 def optimize_forces(
@@ -20,7 +28,8 @@ def optimize_forces(
 ) -> ConvexSolution:
     """The contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
 
-    For several loads use :class:`~pinograsp.forces.ForceSolver`, which prepares once. Balance, friction model and
+    What does not depend on the load is prepared once and kept with the problem; ``problem.with_load(load)`` shares it.
+    Balance, friction model and
     safety factor, caps, torque limits and deceleration shape are those of the problem.
 
     Args:
@@ -45,8 +54,40 @@ def optimize_forces(
         ExtraMissing: a compiled backend was asked for, and the core is not installed.
     """
     started = perf_counter()
-    found = ForceSolver(problem, impact_time, objective=objective, backend=backend).solve()
-    return replace(found, elapsed=perf_counter() - started)
+    instance_of("problem", problem, ForceProblem)
+    key, kept = _key_of(impact_time, objective, backend), _kept_with(problem)
+    if key in kept:
+        prepared, weights, at = kept[key]
+        found = certified(prepared, problem, weights, at, started)
+        if found is not None:
+            return found
+    solver = ForceSolver(problem, impact_time, objective=objective, backend=backend)
+    if key is not None and solver.prepared is not None:
+        while len(kept) >= _MOST:
+            kept.pop(list(kept)[0], None)  # noqa: RUF015  # another thread may change it meanwhile
+        kept[key] = solver.prepared, solver.weights, solver.impact_time
+    return replace(solver.solve(), elapsed=perf_counter() - started)
+
+
+def _kept_with(problem: ForceProblem) -> _Kept:
+    """What is kept as long as this problem, or one that differs in its load, is there."""
+    shared = problem.scaled_columns
+    found = _KEPT.get(id(shared))
+    if found is None:
+        found = _KEPT[id(shared)] = {}
+        weakref.finalize(shared, _KEPT.pop, id(shared), None).atexit = False
+    return found
+
+
+def _key_of(impact_time: float, objective: object, backend: str) -> Hashable:
+    """Under which a problem keeps what was prepared; None for what cannot be looked up, and is refused elsewhere."""
+    if isinstance(objective, Mapping):
+        objective = tuple(objective.items())
+    try:
+        hash((impact_time, objective, backend))
+    except TypeError:
+        return None
+    return impact_time, objective, backend
 
 
 def warm_up() -> None:

@@ -14,6 +14,7 @@ from pinograsp.checks import (
     each_of,
     finite_of,
     floats_of,
+    frozen,
     instance_of,
     integer,
     items_of,
@@ -485,6 +486,10 @@ class ForceProblem:
 
 
 def _load(value: ArrayLike) -> Array:
+    if type(value) is np.ndarray and value.shape == (6,) and value.dtype.char == "d":  # the quick way
+        load: Array = value.copy()
+        if np.vdot(load, load) <= _STRONG**2:
+            return frozen(load)
     load = array_of("load", value, (6,))
     if not np.vdot(load, load) <= _STRONG**2:  # np.vdot overflows without a warning
         raise InvalidInput(f"load: expected at most {_STRONG:g} N and N m, got {load.tolist()}")

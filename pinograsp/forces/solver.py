@@ -28,6 +28,7 @@ class ForceSolver:
         impact_time: t_I [s].
         weights: the objective, ``{name: weight}``.
         backends: names of the methods, in the order in which they are tried.
+        prepared: all but the load, in the core; None where it does not take these problems.
     """
 
     def __init__(
@@ -59,11 +60,11 @@ class ForceSolver:
         self.backends = self._backends.order
         self._terms = energy_terms_at(problem, self.weights, self.impact_time)
         self._least, self._largest = problem.normal_force_range(self.impact_time)
-        self._compiled = None
+        self.prepared: Prepared | None = None
         method = self.backends[0]
         # Equations of an underactuated hand have one side each: as programs alone their other side is set.
         if method in COMPILED and self._backends.takes(method) and not self._matrices.fixed:
-            self._compiled = Prepared(problem, self._backends.template, method, self.impact_time, self._terms)
+            self.prepared = Prepared(problem, self._backends.template, method, self.impact_time, self._terms)
 
     def solve(self, load: ArrayLike | None = None) -> ConvexSolution:
         """The forces for a load (6,), linear first, about the centre of mass, world axes [N, N m].
@@ -80,24 +81,33 @@ class ForceSolver:
         """
         started = time.perf_counter()
         problem = self.problem if load is None else self.problem.with_load(load)
-        if self._compiled is not None:
-            found = self._compiled.forces(problem.load)
-            if found is not None:
-                return record_of(
-                    ConvexSolution,
-                    {
-                        "status": Status.OK,
-                        "problem": problem,
-                        "search": "convex",
-                        "backend": found.backend,
-                        "weights": self.weights.copy(),
-                        "impact_time": self.impact_time,
-                        "forces_c": found.forces_c,
-                        "torsion": found.torsion,
-                        "certificate": found.certificate,
-                        "elapsed": time.perf_counter() - started,
-                    },
-                )
+        found = certified(self.prepared, problem, self.weights, self.impact_time, started)
+        if found is not None:
+            return found
         program = assemble(self._matrices, problem.scaled_load, self._terms, self._least, self._largest)
-        outcome = self._backends.solve(problem, program, tried=self._compiled is not None)
+        outcome = self._backends.solve(problem, program, tried=self.prepared is not None)
         return solution_of(problem, outcome, impact_time=self.impact_time, weights=self.weights.copy(), started=started)
+
+
+def certified(
+    prepared: Prepared | None, problem: ForceProblem, weights: Mapping[str, float], impact_time: float, started: float
+) -> ConvexSolution | None:
+    """The core's certified answer; None where it has none. ``prepared``: for this problem under any load."""
+    found = None if prepared is None else prepared.forces(problem.load)
+    if found is None:
+        return None
+    return record_of(
+        ConvexSolution,
+        {
+            "status": Status.OK,
+            "problem": problem,
+            "search": "convex",
+            "backend": found.backend,
+            "weights": dict(weights),
+            "impact_time": impact_time,
+            "forces_c": found.forces_c,
+            "torsion": found.torsion,
+            "certificate": found.certificate,
+            "elapsed": time.perf_counter() - started,
+        },
+    )

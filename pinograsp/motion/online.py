@@ -135,7 +135,7 @@ class OnlineForces:
             coupled=[] if under is None else np.asarray(under.torques).tolist(),
             borne=0.0 if under is None else float(under.friction),
         )
-        self._step_of, self._share, self._target = loop.step, loop.share, loop.target
+        self._tick, self._share, self._target = loop.step, loop.share, loop.target
         self.forces, self.moments, self.residual, self.torques = loop.forces, loop.moments, loop.residual, loop.torques
         self.status = Status.OK
         loop.com[:] = problem.contacts.com_o
@@ -150,9 +150,7 @@ class OnlineForces:
                 loop.torque_limit[:] = problem.torques.usable
         self._keeps = one_of("invalid", invalid, get_args(Invalid)) == "keep"
         self._give = self._servos(stiffness)
-        self.positions = np.zeros(self._give.size)
-        if self._give.size:
-            self.positions[:] = self._posture
+        self.positions = np.zeros(0) if self._give is None else self._posture.copy()
 
     @property
     def steps(self) -> int:
@@ -160,10 +158,10 @@ class OnlineForces:
         steps: int = self._loop.steps
         return steps
 
-    def _servos(self, stiffness: ArrayLike | None) -> Array:
-        """How far servos give way by an effort of 1 (n,), or nothing."""
+    def _servos(self, stiffness: ArrayLike | None) -> Array | None:
+        """How far servos give way by an effort of 1 (n,)."""
         if stiffness is None:
-            return np.zeros(0)
+            return None
         if self.hand is None:
             raise InvalidInput("stiffness: expected with a hand, whose servos have it: give hand=..., too")
         given = each_of("stiffness", stiffness, self.hand.n)
@@ -265,24 +263,26 @@ class OnlineForces:
                 changed then. With ``invalid="keep"`` it is a status instead.
         """
         try:
-            self._step(load, q, poses, mu)
+            if q is not None or poses is not None or mu is not None:
+                load = _checked("load", load, (6,), _HUGE)
+                self._update(q, poses, mu)
+            try:
+                code = self._tick(load)
+            except TypeError:  # no array of six numbers
+                code = self._tick(_checked("load", load, (6,), _HUGE))
+            if code < 0:
+                _checked("load", load, (6,), _HUGE)
+                raise InvalidInput(f"OnlineForces: expected contacts and gravity torques below {_HUGE:g}")
         except InvalidInput:
             if not self._keeps:
                 raise
             self.status = Status.INVALID_INPUT
-        return self.forces, self.torques, self.status
-
-    def _step(self, load: ArrayLike, q: ArrayLike | None, poses: ArrayLike | None, mu: ArrayLike | None) -> None:
-        load = _checked("load", load, (6,), _HUGE)
-        if q is not None or poses is not None or mu is not None:
-            self._update(q, poses, mu)
-        code = self._step_of(load)
-        if code < 0:
-            raise InvalidInput(f"OnlineForces: expected contacts and gravity torques below {_HUGE:g}")
-        self.status = _STATUS[code]
-        if self._give.size:
+            return self.forces, self.torques, self.status
+        self.status = status = _STATUS[code]
+        if self._give is not None:
             np.multiply(self.torques, self._give, out=self.positions)
             self.positions += self._posture
+        return self.forces, self.torques, status
 
     def _update(self, q: ArrayLike | None, poses: ArrayLike | None, mu: ArrayLike | None) -> None:
         # All checked before anything changes.

@@ -168,7 +168,8 @@ def test_sizes_that_do_not_fit_are_refused():
             grasp.answer(True, *wrong)
     with pytest.raises(ValueError):
         grasp.answer(True, *given[:7], np.ones((9, 2)) * np.arange(9)[:, None])  # more powers than there is room for
-    prepared = core.load().Prepared(grasp, True, program.lo, program.hi, np.zeros((0, 2)))
+    within = dict.fromkeys(("residual", "violation", "gap", "vanishing", "negligible"), 1e-6)
+    prepared = core.load().Prepared(grasp, True, program.lo, program.hi, np.zeros((0, 2)), **within)
     with pytest.raises(ValueError):
         prepared.solve(np.zeros(6), np.zeros(3), np.zeros(3, dtype=bool))
     with pytest.raises(TypeError):

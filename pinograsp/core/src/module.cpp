@@ -111,10 +111,13 @@ struct Prepared {
     Forces* forces;
     bool newton;
     std::vector<double> least, greatest, terms;
+    Tolerance tolerance;
 
-    Prepared(nb::object own, bool by_newton, Numbers low, Numbers high, Numbers powers)
+    Prepared(nb::object own, bool by_newton, Numbers low, Numbers high, Numbers powers, double residual, double violation,
+             double gap, double vanishing, double negligible)
         : grasp(own), forces(nb::cast<Forces*>(own)), newton(by_newton), least(low.data(), low.data() + low.size()),
-          greatest(high.data(), high.data() + high.size()), terms(powers.data(), powers.data() + powers.size()) {
+          greatest(high.data(), high.data() + high.size()), terms(powers.data(), powers.data() + powers.size()),
+          tolerance{residual, violation, gap, vanishing, negligible} {
         need(least.size() == static_cast<std::size_t>(forces->contacts()) && greatest.size() == least.size(),
              "limits of F_n");
         Powers found;
@@ -131,9 +134,9 @@ struct Prepared {
         const Record record{out, out + 6, out + 6 + 3 * k, at, at + k, at + 2 * k, at + 3 * k};
         const Outcome found = forces->solve(newton, least.data(), greatest.data(), terms.data(),
                                             static_cast<int>(terms.size()) / 2, load.data(), record);
-        const Checked& checked = found.checked;
-        return nb::make_tuple(static_cast<int>(checked.code), checked.newton, checked.violation, found.most, checked.value,
-                              checked.bound, found.constant, found.force, found.moment, found.scale, found.unit);
+        const Certificate sure(found, tolerance);
+        return nb::make_tuple(sure.optimal, found.checked.newton, sure.objective, sure.lower_bound, sure.residual_norm,
+                              sure.violation, sure.load_size, sure.force_size, sure.objective_size);
     }
 };
 
@@ -326,15 +329,16 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def("bounds", &bounds, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a, "x"_a, "y"_a)
         .def("answer", &answer, "newton"_a, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a);
     nb::class_<Prepared>(m, "Prepared")
-        .def(nb::init<nb::object, bool, Numbers, Numbers, Numbers>(), "grasp"_a, "newton"_a, "least"_a, "greatest"_a,
-             "terms"_a)
-        .def("solve", &Prepared::solve, "load"_a, "numbers"_a, "active"_a);
+        .def(nb::init<nb::object, bool, Numbers, Numbers, Numbers, double, double, double, double, double>(), "grasp"_a,
+             "newton"_a, "least"_a, "greatest"_a, "terms"_a, nb::kw_only(), "residual"_a, "violation"_a, "gap"_a,
+             "vanishing"_a, "negligible"_a)
+        .def("solve", &Prepared::solve, "load"_a.noconvert(), "numbers"_a, "active"_a);
     nb::class_<Loop> loop(m, "Loop");
     loop.def(nb::init<int, int, int, int, double, double, double, double, int, double, int, Indices, std::vector<int>,
                       Numbers, std::vector<double>, double>(),
              nb::kw_only(), "contacts"_a, "components"_a, "round"_a, "rows"_a, "torsion"_a, "arm"_a, "safety"_a, "ramp"_a,
              "most_steps"_a, "most_rate"_a, "joints"_a, "links"_a, "limited"_a, "couplings"_a, "coupled"_a, "borne"_a)
-        .def("step", &Loop::step, "load"_a)
+        .def("step", &Loop::step, "load"_a.noconvert())
         .def("hand", &Loop::hand, "jacobian"_a, "gravity"_a)
         .def("gravity", &Loop::gravity, "values"_a)
         .def("place", &Loop::place, "points"_a, "rotations"_a)

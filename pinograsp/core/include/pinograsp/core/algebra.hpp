@@ -19,15 +19,20 @@ constexpr int triangle = M * (M + 1) / 2;
 template <int M, class S>
 PINOGRASP_INLINE void factor(S* H) {
     S most = H[0];
+    PINOGRASP_UNROLL
     for (int r = 1; r < M; ++r) most = max(most, H[upper<M>(r, r)]);
     const S floor = S(1e-15) * most + S(1e-300);
+    PINOGRASP_UNROLL
     for (int r = 0; r < M; ++r) {
         const S inverse = S(1.0) / max(H[upper<M>(r, r)], floor);
         H[upper<M>(r, r)] = inverse;
+        PINOGRASP_UNROLL
         for (int i = r + 1; i < M; ++i) {
             const S t = H[upper<M>(r, i)] * inverse;
+            PINOGRASP_UNROLL
             for (int c = i; c < M; ++c) H[upper<M>(i, c)] = H[upper<M>(i, c)] - t * H[upper<M>(r, c)];
         }
+        PINOGRASP_UNROLL
         for (int c = r + 1; c < M; ++c) H[upper<M>(r, c)] = H[upper<M>(r, c)] * inverse;
     }
 }
@@ -35,13 +40,17 @@ PINOGRASP_INLINE void factor(S* H) {
 // v <- (U' D U)^-1 v.
 template <int M, class S>
 PINOGRASP_INLINE void solve(const S* H, S* v) {
+    PINOGRASP_UNROLL
     for (int r = 0; r < M; ++r) {
         const S t = v[r];
+        PINOGRASP_UNROLL
         for (int c = r + 1; c < M; ++c) v[c] = v[c] - H[upper<M>(r, c)] * t;
         v[r] = t * H[upper<M>(r, r)];
     }
+    PINOGRASP_UNROLL
     for (int r = M - 2; r >= 0; --r) {
         S t = v[r];
+        PINOGRASP_UNROLL
         for (int c = r + 1; c < M; ++c) t = t - H[upper<M>(r, c)] * v[c];
         v[r] = t;
     }

@@ -157,8 +157,10 @@ struct Block {
     }
 
     static PINOGRASP_INLINE void add_square(Vector* H, Vector weight, const Vector* direction) {
+        PINOGRASP_UNROLL
         for (int r = 0; r < K::M; ++r) {
             const Vector t = weight * direction[r];
+            PINOGRASP_UNROLL
             for (int c = r; c < K::M; ++c) H[upper<K::M>(r, c)] = H[upper<K::M>(r, c)] + t * direction[c];
         }
     }
@@ -168,6 +170,7 @@ struct Block {
     PINOGRASP_INLINE void columns_along(const S* y, Vector* out) const {
         for (int j = 0; j < K::D; ++j) {
             out[j] = a[j][0] * Vector(y[0]);
+            PINOGRASP_UNROLL
             for (int r = 1; r < K::M; ++r) out[j] = out[j] + a[j][r] * Vector(y[r]);
         }
     }

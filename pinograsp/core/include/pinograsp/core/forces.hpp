@@ -129,6 +129,37 @@ struct Outcome {
     double scale = 0.0, unit = 0.0;
 };
 
+// Within which an answer counts as certified, relative to load, largest force and objective; an objective of less than
+// `negligible` counts as `vanishing`.
+struct Tolerance {
+    double residual = 1e-6, violation = 1e-6, gap = 1e-6, vanishing = 1e-2, negligible = 1e-6;
+};
+
+// Why an answer can be trusted, in newtons and the objective's unit.
+struct Certificate {
+    double objective = 0.0, lower_bound = 0.0;
+    double residual_norm = 0.0, violation = 0.0, load_size = 0.0, force_size = 0.0, objective_size = 0.0;
+    bool optimal = false;  // within the tolerance; false where a number is none
+
+    Certificate(const Outcome& found, const Tolerance& tolerance) {
+        const Checked& checked = found.checked;
+        if (checked.code != Code::converged) return;
+        // No objective is negative; rounding may raise a sharp bound above the value.
+        const double least = min(max(checked.bound, -found.constant), checked.value), value = checked.value + found.constant;
+        objective = value * found.unit;
+        lower_bound = (least + found.constant) * found.unit;
+        residual_norm = std::sqrt(found.force * found.force + found.moment * found.moment) * found.scale;
+        violation = max(checked.violation, 0.0) * found.scale;
+        load_size = found.scale;
+        force_size = max(1.0, found.most) * found.scale;
+        const double usual = max(1.0, std::fabs(found.constant)), size = std::fabs(value);
+        objective_size = (size < tolerance.negligible * usual ? tolerance.vanishing * usual : size) * found.unit;
+        optimal = std::isfinite(checked.bound) && residual_norm <= tolerance.residual * load_size &&
+                  violation <= tolerance.violation * force_size &&
+                  objective - lower_bound <= tolerance.gap * objective_size;
+    }
+};
+
 // Where the results of one load go.
 struct Record {
     double *wrench = nullptr, *forces = nullptr, *torsion = nullptr;  // residual (6), (k, 3), (k) [N, N m]

@@ -17,6 +17,15 @@
 #define PINOGRASP_VECTORS 0
 #endif
 
+// Before loops of a few rounds whose number is known: their indices then cost nothing.
+#if defined(__clang__)
+#define PINOGRASP_UNROLL _Pragma("unroll")
+#elif defined(__GNUC__)
+#define PINOGRASP_UNROLL _Pragma("GCC unroll 8")
+#else
+#define PINOGRASP_UNROLL
+#endif
+
 // The same headers compiled for several kinds of processors in one program must not share their functions.
 #ifndef PINOGRASP_CORE_LEVEL
 #define PINOGRASP_CORE_LEVEL plain
