@@ -93,7 +93,6 @@ def throughput(name: str, count: int, seed: int) -> None:
     hand = pg.load_hand(name)
     body = watering_can(width(hand))
     q, roots = perturbed(searched(hand, body, seed, 32), count, 0.01, np.random.default_rng(seed))
-    pg.warm_up()
     for jobs in (1, 2):
         slices = np.array_split(np.arange(count), max(jobs, count // 4096))
         started = time.perf_counter()

@@ -852,7 +852,6 @@ def main() -> None:
     of = {k: FRICTIONS if k <= MOST_FOR_ALL else FRICTIONS[:2] for k in grasps}
     warnings.simplefilter("ignore")  # CVXPY and qpsolvers remark on accuracy and conversions; errors are measured here
     try:
-        pg.warm_up()
     except ExtraMissing as missing:
         print(missing)
     gc.disable()

@@ -14,6 +14,9 @@ from .contacts import (
     close_hand as close_hand,
     contacts_at as contacts_at,
 )
+from .core import (
+    get_include as get_include,
+)
 from .errors import (
     PinograspError as PinograspError,
     Status as Status,
@@ -38,7 +41,6 @@ from .forces import (
     optimize_robust as optimize_robust,
     refine_multipliers as refine_multipliers,
     solve_batch as solve_batch,
-    warm_up as warm_up,
 )
 from .hands import (
     HandModel as HandModel,

@@ -91,4 +91,4 @@ def _key_of(impact_time: float, objective: object, backend: str) -> Hashable:
 
 
 def warm_up() -> None:
-    """Nothing: the core is compiled when it is installed. It stays for programs that still call it, until 0.3."""
+    """Nothing: the core is compiled when it is installed. It stays for one release, for programs that still call it."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from pinograsp.handover.build import Sampling, joint_trajectory
 from pinograsp.handover.commands import Command, Commanding, drive_commands
+from pinograsp.handover.core_files import write_core
 from pinograsp.handover.jaws import JawCommand, JointTarget, gripper_message, jaw_commands, write_jaws
 from pinograsp.handover.trajectory import JointTrajectory, read_csv, read_ros2
 
@@ -31,5 +32,6 @@ __all__ = [
     "joint_trajectory",
     "read_csv",
     "read_ros2",
+    "write_core",
     "write_jaws",
 ]

@@ -1,7 +1,7 @@
 """Motion: contact-phase postures, grasp-phase and approach trajectories, joint torques."""
 
 from pinograsp.motion.contact_ik import ContactPostures, contact_postures
-from pinograsp.motion.online import OnlineForces
+from pinograsp.motion.online import LoopSettings, OnlineForces
 from pinograsp.motion.producible import PressingTogether, pressing_together
 from pinograsp.motion.surfaces import normal_at_rest
 from pinograsp.motion.torques import effort_of, preload_slope, torque_limits, torques_matter
@@ -9,6 +9,7 @@ from pinograsp.motion.trajectory import MotionSpec, plan_motion
 
 __all__ = [
     "ContactPostures",
+    "LoopSettings",
     "MotionSpec",
     "OnlineForces",
     "PressingTogether",

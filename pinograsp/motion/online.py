@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, TypedDict, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -31,6 +31,16 @@ Invalid: TypeAlias = Literal["raise", "keep"]
 _HUGE, _FAR = 1e12, 1e6  # loads [N, N m]; positions [rad, m] and friction: beyond them numbers mean nothing
 _MOST = 50  # Newton steps of one try; a warm start needs one to five
 _STATUS = {core.CONVERGED: Status.OK, core.INFEASIBLE: Status.INFEASIBLE, core.STALLED: Status.INACCURATE}
+
+
+class LoopSettings(TypedDict, total=False):
+    """Settings of :class:`OnlineForces` that a controller elsewhere has, too."""
+
+    normal_forces: tuple[ArrayLike, ArrayLike]
+    max_rate: float
+    ramp: float
+    period: float
+    max_steps: int
 
 
 class OnlineForces:
@@ -117,31 +127,31 @@ class OnlineForces:
         least, largest = self._range(normal_forces)
         links = np.zeros((0, 3), dtype=np.int64) if hand is None else self._attach(hand, q)
         under = None if problem.torques is None else problem.torques.underactuation
-        self._loop = loop = core.load().Loop(
-            contacts=problem.k,
-            components=friction.d,
-            round=friction.round_dimensions,
-            rows=problem.rows,
-            torsion=friction.torsion,
-            arm=problem.moment_length,
-            safety=friction.safety,
-            ramp=min(1.0, self.period / ramp) if ramp else 1.0,
-            most_steps=integer("most steps", max_steps, at_least=1, at_most=10_000),
-            most_rate=rate,
-            joints=0 if hand is None else hand.n,
-            links=links,
-            limited=[] if problem.torques is None else np.flatnonzero(problem.torques.limited).tolist(),
-            couplings=np.zeros((0, 0)) if under is None else np.array(under.rows, dtype=float),
-            coupled=[] if under is None else np.asarray(under.torques).tolist(),
-            borne=0.0 if under is None else float(under.friction),
-        )
-        self._tick, self._share, self._target = loop.step, loop.share, loop.target
+        self._setup = {
+            "contacts": problem.k,
+            "components": friction.d,
+            "round": friction.round_dimensions,
+            "rows": problem.rows,
+            "torsion": friction.torsion,
+            "arm": problem.moment_length,
+            "safety": friction.safety,
+            "ramp": min(1.0, self.period / ramp) if ramp else 1.0,
+            "most_steps": integer("most steps", max_steps, at_least=1, at_most=10_000),
+            "most_rate": rate,
+            "joints": 0 if hand is None else hand.n,
+            "links": links,
+            "limited": [] if problem.torques is None else np.flatnonzero(problem.torques.limited).tolist(),
+            "couplings": np.zeros((0, 0)) if under is None else np.array(under.rows, dtype=float),
+            "coupled": [] if under is None else np.asarray(under.torques).tolist(),
+            "borne": 0.0 if under is None else float(under.friction),
+        }
+        self._loop = loop = core.load().Loop(**self._setup)
+        self._tick = loop.step
         self.forces, self.moments, self.residual, self.torques = loop.forces, loop.moments, loop.residual, loop.torques
         self.status = Status.OK
         loop.com[:] = problem.contacts.com_o
         self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
         loop.rub(np.array(problem.mu))
-        self._share[:] = self._target[:] = 1.0
         loop.least[:], loop.largest[:] = least, largest
         if hand is not None:
             # Pinocchio's own memory: it follows the posture.
@@ -157,6 +167,21 @@ class OnlineForces:
         """Newton steps of the last tick."""
         steps: int = self._loop.steps
         return steps
+
+    def constants(self) -> dict[str, Any]:
+        """All that the loop was set up with, and where it is now, as plain values: for controllers in C++.
+
+        Keys are those of ``pinograsp::core::OnlineSetup`` and ``Online`` (``pinograsp/core/online.hpp``), and
+        ``contact_names``, ``joint_names``, ``period`` [s] and the problem's ``load`` (6,).
+        """
+        loop, hand = self._loop, self.hand
+        state = {name: getattr(loop, name) for name in ("com", "points", "mu", "least", "largest", "torque_limit")}
+        state["rotations"] = loop.rotations
+        if hand is not None:
+            state |= {"jacobian": self._data.J.T, "gravity": self._gravity}
+        names = {"contact_names": list(self.names), "joint_names": [] if hand is None else list(hand.joint_names)}
+        plain = {name: np.asarray(one).tolist() for name, one in (self._setup | state).items()}
+        return names | {"period": self.period, "load": self.problem.load.tolist()} | plain
 
     def _servos(self, stiffness: ArrayLike | None) -> Array | None:
         """How far servos give way by an effort of 1 (n,)."""
@@ -234,9 +259,7 @@ class OnlineForces:
         if isinstance(contact, str):
             contact = self.names.index(one_of("contact", contact, self.names))
         contact = integer("contact", contact, at_least=-len(self.names), at_most=len(self.names) - 1)
-        self._target[contact] = float(flag("touches", touches))
-        if not self._loop.started:
-            self._share[contact] = self._target[contact]
+        self._loop.engage(contact % len(self.names), flag("touches", touches))
 
     def reset(self) -> None:
         """Forget the last tick: the next one starts cold, and its forces at any rate."""

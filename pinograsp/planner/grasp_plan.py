@@ -15,9 +15,18 @@ from pinograsp.checks import flag, instance_of, one_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, ForceSolution, Reaction
-from pinograsp.handover import Command, Commanding, JointTrajectory, gripper_message, jaw_commands, write_jaws
+from pinograsp.handover import (
+    Command,
+    Commanding,
+    JointTrajectory,
+    gripper_message,
+    jaw_commands,
+    write_core,
+    write_jaws,
+)
 from pinograsp.handover.commands import COMMANDS, SHORTFALL, commanded, write_drive_keyframes
 from pinograsp.hands import HandModel, servo_gains
+from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.planner.compliance import band_of, gains_of, stiffness_of, told_band
 from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
@@ -207,6 +216,25 @@ class GraspPlan(PlanRecord):
             return write_drive_keyframes(self, path, command, **commanding)
         trajectory = commanded(self, None, **commanding)
         return trajectory.to_mujoco(path, model=model, qpos=qpos, feed_forward=feed_forward, prefix=prefix)
+
+    def to_core(self, path: str | Path, **settings: Unpack[LoopSettings]) -> Path:
+        """Write the grasp for a controller in C++: the constants of its loop at the end of the motion.
+
+        A header (.hpp) with functions that set up ``pinograsp::core::Online``, or the constants alone (.json); see
+        ``examples/cpp``. The joints' limits are those of the plan.
+
+        Args:
+            path: an existing file is replaced.
+            settings: normal_forces, max_rate, ramp, period, max_steps as for :class:`~pinograsp.motion.OnlineForces`.
+
+        Raises:
+            InvalidInput: another suffix, unusable settings, a plan that was read back, or friction of other pyramids
+                than those of four edges. ResultsNotWritten.
+        """
+        problem, q = self.searched().problem, self.motion.q[-1]
+        if problem.torques is None:
+            problem = replace(problem, torques=torque_limits(self.hand, problem.contacts, q, limit=self.torque_limit))
+        return write_core(OnlineForces(problem, hand=self.hand, q=q, **settings).constants(), path)
 
     def show(self, *, simulation: Simulation | None = None, port: int = 8080, open_browser: bool = True) -> Viewer:
         """Open a live page with hand, object, forces and friction over time; see :func:`pinograsp.viz.viewer.view`.

@@ -194,7 +194,7 @@ def test_headers_and_cmake_package_are_where_they_are_said_to_be():
 
 def test_a_first_call_is_quick_enough_to_need_no_warming_up():
     """Nothing is compiled: ``warm_up`` is there for old programs alone."""
-    from pinograsp import warm_up
+    from pinograsp.forces import warm_up
 
     assert warm_up() is None
     assert optimize_forces(problem_with("cone", 3, 0), 0.85).backend == "newton"

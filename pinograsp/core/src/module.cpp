@@ -146,8 +146,7 @@ class Loop {
 public:
     Loop(int contacts, int components, int round, int rows, double torsion, double arm, double safety, double ramp,
          int most_steps, double most_rate, int joints, Indices links, std::vector<int> limited, Numbers couplings,
-         std::vector<double> coupled, double borne)
-        : most_rate_(most_rate) {
+         std::vector<double> coupled, double borne) {
         OnlineSetup setup;
         setup.contacts = contacts;
         setup.components = components;
@@ -158,6 +157,7 @@ public:
         setup.safety = safety;
         setup.ramp = ramp;
         setup.most_steps = most_steps;
+        setup.most_rate = most_rate;
         setup.joints = joints;
         for (std::size_t i = 0; i + 2 < links.size(); i += 3) {
             const std::int64_t* one = links.data() + i;
@@ -206,31 +206,15 @@ public:
 
     int step(Wrench load) {
         std::copy_n(load.data(), 6, online->wrench);
-        online->rate = started ? most_rate_ : infinity;
-        const Tick found = online->tick();
-        started = started || found != Tick::unusable;
-        return static_cast<int>(found);
+        return static_cast<int>(online->tick());
     }
 
-    void reset() {
-        started = false;
-        std::fill_n(online->multipliers, 6, 0.0);
+    void engage(int contact, bool touches) {
+        need(contact >= 0 && contact < online->setup().contacts, "contact");
+        online->engage(contact, touches);
     }
-
-    // As if there had been no tick.
-    void clear() {
-        reset();
-        const std::size_t k = online->setup().contacts;
-        std::fill_n(online->forces, 3 * k, 0.0);
-        std::fill_n(online->moments, k, 0.0);
-        std::fill_n(online->unbalanced, 6, 0.0);
-        std::fill_n(online->torques, online->setup().joints, 0.0);
-    }
-
-    bool started = false;
 
 private:
-    double most_rate_;
     Numbers jacobian_;
     std::vector<double> gravity_;
 };
@@ -343,9 +327,8 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def("gravity", &Loop::gravity, "values"_a)
         .def("place", &Loop::place, "points"_a, "rotations"_a)
         .def("rub", &Loop::rub, "mu"_a)
-        .def("reset", &Loop::reset)
-        .def("clear", &Loop::clear)
-        .def_ro("started", &Loop::started)
+        .def("reset", [](Loop& own) { own.online->reset(); })
+        .def("engage", &Loop::engage, "contact"_a, "touches"_a)
         .def_prop_ro("steps", [](const Loop& own) { return own.online->steps; })
         .def_prop_ro("off", [](const Loop& own) { return own.online->off; });
     const auto array = [&loop](const char* name, double* Online::*values, int width_of) {
@@ -359,12 +342,16 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     };
     array("least", &Online::least, 1);
     array("largest", &Online::largest, 1);
-    array("share", &Online::share, 1);
-    array("target", &Online::target, 1);
+    array("mu", &Online::mu, 1);
+    array("points", &Online::points, 3);
     array("forces", &Online::forces, 3);
     array("moments", &Online::moments, 1);
     array("torques", &Online::torques, 0);
     array("torque_limit", &Online::torque_limit, 0);
+    loop.def_prop_ro("rotations", [](nb::handle self) {
+        Online& own = *nb::cast<Loop&>(self).online;
+        return view(own.rotations, {static_cast<std::size_t>(own.setup().contacts), 3, 3}, self);
+    });
     loop.def_prop_ro("residual", [](nb::handle self) {
         return view(nb::cast<Loop&>(self).online->unbalanced, {6}, self);
     });

@@ -30,6 +30,7 @@ struct OnlineSetup {
     double arm = 1.0;               // moments are divided by it [m]
     double safety = 1.0;            // friction is divided by it
     double ramp = 1.0;              // change of a contact's share in a tick
+    double most_rate = infinity;    // largest change of F_n in a tick but the first [N]
     int most_steps = 50;            // Newton steps of one try
     int joints = 0;
     std::vector<Link> links;        // by contact: which joints move it
@@ -48,7 +49,6 @@ public:
     // Inputs.
     double wrench[6] = {};  // the load, about the centre of mass, linear first [N, N m]
     double com[3] = {};     // centre of mass [m]
-    double rate = infinity;  // largest change of F_n in this tick [N]
     double* points = nullptr;     // of the contacts, about the centre of mass (k, 3) [m]
     double* rotations = nullptr;  // contact frames (k, 3, 3), z the inward normal
     double* mu = nullptr;         // friction coefficients (k)
@@ -56,7 +56,7 @@ public:
     double *share = nullptr, *target = nullptr;   // of these that holds now, and what it moves to (k)
     double* torque_limit = nullptr;               // of the joints (n)
     const double* jacobian = nullptr;  // (6, columns), column by column: world axes, linear velocity at the origin first
-    const double* gravity = nullptr;   // torques that gravity needs (n); none of both: no hand
+    const double* gravity = nullptr;   // torques that gravity needs (n)
     bool moved = true;                 // points, rotations or mu have changed since the last tick
 
     // Outputs.
@@ -70,11 +70,30 @@ public:
 
     // The forces for the inputs. Converged: balanced; infeasible: the closest forces; stalled: the closest that were
     // found within the steps; unusable: an input is not finite or a friction coefficient negative, nothing has changed.
-    virtual Tick tick() = 0;
+    Tick tick() {
+        const Tick found = solve_tick(started ? setup_.most_rate : infinity);
+        started = started || found != Tick::unusable;
+        return found;
+    }
 
+    // A contact is gained or lost: its limits go there at the ramp's rate, before the first tick at once.
+    void engage(int contact, bool touches = true) {
+        target[contact] = touches ? 1.0 : 0.0;
+        if (!started) share[contact] = target[contact];
+    }
+
+    // Forget the last tick: the next one starts cold, and its forces at any rate.
+    void reset() {
+        started = false;
+        std::fill_n(multipliers, 6, 0.0);
+    }
+
+    bool started = false;  // there was a tick
     const OnlineSetup& setup() const { return setup_; }
 
 protected:
+    virtual Tick solve_tick(double rate) = 0;
+
     explicit Online(OnlineSetup setup)
         : setup_(std::move(setup)), memory_(bytes(setup_)) {
         const int k = setup_.contacts, n = setup_.joints;
@@ -85,6 +104,9 @@ protected:
         torque_limit = memory_.part<double>(n);
         torques = memory_.part<double>(n);
         multipliers = memory_.part<double>(6);
+        std::fill_n(share, k, 1.0);
+        std::fill_n(target, k, 1.0);
+        std::fill_n(torque_limit, n, infinity);
     }
 
     OnlineSetup setup_;
@@ -119,9 +141,9 @@ public:
                 setup.coupling_rows);
     }
 
-    Tick tick() override {
+    Tick solve_tick(double rate) override {
         if (unusable()) return Tick::unusable;
-        const double scale = set_up();
+        const double scale = set_up(rate);
         Code code = solve(scale);
         write(scale);
         if (within_ != nullptr && beyond()) code = within(scale);
@@ -149,7 +171,7 @@ private:
     }
 
     // The tick's problem; returns what forces [N] are divided by.
-    double set_up() {
+    double set_up(double rate) {
         double scale = 1e-9;
         for (int r = 0; r < K::M; ++r) {
             dual_.b[r] = r < 3 ? -wrench[r] : -wrench[r] / arm();

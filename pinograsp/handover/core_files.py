@@ -1,0 +1,101 @@
+"""A grasp for a controller in C++: the constants of its loop, as a header or as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from pinograsp.errors import InvalidInput
+from pinograsp.writing.files import write_file
+
+_FIELDS = ("components", "round", "torsion", "arm", "safety", "ramp", "most_rate", "most_steps", "joints", "borne")
+_ARRAYS = ("com", "points", "rotations", "mu", "least", "largest", "torque_limit", "jacobian", "gravity", "load")
+_INPUTS = ("points", "rotations", "mu", "least", "largest", "torque_limit", "com")
+
+
+def write_core(constants: Mapping[str, Any], path: str | Path) -> Path:
+    """Write what :meth:`pinograsp.motion.OnlineForces.constants` gives; returns the path.
+
+    Args:
+        constants: of a loop.
+        path: ``.hpp``: a header with the constants, and with functions that set up the loop; ``.json``: the constants
+            alone, ``null`` where there is no limit. Existing files are replaced.
+
+    Raises:
+        InvalidInput: another suffix. ResultsNotWritten.
+    """
+    path = Path(path)
+    if path.suffix not in (".hpp", ".json"):
+        raise InvalidInput(f"path: expected a name that ends in .hpp or .json, got {path.name!r}")
+    text = _header(constants, path.stem) if path.suffix == ".hpp" else _json(constants)
+    return write_file(path, text.encode())
+
+
+def _json(constants: Mapping[str, Any]) -> str:
+    def finite(value: Any) -> Any:
+        if isinstance(value, list):
+            return [finite(one) for one in value]
+        return None if isinstance(value, float) and math.isinf(value) else value
+
+    named = {"pinograsp": version("pinograsp")} | {name: finite(one) for name, one in constants.items()}
+    return json.dumps(named, indent=1) + "\n"
+
+
+def _flat(values: Any) -> Iterable[Any]:
+    if not isinstance(values, list):
+        yield values
+        return
+    for one in values:
+        yield from _flat(one)
+
+
+def _number(value: float) -> str:
+    return "pinograsp::core::infinity" if math.isinf(value) else repr(value)
+
+
+def _header(constants: Mapping[str, Any], name: str) -> str:
+    space = "".join(letter if letter.isalnum() else "_" for letter in name)
+    texts = {key: ", ".join(json.dumps(one) for one in constants[key]) for key in ("contact_names", "joint_names")}
+    lines = [
+        f"// A grasp for pinograsp::core::Online, made by pinograsp {version('pinograsp')}.",
+        "// Positions in metres, world axes; forces in newtons, the load about the centre of mass.",
+        "#pragma once",
+        "",
+        "#include <algorithm>",
+        "#include <memory>",
+        "",
+        "#include <pinograsp/core/online.hpp>",
+        "",
+        f"namespace {space} {{",
+        "",
+        f"constexpr int contacts = {constants['contacts']}, joints = {constants['joints']};",
+        f"constexpr double period = {constants['period']!r};  // [s]",
+    ]
+    for key, text in texts.items():
+        if text:
+            lines.append(f"constexpr const char* {key}[] = {{{text}}};")
+    arrays = [key for key in _ARRAYS if list(_flat(constants.get(key, [])))]
+    for key in arrays:
+        lines.append(f"constexpr double {key}[] = {{{', '.join(_number(float(v)) for v in _flat(constants[key]))}}};")
+    lines += ["", "// A loop of its own, ready for the first tick.", "inline auto make_loop() {"]
+    lines += ["    pinograsp::core::OnlineSetup setup;", "    setup.contacts = contacts;"]
+    lines += [f"    setup.{key} = {_number(constants[key])};" for key in _FIELDS]
+    lines.append(f"    setup.moments = {'true' if constants['rows'] == 6 else 'false'};")
+    links = ", ".join("{" + ", ".join(map(str, link)) + "}" for link in constants["links"])
+    lines.append(f"    setup.links = {{{links}}};")
+    lines.append(f"    setup.limited = {{{', '.join(map(str, constants['limited']))}}};")
+    lines.append(f"    setup.couplings = {len(constants['coupled'])};")
+    rows = ", ".join(_number(float(v)) for v in _flat(constants["couplings"]))
+    lines.append(f"    setup.coupling_rows = {{{rows}}};")
+    lines.append(f"    setup.coupled = {{{', '.join(_number(v) for v in constants['coupled'])}}};")
+    lines.append("    auto loop = pinograsp::core::make_online(setup);")
+    for key in _INPUTS:
+        if key in arrays:
+            lines.append(f"    std::copy(std::begin({key}), std::end({key}), loop->{key});")
+    lines += [f"    loop->{key} = {key};" for key in ("jacobian", "gravity") if key in arrays]
+    lines += ["    return loop;", "}", "", f"}}  // namespace {space}", ""]
+    return "\n".join(lines)
