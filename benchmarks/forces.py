@@ -32,9 +32,9 @@ What stands for "without this package", all in newtons with moments over the mea
   each load, with its default settings; DAQP is called as ``daqp.solve``.
 - plain_qp: for least squares on pyramids, quadprog through qpsolvers on hand-stacked matrices.
 
-"auto" runs after ``pinograsp.warm_up()`` where numba (extra ``fast``) is installed; "online" is ``OnlineForces.step``
-from scratch, where its objective is the same (least squares, no torsion, no torque limits). Without numba "auto" does
-what the row "daqp" says up to 20 contacts and "clarabel" above. The other solvers of this package are asked for by
+"online" is ``OnlineForces.step`` from scratch, where its objective is the same (least squares, no torsion, no torque
+limits). Without the compiled core "auto" does what the row "daqp" says up to 20 contacts and "clarabel" above. The other
+solvers of this package are asked for by
 name; "answered_by" says which one gave the answers. "interior" and "newton" have rows only where they give most of
 them. "success" is the method's own word; an exception is a failure. "correct" is measured: objective within 1e-6 of the
 certified optimum, balance, friction, bounds and torque limits met to 1e-6 of the load (of the limit for torques)."""
@@ -67,7 +67,6 @@ from scipy.sparse import csc_matrix, eye as identity
 from tqdm import tqdm
 
 import pinograsp as pg
-from pinograsp.errors import ExtraMissing
 
 HERE = Path(__file__).resolve().parent
 SEED = 20
@@ -851,9 +850,6 @@ def main() -> None:
     grasps = {k: count for k, count in grasps.items() if k in asked}
     of = {k: FRICTIONS if k <= MOST_FOR_ALL else FRICTIONS[:2] for k in grasps}
     warnings.simplefilter("ignore")  # CVXPY and qpsolvers remark on accuracy and conversions; errors are measured here
-    try:
-    except ExtraMissing as missing:
-        print(missing)
     gc.disable()
     rows = []
     with tqdm(total=sum(len(of[k]) * len(OBJECTIVES) for k in grasps), unit="group") as bar:
@@ -872,7 +868,7 @@ def main() -> None:
                 bar.update()
             busy = f"load average {os.getloadavg()[1]:.1f}"
             kind = "quick run" if options.quick else "full run"
-            first_line = header((*PACKAGES, "numba"), "one thread used", busy, kind)
+            first_line = header(PACKAGES, "one thread used", busy, kind)
             write_rows(options.out, first_line, rows)
             draw(rows, options.out.with_suffix(".png"))
     print(first_line, table(rows), LIMITATIONS, sep="\n")

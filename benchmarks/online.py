@@ -245,7 +245,7 @@ def main() -> None:
     if not options.quick:
         write_rows(
             HERE / "online.csv",
-            header(("numpy", "pin", "numba"), "seed 0"),
+            header(("numpy", "pin"), "seed 0"),
             [{c: row.get(c, "") for c in COLUMNS} for row in rows],
         )
 

@@ -42,7 +42,9 @@ def plan():
 def test_constants_as_json(plan, tmp_path):
     path = plan.to_core(tmp_path / "grasp.json", max_rate=200.0, ramp=0.1)
     told = json.loads(path.read_text())
-    assert told["contact_names"] == list(plan.problem.contacts.names) and told["joint_names"] == list(plan.hand.joint_names)
+    assert told["contact_names"] == list(plan.problem.contacts.names) and told["joint_names"] == list(
+        plan.hand.joint_names
+    )
     assert np.array(told["points"]) + told["com"] == pytest.approx(plan.problem.contacts.points_o)
     assert np.shape(told["rotations"]) == (3, 3, 3) and told["mu"] == [0.7] * 3
     assert (told["most_rate"], told["ramp"], told["period"], told["rows"]) == (0.2, 0.01, 1e-3, 6)
