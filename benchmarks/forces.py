@@ -33,11 +33,11 @@ What stands for "without this package", all in newtons with moments over the mea
 - plain_qp: for least squares on pyramids, quadprog through qpsolvers on hand-stacked matrices.
 
 "online" is ``OnlineForces.step`` from scratch, where its objective is the same (least squares, no torsion, no torque
-limits). Without the compiled core "auto" does what the row "daqp" says up to 20 contacts and "clarabel" above. The other
-solvers of this package are asked for by
-name; "answered_by" says which one gave the answers. "interior" and "newton" have rows only where they give most of
-them. "success" is the method's own word; an exception is a failure. "correct" is measured: objective within 1e-6 of the
-certified optimum, balance, friction, bounds and torque limits met to 1e-6 of the load (of the limit for torques)."""
+limits). Without the compiled core "auto" does what the row "daqp" says up to 20 contacts and "clarabel" above. The
+other solvers of this package are asked for by name; "answered_by" says which one gave the answers. "interior" and
+"newton" have rows only where they give most of them. "success" is the method's own word; an exception is a failure.
+"correct" is measured: objective within 1e-6 of the certified optimum, balance, friction, bounds and torque limits met
+to 1e-6 of the load (of the limit for torques)."""
 
 from __future__ import annotations
 

@@ -4,6 +4,8 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -186,10 +188,11 @@ def test_the_memory_of_a_loop_outlives_it():
 
 
 def test_headers_and_cmake_package_are_where_they_are_said_to_be():
-    from pathlib import Path
-
     assert (Path(core.get_include()) / "pinograsp" / "core.hpp").is_file()
-    assert (Path(core.get_cmake_dir()) / "pinograsp-core-config.cmake").is_file()
+    folder = Path(core.get_cmake_dir())
+    assert (folder / "pinograsp-core-config.cmake").is_file()
+    told = (folder / "pinograsp-core-config-version.cmake").read_text()
+    assert f"set(PACKAGE_VERSION {version('pinograsp')})" in told
 
 
 def test_a_first_call_is_quick_enough_to_need_no_warming_up():

@@ -77,16 +77,20 @@ private:
             Column& at = columns_[i];
             at.k = clipped(-at.s * Vector(inverse_));
             const Vector weight = select(abs(at.k) < Vector(1.0), Vector(inverse_), Vector(0.0));
+            PINOGRASP_UNROLL
             for (int r = 0; r < M; ++r) {
                 g[r] = g[r] + at.h[r] * at.k;
                 const Vector t = weight * at.h[r];
+                PINOGRASP_UNROLL
                 for (int c = r; c < M; ++c) H[upper<M>(r, c)] = H[upper<M>(r, c)] + t * at.h[c];
             }
         }
         double size = 0.0;
+        PINOGRASP_UNROLL
         for (int r = 0; r < M; ++r) {
             g_[r] = y_[r] - b[r] - sum(g[r]);
             size = max(size, std::fabs(g_[r]));
+            PINOGRASP_UNROLL
             for (int c = r; c < M; ++c) hessian_[upper<M>(r, c)] = sum(H[upper<M>(r, c)]) + (r == c ? 1.0 : 0.0);
         }
         return size;
