@@ -35,11 +35,10 @@ const double* sized(const Numbers& values, std::size_t size, const char* what) {
 
 // -- one problem ------------------------------------------------------------------------------------------------------
 
-
-std::unique_ptr<Forces> make_forces(int k, int m, int r, int d, int round, bool separates, Numbers facets, Numbers vertices,
-                                    Numbers B, Numbers P, Numbers q, Numbers R_lo, Numbers R_hi, Numbers correction,
-                                    Numbers widths, Numbers grasp_matrix, Numbers normals, double constant, double largest,
-                                    double arm, double near) {
+std::unique_ptr<Forces> make_forces(int k, int m, int r, int d, int round, bool separates, Numbers facets,
+                                    Numbers vertices, Numbers B, Numbers P, Numbers q, Numbers R_lo, Numbers R_hi,
+                                    Numbers correction, Numbers widths, Numbers grasp_matrix, Numbers normals,
+                                    double constant, double largest, double arm, double near) {
     const std::size_t n = static_cast<std::size_t>(d) * k;
     need(k > 0 && (m == 3 || m == 6) && r >= 0 && (d == 3 || d == 4) && round < d && round != 1, "sizes of a grasp");
     GraspData data;
@@ -75,9 +74,10 @@ nb::tuple answer(Forces& forces, bool newton, Numbers b, Numbers lo, Numbers hi,
     const int k = forces.contacts(), m = forces.balance_rows(), r = forces.torque_rows(), n = forces.components() * k;
     Powers powers;
     need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, powers), "terms");
-    const Checked found = forces.answer(
-        newton, sized(b, m, "b"), sized(lo, k, "lo"), sized(hi, k, "hi"), sized(R_lo, r, "R_lo"), sized(R_hi, r, "R_hi"),
-        sized(P, static_cast<std::size_t>(n) * forces.components(), "P"), sized(q, n, "q"), powers);
+    const Checked found =
+        forces.answer(newton, sized(b, m, "b"), sized(lo, k, "lo"), sized(hi, k, "hi"), sized(R_lo, r, "R_lo"),
+                      sized(R_hi, r, "R_hi"), sized(P, static_cast<std::size_t>(n) * forces.components(), "P"),
+                      sized(q, n, "q"), powers);
     const auto copied = [](const double* values, std::size_t size) {
         double* own = new double[size];
         std::copy(values, values + size, own);
@@ -113,10 +113,14 @@ struct Prepared {
     std::vector<double> least, greatest, terms;
     Tolerance tolerance;
 
-    Prepared(nb::object own, bool by_newton, Numbers low, Numbers high, Numbers powers, double residual, double violation,
-             double gap, double vanishing, double negligible)
-        : grasp(own), forces(nb::cast<Forces*>(own)), newton(by_newton), least(low.data(), low.data() + low.size()),
-          greatest(high.data(), high.data() + high.size()), terms(powers.data(), powers.data() + powers.size()),
+    Prepared(nb::object own, bool by_newton, Numbers low, Numbers high, Numbers powers, double residual,
+             double violation, double gap, double vanishing, double negligible)
+        : grasp(own),
+          forces(nb::cast<Forces*>(own)),
+          newton(by_newton),
+          least(low.data(), low.data() + low.size()),
+          greatest(high.data(), high.data() + high.size()),
+          terms(powers.data(), powers.data() + powers.size()),
           tolerance{residual, violation, gap, vanishing, negligible} {
         need(least.size() == static_cast<std::size_t>(forces->contacts()) && greatest.size() == least.size(),
              "limits of F_n");
@@ -127,7 +131,8 @@ struct Prepared {
     // Fills numbers (6 + 4 k): wrench, forces, torsion; and active (3 k + r).
     nb::tuple solve(Wrench load, Written numbers, Flags active) const {
         const int k = forces->contacts(), r = forces->torque_rows();
-        need(numbers.size() == static_cast<std::size_t>(6 + 4 * k) && active.size() == static_cast<std::size_t>(3 * k + r),
+        need(numbers.size() == static_cast<std::size_t>(6 + 4 * k) &&
+                 active.size() == static_cast<std::size_t>(3 * k + r),
              "room for the results");
         double* out = numbers.data();
         bool* at = active.data();
@@ -264,8 +269,8 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
     need(k > 0 && start >= 0 && stop <= static_cast<std::int64_t>(n), "problems");
     need(points.size() == 3 * n * k && rotations.size() == 9 * n * k && loads.size() == 6 * n && mu.size() == n * k &&
              low.size() == n * k && high.size() == n * k && arms.size() == n && terms.size() % (2 * n) == 0 &&
-             forces.size() == 3 * n * k && moments.size() == n * k && objective.size() == n && lower_bound.size() == n &&
-             residual.size() == n && violation.size() == n && codes.size() == n,
+             forces.size() == 3 * n * k && moments.size() == n * k && objective.size() == n &&
+             lower_bound.size() == n && residual.size() == n && violation.size() == n && codes.size() == n,
          "sizes of a batch");
     Batch own;
     own.k = static_cast<int>(k);
@@ -291,8 +296,8 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
 // The best of the modules that this processor runs.
 const char* best_level() {
 #ifdef PINOGRASP_CORE_X86_64
-    const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
-                    __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+    const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
+                    __builtin_cpu_supports("bmi2");
     const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
                     __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
     return v4 ? "v4" : v3 ? "v3" : "base";
@@ -320,8 +325,9 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     nb::class_<Loop> loop(m, "Loop");
     loop.def(nb::init<int, int, int, int, double, double, double, double, int, double, int, Indices, std::vector<int>,
                       Numbers, std::vector<double>, double>(),
-             nb::kw_only(), "contacts"_a, "components"_a, "round"_a, "rows"_a, "torsion"_a, "arm"_a, "safety"_a, "ramp"_a,
-             "most_steps"_a, "most_rate"_a, "joints"_a, "links"_a, "limited"_a, "couplings"_a, "coupled"_a, "borne"_a)
+             nb::kw_only(), "contacts"_a, "components"_a, "round"_a, "rows"_a, "torsion"_a, "arm"_a, "safety"_a,
+             "ramp"_a, "most_steps"_a, "most_rate"_a, "joints"_a, "links"_a, "limited"_a, "couplings"_a, "coupled"_a,
+             "borne"_a)
         .def("step", &Loop::step, "load"_a.noconvert())
         .def("hand", &Loop::hand, "jacobian"_a, "gravity"_a)
         .def("gravity", &Loop::gravity, "values"_a)
@@ -331,7 +337,7 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def("engage", &Loop::engage, "contact"_a, "touches"_a)
         .def_prop_ro("steps", [](const Loop& own) { return own.online->steps; })
         .def_prop_ro("off", [](const Loop& own) { return own.online->off; });
-    const auto array = [&loop](const char* name, double* Online::*values, int width_of) {
+    const auto array = [&loop](const char* name, double* Online::* values, int width_of) {
         loop.def_prop_ro(name, [values, width_of](nb::handle self) {
             Online& own = *nb::cast<Loop&>(self).online;
             const std::size_t k = own.setup().contacts;
@@ -352,13 +358,13 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         Online& own = *nb::cast<Loop&>(self).online;
         return view(own.rotations, {static_cast<std::size_t>(own.setup().contacts), 3, 3}, self);
     });
-    loop.def_prop_ro("residual", [](nb::handle self) {
-        return view(nb::cast<Loop&>(self).online->unbalanced, {6}, self);
-    });
+    loop.def_prop_ro("residual",
+                     [](nb::handle self) { return view(nb::cast<Loop&>(self).online->unbalanced, {6}, self); });
     loop.def_prop_ro("com", [](nb::handle self) { return view(nb::cast<Loop&>(self).online->com, {3}, self); });
     nb::class_<Box>(m, "Box")
         .def(nb::new_(&make_box), "H"_a, "eps"_a, "fixed"_a, "row"_a)
-        .def("solve", [](Box& box, Wrench load) { return box.solve(load.data()); }, "load"_a)
+        .def(
+            "solve", [](Box& box, Wrench load) { return box.solve(load.data()); }, "load"_a)
         .def_prop_ro("k", [](nb::handle self) {
             Box& box = nb::cast<Box&>(self);
             return view(box.k.data(), {box.k.size()}, self);

@@ -1,5 +1,5 @@
-// Many force problems at once: one in each lane, by the dual Newton method. Where a lane is done, the next problem takes
-// its place.
+// Many force problems at once: one in each lane, by the dual Newton method. Where a lane is done, the next problem
+// takes its place.
 #pragma once
 
 #include "columns.hpp"
@@ -17,11 +17,11 @@ struct Batch {
     const double* points = nullptr;       // about the centres of mass (N, k, 3)
     const double* rotations = nullptr;    // contact frames (N, k, 3, 3)
     const std::int64_t* counts = nullptr;
-    const double* loads = nullptr;                // (N, 6)
-    const double* mu = nullptr;                   // over the safety factor (N, k)
+    const double* loads = nullptr;                 // (N, 6)
+    const double* mu = nullptr;                    // over the safety factor (N, k)
     const double *low = nullptr, *high = nullptr;  // F_n (N, k)
-    const double* arms = nullptr;                 // moment lengths (N)
-    const double* terms = nullptr;                // pairs (coefficient, exponent) (N, t, 2)
+    const double* arms = nullptr;                  // moment lengths (N)
+    const double* terms = nullptr;                 // pairs (coefficient, exponent) (N, t, 2)
 };
 
 // Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N], code (N).
@@ -35,8 +35,7 @@ template <class K>
 class BatchOf {
 public:
     explicit BatchOf(const Batch& batch)
-        : batch_(batch), k_(batch.k),
-          memory_(Memory::bytes_for<Block<K>>(k_) + Memory::bytes_for<Cost<K>>(k_)) {
+        : batch_(batch), k_(batch.k), memory_(Memory::bytes_for<Block<K>>(k_) + Memory::bytes_for<Cost<K>>(k_)) {
         method_.dual.blocks = memory_.part<Block<K>>(k_);
         method_.dual.count = k_;
         method_.costs = memory_.part<Cost<K>>(k_);
@@ -74,7 +73,7 @@ private:
     N method_;
     BatchResults results_;
     std::int64_t next_ = 0, stop_ = 0, at_[width];
-    Vector active_ = 0.0;                // 1: the lane has a problem
+    Vector active_ = 0.0;                 // 1: the lane has a problem
     Vector weight_, tolerance_, strong_;  // of the pass; 1: no proximal weight is needed
     Vector passes_ = 0.0, ascents_ = 0.0;
     double scale_[width], unit_[width];
@@ -134,8 +133,8 @@ private:
 
     // Problem p in a lane; infeasible: its limits exclude each other.
     Code load(std::int64_t p, int lane) {
-        const double *wrench = batch_.loads + 6 * p, arm = batch_.arms[p], reach = batch_.moments ? arm : infinity, *low = batch_.low + p * k_,
-                     *high = batch_.high + p * k_, *mu = batch_.mu + p * k_;
+        const double *wrench = batch_.loads + 6 * p, arm = batch_.arms[p], reach = batch_.moments ? arm : infinity,
+                     *low = batch_.low + p * k_, *high = batch_.high + p * k_, *mu = batch_.mu + p * k_;
         const int count = static_cast<int>(batch_.counts[p]);
         double b[K::M], scale = 0.0;
         for (int r = 0; r < K::M; ++r) {
@@ -169,8 +168,10 @@ private:
         method_.powers = powers.count > method_.powers ? powers.count : method_.powers;
         const double curvature = scale * scale / unit;
         for (int i = 0; i < k_; ++i) {
-            if (i < count) place(p, i, lane, count, scale, curvature);
-            else empty(i, lane);
+            if (i < count)
+                place(p, i, lane, count, scale, curvature);
+            else
+                empty(i, lane);
         }
         scale_[lane] = scale;
         unit_[lane] = unit;
@@ -261,8 +262,8 @@ private:
         results_.residual[p] = misses.balance * scale;
         results_.violation[p] = max(misses.violation, 0.0) * scale;
         // Negated, so that what is no number fails.
-        const bool fine = misses.balance <= 1e-10 && misses.violation <= 1e-10 &&
-                          value - bound <= 1e-8 * max(std::fabs(value), 1e-5);
+        const bool fine =
+            misses.balance <= 1e-10 && misses.violation <= 1e-10 && value - bound <= 1e-8 * max(std::fabs(value), 1e-5);
         results_.codes[p] = static_cast<std::int64_t>(fine ? Code::converged : Code::stalled);
         if (!fine) return;
         for (int i = 0; i < batch_.counts[p]; ++i) {
@@ -303,11 +304,16 @@ private:
 inline void solve_batch(const Batch& batch, int components, int round, std::int64_t start, std::int64_t stop,
                         const BatchResults& results) {
     switch (10 * components + round) {
-        case 30: return BatchOf<Shape<3, 0>>(batch).solve(start, stop, results);
-        case 32: return BatchOf<Shape<3, 2>>(batch).solve(start, stop, results);
-        case 40: return BatchOf<Shape<4, 0>>(batch).solve(start, stop, results);
-        case 42: return BatchOf<Shape<4, 2>>(batch).solve(start, stop, results);
-        default: return BatchOf<Shape<4, 3>>(batch).solve(start, stop, results);
+        case 30:
+            return BatchOf<Shape<3, 0>>(batch).solve(start, stop, results);
+        case 32:
+            return BatchOf<Shape<3, 2>>(batch).solve(start, stop, results);
+        case 40:
+            return BatchOf<Shape<4, 0>>(batch).solve(start, stop, results);
+        case 42:
+            return BatchOf<Shape<4, 2>>(batch).solve(start, stop, results);
+        default:
+            return BatchOf<Shape<4, 3>>(batch).solve(start, stop, results);
     }
 }
 

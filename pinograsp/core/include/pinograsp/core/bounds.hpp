@@ -107,18 +107,17 @@ inline Bound bound_with(const Problem& problem, const double* x, const double* y
     return {fixed + sum(bound), sum(value)};
 }
 
-// Lower bound of the objective from multipliers y (m + r) of the rows and tangents near x (d k), and the objective at x.
+// Lower bound of the objective from multipliers y (m + r) of the rows and tangents near x (d k), and the objective at
+// x.
 //
-// The Lagrangian with P linearised at x is linear in every contact's x_i but for phi(F_n): its least value over friction
-// and F_n is min(lo s, hi s), where s is the slope of F_n less the support of the others.
+// The Lagrangian with P linearised at x is linear in every contact's x_i but for phi(F_n): its least value over
+// friction and F_n is min(lo s, hi s), where s is the slope of F_n less the support of the others.
 inline Bound bound_of(const Problem& problem, const double* x, const double* y) {
     return bound_with<true>(problem, x, y);
 }
 
 // Farkas bound of multipliers y (m + r): positive, no admissible forces balance the load within the torque limits.
-inline double excluded(const Problem& problem, const double* y) {
-    return bound_with<false>(problem, nullptr, y).bound;
-}
+inline double excluded(const Problem& problem, const double* y) { return bound_with<false>(problem, nullptr, y).bound; }
 
 }  // namespace PINOGRASP_CORE_LEVEL
 }  // namespace pinograsp::core

@@ -6,11 +6,11 @@
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
-// The columns of a contact in its lane: from its point about the centre of mass (3), its frame (3, 3), friction `mu` and
-// `torsion` [m] over the safety factor; moments over `arm`, infinite where they do not count.
+// The columns of a contact in its lane: from its point about the centre of mass (3), its frame (3, 3), friction `mu`
+// and `torsion` [m] over the safety factor; moments over `arm`, infinite where they do not count.
 template <class K>
-PINOGRASP_INLINE void set_columns(
-    Block<K>& block, int lane, const double* point, const double* rotation, double mu, double torsion, double arm) {
+PINOGRASP_INLINE void set_columns(Block<K>& block, int lane, const double* point, const double* rotation, double mu,
+                                  double torsion, double arm) {
     double (*a)[K::M][width] = reinterpret_cast<double (*)[K::M][width]>(block.a);
     const double x = point[0] / arm, y = point[1] / arm, z = point[2] / arm;
     for (int c = 0; c < 3; ++c) {
@@ -36,7 +36,9 @@ PINOGRASP_INLINE double unit_of(int j, double mu, double torsion) {
 
 // A number of one lane.
 PINOGRASP_INLINE double& in_lane(Vector& vector, int lane) { return reinterpret_cast<double*>(&vector)[lane]; }
-PINOGRASP_INLINE double in_lane(const Vector& vector, int lane) { return reinterpret_cast<const double*>(&vector)[lane]; }
+PINOGRASP_INLINE double in_lane(const Vector& vector, int lane) {
+    return reinterpret_cast<const double*>(&vector)[lane];
+}
 
 }  // namespace PINOGRASP_CORE_LEVEL
 }  // namespace pinograsp::core

@@ -1,7 +1,7 @@
 // The dual of a force problem with a separable quadratic objective, and Newton's method on it.
 //
-// The balance has m = 6 rows, of which the last three are zero where moments do not count; every other constraint concerns a single contact. With multipliers y of A x = b the
-// Lagrangian therefore separates,
+// The balance has m = 6 rows, of which the last three are zero where moments do not count; every other constraint
+// concerns a single contact. With multipliers y of A x = b the Lagrangian therefore separates,
 //
 //     D(y) = -b . y + sum_i min_{x_i} [ 1/2 x_i' w_i x_i + (q_i + A_i' y) . x_i ],   u_i in F_i U,  lo <= F_i <= hi,
 //
@@ -10,13 +10,13 @@
 //
 //     w_n F + s_n - sum_t r max(0, |s_t| - w r F) = 0,   clipped to [lo, hi],
 //
-// whose left side increases and is the minimum of several straight lines, one for each set of saturated components: F is
-// the largest of their roots. The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating x(y): per
-// contact (v v') / slope along the edge or ray v on which a saturated force moves, 1 / w for components that are not
-// saturated, and F / |s_t| (I - c c') around a cone (Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and Toh 2018).
-// The cost of a step grows linearly with the number of contacts. The line search is exact, since the directional
-// derivative is monotone. Where it stays positive along a step, that step is tested as a Farkas certificate: the limit
-// of the derivative is the margin of the certificate.
+// whose left side increases and is the minimum of several straight lines, one for each set of saturated components: F
+// is the largest of their roots. The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating
+// x(y): per contact (v v') / slope along the edge or ray v on which a saturated force moves, 1 / w for components that
+// are not saturated, and F / |s_t| (I - c c') around a cone (Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and
+// Toh 2018). The cost of a step grows linearly with the number of contacts. The line search is exact, since the
+// directional derivative is monotone. Where it stays positive along a step, that step is tested as a Farkas
+// certificate: the limit of the derivative is the margin of the certificate.
 #pragma once
 
 #include "algebra.hpp"
@@ -39,12 +39,12 @@ struct Shape {
 // `width` contacts of one problem, or one contact of `width` problems.
 template <class K>
 struct Block {
-    Vector a[K::D][K::M];  // columns of the balance
-    Vector w[K::D], q[K::D];  // the objective 1/2 w x^2 + q x
-    Vector lo, hi;            // of F_n
-    Vector x[K::D];           // forces
-    Vector s[K::D], v[K::D];  // slopes, and their change along a step
-    Vector norm;              // of the round part of the slopes, where x was computed
+    Vector a[K::D][K::M];                      // columns of the balance
+    Vector w[K::D], q[K::D];                   // the objective 1/2 w x^2 + q x
+    Vector lo, hi;                             // of F_n
+    Vector x[K::D];                            // forces
+    Vector s[K::D], v[K::D];                   // slopes, and their change along a step
+    Vector norm;                               // of the round part of the slopes, where x was computed
     Vector inverse_w[K::D], inverse[K::sets];  // 1 / w; 1 / (w_n + what each set of saturated groups adds)
 
     // Weights of the groups, as they count for F_n.
@@ -321,7 +321,7 @@ private:
             const S along = derivative_at(t, fixed, pull);
             active = active & (abs(along) > S(0.3) * start);
             if (!any(active) || round == searches - 1) break;
-            const Truth past = along < S(0.0), again = select(past, -side, side) > S(0.0);
+            const Truth past = along<S(0.0), again = select(past, -side, side)> S(0.0);
             at_below = select(past, select(again, S(0.5) * at_below, at_below), along);
             at_above = select(past, along, select(again, S(0.5) * at_above, at_above));
             above = select(past, t, above);

@@ -86,11 +86,16 @@ private:
 
 inline std::unique_ptr<Separable> make_separable(int d, int round, int k) {
     switch (10 * d + round) {
-        case 30: return std::make_unique<SeparableOf<Shape<3, 0>>>(k);
-        case 32: return std::make_unique<SeparableOf<Shape<3, 2>>>(k);
-        case 40: return std::make_unique<SeparableOf<Shape<4, 0>>>(k);
-        case 42: return std::make_unique<SeparableOf<Shape<4, 2>>>(k);
-        default: return std::make_unique<SeparableOf<Shape<4, 3>>>(k);
+        case 30:
+            return std::make_unique<SeparableOf<Shape<3, 0>>>(k);
+        case 32:
+            return std::make_unique<SeparableOf<Shape<3, 2>>>(k);
+        case 40:
+            return std::make_unique<SeparableOf<Shape<4, 0>>>(k);
+        case 42:
+            return std::make_unique<SeparableOf<Shape<4, 2>>>(k);
+        default:
+            return std::make_unique<SeparableOf<Shape<4, 3>>>(k);
     }
 }
 
@@ -98,25 +103,25 @@ inline std::unique_ptr<Separable> make_separable(int d, int round, int k) {
 struct GraspData {
     int k = 0, m = 6, r = 0;  // contacts, rows of the balance, torque rows
     Friction friction;
-    bool separates = false;      // the dual Newton method takes it
-    const double* B = nullptr;   // balance, then torque rows (m + r, d k), by component
-    const double* P = nullptr;   // (d, d, k)
-    const double* q = nullptr;   // (d k)
+    bool separates = false;                         // the dual Newton method takes it
+    const double* B = nullptr;                      // balance, then torque rows (m + r, d k), by component
+    const double* P = nullptr;                      // (d, d, k)
+    const double* q = nullptr;                      // (d k)
     const double *R_lo = nullptr, *R_hi = nullptr;  // (r)
-    const double* correction = nullptr;    // pseudoinverse of the balance (d k, m)
-    const double* widths = nullptr;        // component over force in the contact's axes (d k)
-    const double* grasp_matrix = nullptr;  // contact forces to wrench (6, 3 k)
-    const double* normals = nullptr;       // of the contacts, world axes (k, 3)
-    double constant = 0.0, largest = 0.0;  // of the objective; the largest diagonal entry of P
-    double arm = 1.0;                      // moments are divided by it [m]
-    double near = 1e-6;                    // relative margin of active limits
+    const double* correction = nullptr;             // pseudoinverse of the balance (d k, m)
+    const double* widths = nullptr;                 // component over force in the contact's axes (d k)
+    const double* grasp_matrix = nullptr;           // contact forces to wrench (6, 3 k)
+    const double* normals = nullptr;                // of the contacts, world axes (k, 3)
+    double constant = 0.0, largest = 0.0;           // of the objective; the largest diagonal entry of P
+    double arm = 1.0;                               // moments are divided by it [m]
+    double near = 1e-6;                             // relative margin of active limits
 };
 
 // An answer with its checks, dimensionless.
 struct Checked {
     Code code = Code::stalled;
-    bool newton = false;      // by the dual Newton method
-    double violation = 0.0;   // of friction, bounds and torque rows
+    bool newton = false;     // by the dual Newton method
+    double violation = 0.0;  // of friction, bounds and torque rows
     double value = 0.0, bound = 0.0;
 };
 
@@ -145,7 +150,8 @@ struct Certificate {
         const Checked& checked = found.checked;
         if (checked.code != Code::converged) return;
         // No objective is negative; rounding may raise a sharp bound above the value.
-        const double least = min(max(checked.bound, -found.constant), checked.value), value = checked.value + found.constant;
+        const double least = min(max(checked.bound, -found.constant), checked.value),
+                     value = checked.value + found.constant;
         objective = value * found.unit;
         lower_bound = (least + found.constant) * found.unit;
         residual_norm = std::sqrt(found.force * found.force + found.moment * found.moment) * found.scale;
@@ -169,8 +175,13 @@ struct Record {
 class Forces {
 public:
     explicit Forces(const GraspData& data)
-        : k_(data.k), d_(data.friction.d), m_(data.m), r_(data.r), data_(data),
-          interior_(d_, data.friction.round, data.friction.facets, k_, m_, r_), memory_(bytes(data)) {
+        : k_(data.k),
+          d_(data.friction.d),
+          m_(data.m),
+          r_(data.r),
+          data_(data),
+          interior_(d_, data.friction.round, data.friction.facets, k_, m_, r_),
+          memory_(bytes(data)) {
         const std::size_t n = d_ * k_;
         keep(data_.B, (m_ + r_) * n);
         keep(data_.P, d_ * n);
@@ -264,7 +275,8 @@ public:
     }
 
 private:
-    static constexpr double sharp = 1e-9;  // relative to the load or the largest F_n: answers that miss limits by more fail
+    static constexpr double sharp =
+        1e-9;  // relative to the load or the largest F_n: answers that miss limits by more fail
 
     int k_, d_, m_, r_;
     GraspData data_;
@@ -275,9 +287,26 @@ private:
 
     static std::size_t bytes(const GraspData& data) {
         const std::size_t k = data.k, d = data.friction.d, n = d * k, m = data.m, r = data.r;
-        const std::size_t sizes[] = {(m + r) * n, d * n, n, r, r, n * m, n, 18 * k, 3 * k,
-                                     data.friction.facets * (d - 1), 2u * data.friction.corners,
-                                     d * n, n, n, k, k, k, r, r, m + r};
+        const std::size_t sizes[] = {(m + r) * n,
+                                     d * n,
+                                     n,
+                                     r,
+                                     r,
+                                     n * m,
+                                     n,
+                                     18 * k,
+                                     3 * k,
+                                     data.friction.facets * (d - 1),
+                                     2u * data.friction.corners,
+                                     d * n,
+                                     n,
+                                     n,
+                                     k,
+                                     k,
+                                     k,
+                                     r,
+                                     r,
+                                     m + r};
         std::size_t total = 0;
         for (std::size_t size : sizes) total += Memory::bytes_for<double>(size);
         return total;

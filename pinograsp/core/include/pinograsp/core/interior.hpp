@@ -1,8 +1,8 @@
 // The interior-point method for every force problem whose objective couples no two contacts: polyhedral and
 // second-order friction cones, bounds on F_n, powers of F_n, quadratic terms and torque rows.
 //
-// The iterates stay inside the cones and bounds; balance and torque rows hold in the limit. With B = [A; R], multipliers
-// l = [y; w] and per contact the Hessian H_i of the objective and of the barriers, a Newton step solves
+// The iterates stay inside the cones and bounds; balance and torque rows hold in the limit. With B = [A; R],
+// multipliers l = [y; w] and per contact the Hessian H_i of the objective and of the barriers, a Newton step solves
 //
 //     [ H  B' ] [dx]   [ -stationarity + centring ]
 //     [ B  -E ] [dl] = [ -rows                    ],     H block diagonal with blocks (d, d), E = diag(0, s/w),
@@ -27,11 +27,16 @@ public:
     // Infeasible: y is a Farkas certificate.
     Code solve(const Problem& problem, double give, double* x, double* y, int& steps) {
         switch (10 * room_.d + room_.round) {
-            case 30: return iterate<3, 0>(problem, give, x, y, steps);
-            case 32: return iterate<3, 2>(problem, give, x, y, steps);
-            case 40: return iterate<4, 0>(problem, give, x, y, steps);
-            case 42: return iterate<4, 2>(problem, give, x, y, steps);
-            default: return iterate<4, 3>(problem, give, x, y, steps);
+            case 30:
+                return iterate<3, 0>(problem, give, x, y, steps);
+            case 32:
+                return iterate<3, 2>(problem, give, x, y, steps);
+            case 40:
+                return iterate<4, 0>(problem, give, x, y, steps);
+            case 42:
+                return iterate<4, 2>(problem, give, x, y, steps);
+            default:
+                return iterate<4, 3>(problem, give, x, y, steps);
         }
     }
 
@@ -47,11 +52,11 @@ private:
 
     // Where the search is.
     struct State {
-        double far = 0.0, value = 0.0, scale = 0.0;      // residual of the rows, the objective, its size
-        double products = 0.0;                           // sum of the complementarity
-        double previous = infinity;                      // the last gap
-        double grown = 0.0, tested = much;               // size of the multipliers, and at which they are tested next
-        int short_steps = 0;                             // in a row
+        double far = 0.0, value = 0.0, scale = 0.0;  // residual of the rows, the objective, its size
+        double products = 0.0;                       // sum of the complementarity
+        double previous = infinity;                  // the last gap
+        double grown = 0.0, tested = much;           // size of the multipliers, and at which they are tested next
+        int short_steps = 0;                         // in a row
     };
 
     template <int D, int R>

@@ -15,8 +15,11 @@ class BoxLeastSquares {
 public:
     // H (M, n), row by row.
     BoxLeastSquares(const double* H, int n, double eps)
-        : n_(n), count_((n + width - 1) / width), inverse_(1.0 / eps),
-          memory_(Memory::bytes_for<Column>(count_)), columns_(memory_.part<Column>(count_)) {
+        : n_(n),
+          count_((n + width - 1) / width),
+          inverse_(1.0 / eps),
+          memory_(Memory::bytes_for<Column>(count_)),
+          columns_(memory_.part<Column>(count_)) {
         for (int j = 0; j < n; ++j)
             for (int r = 0; r < M; ++r) reinterpret_cast<double*>(&columns_[j / width].h[r])[j % width] = H[r * n + j];
     }

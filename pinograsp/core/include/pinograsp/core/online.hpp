@@ -33,9 +33,9 @@ struct OnlineSetup {
     double most_rate = infinity;    // largest change of F_n in a tick but the first [N]
     int most_steps = 50;            // Newton steps of one try
     int joints = 0;
-    std::vector<Link> links;        // by contact: which joints move it
-    std::vector<int> limited;       // joints with a torque limit
-    int couplings = 0;              // combinations of the torques that no drive makes
+    std::vector<Link> links;            // by contact: which joints move it
+    std::vector<int> limited;           // joints with a torque limit
+    int couplings = 0;                  // combinations of the torques that no drive makes
     std::vector<double> coupling_rows;  // (couplings, joints)
     std::vector<double> coupled;        // what springs make of them (couplings)
     double borne = 0.0;                 // share of the contacts' torques on them that friction bears
@@ -47,23 +47,24 @@ public:
     virtual ~Online() = default;
 
     // Inputs.
-    double wrench[6] = {};  // the load, about the centre of mass, linear first [N, N m]
-    double com[3] = {};     // centre of mass [m]
-    double* points = nullptr;     // of the contacts, about the centre of mass (k, 3) [m]
-    double* rotations = nullptr;  // contact frames (k, 3, 3), z the inward normal
-    double* mu = nullptr;         // friction coefficients (k)
+    double wrench[6] = {};                        // the load, about the centre of mass, linear first [N, N m]
+    double com[3] = {};                           // centre of mass [m]
+    double* points = nullptr;                     // of the contacts, about the centre of mass (k, 3) [m]
+    double* rotations = nullptr;                  // contact frames (k, 3, 3), z the inward normal
+    double* mu = nullptr;                         // friction coefficients (k)
     double *least = nullptr, *largest = nullptr;  // F_n (k) [N]
     double *share = nullptr, *target = nullptr;   // of these that holds now, and what it moves to (k)
     double* torque_limit = nullptr;               // of the joints (n)
-    const double* jacobian = nullptr;  // (6, columns), column by column: world axes, linear velocity at the origin first
-    const double* gravity = nullptr;   // torques that gravity needs (n)
-    bool moved = true;                 // points, rotations or mu have changed since the last tick
+    const double* jacobian =
+        nullptr;                      // (6, columns), column by column: world axes, linear velocity at the origin first
+    const double* gravity = nullptr;  // torques that gravity needs (n)
+    bool moved = true;                // points, rotations or mu have changed since the last tick
 
     // Outputs.
-    double* forces = nullptr;   // (k, 3) in the contacts' axes [N]
-    double* moments = nullptr;  // about the normals (k) [N m]
-    double unbalanced[6] = {};  // what forces and load leave over [N, N m]
-    double* torques = nullptr;  // (n) [N m]
+    double* forces = nullptr;       // (k, 3) in the contacts' axes [N]
+    double* moments = nullptr;      // about the normals (k) [N m]
+    double unbalanced[6] = {};      // what forces and load leave over [N, N m]
+    double* torques = nullptr;      // (n) [N m]
     double* multipliers = nullptr;  // of the balance (6) [N]
     double off = 0.0;               // norm of what is not balanced, moments over the arm [N]
     int steps = 0;                  // Newton steps
@@ -94,8 +95,7 @@ public:
 protected:
     virtual Tick solve_tick(double rate) = 0;
 
-    explicit Online(OnlineSetup setup)
-        : setup_(std::move(setup)), memory_(bytes(setup_)) {
+    explicit Online(OnlineSetup setup) : setup_(std::move(setup)), memory_(bytes(setup_)) {
         const int k = setup_.contacts, n = setup_.joints;
         for (double** part : {&mu, &least, &largest, &share, &target, &moments}) *part = memory_.part<double>(k);
         points = memory_.part<double>(3 * k);
@@ -136,9 +136,9 @@ public:
             dual_.blocks[i].weigh();
         }
         if (!setup.limited.empty() || setup.couplings > 0)
-            within_ = std::make_unique<TorqueLimits<K>>(
-                setup.contacts, setup.moments ? 6 : 3, setup.joints, setup.links, setup.limited, setup.couplings,
-                setup.coupling_rows);
+            within_ =
+                std::make_unique<TorqueLimits<K>>(setup.contacts, setup.moments ? 6 : 3, setup.joints, setup.links,
+                                                  setup.limited, setup.couplings, setup.coupling_rows);
     }
 
     Tick solve_tick(double rate) override {
@@ -214,8 +214,8 @@ private:
         moved = false;
     }
 
-    // Forces from the last tick's multipliers, and where these do not lead there from zero; the closest forces where none
-    // balance the load.
+    // Forces from the last tick's multipliers, and where these do not lead there from zero; the closest forces where
+    // none balance the load.
     Code solve(double scale) {
         using N = Newton<K, double>;
         steps = 0;
@@ -276,13 +276,15 @@ private:
 
     // The tick again, with rows for the joints.
     Code within(double scale) {
-        within_->inputs = {points, rotations, com, jacobian, gravity, torque_limit, setup_.coupled.data(), setup_.borne};
-        Code code = within_->solve(dual_, scale, [this](int j, int i) {
-            return unit_of<K>(j, slip(i), setup_.torsion / setup_.safety);
-        }, steps);
+        within_->inputs = {points,      rotations, com, jacobian, gravity, torque_limit, setup_.coupled.data(),
+                           setup_.borne};
+        Code code = within_->solve(
+            dual_, scale, [this](int j, int i) { return unit_of<K>(j, slip(i), setup_.torsion / setup_.safety); },
+            steps);
         write(scale);
         for (int j : setup_.limited)
-            if (code == Code::converged && std::fabs(torques[j]) > torque_limit[j] * (1.0 + 1e-7)) code = Code::infeasible;
+            if (code == Code::converged && std::fabs(torques[j]) > torque_limit[j] * (1.0 + 1e-7))
+                code = Code::infeasible;
         return code;
     }
 };
@@ -290,12 +292,18 @@ private:
 // A loop for a friction model; none where there is no such model.
 inline std::unique_ptr<Online> make_online(const OnlineSetup& setup) {
     switch (10 * setup.components + setup.round) {
-        case 30: return std::make_unique<OnlineOf<Shape<3, 0>>>(setup);
-        case 32: return std::make_unique<OnlineOf<Shape<3, 2>>>(setup);
-        case 40: return std::make_unique<OnlineOf<Shape<4, 0>>>(setup);
-        case 42: return std::make_unique<OnlineOf<Shape<4, 2>>>(setup);
-        case 43: return std::make_unique<OnlineOf<Shape<4, 3>>>(setup);
-        default: return nullptr;
+        case 30:
+            return std::make_unique<OnlineOf<Shape<3, 0>>>(setup);
+        case 32:
+            return std::make_unique<OnlineOf<Shape<3, 2>>>(setup);
+        case 40:
+            return std::make_unique<OnlineOf<Shape<4, 0>>>(setup);
+        case 42:
+            return std::make_unique<OnlineOf<Shape<4, 2>>>(setup);
+        case 43:
+            return std::make_unique<OnlineOf<Shape<4, 3>>>(setup);
+        default:
+            return nullptr;
     }
 }
 

@@ -39,12 +39,12 @@ struct Powers {
 struct Problem {
     int k = 0, m = 0, r = 0;  // contacts, rows of the balance, torque rows
     Friction friction;
-    const double* B = nullptr;  // balance, then torque rows (m + r, d k)
-    const double* b = nullptr;  // (m)
+    const double* B = nullptr;                      // balance, then torque rows (m + r, d k)
+    const double* b = nullptr;                      // (m)
     const double *lo = nullptr, *hi = nullptr;      // lo < hi (k)
     const double *R_lo = nullptr, *R_hi = nullptr;  // R_lo < R_hi (r)
-    const double* P = nullptr;  // blocks of the contacts, symmetric (d, d, k)
-    const double* q = nullptr;  // (d k)
+    const double* P = nullptr;                      // blocks of the contacts, symmetric (d, d, k)
+    const double* q = nullptr;                      // (d k)
     Powers powers;
 };
 

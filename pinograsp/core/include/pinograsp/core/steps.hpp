@@ -92,8 +92,9 @@ private:
 template <int D, int R>
 struct Step {
     static constexpr int E = D - 1;
-    static constexpr double start = 0.6;   // first F_n, relative to the load over the root of the number of contacts
-    static constexpr double centre = 0.3;  // first product of slack and multiplier, relative to the objective per contact
+    static constexpr double start = 0.6;  // first F_n, relative to the load over the root of the number of contacts
+    static constexpr double centre =
+        0.3;  // first product of slack and multiplier, relative to the objective per contact
     // Least centring, relative to the mean product: products far apart would cost the last digits.
     static constexpr double least_centre = 1e-3;
 
@@ -114,8 +115,7 @@ struct Step {
         at.quadratic = false;
         for (int l = 0; l < D * D * k; ++l) at.quadratic |= problem.P[l] != 0.0;
         if (at.quadratic)
-            for (int j = 0; j < D; ++j)
-                copy(problem.P + (j * D + j) * k, at.P + upper<D>(j, j) * at.blocks, D - j);
+            for (int j = 0; j < D; ++j) copy(problem.P + (j * D + j) * k, at.P + upper<D>(j, j) * at.blocks, D - j);
     }
 
     // Forces along the normals, within their bounds, with slacks and multipliers of a given product.
@@ -351,7 +351,8 @@ private:
         }
         for (int r = 0; r < at.rows; ++r) {
             const int t = r - at.m;
-            at.dy[r] = (t < 0 ? at.row[r] : (-sides[t] - y[r]) / weights[t]) + dot(at.T + r * at.length, at.dx, at.length);
+            at.dy[r] =
+                (t < 0 ? at.row[r] : (-sides[t] - y[r]) / weights[t]) + dot(at.T + r * at.length, at.dx, at.length);
         }
         solve(at.S, at.dy, at.rows);
         add_combination(at.T, at.rows, at.length, at.dy, -1.0, at.dx);

@@ -29,9 +29,14 @@ class TorqueLimits {
 public:
     TorqueInputs inputs{};
 
-    TorqueLimits(int k, int m, int joints, const std::vector<Link>& links, const std::vector<int>& limited, int couplings,
-                 const std::vector<double>& coupling_rows)
-        : k_(k), m_(m), n_(joints), couplings_(couplings), links_(links), coupling_rows_(coupling_rows),
+    TorqueLimits(int k, int m, int joints, const std::vector<Link>& links, const std::vector<int>& limited,
+                 int couplings, const std::vector<double>& coupling_rows)
+        : k_(k),
+          m_(m),
+          n_(joints),
+          couplings_(couplings),
+          links_(links),
+          coupling_rows_(coupling_rows),
           rows_(count_rows(limited)),
           interior_(K::D, K::R, facets, k, m, rows_),
           numbers_(size()) {
@@ -79,7 +84,8 @@ public:
 
 private:
     static constexpr int facets = 2 * (K::E - K::R);
-    static constexpr double trace = 1e-6;  // of the load, by which a coupling may be missed: programs without room are hard
+    static constexpr double trace =
+        1e-6;  // of the load, by which a coupling may be missed: programs without room are hard
     // Forces are the closest where what they leave of the balance is this near to its proven least value.
     static constexpr double close_enough = 1e-6;
 
@@ -197,8 +203,7 @@ private:
     void add_couplings(const Unit& unit) {
         std::memset(every_, 0, sizeof(double) * n_ * K::D * k_);
         for (const Link& link : links_)
-            for (int j = 0; j < K::D; ++j)
-                every_[(link.joint * K::D + j) * k_ + link.contact] += torque(link, j, unit);
+            for (int j = 0; j < K::D; ++j) every_[(link.joint * K::D + j) * k_ + link.contact] += torque(link, j, unit);
         for (int c = 0; c < couplings_; ++c) {
             const int low = low_of_[c];
             if (low < 0) continue;
