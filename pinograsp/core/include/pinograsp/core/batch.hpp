@@ -262,8 +262,9 @@ private:
         results_.residual[p] = misses.balance * scale;
         results_.violation[p] = max(misses.violation, 0.0) * scale;
         // Negated, so that what is no number fails.
-        const bool fine =
-            misses.balance <= 1e-10 && misses.violation <= 1e-10 && value - bound <= 1e-8 * max(std::fabs(value), 1e-5);
+        const bool fine = std::isfinite(results_.objective[p]) && std::isfinite(results_.lower_bound[p]) &&
+                          misses.balance <= 1e-10 && misses.violation <= 1e-10 &&
+                          value - bound <= 1e-8 * max(std::fabs(value), 1e-5);
         results_.codes[p] = static_cast<std::int64_t>(fine ? Code::converged : Code::stalled);
         if (!fine) return;
         for (int i = 0; i < batch_.counts[p]; ++i) {

@@ -203,7 +203,10 @@ public:
         for (int i = 0; i < count; ++i) {
             Block<K>& at = blocks[i];
             at.columns_along(y, at.s);
-            for (int j = 0; j < K::D; ++j) at.s[j] = at.s[j] + at.q[j];
+            for (int j = 0; j < K::D; ++j) {
+                at.s[j] = at.s[j] + at.q[j];
+                at.v[j] = 0.0;  // of the last problem, it could be no number
+            }
             at.forces_at(Vector(0.0));
         }
     }

@@ -42,6 +42,8 @@ public:
     Code solve(const Problem& problem, double* x, double* y, int& steps) override {
         const int k = problem.k;
         double least = infinity;
+        for (int i = 0; i < blocks_; ++i)
+            for (Vector& one : method_.dual.blocks[i].x) one = 0.0;  // also of lanes without a contact
         for (int i = 0; i < k; ++i) least = min(least, lay_out(problem, i));
         for (int r = 0; r < K::M; ++r) {
             method_.dual.b[r] = r < problem.m ? problem.b[r] : 0.0;
@@ -345,9 +347,9 @@ private:
             out.newton = out.code != Code::stalled;
         }
         if (!out.newton) out.code = interior_.solve(problem, 0.0, x_, y_, steps);
-        restore_balance(problem);
+        if (out.code == Code::converged) restore_balance(problem);
         const double most = violation(problem, out.violation);
-        if (!(out.violation <= sharp * most)) out.code = Code::stalled;
+        if (out.code == Code::converged && !(out.violation <= sharp * most)) out.code = Code::stalled;
         const Bound bound = bound_of(problem, x_, y_);
         out.value = bound.value;
         out.bound = bound.bound;

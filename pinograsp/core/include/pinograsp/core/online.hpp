@@ -163,9 +163,15 @@ private:
     double slip(int i) const { return mu[i] / setup_.safety; }
 
     bool unusable() const {
-        bool usable = !not_finite(wrench, 6) && (gravity == nullptr || !not_finite(gravity, setup_.joints));
-        if (!moved || !usable) return !usable;
         const int k = setup_.contacts;
+        bool usable = !not_finite(wrench, 6) && !not_finite(com, 3) && !not_finite(least, k) &&
+                      !not_finite(largest, k) && !not_finite(share, k) && !not_finite(target, k) &&
+                      (gravity == nullptr || !not_finite(gravity, setup_.joints));
+        for (int i = 0; i < k; ++i)
+            usable &= least[i] >= 0.0 && largest[i] >= 0.0 && share[i] >= 0.0 && target[i] >= 0.0;
+        for (int j : setup_.limited) usable &= torque_limit[j] >= 0.0;
+        for (const Link& link : setup_.links) usable &= !not_finite(jacobian + 6 * link.column, 6);
+        if (!moved || !usable) return !usable;
         for (int i = 0; i < k; ++i) usable &= mu[i] >= 0.0;
         return !usable || not_finite(points, 3 * k) || not_finite(rotations, 9 * k) || not_finite(mu, k);
     }
@@ -184,8 +190,8 @@ private:
             const double low = least[i] * share[i], high = largest[i] * share[i], F = forces[3 * i + 2];
             Block<K>& at = dual_.blocks[i / width];
             double& lo = in_lane(at.lo, i % width);
-            lo = min(max(low, F - rate), high);
-            in_lane(at.hi, i % width) = max(min(high, F + rate), lo);
+            lo = min(max(F - rate, low), high);
+            in_lane(at.hi, i % width) = max(min(F + rate, high), lo);
             scale = max(scale, lo);
         }
         const double inverse = 1.0 / scale;

@@ -142,8 +142,9 @@ struct Step {
         const double* along = at.rows_of(at.along);
         for (int r = 0; r < at.row_blocks * width; ++r) {
             const double least = r < at.r ? problem.R_lo[r] : -1.0, most = r < at.r ? problem.R_hi[r] : 1.0;
-            first_slack(r, along[r] - least, most - least, 0);
-            first_slack(r, most - along[r], most - least, at.up);
+            const double value = r < at.r ? along[r] : 0.0;  // after the last row: what the last problem left there
+            first_slack(r, value - least, most - least, 0);
+            first_slack(r, most - value, most - least, at.up);
         }
         for (int l = 0; l < at.slacks; ++l) at.z[l] = Vector(mu) * at.live[l] / at.s[l];
     }

@@ -250,8 +250,13 @@ private:
             const int r = row_of_[j];
             if (r < 0) continue;
             const double size = to_unit(r) * scale;
-            R_lo_[r] = (-inputs.limit[j] - inputs.gravity[j]) / size;
-            R_hi_[r] = (inputs.limit[j] - inputs.gravity[j]) / size;
+            // A limit that no forces reach, or none at all, is as good as one just out of their reach.
+            double reach = 1.0;
+            for (int i = 0; i < k_; ++i)
+                for (int c = 0; c < K::D; ++c) reach += 2.0 * std::fabs(R(r, c, i)) * hi_[i];
+            const double limit = min(inputs.limit[j], std::fabs(inputs.gravity[j]) + reach * size);
+            R_lo_[r] = (-limit - inputs.gravity[j]) / size;
+            R_hi_[r] = (limit - inputs.gravity[j]) / size;
         }
         for (int c = 0; c < couplings_; ++c) {
             if (low_of_[c] < 0) continue;
