@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import importlib.util
 import os
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from types import ModuleType
 
@@ -15,6 +17,11 @@ CONVERGED, STALLED, INFEASIBLE = 0, 1, 2  # what the core answers
 
 _FOLDER = Path(__file__).resolve().parent
 _LEVELS = ("base", "v3", "v4")  # instructions of x86-64; other processors have one
+
+if not any(_FOLDER.glob("_core_base.*")):
+    # Started in a checkout, Python takes the sources there, without modules: then those of the installed package.
+    with contextlib.suppress(PackageNotFoundError):
+        __path__.append(str(distribution("pinograsp").locate_file("pinograsp/core")))
 
 
 def installed() -> bool:

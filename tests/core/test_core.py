@@ -2,9 +2,10 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 
 import numpy as np
@@ -158,6 +159,19 @@ def test_every_level_gives_the_same(tmp_path):
     for level, found in answers.items():
         for own, base in zip(found, answers["base"]):
             assert own == base if isinstance(own, str) else own == pytest.approx(base, rel=1e-6, abs=1e-7), level
+
+
+def test_a_checkout_takes_what_is_installed(tmp_path):
+    """Python that is started in a checkout finds its sources first, and they have no compiled modules."""
+    sources = Path(core.__file__).parents[1]
+    shutil.copytree(sources, tmp_path / "pinograsp", ignore=shutil.ignore_patterns("_core_*", "__pycache__"))
+    try:
+        expected = any(Path(distribution("pinograsp").locate_file("pinograsp/core")).glob("_core_base.*"))
+    except PackageNotFoundError:
+        expected = False
+    script = "from pinograsp import core; print(core.__file__, core.installed())"
+    there = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert there.stdout.split() == [str(tmp_path / "pinograsp" / "core" / "__init__.py"), str(expected)]
 
 
 def test_sizes_that_do_not_fit_are_refused():
