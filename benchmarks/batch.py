@@ -97,11 +97,10 @@ def main() -> None:
                 rows.append(row)
                 print(row)
     if not options.quick:
-        columns = list(dict.fromkeys(column for row in rows for column in row))
         write_rows(
             HERE / "batch.csv",
             header(("numpy", "clarabel", "daqp")),
-            [{c: r.get(c, "") for c in columns} for r in rows],
+            rows,
         )
 
 

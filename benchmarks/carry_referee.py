@@ -165,11 +165,10 @@ def main() -> None:
             f"{sum(row['proven'] == 'yes' for row in planned)} of {len(planned)}, lost "
             f"{sum(bool(row['lost']) for row in fast)} of {len(fast)}"
         )
-    keys = list(dict.fromkeys(key for row in rows for key in row))
     write_rows(
         HERE / "carry_referee.csv",
         header(["pinograsp", "pin", "mujoco"], f"seed {seed}"),
-        [{key: row.get(key, "") for key in keys} for row in rows],
+        rows,
     )
 
 

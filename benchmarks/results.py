@@ -20,10 +20,10 @@ def header(packages, *notes: str) -> str:
 
 
 def write_rows(path: Path, first_line: str, rows: list[dict]) -> None:
-    """``rows`` as CSV below ``first_line``."""
+    """``rows`` as CSV below ``first_line``; columns that some rows have are empty in the others."""
     with path.open("w", newline="") as stream:
         stream.write(first_line + "\n")
-        writer = csv.DictWriter(stream, rows[0])
+        writer = csv.DictWriter(stream, list(dict.fromkeys(column for row in rows for column in row)), restval="")
         writer.writeheader()
         writer.writerows(rows)
 

@@ -22,13 +22,10 @@ from pinograsp.forces.template import Template
 from pinograsp.spatial import Array
 
 
-def solve_program(problem: ForceProblem, program: Program, fixed: Template, name: str) -> Answer | None:
-    """The answer of a compiled method with its checks; None where it finds none. ``fixed``: the program's matrices."""
-    if np.any(program.hi - program.lo <= 1e-9 * program.hi):
-        return None
-    weight, force, k, d = program.objective_scale, program.force_scale, program.k, program.d
-    code, _, violation, value, bound, x, y, gauge, residual = fixed.grasp(problem).answer(
-        name == "newton",
+def arrays_of(program: Program, fixed: Template) -> tuple[Array, ...]:
+    """A program as the core takes it: b, lo, hi, R_lo, R_hi, P, q and its powers; ``fixed``: the program's matrices."""
+    weight, force = program.objective_scale, program.force_scale
+    return (
         program.b,
         program.lo,
         program.hi,
@@ -38,9 +35,19 @@ def solve_program(problem: ForceProblem, program: Program, fixed: Template, name
         fixed.q * (force / weight),
         np.array(program.powers, dtype=float).reshape(-1, 2),
     )
+
+
+def solve_program(problem: ForceProblem, program: Program, fixed: Template, name: str) -> Answer | None:
+    """The answer of a compiled method with its checks; None where it finds none. ``fixed``: the program's matrices."""
+    if np.any(program.hi - program.lo <= 1e-9 * program.hi):
+        return None
+    k, d, m = program.k, program.d, len(program.b)
+    code, _, violation, value, bound, x, y, gauge, residual = fixed.grasp(problem).answer(
+        name == "newton", *arrays_of(program, fixed)
+    )
     if code != core.CONVERGED or not math.isfinite(value + bound + violation):
         return None
-    m, w = len(program.b), np.zeros(len(program.R))
+    w = np.zeros(len(program.R))
     w[fixed.order] = y[m:]
     return Answer(x.reshape(d, k).T.ravel(), y[:m], w, Checks(violation, gauge, residual, value, bound))
 

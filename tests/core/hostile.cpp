@@ -874,20 +874,13 @@ void answer_case(Case& own, bool compare) {
     if (promised)
         for (int i = 0; i < k; ++i)
             if (!(hi[i] - lo[i] > 1e-9 * hi[i])) return;
-    Problem problem = own.forces->fixed();
-    problem.b = b.data();
-    problem.lo = lo.data();
-    problem.hi = hi.data();
-    problem.R_lo = R_lo.data();
-    problem.R_hi = R_hi.data();
-    problem.P = P.data();
-    problem.q = q.data();
+    Problem problem =
+        own.forces->problem(b.data(), lo.data(), hi.data(), R_lo.data(), R_hi.data(), P.data(), q.data());
     problem.powers = powers;
     const auto answered = [&](bool newton, const double* load) {
-        return without_memory("Forces::answer", [&] {
-            return own.forces->answer(newton, load, lo.data(), hi.data(), R_lo.data(), R_hi.data(), P.data(), q.data(),
-                                      powers);
-        });
+        Problem loaded = problem;
+        loaded.b = load;
+        return without_memory("Forces::answer", [&] { return own.forces->answer(newton, loaded); });
     };
     Checked found[2];
     double margin[2] = {}, most[2] = {}, reach[2] = {};

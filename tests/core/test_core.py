@@ -15,6 +15,7 @@ from whole_forces import MODELS, problem_with
 
 from pinograsp import core
 from pinograsp.forces import MultiplierQP, optimize_forces
+from pinograsp.forces.compiled import arrays_of
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.program import assemble, energy_terms_at
 from pinograsp.forces.template import Template
@@ -32,27 +33,15 @@ def programs(model, objective, k, seed, **limits):
 
 
 def answer(problem, program, fixed, name):
-    weight, force = program.objective_scale, program.force_scale
-    code, newton, _, value, bound, x, y, *_ = fixed.grasp(problem).answer(
-        name == "newton",
-        program.b,
-        program.lo,
-        program.hi,
-        program.R_lo[fixed.order],
-        program.R_hi[fixed.order],
-        fixed.P * (force**2 / weight),
-        fixed.q * (force / weight),
-        np.array(program.powers, dtype=float).reshape(-1, 2),
-    )
+    code, newton, _, value, bound, x, y, *_ = fixed.grasp(problem).answer(name == "newton", *arrays_of(program, fixed))
     return code, newton, value, bound, x, y
 
 
 def as_reference(program, fixed):
     """A, P and q of a program, contact by contact, and its torque rows."""
-    weight, force, k, d = program.objective_scale, program.force_scale, program.k, program.d
-    P = np.einsum("jjk->kj", fixed.P) * (force**2 / weight)
-    A = program.A.reshape(-1, k, d)
-    return A, program.b, P, fixed.q.T * (force / weight), program.powers, program.lo, program.hi
+    b, lo, hi, _, _, P, q, powers = arrays_of(program, fixed)
+    A = program.A.reshape(-1, program.k, program.d)
+    return A, b, np.einsum("jjk->kj", P), q.T, powers, lo, hi
 
 
 @pytest.mark.parametrize("k", [1, 3, 8, 9])
@@ -177,7 +166,7 @@ def test_a_checkout_takes_what_is_installed(tmp_path):
 def test_sizes_that_do_not_fit_are_refused():
     problem, program, fixed = programs("cone", "work", 4, 0)
     grasp = fixed.grasp(problem)
-    given = [program.b, program.lo, program.hi, np.zeros(0), np.zeros(0), fixed.P, fixed.q, np.zeros((0, 2))]
+    given = arrays_of(program, fixed)
     for i in range(7):
         wrong = [np.zeros(99) if j == i else one for j, one in enumerate(given)]
         with pytest.raises(ValueError):

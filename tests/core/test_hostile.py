@@ -16,7 +16,6 @@ import pytest
 from pinograsp import core
 
 SOURCE = Path(__file__).with_name("hostile.cpp")
-HEADERS = Path(core.__file__).with_name("include")
 SANITIZERS = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
@@ -28,7 +27,7 @@ def compiler() -> str:
 
 
 def compiled(program: Path, flags: list[str]) -> None:
-    always = ["-std=c++17", "-Wall", "-Wextra", "-Wno-psabi", f"-I{HEADERS}"]
+    always = ["-std=c++17", "-Wall", "-Wextra", "-Wno-psabi", f"-I{core.get_include()}"]
     done = subprocess.run(
         [compiler(), *always, *flags, str(SOURCE), "-o", str(program)], capture_output=True, text=True
     )

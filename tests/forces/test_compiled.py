@@ -13,6 +13,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from random_grasps import random_grasp
+from whole_forces import MODELS
 
 import pinograsp as pg
 from pinograsp import core
@@ -27,15 +28,6 @@ from pinograsp.forces import (
     optimize_forces,
     optimize_grasp,
 )
-
-MODELS = {
-    "pyramid": Friction(),
-    "pyramid, torsion": Friction(torsion=0.004),
-    "fine pyramid": Friction(edges=10),
-    "cone": Friction(model="cone", safety=1.1),
-    "cone, torsion": Friction(model="cone", torsion=0.004),
-    "soft": Friction(model="soft", torsion=0.004),
-}
 
 
 def grasps(contact_set, k, count, seed):
@@ -188,6 +180,7 @@ def test_infeasible_loads_are_proven(contact_set):
 
 def answered(problem, name, objective="work"):
     """Code, x and y (all rows) of a method by itself, and the program."""
+    from pinograsp.forces.compiled import arrays_of
     from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble
     from pinograsp.forces.template import Template
@@ -199,17 +192,7 @@ def answered(problem, name, objective="work"):
     if name == "newton" and not program.matrices.separates:
         return None
     fixed = Template(program.matrices)
-    code, newton, *_, x, y, _, _ = fixed.grasp(problem).answer(
-        name == "newton",
-        program.b,
-        program.lo,
-        program.hi,
-        program.R_lo[fixed.order],
-        program.R_hi[fixed.order],
-        fixed.P * (program.force_scale**2 / program.objective_scale),
-        fixed.q * (program.force_scale / program.objective_scale),
-        np.array(program.powers, dtype=float).reshape(-1, 2),
-    )
+    code, newton, *_, x, y, _, _ = fixed.grasp(problem).answer(name == "newton", *arrays_of(program, fixed))
     return code, newton, x, y, program
 
 
@@ -277,7 +260,7 @@ def test_without_the_core_general_methods_answer(contact_set, monkeypatch):
 @pytest.mark.parametrize("limited", [False, True])
 def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
     """Bound and Farkas bound of the compiled certificate, at points and multipliers that are far from any optimum."""
-    from pinograsp.forces.compiled import solve_program
+    from pinograsp.forces.compiled import arrays_of, solve_program
     from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble, weights_of
     from pinograsp.forces.template import Template
@@ -293,17 +276,7 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
                 matrices_of(problem, weights), problem.scaled_load, terms, *problem.normal_force_range(0.85)
             )
             fixed, k, d, r = Template(program.matrices), program.k, program.d, len(program.R)
-            weight, force = program.objective_scale, program.force_scale
-            given = (
-                program.b,
-                program.lo,
-                program.hi,
-                program.R_lo[fixed.order],
-                program.R_hi[fixed.order],
-                fixed.P * (force**2 / weight),
-                fixed.q * (force / weight),
-                np.array(program.powers, dtype=float).reshape(-1, 2),
-            )
+            given = arrays_of(program, fixed)
             answer = solve_program(problem, program, fixed, "interior")
             if answer is None:  # infeasible
                 continue

@@ -40,7 +40,7 @@ std::unique_ptr<Forces> make_forces(int k, int m, int r, int d, int round, bool 
                                     Numbers correction, Numbers widths, Numbers grasp_matrix, Numbers normals,
                                     double constant, double largest, double arm, double near) {
     const std::size_t n = static_cast<std::size_t>(d) * k;
-    need(k > 0 && (m == 3 || m == 6) && r >= 0 && (d == 3 || d == 4) && round < d && round != 1, "sizes of a grasp");
+    need(k > 0 && (m == 3 || m == 6) && r >= 0 && has_shape(d, round), "sizes of a grasp");
     GraspData data;
     data.k = k;
     data.m = m;
@@ -68,16 +68,22 @@ std::unique_ptr<Forces> make_forces(int k, int m, int r, int d, int round, bool 
     return std::make_unique<Forces>(data);
 }
 
-// A problem of the grasp's rows that was made elsewhere: (code, violation, value, bound, x, y, gauge, residual).
+// A problem of the grasp's rows that was made elsewhere; its arrays stay those of the caller.
+Problem problem_of(const Forces& forces, const Numbers& b, const Numbers& lo, const Numbers& hi, const Numbers& R_lo,
+                   const Numbers& R_hi, const Numbers& P, const Numbers& q, const Numbers& terms) {
+    const std::size_t k = forces.contacts(), r = forces.torque_rows(), d = forces.components();
+    Problem problem =
+        forces.problem(sized(b, forces.balance_rows(), "b"), sized(lo, k, "lo"), sized(hi, k, "hi"),
+                       sized(R_lo, r, "R_lo"), sized(R_hi, r, "R_hi"), sized(P, d * d * k, "P"), sized(q, d * k, "q"));
+    need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, problem.powers), "terms");
+    return problem;
+}
+
+// The answer to such a problem: (code, newton, violation, value, bound, x, y, gauge, residual).
 nb::tuple answer(Forces& forces, bool newton, Numbers b, Numbers lo, Numbers hi, Numbers R_lo, Numbers R_hi, Numbers P,
                  Numbers q, Numbers terms) {
     const int k = forces.contacts(), m = forces.balance_rows(), r = forces.torque_rows(), n = forces.components() * k;
-    Powers powers;
-    need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, powers), "terms");
-    const Checked found =
-        forces.answer(newton, sized(b, m, "b"), sized(lo, k, "lo"), sized(hi, k, "hi"), sized(R_lo, r, "R_lo"),
-                      sized(R_hi, r, "R_hi"), sized(P, static_cast<std::size_t>(n) * forces.components(), "P"),
-                      sized(q, n, "q"), powers);
+    const Checked found = forces.answer(newton, problem_of(forces, b, lo, hi, R_lo, R_hi, P, q, terms));
     const auto copied = [](const double* values, std::size_t size) {
         double* own = new double[size];
         std::copy(values, values + size, own);
@@ -91,18 +97,10 @@ nb::tuple answer(Forces& forces, bool newton, Numbers b, Numbers lo, Numbers hi,
 // Lower bound of the objective, and Farkas bound, of multipliers y (m + r) of such a problem, near x (d k).
 nb::tuple bounds(Forces& forces, Numbers b, Numbers lo, Numbers hi, Numbers R_lo, Numbers R_hi, Numbers P, Numbers q,
                  Numbers terms, Numbers x, Numbers y) {
-    const int k = forces.contacts(), m = forces.balance_rows(), r = forces.torque_rows(), n = forces.components() * k;
-    Problem problem = forces.fixed();
-    need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, problem.powers), "terms");
-    problem.b = sized(b, m, "b");
-    problem.lo = sized(lo, k, "lo");
-    problem.hi = sized(hi, k, "hi");
-    problem.R_lo = sized(R_lo, r, "R_lo");
-    problem.R_hi = sized(R_hi, r, "R_hi");
-    problem.P = sized(P, static_cast<std::size_t>(n) * forces.components(), "P");
-    problem.q = sized(q, n, "q");
-    const double* multipliers = sized(y, m + r, "y");
-    return nb::make_tuple(bound_of(problem, sized(x, n, "x"), multipliers).bound, excluded(problem, multipliers));
+    const Problem problem = problem_of(forces, b, lo, hi, R_lo, R_hi, P, q, terms);
+    const double* near = sized(x, static_cast<std::size_t>(forces.components()) * forces.contacts(), "x");
+    const double* multipliers = sized(y, forces.balance_rows() + forces.torque_rows(), "y");
+    return nb::make_tuple(bound_of(problem, near, multipliers).bound, excluded(problem, multipliers));
 }
 
 // A grasp's problem at one impact time, for one objective, for one load after the other.
@@ -266,7 +264,7 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
            Numbers arms, Numbers terms, Written forces, Written moments, Written objective, Written lower_bound,
            Written residual, Written violation, nb::ndarray<std::int64_t, nb::c_contig, nb::device::cpu> codes) {
     const std::size_t n = counts.size(), k = n ? mu.size() / n : 0;
-    need(k > 0 && start >= 0 && stop <= static_cast<std::int64_t>(n), "problems");
+    need(k > 0 && start >= 0 && stop <= static_cast<std::int64_t>(n) && has_shape(components, round), "problems");
     need(points.size() == 3 * n * k && rotations.size() == 9 * n * k && loads.size() == 6 * n && mu.size() == n * k &&
              low.size() == n * k && high.size() == n * k && arms.size() == n && terms.size() % (2 * n) == 0 &&
              forces.size() == 3 * n * k && moments.size() == n * k && objective.size() == n &&

@@ -34,8 +34,7 @@ struct BatchResults {
 template <class K>
 class BatchOf {
 public:
-    explicit BatchOf(const Batch& batch)
-        : batch_(batch), k_(batch.k), memory_(Memory::bytes_for<Block<K>>(k_) + Memory::bytes_for<Cost<K>>(k_)) {
+    explicit BatchOf(const Batch& batch) : batch_(batch), k_(batch.k) {
         method_.dual.blocks = memory_.part<Block<K>>(k_);
         method_.dual.count = k_;
         method_.costs = memory_.part<Cost<K>>(k_);
@@ -75,7 +74,8 @@ private:
     std::int64_t next_ = 0, stop_ = 0, at_[width];
     Vector active_ = 0.0;                 // 1: the lane has a problem
     Vector weight_, tolerance_, strong_;  // of the pass; 1: no proximal weight is needed
-    Vector passes_ = 0.0, ascents_ = 0.0;
+    Vector ascents_ = 0.0;
+    int passes_[width] = {};
     double scale_[width], unit_[width];
 
     Mask busy() const { return active_ > Vector(0.5); }
@@ -83,26 +83,27 @@ private:
     // Every eighth step of a lane.
     Mask doubtful() const {
         Vector found = 0.0;
-        for (int lane = 0; lane < width; ++lane) found.set(lane, static_cast<int>(ascents_[lane]) % 8 == 7);
+        for (int lane = 0; lane < width; ++lane)
+            in_lane(found, lane) = static_cast<int>(in_lane(ascents_, lane)) % 8 == 7;
         return found > Vector(0.5);
     }
 
     // A lane without a problem: contacts that do not count.
     void leave(int lane) {
-        active_.set(lane, 0.0);
+        in_lane(active_, lane) = 0.0;
         at_[lane] = -1;
         for (int i = 0; i < k_; ++i) empty(i, lane);
         for (int r = 0; r < K::M; ++r) {
-            method_.dual.b[r].set(lane, 0.0);
-            method_.dual.y[r].set(lane, 0.0);
+            in_lane(method_.dual.b[r], lane) = 0.0;
+            in_lane(method_.dual.y[r], lane) = 0.0;
         }
         for (int a = 0; a < most_powers; ++a) {
-            method_.coefficients[a].set(lane, 0.0);
-            method_.exponents[a].set(lane, 0.0);
+            in_lane(method_.coefficients[a], lane) = 0.0;
+            in_lane(method_.exponents[a], lane) = 0.0;
         }
-        tolerance_.set(lane, 1.0);
-        weight_.set(lane, 0.0);
-        strong_.set(lane, 1.0);
+        in_lane(tolerance_, lane) = 1.0;
+        in_lane(weight_, lane) = 0.0;
+        in_lane(strong_, lane) = 1.0;
     }
 
     void empty(int i, int lane) {
@@ -123,7 +124,7 @@ private:
             const Code code = load(p, lane);
             if (code == Code::converged) {
                 at_[lane] = p;
-                active_.set(lane, 1.0);
+                in_lane(active_, lane) = 1.0;
                 return;
             }
             results_.codes[p] = static_cast<std::int64_t>(code);
@@ -158,12 +159,12 @@ private:
         Powers powers;
         if (!(unit > 0.0) || !powers_of(terms, batch_.t, scale, unit, powers)) return Code::stalled;
         for (int r = 0; r < K::M; ++r) {
-            method_.dual.b[r].set(lane, b[r] / scale);
-            method_.dual.y[r].set(lane, 0.0);
+            in_lane(method_.dual.b[r], lane) = b[r] / scale;
+            in_lane(method_.dual.y[r], lane) = 0.0;
         }
         for (int a = 0; a < most_powers; ++a) {
-            method_.coefficients[a].set(lane, powers.coefficients[a]);
-            method_.exponents[a].set(lane, powers.exponents[a]);
+            in_lane(method_.coefficients[a], lane) = powers.coefficients[a];
+            in_lane(method_.exponents[a], lane) = powers.exponents[a];
         }
         method_.powers = powers.count > method_.powers ? powers.count : method_.powers;
         const double curvature = scale * scale / unit;
@@ -176,9 +177,9 @@ private:
         scale_[lane] = scale;
         unit_[lane] = unit;
         const bool strong = lightest * curvature >= N::strong;
-        strong_.set(lane, strong);
+        in_lane(strong_, lane) = strong;
         start(lane, strong ? 0.0 : N::first_weight);
-        passes_.set(lane, 0.0);
+        passes_[lane] = 0;
         return Code::converged;
     }
 
@@ -204,9 +205,9 @@ private:
 
     // A pass of a lane.
     void start(int lane, double weight) {
-        weight_.set(lane, weight);
-        tolerance_.set(lane, weight < 2.0 * N::least_weight ? N::balanced : N::roughly);
-        ascents_.set(lane, 0.0);
+        in_lane(weight_, lane) = weight;
+        in_lane(tolerance_, lane) = weight < 2.0 * N::least_weight ? N::balanced : N::roughly;
+        in_lane(ascents_, lane) = 0.0;
     }
 
     void begin(Mask which) {
@@ -216,45 +217,45 @@ private:
 
     // Lanes whose balance holds: their next pass, or the end.
     void settle(Mask there) {
-        const auto gap = method_.gap();
+        const Gap<Vector> gap = method_.gap();
+        const Misses<Vector> misses = judge(method_.dual.blocks, k_, method_.dual.b);
         const Mask once = there & (strong_ > Vector(0.5)) & (Vector(method_.powers) < Vector(0.5));
         const Mask last = weight_ < Vector(2.0 * N::least_weight);
         const Mask closed = gap.value - gap.bound <= Vector(N::closed) * max(abs(gap.value), Vector(1e-12));
         const Mask done = once | (there & last & closed);
-        bool renewed = false;
         for (int lane = 0; lane < width; ++lane) {
             if (!lane_of(there, lane)) continue;
             if (lane_of(done, lane)) {
-                finish(lane, gap.value[lane], gap.bound[lane]);
-                take(lane);
-            } else if (passes_[lane] >= N::passes - 1) {
-                results_.codes[at_[lane]] = static_cast<std::int64_t>(Code::stalled);
-                take(lane);
+                follow(lane, finish(lane, in_lane(gap.value, lane), in_lane(gap.bound, lane),
+                                    {in_lane(misses.balance, lane), in_lane(misses.violation, lane)}));
+            } else if (++passes_[lane] >= N::passes) {
+                follow(lane, Code::stalled);
             } else {
-                passes_.set(lane, passes_[lane] + 1.0);
-                start(lane, strong_[lane] > 0.5 ? 0.0 : max(weight_[lane] * N::shrink, N::least_weight));
+                const double weight = max(in_lane(weight_, lane) * N::shrink, N::least_weight);
+                start(lane, in_lane(strong_, lane) > 0.5 ? 0.0 : weight);
             }
-            renewed = true;
         }
-        if (renewed) begin(there);
+        begin(there);
     }
 
     // Lanes without an answer.
     void end(Mask which, Code code) {
         which = which & busy();
         if (!any(which)) return;
-        for (int lane = 0; lane < width; ++lane) {
-            if (!lane_of(which, lane)) continue;
-            results_.codes[at_[lane]] = static_cast<std::int64_t>(code);
-            take(lane);
-        }
+        for (int lane = 0; lane < width; ++lane)
+            if (lane_of(which, lane)) follow(lane, code);
         begin(which);
     }
 
+    // The next problem after one that ended so.
+    void follow(int lane, Code code) {
+        results_.codes[at_[lane]] = static_cast<std::int64_t>(code);
+        take(lane);
+    }
+
     // The answer of a lane, checked.
-    void finish(int lane, double value, double bound) {
+    Code finish(int lane, double value, double bound, const Misses<double>& misses) {
         const std::int64_t p = at_[lane];
-        const Misses misses = judged(lane);
         const double scale = scale_[lane], unit = unit_[lane];
         // A bound from multipliers that are exact to rounding can exceed the value by rounding.
         results_.objective[p] = value * unit;
@@ -265,57 +266,24 @@ private:
         const bool fine = std::isfinite(results_.objective[p]) && std::isfinite(results_.lower_bound[p]) &&
                           misses.balance <= 1e-10 && misses.violation <= 1e-10 &&
                           value - bound <= 1e-8 * max(std::fabs(value), 1e-5);
-        results_.codes[p] = static_cast<std::int64_t>(fine ? Code::converged : Code::stalled);
-        if (!fine) return;
+        if (!fine) return Code::stalled;
         for (int i = 0; i < batch_.counts[p]; ++i) {
             const Block<K>& at = method_.dual.blocks[i];
             double* f = results_.forces + 3 * (p * k_ + i);
             const double mu = batch_.mu[p * k_ + i];
-            f[0] = at.x[0][lane] * scale * mu;
-            f[1] = at.x[1][lane] * scale * mu;
-            f[2] = at.x[K::E][lane] * scale;
-            if constexpr (K::D == 4) results_.moments[p * k_ + i] = at.x[2][lane] * scale * batch_.torsion;
+            f[0] = in_lane(at.x[0], lane) * scale * mu;
+            f[1] = in_lane(at.x[1], lane) * scale * mu;
+            f[2] = in_lane(at.x[K::E], lane) * scale;
+            if constexpr (K::D == 4) results_.moments[p * k_ + i] = in_lane(at.x[2], lane) * scale * batch_.torsion;
         }
-    }
-
-    // Balance and limits of a lane, from its forces alone.
-    Misses judged(int lane) const {
-        double square = 0.0, worst = -infinity;
-        for (int r = 0; r < K::M; ++r) {
-            double total = -method_.dual.b[r][lane];
-            for (int i = 0; i < k_; ++i)
-                for (int j = 0; j < K::D; ++j)
-                    total += method_.dual.blocks[i].a[j][r][lane] * method_.dual.blocks[i].x[j][lane];
-            square += total * total;
-        }
-        for (int i = 0; i < k_; ++i) {
-            const Block<K>& at = method_.dual.blocks[i];
-            const double F = at.x[K::E][lane];
-            double around = 0.0, used = 0.0;
-            for (int j = 0; j < K::R; ++j) around += at.x[j][lane] * at.x[j][lane];
-            used = std::sqrt(around);
-            for (int j = K::R; j < K::E; ++j) used = max(used, std::fabs(at.x[j][lane]) / K::radius(j));
-            worst = max(worst, max(used - F, max(at.lo[lane] - F, F - at.hi[lane])));
-        }
-        return {std::sqrt(square), worst};
+        return Code::converged;
     }
 };
 
 // Solve problems `start` to `stop` of a friction model; several threads may take a part each.
 inline void solve_batch(const Batch& batch, int components, int round, std::int64_t start, std::int64_t stop,
                         const BatchResults& results) {
-    switch (10 * components + round) {
-        case 30:
-            return BatchOf<Shape<3, 0>>(batch).solve(start, stop, results);
-        case 32:
-            return BatchOf<Shape<3, 2>>(batch).solve(start, stop, results);
-        case 40:
-            return BatchOf<Shape<4, 0>>(batch).solve(start, stop, results);
-        case 42:
-            return BatchOf<Shape<4, 2>>(batch).solve(start, stop, results);
-        default:
-            return BatchOf<Shape<4, 3>>(batch).solve(start, stop, results);
-    }
+    of_shape(components, round, [&](auto shape) { BatchOf<decltype(shape)>(batch).solve(start, stop, results); });
 }
 
 }  // namespace PINOGRASP_CORE_LEVEL

@@ -9,13 +9,6 @@
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
-// Blocks of `width` that hold a number of contacts or rows.
-constexpr int blocks_of(int count) { return (count + width - 1) / width; }
-
-// The lanes of an array, one after the other.
-PINOGRASP_INLINE double* numbers(Vector* array) { return reinterpret_cast<double*>(array); }
-PINOGRASP_INLINE const double* numbers(const Vector* array) { return reinterpret_cast<const double*>(array); }
-
 PINOGRASP_INLINE double smallest(Vector a) { return -largest(-a); }
 
 // Cholesky factor U'U of a block, its upper triangle, in place, inverse pivots on the diagonal; small pivots are raised

@@ -26,16 +26,6 @@
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
-// D components of a force, the first R of them in a cone; M rows of the balance.
-template <int D_, int R_>
-struct Shape {
-    static constexpr int D = D_, R = R_, M = 6, E = D_ - 1;
-    static constexpr int groups = (R_ > 0 ? 1 : 0) + E - R_;  // of components that saturate together
-    static constexpr int sets = 1 << groups;
-    // What component j, outside of the cone, is limited by, over F_n. A pyramid's four edges lie on the cone.
-    static constexpr double radius(int j) { return R_ == 0 && j < 2 ? 0.70710678118654752 : 1.0; }
-};
-
 // `width` contacts of one problem, or one contact of `width` problems.
 template <class K>
 struct Block {
@@ -76,14 +66,17 @@ struct Block {
         lo = hi = norm = 0.0;
     }
 
+    // Length of the components that a cone bounds.
+    static PINOGRASP_INLINE Vector round_length(const Vector* c) {
+        Vector square = c[0] * c[0] + c[1] * c[1];
+        if constexpr (K::R == 3) square = square + c[2] * c[2];
+        return sqrt(square);
+    }
+
     // How the groups pull at F_n, at slopes c.
     PINOGRASP_INLINE void pulls(const Vector* c, Vector* out) const {
         int g = 0;
-        if constexpr (K::R > 0) {
-            Vector square = c[0] * c[0] + c[1] * c[1];
-            if constexpr (K::R == 3) square = square + c[2] * c[2];
-            out[g++] = sqrt(square);
-        }
+        if constexpr (K::R > 0) out[g++] = round_length(c);
         for (int j = K::R; j < K::E; ++j) out[g++] = Vector(K::radius(j)) * abs(c[j]);
     }
 

@@ -24,9 +24,7 @@ public:
 template <class K>
 class SeparableOf final : public Separable {
 public:
-    explicit SeparableOf(int k)
-        : blocks_((k + width - 1) / width),
-          memory_(Memory::bytes_for<Block<K>>(blocks_) + Memory::bytes_for<Cost<K>>(blocks_)) {
+    explicit SeparableOf(int k) : blocks_(blocks_of(k)) {
         method_.dual.blocks = memory_.part<Block<K>>(blocks_);
         method_.dual.count = blocks_;
         method_.costs = memory_.part<Cost<K>>(blocks_);
@@ -87,18 +85,9 @@ private:
 };
 
 inline std::unique_ptr<Separable> make_separable(int d, int round, int k) {
-    switch (10 * d + round) {
-        case 30:
-            return std::make_unique<SeparableOf<Shape<3, 0>>>(k);
-        case 32:
-            return std::make_unique<SeparableOf<Shape<3, 2>>>(k);
-        case 40:
-            return std::make_unique<SeparableOf<Shape<4, 0>>>(k);
-        case 42:
-            return std::make_unique<SeparableOf<Shape<4, 2>>>(k);
-        default:
-            return std::make_unique<SeparableOf<Shape<4, 3>>>(k);
-    }
+    return of_shape(d, round, [k](auto shape) -> std::unique_ptr<Separable> {
+        return std::make_unique<SeparableOf<decltype(shape)>>(k);
+    });
 }
 
 // What does not depend on the load; arrays are copied. In newtons: objective 1/2 x'Px + q'x + constant.
@@ -182,21 +171,20 @@ public:
           m_(data.m),
           r_(data.r),
           data_(data),
-          interior_(d_, data.friction.round, data.friction.facets, k_, m_, r_),
-          memory_(bytes(data)) {
+          interior_(d_, data.friction.round, data.friction.facets, k_, m_, r_) {
         const std::size_t n = d_ * k_;
-        keep(data_.B, (m_ + r_) * n);
-        keep(data_.P, d_ * n);
-        keep(data_.q, n);
-        keep(data_.R_lo, r_);
-        keep(data_.R_hi, r_);
-        keep(data_.correction, n * m_);
-        keep(data_.widths, n);
-        keep(data_.grasp_matrix, 18 * k_);
-        keep(data_.normals, 3 * k_);
-        keep(data_.friction.C, data_.friction.facets * (d_ - 1));
-        keep(data_.friction.vertices, 2 * data_.friction.corners);
-        for (double** own : {&P_}) *own = memory_.part<double>(d_ * n);
+        data_.B = memory_.copy(data.B, (m_ + r_) * n);
+        data_.P = memory_.copy(data.P, d_ * n);
+        data_.q = memory_.copy(data.q, n);
+        data_.R_lo = memory_.copy(data.R_lo, r_);
+        data_.R_hi = memory_.copy(data.R_hi, r_);
+        data_.correction = memory_.copy(data.correction, n * m_);
+        data_.widths = memory_.copy(data.widths, n);
+        data_.grasp_matrix = memory_.copy(data.grasp_matrix, 18 * k_);
+        data_.normals = memory_.copy(data.normals, 3 * k_);
+        data_.friction.C = memory_.copy(data.friction.C, data.friction.facets * (d_ - 1));
+        data_.friction.vertices = memory_.copy(data.friction.vertices, 2 * data.friction.corners);
+        P_ = memory_.part<double>(d_ * n);
         for (double** own : {&q_, &x_}) *own = memory_.part<double>(n);
         for (double** own : {&lo_, &hi_, &gauge_}) *own = memory_.part<double>(k_);
         for (double** own : {&R_lo_, &R_hi_}) *own = memory_.part<double>(r_);
@@ -209,30 +197,42 @@ public:
     int balance_rows() const { return m_; }
     int torque_rows() const { return r_; }
 
-    // What all problems of this grasp share.
-    Problem fixed() const {
-        Problem problem;
-        problem.k = k_;
-        problem.m = m_;
-        problem.r = r_;
-        problem.friction = data_.friction;
-        problem.B = data_.B;
-        return problem;
+    // A problem of this grasp's rows, without powers.
+    Problem problem(const double* b, const double* lo, const double* hi, const double* R_lo, const double* R_hi,
+                    const double* P, const double* q) const {
+        Problem found;
+        found.k = k_;
+        found.m = m_;
+        found.r = r_;
+        found.friction = data_.friction;
+        found.B = data_.B;
+        found.b = b;
+        found.lo = lo;
+        found.hi = hi;
+        found.R_lo = R_lo;
+        found.R_hi = R_hi;
+        found.P = P;
+        found.q = q;
+        return found;
     }
 
-    // For a problem of this grasp's rows, made elsewhere: x (d k), y (m + r), gauge (k), residual (m).
-    Checked answer(bool newton, const double* b, const double* lo, const double* hi, const double* R_lo,
-                   const double* R_hi, const double* P, const double* q, const Powers& powers) {
-        Problem problem = fixed();
-        problem.b = b;
-        problem.lo = lo;
-        problem.hi = hi;
-        problem.R_lo = R_lo;
-        problem.R_hi = R_hi;
-        problem.P = P;
-        problem.q = q;
-        problem.powers = powers;
-        return solved(newton, problem);
+    // For such a problem: x (d k), y (m + r), gauge (k), residual (m).
+    Checked answer(bool newton, const Problem& problem) {
+        Checked out;
+        int steps = 0;
+        out.newton = newton && separable_ != nullptr;
+        if (out.newton) {
+            out.code = separable_->solve(problem, x_, y_, steps);
+            out.newton = out.code != Code::stalled;
+        }
+        if (!out.newton) out.code = interior_.solve(problem, 0.0, x_, y_, steps);
+        if (out.code == Code::converged) restore_balance(problem);
+        const double most = violation(problem, out.violation);
+        if (out.code == Code::converged && !(out.violation <= sharp * most)) out.code = Code::stalled;
+        const Bound bound = bound_of(problem, x_, y_);
+        out.value = bound.value;
+        out.bound = bound.bound;
+        return out;
     }
     const double* x() const { return x_; }
     const double* y() const { return y_; }
@@ -259,10 +259,10 @@ public:
         double unit = 0.5 * data_.largest * scale * scale;
         for (int a = 0; a < t; ++a) unit = max(unit, terms[2 * a] * std::pow(scale, terms[2 * a + 1]));
         if (!(unit > 0.0)) unit = 1.0;
-        Problem problem = scaled(scale, unit);
+        scale_to(scale, unit);
+        Problem problem = this->problem(b, lo_, hi_, R_lo_, R_hi_, P_, q_);
         if (!powers_of(terms, t, scale, unit, problem.powers)) return out;
-        problem.b = b;
-        out.checked = solved(newton, problem);
+        out.checked = answer(newton, problem);
         if (out.checked.code != Code::converged) return out;
         out.scale = scale;
         out.unit = unit;
@@ -277,8 +277,8 @@ public:
     }
 
 private:
-    static constexpr double sharp =
-        1e-9;  // relative to the load or the largest F_n: answers that miss limits by more fail
+    // Relative to the load or the largest F_n: answers that miss limits by more fail.
+    static constexpr double sharp = 1e-9;
 
     int k_, d_, m_, r_;
     GraspData data_;
@@ -287,40 +287,8 @@ private:
     std::unique_ptr<Separable> separable_;
     double *P_, *q_, *x_, *lo_, *hi_, *gauge_, *R_lo_, *R_hi_, *y_, residual_[6] = {};
 
-    static std::size_t bytes(const GraspData& data) {
-        const std::size_t k = data.k, d = data.friction.d, n = d * k, m = data.m, r = data.r;
-        const std::size_t sizes[] = {(m + r) * n,
-                                     d * n,
-                                     n,
-                                     r,
-                                     r,
-                                     n * m,
-                                     n,
-                                     18 * k,
-                                     3 * k,
-                                     data.friction.facets * (d - 1),
-                                     2u * data.friction.corners,
-                                     d * n,
-                                     n,
-                                     n,
-                                     k,
-                                     k,
-                                     k,
-                                     r,
-                                     r,
-                                     m + r};
-        std::size_t total = 0;
-        for (std::size_t size : sizes) total += Memory::bytes_for<double>(size);
-        return total;
-    }
-
-    void keep(const double*& values, std::size_t count) {
-        double* own = memory_.part<double>(count);
-        if (count > 0) std::memcpy(own, values, count * sizeof(double));
-        values = own;
-    }
-
-    Problem scaled(double scale, double unit) {
+    // Objective and torque rows over these.
+    void scale_to(double scale, double unit) {
         const double heavy = scale * scale / unit, light = scale / unit;
         for (int l = 0; l < d_ * d_ * k_; ++l) P_[l] = data_.P[l] * heavy;
         for (int l = 0; l < d_ * k_; ++l) q_[l] = data_.q[l] * light;
@@ -328,32 +296,6 @@ private:
             R_lo_[h] = data_.R_lo[h] / scale;
             R_hi_[h] = data_.R_hi[h] / scale;
         }
-        Problem problem = fixed();
-        problem.lo = lo_;
-        problem.hi = hi_;
-        problem.R_lo = R_lo_;
-        problem.R_hi = R_hi_;
-        problem.P = P_;
-        problem.q = q_;
-        return problem;
-    }
-
-    Checked solved(bool newton, const Problem& problem) {
-        Checked out;
-        int steps = 0;
-        out.newton = newton && separable_ != nullptr;
-        if (out.newton) {
-            out.code = separable_->solve(problem, x_, y_, steps);
-            out.newton = out.code != Code::stalled;
-        }
-        if (!out.newton) out.code = interior_.solve(problem, 0.0, x_, y_, steps);
-        if (out.code == Code::converged) restore_balance(problem);
-        const double most = violation(problem, out.violation);
-        if (out.code == Code::converged && !(out.violation <= sharp * most)) out.code = Code::stalled;
-        const Bound bound = bound_of(problem, x_, y_);
-        out.value = bound.value;
-        out.bound = bound.bound;
-        return out;
     }
 
     // The residual of the balance, after a correction of x where rounding left one.

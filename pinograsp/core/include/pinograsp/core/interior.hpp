@@ -26,18 +26,9 @@ public:
     // x (d k) and y (m + r) are results. With give > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give).
     // Infeasible: y is a Farkas certificate.
     Code solve(const Problem& problem, double give, double* x, double* y, int& steps) {
-        switch (10 * room_.d + room_.round) {
-            case 30:
-                return iterate<3, 0>(problem, give, x, y, steps);
-            case 32:
-                return iterate<3, 2>(problem, give, x, y, steps);
-            case 40:
-                return iterate<4, 0>(problem, give, x, y, steps);
-            case 42:
-                return iterate<4, 2>(problem, give, x, y, steps);
-            default:
-                return iterate<4, 3>(problem, give, x, y, steps);
-        }
+        return of_shape(room_.d, room_.round, [&](auto shape) {
+            return iterate<decltype(shape)::D, decltype(shape)::R>(problem, give, x, y, steps);
+        });
     }
 
 private:

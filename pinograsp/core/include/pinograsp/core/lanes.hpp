@@ -8,13 +8,21 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 #if defined(__GNUC__) || defined(__clang__)
 #define PINOGRASP_INLINE inline __attribute__((always_inline))
-#define PINOGRASP_VECTORS 1
 #else
 #define PINOGRASP_INLINE inline
+#endif
+
+// 0: lanes of one number each, for compilers without vectors.
+#ifndef PINOGRASP_VECTORS
+#if defined(__GNUC__) || defined(__clang__)
+#define PINOGRASP_VECTORS 1
+#else
 #define PINOGRASP_VECTORS 0
+#endif
 #endif
 
 // Before loops of a few rounds whose number is known: their indices then cost nothing.
@@ -56,8 +64,6 @@ struct Vector {
     Vector() = default;
     PINOGRASP_INLINE Vector(Doubles own) : v(own) {}
     PINOGRASP_INLINE Vector(double one) : v(Doubles{} + one) {}
-    PINOGRASP_INLINE double operator[](int lane) const { return v[lane]; }
-    PINOGRASP_INLINE void set(int lane, double value) { v[lane] = value; }
 };
 
 PINOGRASP_INLINE Vector operator+(Vector a, Vector b) { return a.v + b.v; }
@@ -75,6 +81,7 @@ PINOGRASP_INLINE Mask operator|(Mask a, Mask b) { return {a.m | b.m}; }
 PINOGRASP_INLINE Mask operator!(Mask a) { return {~a.m}; }
 
 PINOGRASP_INLINE Vector select(Mask which, Vector a, Vector b) { return which.m ? a.v : b.v; }
+PINOGRASP_INLINE Vector select(bool which, Vector a, Vector b) { return which ? a : b; }
 PINOGRASP_INLINE Vector max(Vector a, Vector b) { return a.v > b.v ? a.v : b.v; }
 PINOGRASP_INLINE Vector min(Vector a, Vector b) { return a.v < b.v ? a.v : b.v; }
 PINOGRASP_INLINE Vector abs(Vector a) { return max(a, -a); }
@@ -132,23 +139,42 @@ PINOGRASP_INLINE double sum(double a) { return a; }
 PINOGRASP_INLINE double largest(double a) { return a; }
 #endif
 
-// A sum over contacts as S: contacts side by side are added up, problems side by side are not.
+// Sums and maxima over contacts as S: of contacts side by side they are numbers, of problems side by side they are not.
 template <class S>
-PINOGRASP_INLINE S sum_to(Vector a);
-template <>
-PINOGRASP_INLINE double sum_to<double>(Vector a) {
-    return sum(a);
+PINOGRASP_INLINE S sum_to(Vector a) {
+    if constexpr (std::is_same_v<S, Vector>)
+        return a;
+    else
+        return sum(a);
 }
-#if PINOGRASP_VECTORS
-template <>
-PINOGRASP_INLINE Vector sum_to<Vector>(Vector a) {
-    return a;
+template <class S>
+PINOGRASP_INLINE S largest_to(Vector a) {
+    if constexpr (std::is_same_v<S, Vector>)
+        return a;
+    else
+        return largest(a);
 }
-#endif
+
+// A number of one lane; those of an array, one after the other.
+PINOGRASP_INLINE double* numbers(Vector* array) { return reinterpret_cast<double*>(array); }
+PINOGRASP_INLINE const double* numbers(const Vector* array) { return reinterpret_cast<const double*>(array); }
+PINOGRASP_INLINE double& in_lane(Vector& vector, int lane) { return numbers(&vector)[lane]; }
+PINOGRASP_INLINE double in_lane(const Vector& vector, int lane) { return numbers(&vector)[lane]; }
+
+// Blocks of `width` that hold a number of contacts, rows or columns.
+constexpr int blocks_of(int count) { return (count + width - 1) / width; }
 
 PINOGRASP_INLINE Vector clamp(Vector a, Vector least, Vector most) { return min(max(a, least), most); }
 
 #if PINOGRASP_VECTORS
+// The polynomial with these coefficients, that of the highest power first.
+template <int N>
+PINOGRASP_INLINE Doubles polynomial(Doubles x, const double (&coefficients)[N]) {
+    Doubles total = Doubles{} + coefficients[0];
+    for (int i = 1; i < N; ++i) total = total * x + coefficients[i];
+    return total;
+}
+
 // Natural logarithm of positive normal numbers, to about 1e-16 of 1 + |log|: mantissa in [sqrt(1/2), sqrt(2)), and
 // 2 atanh((m - 1) / (m + 1)) as a series.
 PINOGRASP_INLINE Vector log(Vector a) {
@@ -164,17 +190,8 @@ PINOGRASP_INLINE Vector log(Vector a) {
     Doubles e{};
     for (int l = 0; l < width; ++l) e[l] = static_cast<double>(exponent[l]);
     const Doubles t = (m - 1.0) / (m + 1.0), s = t * t;
-    Doubles p = Doubles{} + 2.0 / 23.0;
-    p = p * s + 2.0 / 21.0;
-    p = p * s + 2.0 / 19.0;
-    p = p * s + 2.0 / 17.0;
-    p = p * s + 2.0 / 15.0;
-    p = p * s + 2.0 / 13.0;
-    p = p * s + 2.0 / 11.0;
-    p = p * s + 2.0 / 9.0;
-    p = p * s + 2.0 / 7.0;
-    p = p * s + 2.0 / 5.0;
-    p = p * s + 2.0 / 3.0;
+    const Doubles p = polynomial(s, {2.0 / 23.0, 2.0 / 21.0, 2.0 / 19.0, 2.0 / 17.0, 2.0 / 15.0, 2.0 / 13.0, 2.0 / 11.0,
+                                     2.0 / 9.0, 2.0 / 7.0, 2.0 / 5.0, 2.0 / 3.0});
     const Doubles small = t * s * p + (t + t);
     return e * 0.693147180369123816490 + (e * 1.90821492927058770002e-10 + small);
 }
@@ -188,20 +205,9 @@ PINOGRASP_INLINE Vector exp(Vector a) {
     std::memcpy(&n, &rounded, sizeof n);
     const Doubles whole = rounded - shift;
     const Doubles r = (x - whole * 0.693147180369123816490) - whole * 1.90821492927058770002e-10;
-    Doubles p = Doubles{} + 1.0 / 6227020800.0;
-    p = p * r + 1.0 / 479001600.0;
-    p = p * r + 1.0 / 39916800.0;
-    p = p * r + 1.0 / 3628800.0;
-    p = p * r + 1.0 / 362880.0;
-    p = p * r + 1.0 / 40320.0;
-    p = p * r + 1.0 / 5040.0;
-    p = p * r + 1.0 / 720.0;
-    p = p * r + 1.0 / 120.0;
-    p = p * r + 1.0 / 24.0;
-    p = p * r + 1.0 / 6.0;
-    p = p * r + 0.5;
-    p = p * r + 1.0;
-    p = p * r + 1.0;
+    const Doubles p =
+        polynomial(r, {1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800.0, 1.0 / 3628800.0, 1.0 / 362880.0,
+                       1.0 / 40320.0, 1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0});
     const Integers power = (n << 52) + 0x3ff0000000000000;
     Doubles scale;
     std::memcpy(&scale, &power, sizeof scale);

@@ -1,41 +1,37 @@
-// The memory of a method: taken once when it is set up, none after that.
+// The memory of a method: taken when it is set up, none after that.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <memory>
+#include <vector>
 
 #include "lanes.hpp"
 
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
-// Hands out parts of one block of memory, all zero and aligned for lanes.
+// Arrays that are there as long as it is, aligned for lanes.
 class Memory {
 public:
-    explicit Memory(std::size_t bytes) : bytes_(bytes + alignment), own_(new unsigned char[bytes_]()) {
-        const auto start = reinterpret_cast<std::uintptr_t>(own_.get());
-        next_ = own_.get() + (alignment - start % alignment) % alignment;
-    }
-
-    // Room for `count` values of a type without constructor. Sizes are summed up by `bytes_for`.
+    // `count` values of a type without constructor, all zero.
     template <class T>
     T* part(std::size_t count) {
-        T* found = reinterpret_cast<T*>(next_);
-        next_ += bytes_for<T>(count);
-        return found;
+        own_.emplace_back(new unsigned char[count * sizeof(T) + alignment]());
+        const auto start = reinterpret_cast<std::uintptr_t>(own_.back().get());
+        return reinterpret_cast<T*>(own_.back().get() + (alignment - start % alignment) % alignment);
     }
 
-    template <class T>
-    static constexpr std::size_t bytes_for(std::size_t count) {
-        return (count * sizeof(T) + alignment - 1) / alignment * alignment;
+    double* copy(const double* values, std::size_t count) {
+        double* found = part<double>(count);
+        if (count > 0) std::memcpy(found, values, count * sizeof(double));
+        return found;
     }
 
 private:
     static constexpr std::size_t alignment = 64;
-    std::size_t bytes_;
-    std::unique_ptr<unsigned char[]> own_;
-    unsigned char* next_ = nullptr;
+    std::vector<std::unique_ptr<unsigned char[]>> own_;
 };
 
 }  // namespace PINOGRASP_CORE_LEVEL

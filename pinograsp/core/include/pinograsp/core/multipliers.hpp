@@ -15,13 +15,9 @@ class BoxLeastSquares {
 public:
     // H (M, n), row by row.
     BoxLeastSquares(const double* H, int n, double eps)
-        : n_(n),
-          count_((n + width - 1) / width),
-          inverse_(1.0 / eps),
-          memory_(Memory::bytes_for<Column>(count_)),
-          columns_(memory_.part<Column>(count_)) {
+        : n_(n), count_(blocks_of(n)), inverse_(1.0 / eps), columns_(memory_.part<Column>(count_)) {
         for (int j = 0; j < n; ++j)
-            for (int r = 0; r < M; ++r) reinterpret_cast<double*>(&columns_[j / width].h[r])[j % width] = H[r * n + j];
+            for (int r = 0; r < M; ++r) in_lane(columns_[j / width].h[r], j % width) = H[r * n + j];
     }
 
     // The least squares for b (M); k (n). False: it did not converge, or b is no number.
@@ -35,7 +31,7 @@ public:
         for (int i = 0; i < count_; ++i) columns_[i].s = 0.0;
         for (int step = 0; step < steps; ++step) {
             if (evaluate(b) <= 1e-12 * (1.0 + most)) {
-                for (int j = 0; j < n_; ++j) k[j] = columns_[j / width].k[j % width];
+                for (int j = 0; j < n_; ++j) k[j] = in_lane(columns_[j / width].k, j % width);
                 return true;
             }
             for (int r = 0; r < M; ++r) d_[r] = g_[r];

@@ -56,8 +56,8 @@ struct Newton {
                 q[K::E] = q[K::E] + own.first - own.second * F;
             }
             for (int j = 0; j < K::D; ++j) {
-                at.w[j] = blend(which, w[j], at.w[j]);
-                at.q[j] = blend(which, q[j], at.q[j]);
+                at.w[j] = select(which, w[j], at.w[j]);
+                at.q[j] = select(which, q[j], at.q[j]);
             }
             at.weigh();
         }
@@ -89,11 +89,6 @@ struct Newton {
         for (int r = 0; r < K::M; ++r) found.bound = found.bound - dual.b[r] * dual.y[r];
         return found;
     }
-
-    static PINOGRASP_INLINE Vector blend(bool which, Vector a, Vector b) { return which ? a : b; }
-#if PINOGRASP_VECTORS
-    static PINOGRASP_INLINE Vector blend(Mask which, Vector a, Vector b) { return select(which, a, b); }
-#endif
 };
 
 // Maximise the dual of one problem from its y, in at most `most` steps, until the balance holds to `tolerance`.
@@ -131,34 +126,31 @@ Code minimise(Newton<K, double>& method, double least, int& steps) {
 }
 
 // How far A x is from b, and the largest violation of friction and bounds on F_n.
+template <class S>
 struct Misses {
-    double balance, violation;
+    S balance, violation;
 };
 
-template <class K>
-Misses judge(const Block<K>* blocks, int count, const double* b) {
-    Vector total[K::M], worst = 0.0;
+template <class S, class K>
+Misses<S> judge(const Block<K>* blocks, int count, const S* b) {
+    Vector total[K::M], worst = -infinity;
     for (Vector& one : total) one = 0.0;
     for (int i = 0; i < count; ++i) {
         const Block<K>& at = blocks[i];
         const Vector F = at.x[K::E];
         Vector used = max(at.lo - F, F - at.hi);
-        if constexpr (K::R > 0) {
-            Vector square = at.x[0] * at.x[0] + at.x[1] * at.x[1];
-            if constexpr (K::R == 3) square = square + at.x[2] * at.x[2];
-            used = max(used, sqrt(square) - F);
-        }
+        if constexpr (K::R > 0) used = max(used, at.round_length(at.x) - F);
         for (int j = K::R; j < K::E; ++j) used = max(used, abs(at.x[j]) * Vector(1.0 / K::radius(j)) - F);
         worst = max(worst, used);
         for (int r = 0; r < K::M; ++r)
             for (int j = 0; j < K::D; ++j) total[r] = total[r] + at.a[j][r] * at.x[j];
     }
-    double square = 0.0;
+    S square = 0.0;
     for (int r = 0; r < K::M; ++r) {
-        const double off = sum(total[r]) - b[r];
-        square += off * off;
+        const S off = sum_to<S>(total[r]) - b[r];
+        square = square + off * off;
     }
-    return {std::sqrt(square), largest(worst)};
+    return {sqrt(square), largest_to<S>(worst)};
 }
 
 // The least |A x - b| of all admissible x: infeasible where it is proven, else stalled. `best` has room for the forces

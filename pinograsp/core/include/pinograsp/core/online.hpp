@@ -95,7 +95,7 @@ public:
 protected:
     virtual Tick solve_tick(double rate) = 0;
 
-    explicit Online(OnlineSetup setup) : setup_(std::move(setup)), memory_(bytes(setup_)) {
+    explicit Online(OnlineSetup setup) : setup_(std::move(setup)) {
         const int k = setup_.contacts, n = setup_.joints;
         for (double** part : {&mu, &least, &largest, &share, &target, &moments}) *part = memory_.part<double>(k);
         points = memory_.part<double>(3 * k);
@@ -112,22 +112,13 @@ protected:
     OnlineSetup setup_;
 
 private:
-    static std::size_t bytes(const OnlineSetup& setup) {
-        const int k = setup.contacts, n = setup.joints;
-        return 6 * Memory::bytes_for<double>(k) + 2 * Memory::bytes_for<double>(3 * k) +
-               Memory::bytes_for<double>(9 * k) + 2 * Memory::bytes_for<double>(n) + Memory::bytes_for<double>(6);
-    }
-
     Memory memory_;
 };
 
 template <class K>
 class OnlineOf final : public Online {
 public:
-    explicit OnlineOf(const OnlineSetup& setup)
-        : Online(setup),
-          blocks_((setup.contacts + width - 1) / width),
-          room_(Memory::bytes_for<Block<K>>(blocks_) + Memory::bytes_for<Vector>(blocks_ * K::D)) {
+    explicit OnlineOf(const OnlineSetup& setup) : Online(setup), blocks_(blocks_of(setup.contacts)) {
         dual_.blocks = room_.part<Block<K>>(blocks_);
         dual_.count = blocks_;
         best_ = room_.part<Vector>(blocks_ * K::D);
@@ -297,20 +288,10 @@ private:
 
 // A loop for a friction model; none where there is no such model.
 inline std::unique_ptr<Online> make_online(const OnlineSetup& setup) {
-    switch (10 * setup.components + setup.round) {
-        case 30:
-            return std::make_unique<OnlineOf<Shape<3, 0>>>(setup);
-        case 32:
-            return std::make_unique<OnlineOf<Shape<3, 2>>>(setup);
-        case 40:
-            return std::make_unique<OnlineOf<Shape<4, 0>>>(setup);
-        case 42:
-            return std::make_unique<OnlineOf<Shape<4, 2>>>(setup);
-        case 43:
-            return std::make_unique<OnlineOf<Shape<4, 3>>>(setup);
-        default:
-            return nullptr;
-    }
+    if (!has_shape(setup.components, setup.round)) return nullptr;
+    return of_shape(setup.components, setup.round, [&](auto shape) -> std::unique_ptr<Online> {
+        return std::make_unique<OnlineOf<decltype(shape)>>(setup);
+    });
 }
 
 }  // namespace PINOGRASP_CORE_LEVEL

@@ -48,5 +48,37 @@ struct Problem {
     Powers powers;
 };
 
+// D components of a force, the first R of them in a cone; M rows of the balance.
+template <int D_, int R_>
+struct Shape {
+    static constexpr int D = D_, R = R_, M = 6, E = D_ - 1;
+    static constexpr int groups = (R_ > 0 ? 1 : 0) + E - R_;  // of components that saturate together
+    static constexpr int sets = 1 << groups;
+    // What component j, outside of the cone, is limited by, over F_n. A pyramid's four edges lie on the cone.
+    static constexpr double radius(int j) { return R_ == 0 && j < 2 ? 0.70710678118654752 : 1.0; }
+};
+
+// Whether there is a shape for forces of d components, the first `round` of them in a cone.
+constexpr bool has_shape(int d, int round) {
+    return round == 0 || round == 2 ? d == 3 || d == 4 : round == 3 && d == 4;
+}
+
+// f of the shape for these sizes, which `has_shape`.
+template <class F>
+auto of_shape(int d, int round, const F& f) {
+    switch (10 * d + round) {
+        case 30:
+            return f(Shape<3, 0>{});
+        case 32:
+            return f(Shape<3, 2>{});
+        case 40:
+            return f(Shape<4, 0>{});
+        case 42:
+            return f(Shape<4, 2>{});
+        default:
+            return f(Shape<4, 3>{});
+    }
+}
+
 }  // namespace PINOGRASP_CORE_LEVEL
 }  // namespace pinograsp::core

@@ -27,7 +27,7 @@ struct Room {
     bool quadratic = false;  // whether the objective has quadratic terms
 
     Room(int d_, int round_, int facets_, int k_, int m_, int r_)
-        : d(d_), round(round_), facets(facets_), k(k_), m(m_), r(r_), memory_(bytes()) {
+        : d(d_), round(round_), facets(facets_), k(k_), m(m_), r(r_) {
         each([&](auto*& part, std::size_t count) {
             part = memory_.template part<std::remove_reference_t<decltype(*part)>>(count);
         });
@@ -75,14 +75,6 @@ private:
         all(round > 0 ? cones + blocks : 0, scaling);
         all(n, row, y, dy, best_y, zeros);
         all(n * n, S);
-    }
-
-    std::size_t bytes() {
-        std::size_t total = 0;
-        each([&](auto*& part, std::size_t count) {
-            total += Memory::bytes_for<std::remove_reference_t<decltype(*part)>>(count);
-        });
-        return total;
     }
 
     Memory memory_;

@@ -7,6 +7,7 @@
 #include "bounds.hpp"
 #include "columns.hpp"
 #include "interior.hpp"
+#include "memory.hpp"
 #include "newton.hpp"
 
 namespace pinograsp::core {
@@ -38,25 +39,15 @@ public:
           links_(links),
           coupling_rows_(coupling_rows),
           rows_(count_rows(limited)),
-          interior_(K::D, K::R, facets, k, m, rows_),
-          numbers_(size()) {
-        double* at = numbers_.data();
-        const auto part = [&at](std::size_t count) {
-            double* found = at;
-            at += count;
-            return found;
-        };
-        B_ = part((m_ + rows_) * K::D * k);
-        P_ = part(K::D * K::D * k);
-        q_ = part(K::D * k);
-        lo_ = part(k);
-        hi_ = part(k);
-        R_lo_ = part(rows_);
-        R_hi_ = part(rows_);
-        x_ = part(K::D * k);
-        best_ = part(K::D * k);
-        y_ = part(m_ + rows_);
-        every_ = part(couplings ? n_ * K::D * k : 0);
+          interior_(K::D, K::R, facets, k, m, rows_) {
+        const std::size_t n = K::D * k;
+        B_ = memory_.part<double>((m_ + rows_) * n);
+        P_ = memory_.part<double>(K::D * n);
+        every_ = memory_.part<double>(couplings ? n_ * n : 0);
+        y_ = memory_.part<double>(m_ + rows_);
+        for (double** own : {&q_, &x_, &best_}) *own = memory_.part<double>(n);
+        for (double** own : {&lo_, &hi_}) *own = memory_.part<double>(k);
+        for (double** own : {&R_lo_, &R_hi_}) *own = memory_.part<double>(rows_);
         facets_of();
     }
 
@@ -84,8 +75,8 @@ public:
 
 private:
     static constexpr int facets = 2 * (K::E - K::R);
-    static constexpr double trace =
-        1e-6;  // of the load, by which a coupling may be missed: programs without room are hard
+    // Of the load, by which a coupling may be missed: programs without room are hard.
+    static constexpr double trace = 1e-6;
     // Forces are the closest where what they leave of the balance is this near to its proven least value.
     static constexpr double close_enough = 1e-6;
 
@@ -95,14 +86,9 @@ private:
     std::vector<int> row_of_, low_of_;  // row of a joint, first of the two rows of a coupling; -1 for none
     int rows_;
     Interior interior_;
-    std::vector<double> numbers_;
+    Memory memory_;
     double *B_, *P_, *q_, *lo_, *hi_, *R_lo_, *R_hi_, *x_, *best_, *y_, *every_;
     double C_[facets ? facets * K::E : 1] = {}, corners_[8] = {};
-
-    std::size_t size() const {
-        const std::size_t n = K::D * k_;
-        return (m_ + rows_) * n + K::D * n + 3 * n + 2 * k_ + 2 * rows_ + m_ + rows_ + (couplings_ ? n_ * n : 0);
-    }
 
     // Joints that no contact loads have no row.
     int count_rows(const std::vector<int>& limited) {
@@ -244,6 +230,14 @@ private:
         return size;
     }
 
+    // More than any forces make of a torque row.
+    double reach_of(int r) {
+        double reach = 1.0;
+        for (int i = 0; i < k_; ++i)
+            for (int j = 0; j < K::D; ++j) reach += 2.0 * std::fabs(R(r, j, i)) * hi_[i];
+        return reach;
+    }
+
     // |gravity + J'f| <= limit over `scale`, and either side of the couplings.
     void set_ranges(double scale) {
         for (int j = 0; j < n_; ++j) {
@@ -251,10 +245,7 @@ private:
             if (r < 0) continue;
             const double size = to_unit(r) * scale;
             // A limit that no forces reach, or none at all, is as good as one just out of their reach.
-            double reach = 1.0;
-            for (int i = 0; i < k_; ++i)
-                for (int c = 0; c < K::D; ++c) reach += 2.0 * std::fabs(R(r, c, i)) * hi_[i];
-            const double limit = min(inputs.limit[j], std::fabs(inputs.gravity[j]) + reach * size);
+            const double limit = min(inputs.limit[j], std::fabs(inputs.gravity[j]) + reach_of(r) * size);
             R_lo_[r] = (-limit - inputs.gravity[j]) / size;
             R_hi_[r] = (limit - inputs.gravity[j]) / size;
         }
@@ -265,9 +256,7 @@ private:
             for (int side = 0; side < 2; ++side) {
                 const int r = low_of_[c] + side;
                 const double bound = value / (to_unit(r) * scale);
-                double reach = 1.0 + std::fabs(bound);
-                for (int i = 0; i < k_; ++i)
-                    for (int j = 0; j < K::D; ++j) reach += 2.0 * std::fabs(R(r, j, i)) * hi_[i];
+                const double reach = reach_of(r) + std::fabs(bound);
                 R_lo_[r] = side == 0 ? bound - reach : bound - trace;
                 R_hi_[r] = side == 0 ? bound + trace : bound + reach;
             }
