@@ -59,6 +59,7 @@ def _number(value: float) -> str:
 
 def _header(constants: Mapping[str, Any], name: str) -> str:
     space = "".join(letter if letter.isalnum() else "_" for letter in name)
+    space = f"grasp_{space}" if space[0].isdigit() else space
     texts = {key: ", ".join(json.dumps(one) for one in constants[key]) for key in ("contact_names", "joint_names")}
     lines = [
         f"// A grasp for pinograsp::core::Online, made by pinograsp {version('pinograsp')}.",

@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,11 @@ def test_constants_as_json(plan, tmp_path):
     assert json.loads(plan.to_core(path).read_text())["most_rate"] is None
 
 
+def test_a_header_is_named_after_its_file(plan, tmp_path):
+    for name, space in (("grasp", "grasp"), ("my mug", "my_mug"), ("2 cups", "grasp_2_cups")):
+        assert f"\nnamespace {space} {{\n" in plan.to_core(tmp_path / f"{name}.hpp").read_text()
+
+
 def test_what_cannot_be_written(plan, tmp_path):
     with pytest.raises(InvalidInput, match=r"\.hpp or \.json"):
         plan.to_core(tmp_path / "grasp.yaml")
@@ -74,8 +80,6 @@ def test_the_same_forces_in_a_program_of_ones_own(plan, tmp_path):
     told = subprocess.run([tmp_path / "main"], input=text, capture_output=True, text=True, check=True).stdout
     constants = json.loads(plan.to_core(tmp_path / "grasp.json", **settings).read_text())
     torques = pg.torque_limits(plan.hand, plan.problem.contacts, plan.motion.q[-1], limit=plan.torque_limit)
-    from dataclasses import replace
-
     here = OnlineForces(replace(plan.problem, torques=torques), hand=plan.hand, q=plan.motion.q[-1], **settings)
     assert constants["joints"] == plan.hand.n
     for t, (load, line) in enumerate(zip(loads, told.splitlines(), strict=True)):
