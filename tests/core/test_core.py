@@ -159,7 +159,10 @@ def test_a_checkout_takes_what_is_installed(tmp_path):
     except PackageNotFoundError:
         expected = False
     script = "from pinograsp import core; print(core.__file__, core.installed())"
-    there = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    env = {name: value for name, value in os.environ.items() if name not in ("PYTHONSAFEPATH", "PYTHONPATH")}
+    there = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, env=env, capture_output=True, text=True, check=True
+    )
     assert there.stdout.split() == [str(tmp_path / "pinograsp" / "core" / "__init__.py"), str(expected)]
 
 
