@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from pinograsp.carry.binding import binding_of
+from pinograsp.carry.doubts import doubts_of, doubts_of_squeeze
 from pinograsp.carry.interior_point import Solved, solve
 from pinograsp.carry.loads import Carried, CarryScenario
 from pinograsp.carry.passage import Held, Passage
@@ -305,7 +306,8 @@ class Carrying:
         bare = loads.torque.squared(level)
         torques, told, sent = bare.copy(), bare.copy(), loads.q.copy()
         torques[:, carried.fingers] += self._contact_torques(local, torsion)
-        closing, reference = self._closing(held)
+        closing, first = self._closing(held)
+        reference = self.grasp.forces.final_depths if first is None else first.profile.final_depth
         sent[:, carried.fingers] = closing.q[-1][carried.finger_dofs] + self._deeper(held.commanded, reference)
         # What is commanded once has the tangential forces of the first load, when normal forces are the commanded ones.
         once = slice(0, 1) if not np.ptp(held.commanded, axis=0).any() else slice(None)
@@ -345,18 +347,21 @@ class Carrying:
             factor=passage.factor,
             residual=held.residual,
             elapsed=elapsed,
-            notes=(*held.notes, *self._notes(passage), *self._doubts()),
+            notes=(*held.notes, *self._notes(passage)),
+            cautions=self._cautions(first, closing, x[..., -1].max(axis=0)),
             disturbance=self.disturbance,
         )
 
-    def _doubts(self) -> list[str]:
-        """What the grasp's own plan says against it."""
-        grasp, arm = self.grasp, self.carried[0].arm
-        doubts = list(grasp.cautions) if grasp.status is Status.DOUBTFUL else []
-        if np.isin(arm, self.carried[0].of_hand).any():
-            # A grasp of arm and hand in one takes the arm's drives for as soft as fingers'.
-            doubts = [one for one in doubts if not one.startswith("with servos of")]
-        return [f"the grasp's own plan is doubtful: {one}" for one in doubts]
+    def _cautions(self, first: ConvexSolution | None, closing: Motion, most: Array) -> tuple[str, ...]:
+        """What speaks against the plan; ``most``: the largest normal forces (k,) [N]."""
+        arm = self.carried[0].arm
+        own = doubts_of(self.grasp, arm_in_hand=bool(np.isin(arm, self.carried[0].of_hand).any()))
+        if first is None:
+            return (
+                *own,
+                "no motion was found that closes the hand to the way's first squeeze: it goes on from the grasp's",
+            )
+        return (*own, *doubts_of_squeeze(self.grasp, first, closing, most))
 
     def _notes(self, passage: Passage) -> list[str]:
         """What the caller should know about how the way begins and ends."""
@@ -390,11 +395,11 @@ class Carrying:
         posture = carried.posture[carried.of_hand]
         return torque_limits(carried.hand, self.problem.contacts, posture, limit=np.inf).jacobian
 
-    def _closing(self, held: Held) -> tuple[Motion, Array]:
-        """How the grasp's hand closes to the first squeeze of the way, and how deep its contacts then are (k,) [m].
+    def _closing(self, held: Held) -> tuple[Motion, ConvexSolution | None]:
+        """How the grasp's hand closes to the first squeeze of the way, and the forces it then has.
 
         It is planned as any grasp's motion, since surfaces, friction and servos make more of it than depths along
-        normals. Where that is not to be had, it is the grasp's own.
+        normals. Where that is not to be had, it is the grasp's own, and there are no forces.
         """
         grasp, normal, own = self.grasp, held.commanded[0], self.grasp.motion
         fingers = [(finger.name, finger.dofs) for finger in grasp.hand.fingers]
@@ -417,10 +422,10 @@ class Carrying:
             if forces.found:
                 motion = plan_motion(grasp.hand, forces, spec)
                 if motion.status is Status.OK:
-                    return motion, forces.profile.final_depth
+                    return motion, forces
         except PinograspError:
             pass
-        return grasp.motion, grasp.forces.final_depths
+        return grasp.motion, None
 
     def _deeper(self, normal: Array, reference: Array) -> Array:
         """How much further the fingers' joints have to be (N, ...) for normal forces (N, k) than for depths (k,) [m].

@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.timing import Timing
 from pinograsp.checks import brief, number
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.handover import JointTrajectory
 from pinograsp.handover.quintic import interpolated
 from pinograsp.hands import HandModel
@@ -72,6 +72,7 @@ class CarryPlan:
         residual: largest error of the balance, over the largest load [-].
         elapsed: computing time by stage [s].
         notes: what the caller should know.
+        cautions: why the plan is doubtful although its forces balance the loads; empty where nothing speaks against it.
     """
 
     robot: HandModel
@@ -107,8 +108,14 @@ class CarryPlan:
     residual: float
     elapsed: dict[str, float]
     notes: tuple[str, ...] = ()
+    cautions: tuple[str, ...] = ()
 
-    __repr__ = brief("robot", "duration", "fastest", "lower_bound", "residual", "elapsed")
+    __repr__ = brief("status", "robot", "duration", "fastest", "lower_bound", "residual", "elapsed")
+
+    @property
+    def status(self) -> Status:
+        """``OK``; ``DOUBTFUL`` where there are cautions."""
+        return Status.DOUBTFUL if self.cautions else Status.OK
 
     @property
     def duration(self) -> float:
@@ -151,6 +158,7 @@ class CarryPlan:
         ]
         for what, first, last in self.stretches():
             lines.append(f"    {self.times[first]:.3g} to {self.times[last + 1]:.3g} s: {what}")
+        lines += [f"  caution: {one}" for one in self.cautions]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def shares(self) -> list[tuple[str, float]]:
@@ -179,6 +187,8 @@ class CarryPlan:
             "binds": dict(self.shares()),
             "residual": self.residual,
             "elapsed_s": dict(self.elapsed),
+            "status": str(self.status),
+            "cautions": list(self.cautions),
             "notes": list(self.notes),
         }
 

@@ -52,6 +52,8 @@ def carry_report(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
             )
         ],
     )
+    if plan.cautions:
+        lines += ["## Cautions", "", *(f"- {escaped(one)}" for one in plan.cautions), ""]
     if plan.notes:
         lines += ["## Notes", "", *(f"- {escaped(note)}" for note in plan.notes), ""]
     if figures:
@@ -85,6 +87,8 @@ def _headline(plan: CarryPlan, simulation: Simulation | None) -> list[str]:
         ),
         ("How much friction?", f"Up to {100 * plan.friction_use.max():.0f} % of what is relied on."),
     ]
+    if plan.cautions:
+        lines.append(("Doubtful?", f"{'; '.join(plan.cautions)}."))
     if simulation is None:
         lines.append(("Simulated?", "Not yet: --check."))
     else:

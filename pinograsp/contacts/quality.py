@@ -31,6 +31,8 @@ BALANCES: tuple[Balance, ...] = get_args(Balance)
 _SupportPoint: TypeAlias = Callable[[Array], Array]
 # Edges: points so near [m], so many of them, and the turns of normals [rad] that count as an edge and as the same.
 _NEARBY, _AROUND, _TURNED, _SAME = 1e-3, 12, np.radians(25.0), np.radians(10.0)
+# The nearest point of the surface is the same one up to this share of the depth, and to this rounding [m].
+_LIKE, _EXACT = 0.05, 1e-5
 # Singular values below this share of the largest count as zero.
 _FLAT = 1e-12
 _STIFF = 1e50  # [N/m]: products of larger numbers may overflow
@@ -298,9 +300,27 @@ def on_edges(body: Body, contacts: ContactSet) -> BoolArray:
     around = points[:, None] + np.einsum("kij,aj->kai", contacts.rotations_oc[:, :, :2], circle)
     seen = body.project(around.reshape(-1, 3))[1].reshape(len(points), _AROUND, 3)
     turned = np.einsum("kai,ki->ka", seen, normals).min(axis=1) < np.cos(_TURNED)
-    links = np.array([contact.link for contact in contacts])
+    return np.asarray(turned & ~_flat(contacts))
+
+
+def past_edges(body: Body, contacts: ContactSet, depths: Array) -> BoolArray:
+    """Which contacts (k,) press so deep, ``depths`` (k,) [m], that another face of the object is nearer than their own.
+
+    Near an edge, or through half of a thin plate: what is pressed there gives way sideways. Points of a link that faces
+    the object flat are not, as for :func:`on_edges`.
+    """
+    instance_of("body", body, Body)
+    points, normals = np.array([contact.point_o for contact in contacts]), contacts.rotations_oc[:, :, 2]
+    nearest = body.project(points + depths[:, None] * normals)[0]
+    moved = np.linalg.norm(nearest - points, axis=1)
+    return np.asarray((moved > np.maximum(_LIKE * depths, _EXACT)) & ~_flat(contacts))
+
+
+def _flat(contacts: ContactSet) -> BoolArray:
+    """Which contacts (k,) share their link and their normal with another one."""
+    links, normals = np.array([contact.link for contact in contacts]), contacts.rotations_oc[:, :, 2]
     flat = (links[:, None] == links) & (normals @ normals.T > np.cos(_SAME))
-    return np.asarray(turned & (flat.sum(axis=1) == 1))
+    return np.asarray(flat.sum(axis=1) > 1)
 
 
 def _rows(balance: Balance) -> int:

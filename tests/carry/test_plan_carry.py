@@ -10,7 +10,8 @@ from panda_path import INTERVALS, JOINTS, WAYPOINTS
 
 import pinograsp as pg
 from pinograsp.carry import ArmPath, plan_carry
-from pinograsp.errors import CarryInfeasible, InvalidInput
+from pinograsp.carry.doubts import doubts_of_squeeze
+from pinograsp.errors import CarryInfeasible, InvalidInput, Status
 from pinograsp.handover import JointTrajectory
 from pinograsp.planner import plan_best
 
@@ -196,6 +197,17 @@ def test_a_grasp_of_the_hand_alone(tmp_path):
         assert np.linalg.norm(moved - deeper[:, None] * normals, axis=1).max() < 1e-4
     same = plan_carry(robot, grasp, WAYPOINTS, intervals=40, torque_limit=limits)
     assert same.duration == pytest.approx(found.duration, rel=1e-5)
+    # Nothing speaks against it, but would if contacts pressed past the ball's centre, or slid.
+    assert found.status is Status.OK and not found.cautions
+    first, most = grasp.searched(), found.normal_forces.max(axis=0)
+    assert not doubts_of_squeeze(grasp, first, found.closing, most)
+    deep = doubts_of_squeeze(grasp, first, found.closing, np.full(len(most), 400.0))
+    assert len(deep) == len(most) and all("face" in one for one in deep)
+    slid = doubts_of_squeeze(grasp, first, replace(found.closing, slip=np.eye(len(most))[0] * 2e-3), most)
+    assert len(slid) == 1 and grasp.contacts.names[0] in slid[0] and "slides 2 mm" in slid[0]
+    doubtful = replace(found, cautions=tuple(slid))
+    assert doubtful.status is Status.DOUBTFUL
+    assert slid[0] in doubtful.describe() and doubtful.summary()["cautions"] == slid
 
 
 def test_a_robot_without_the_hand(grasp):

@@ -22,9 +22,11 @@ from pinograsp.contacts.quality import (
     grasp_stiffness,
     grasp_volume,
     manipulability,
+    past_edges,
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import force_closure, min_weight
+from pinograsp.objects import Box, Sphere
 from pinograsp.spatial import rotation_rpy, skew, tangent_frame
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
@@ -728,3 +730,19 @@ def replace_points(contacts, size):
     return ContactSet(
         contacts=tuple(replace(c, point_o=size * c.point_o) for c in contacts), com_o=size * contacts.com_o
     )
+
+
+def test_deeper_than_an_edge_is_near():
+    """Of a plate: the middle of a face, and 3 mm from an edge; half of the plate is 5 mm."""
+    plate = Box(size=[0.1, 0.1, 0.01], mass=0.1)
+    points, normals = [(0, 0, 0.005), (0.047, 0, 0.005)], [(0, 0, -1), (0, 0, -1)]
+    alone = grasp(points, normals)
+    alone = replace(alone, contacts=tuple(replace(one, link=f"tip {i}") for i, one in enumerate(alone)))
+    for depth, expected in ((0.0, [0, 0]), (2e-3, [0, 0]), (4e-3, [0, 1]), (6e-3, [1, 1])):
+        assert past_edges(plate, alone, np.full(2, depth)).tolist() == [bool(one) for one in expected], depth
+    assert past_edges(plate, alone, np.array([2e-3, 4e-3])).tolist() == [False, True]
+    # Corners of one link that lies flat.
+    assert not past_edges(plate, grasp(points, normals), np.full(2, 6e-3)).any()
+    # A ball's surface stays the nearest until the centre.
+    ball = round_grasp(AXES, radius=0.03)
+    assert not past_edges(Sphere(radius=0.03, mass=0.1), ball, np.full(6, 0.025)).any()

@@ -1,0 +1,61 @@
+"""What speaks against a carry plan although its forces balance all loads: cautions, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinograsp.contacts.quality import past_edges
+from pinograsp.errors import Status
+from pinograsp.forces import ConvexSolution
+from pinograsp.hands import servo_gains
+from pinograsp.plan import Motion
+from pinograsp.planner import GraspPlan
+from pinograsp.planner.assemble import pressing_too
+from pinograsp.planner.compliance import instability
+from pinograsp.spatial import Array
+
+_FAR = 0.02  # slip of a contact while the hand closes, relative to the object's size
+_SERVOS = "with servos of"
+
+
+def doubts_of(grasp: GraspPlan, *, arm_in_hand: bool) -> list[str]:
+    """What the grasp's own plan says against it.
+
+    ``arm_in_hand``: of a grasp of arm and hand in one, which takes the arm's drives for as soft as fingers'.
+    """
+    doubts = list(grasp.cautions) if grasp.status is Status.DOUBTFUL else []
+    if arm_in_hand:
+        doubts = [one for one in doubts if not one.startswith(_SERVOS)]
+    return [f"the grasp's own plan is doubtful: {one}" for one in doubts]
+
+
+def doubts_of_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most: Array) -> list[str]:
+    """What speaks against the way's squeeze, which may be far firmer than that of the grasp's own plan.
+
+    Args:
+        grasp: what is carried.
+        first: the forces of the way's beginning.
+        closing: of the grasp's hand to these.
+        most: the largest normal forces on the way (k,) [N].
+    """
+    problem, body, doubts = first.problem, grasp.body, list[str]()
+    names, contacts = problem.contacts.names, problem.contacts
+    if body is not None:
+        depths = np.asarray(problem.compliance.depth(most))
+        doubts += [
+            f"{names[i]} presses up to {1e3 * depths[i]:.2g} mm deep on the way, and is nearer than that to another "
+            "face of the object: it gives way there; grasp it farther from edges, or cap the normal force"
+            for i in np.flatnonzero(past_edges(body, contacts, depths))
+        ]
+        doubts += [
+            f"{names[i]} slides {1e3 * closing.slip[i]:.2g} mm across its normal as the hand closes to the way's "
+            "squeeze"
+            for i in np.flatnonzero(np.asarray(closing.slip) > _FAR * body.bounding_radius)
+        ]
+    doubts += [
+        f"{name} meets the object as the hand closes to the way's squeeze, where no contact is planned"
+        for name in pressing_too(grasp.hand, first, closing.q[-1])
+    ]
+    if leaves := instability(grasp.hand, first, closing.q[-1], servo_gains(grasp.hand)):
+        doubts.append(f"squeezed as at the beginning of the way, {leaves}")
+    return doubts
