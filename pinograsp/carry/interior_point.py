@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from pinograsp.carry.elimination import Factors, GramSchmidt, Householder, Rows
-from pinograsp.carry.program import Program, Solved, times
+from pinograsp.carry.program import Program, Solved, gained_by_times, times
 from pinograsp.carry.slacks import Cones, Limits, summed
 from pinograsp.spatial import Array, BoolArray
 
@@ -397,7 +397,7 @@ class _Method:
         """A lower bound of the cost of any solution, and the largest error of balance and limits.
 
         What is left over of the multipliers' equations gains at most as much as forces and speeds can change. The cost
-        is convex: it is above its tangent.
+        is convex: it is above its tangent, and near the solution by its curvature.
         """
         program, sides, most = self.program, self.sides, self.program.most[:, None]
         r = self.A.T @ self.multipliers - self.G.T @ sides.z[: self.last]
@@ -414,8 +414,11 @@ class _Method:
             pairs -= np.einsum("rjn,rn->jn", self.S, sides.z[self.first :])
             nodes = self._gathered(pairs) + self.ends.z[1] - self.ends.z[0]
             nodes = np.where(self.free, nodes - (0.0 if self.gain is None else self.gain), 0.0)
-            sums.append(np.minimum(nodes * self.highest, 0.0) - nodes * self.y)
-            sums[-1] = summed(sums[-1]) - summed(self.ends.off * self.ends.z)
+            sums.append(-summed(self.ends.off * self.ends.z))
+            gained = None
+            if program.step is not None and self.coupled:
+                gained = gained_by_times(self.y, nodes, self.free, program.step)
+            sums.append(summed(np.minimum(nodes * self.highest, 0.0) - nodes * self.y) if gained is None else gained)
             ends = np.abs(self.ends.off)
             errors.append(ends.reshape(-1, ends.shape[-1]).max(axis=0))
         error = np.asarray(max(one.max() for one in errors) if self.coupled else np.maximum.reduce(errors))

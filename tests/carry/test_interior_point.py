@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from whole_carries import by_clarabel, pairs
 
 from pinograsp.carry.elimination import GramSchmidt, Householder, Rows
 from pinograsp.carry.interior_point import Program, solve, times
+from pinograsp.carry.program import gained_by_times
 from pinograsp.contacts import Friction
 
 CONE, SOFT, PYRAMID = Friction(model="cone"), Friction(model="soft", torsion=0.01), Friction(model="pyramid", edges=6)
@@ -184,3 +186,33 @@ def test_factors_with_weighted_rows():
         left = np.linalg.inv(np.eye(5) + z @ z.T)
         expected = b.T @ left @ b
         np.testing.assert_allclose(rows.left[:, i], expected[[0, 0, 1], [0, 1, 1]], rtol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_times_gain_beside_a_tangent(seed):
+    """Never less than the true minimum, and near it: of a minimiser that does not know the bound."""
+    rng = np.random.default_rng(seed)
+    y, step = rng.uniform(0.05, 4.0, 7), 0.1
+    free = np.ones(7, dtype=bool)
+    if seed % 2:
+        y[[0, -1]], free[[0, -1]] = 0.0, False
+
+    def ends(z):
+        return np.column_stack([z[:-1], z[1:]])
+
+    slope, own = np.zeros(7), times(ends(y), step).slope
+    slope[:-1] += own[:, 0]
+    slope[1:] += own[:, 1]
+    left = np.where(free, rng.normal(size=7) * 1e-4 * np.abs(slope), 0.0)
+
+    def lagrangian(z):
+        full = np.array(y)
+        full[free] = np.exp(z)
+        change = times(ends(full), step).value - times(ends(y), step).value
+        return float(change.sum() + (left - np.where(free, slope, 0.0)) @ (full - y))
+
+    least = minimize(lagrangian, np.log(y[free]), method="BFGS", options={"gtol": 1e-12}).fun
+    gained = gained_by_times(y, left, free, step)
+    assert gained is not None and gained[0] <= least + 1e-13
+    assert gained[0] > 300 * least - 1e-13
+    assert gained_by_times(y, 1e4 * left, free, step) is None
