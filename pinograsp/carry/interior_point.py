@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from pinograsp.carry.elimination import Factors, GramSchmidt, Householder, Rows
-from pinograsp.carry.program import Program, Solved, gained_by_times, times
+from pinograsp.carry.program import Program, Solved, beyond_rows, gained_by_times, may_bind, times, with_rows
 from pinograsp.carry.slacks import Cones, Limits, summed
 from pinograsp.spatial import Array, BoolArray
 
@@ -55,43 +55,17 @@ def solve(program: Program, *, accuracy: float = 1e-8, rounds: int = _ROUNDS) ->
     Rows of R that no forces of half the largest bring to their limits at rest are left out, and put back where the
     solution turns out to be beyond them: what solves a program with fewer limits, and keeps to all, solves it.
     """
-    kept = _may_bind(program, _USUAL)
+    kept = may_bind(program, _USUAL)
     while True:
-        found = _Method(_with_rows(program, kept)).run(accuracy, rounds)
-        over = _over(program, found)
+        found = _Method(with_rows(program, kept)).run(accuracy, rounds)
+        over = beyond_rows(program, found)
         broken = ~kept & (over > accuracy)
         if not found.converged or not broken.any():
             break
-        kept |= broken | _may_bind(program, 1.0)
+        kept |= broken | may_bind(program, 1.0)
     own = np.zeros((2, program.count, len(kept)))
     own[..., kept] = found.rows
     return replace(found, rows=own, residual=max(found.residual, float(over[~kept].max(initial=0.0))))
-
-
-def _may_bind(program: Program, share: float) -> BoolArray:
-    """The rows of R (m,) that some forces up to a share of the largest bring to a limit where nothing moves."""
-    rows = program.R.reshape(-1, program.k, program.friction.d)
-    normal, friction = rows[..., -1], program.friction.support(rows[..., :-1])
-    ends = np.stack([program.least, np.maximum(share * program.most, program.least)])[:, None]
-    most, least = ((normal + sign * friction) * ends for sign in (1.0, -1.0))
-    high, low = most.max(axis=0).sum(axis=1), least.min(axis=0).sum(axis=1)
-    return np.asarray((high > program.high.min(axis=0)) | (low < program.low.max(axis=0)))
-
-
-def _with_rows(program: Program, kept: BoolArray) -> Program:
-    """The program with these rows of R alone (m,)."""
-    if kept.all():
-        return program
-    parts = {name: getattr(program, name)[:, kept] for name in ("B", "low", "high")}
-    return replace(program, R=program.R[kept], **parts)
-
-
-def _over(program: Program, found: Solved) -> Array:
-    """How far the rows of R (m,) are beyond their limits, at most."""
-    p = found.y[program.nodes]
-    rows = found.x.reshape(program.count, -1) @ program.R.T
-    rows = rows + program.B[..., 0] * p[:, :1] + program.B[..., 1] * p[:, 1:]
-    return np.asarray(np.maximum(rows - program.high, program.low - rows).max(axis=0))
 
 
 class _Method:

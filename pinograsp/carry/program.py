@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -126,6 +126,32 @@ class Solved:
     def converged(self) -> bool:
         """Whether this is a solution."""
         return self.gap < 10 * self.accuracy and self.residual < 10 * self.accuracy
+
+
+def may_bind(program: Program, share: float) -> BoolArray:
+    """The rows of R (m,) that some forces up to a share of the largest bring to a limit where nothing moves."""
+    rows = program.R.reshape(-1, program.k, program.friction.d)
+    normal, friction = rows[..., -1], program.friction.support(rows[..., :-1])
+    ends = np.stack([program.least, np.maximum(share * program.most, program.least)])[:, None]
+    most, least = ((normal + sign * friction) * ends for sign in (1.0, -1.0))
+    high, low = most.max(axis=0).sum(axis=1), least.min(axis=0).sum(axis=1)
+    return np.asarray((high > program.high.min(axis=0)) | (low < program.low.max(axis=0)))
+
+
+def with_rows(program: Program, kept: BoolArray) -> Program:
+    """The program with these rows of R alone (m,)."""
+    if kept.all():
+        return program
+    parts = {name: getattr(program, name)[:, kept] for name in ("B", "low", "high")}
+    return replace(program, R=program.R[kept], **parts)
+
+
+def beyond_rows(program: Program, found: Solved) -> Array:
+    """How far the rows of R (m,) are beyond their limits, at most."""
+    p = found.y[program.nodes]
+    rows = found.x.reshape(program.count, -1) @ program.R.T
+    rows = rows + program.B[..., 0] * p[:, :1] + program.B[..., 1] * p[:, 1:]
+    return np.asarray(np.maximum(rows - program.high, program.low - rows).max(axis=0))
 
 
 class Times(NamedTuple):
