@@ -62,7 +62,7 @@ def rotation(rng) -> np.ndarray:
 
 def largest_load(problem: pg.ForceProblem) -> float:
     """Largest multiple of the problem's load that can be held; 0 where not even the load itself is."""
-    return pg.load_factor(problem, impact_time=IMPACT_TIME)
+    return pg.forces.load_factor(problem, impact_time=IMPACT_TIME)
 
 
 def surface_points(rng, k: int, placement: str, size: float, cylinder: bool) -> np.ndarray:

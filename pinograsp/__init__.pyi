@@ -35,7 +35,6 @@ from .forces import (
     force_closure as force_closure,
     grasp_margins as grasp_margins,
     grid_search as grid_search,
-    load_factor as load_factor,
     optimize_forces as optimize_forces,
     optimize_grasp as optimize_grasp,
     optimize_robust as optimize_robust,
@@ -64,6 +63,7 @@ from .objects import (
 from .planner import (
     GraspPlan as GraspPlan,
     load_run as load_run,
+    plan_best as plan_best,
     plan_grasp as plan_grasp,
     plan_grasp_on as plan_grasp_on,
     save_run as save_run,

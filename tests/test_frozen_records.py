@@ -68,7 +68,7 @@ CALLS = {
     "many multipliers": lambda w: forces.MultiplierQP(w["paper"], w["solution"].normal_forces).solve(w["paper"].load),
     "diagnosis": lambda w: pg.diagnose(w["problem"].with_load(50 * w["problem"].load), T_I),
     "margins": lambda w: pg.grasp_margins(w["solution"]),
-    "load factor": lambda w: pg.load_factor(w["problem"], impact_time=T_I),
+    "load factor": lambda w: pg.forces.load_factor(w["problem"], impact_time=T_I),
     "closure": lambda w: (pg.force_closure(w["contacts"], 0.7), forces.min_weight(w["contacts"], 0.7)),
     "quality": lambda w: (
         ferrari_canny(w["contacts"], 0.7),

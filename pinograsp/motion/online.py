@@ -87,7 +87,7 @@ class OnlineForces:
         stiffness: ArrayLike | None = None,
         invalid: Invalid = "raise",
     ):
-        """Built once from a grasp; compiles on the way what is not compiled yet.
+        """Built once from a grasp.
 
         Args:
             problem: contacts, friction (a cone, soft fingers or a 4-edge pyramid), balance, gravity, and the limits of
@@ -96,7 +96,9 @@ class OnlineForces:
             hand: whose torques are wanted; None: forces alone.
             q: its posture (n,) [rad]; default: the contacts' own.
             normal_forces: least and largest F_n [N], numbers or (k,); default: up to what the problem's largest depth
-                and its ``max_normal_force`` allow, from the least force of its range of impact times.
+                and its ``max_normal_force`` allow, from the least force of its range of impact times. The loop gives
+                the least squeeze for the load it is told: for pushes that nobody measures, keep a share of a plan's
+                squeeze as the least, ``normal_forces=(0.9 * plan.forces.normal_forces, cap)``.
             max_rate: largest |dF_n/dt| [N/s]; None: any.
             ramp: how long a contact that is gained or lost takes [s].
             period: of the loop [s].
@@ -252,14 +254,17 @@ class OnlineForces:
     def _place(self, points: Array, rotations: Array) -> None:
         self._loop.place(points - self._loop.com, np.ascontiguousarray(rotations))
 
-    def engage(self, contact: str | int, touches: bool = True) -> None:
-        """A contact (name or number) is gained or lost: the limits of its force go there in the time of ``ramp``,
-        without a jump.
+    def engage(self, contact: str | int, touches: bool = True, *, at_once: bool = False) -> None:
+        """A contact (name or number) is gained or lost.
+
+        Gained, the limits of its force rise from nothing in the time of ``ramp``. Lost, its force falls from what it is
+        to nothing in that time, or as fast as ``max_rate`` lets it where that takes longer: the others can follow.
+        ``at_once`` is for a finger that has slipped off: no force from the next tick on.
         """
         if isinstance(contact, str):
             contact = self.names.index(one_of("contact", contact, self.names))
         contact = integer("contact", contact, at_least=-len(self.names), at_most=len(self.names) - 1)
-        self._loop.engage(contact % len(self.names), flag("touches", touches))
+        self._loop.engage(contact % len(self.names), flag("touches", touches), flag("at_once", at_once))
 
     def reset(self) -> None:
         """Forget the last tick: the next one starts cold, and its forces at any rate."""

@@ -567,7 +567,7 @@ private:
                 loop_->moved = true;
                 break;
             case 4:
-                loop_->engage(bytes_.below(k), bytes_.once_in(2));
+                loop_->engage(bytes_.below(k), bytes_.once_in(2), bytes_.once_in(4));
                 break;
             case 5:
                 if (bytes_.once_in(4)) loop_->reset();
@@ -618,6 +618,10 @@ private:
             const double F = before[3 * i + 2];
             now.low[i] = std::min(std::max(low, F - rate), high);
             now.high[i] = std::max(std::min(high, F + rate), now.low[i]);
+            if (loop_->target[i] < 1.0) {  // on its way out: from what it was, as fast as the rate allows
+                now.low[i] = 0.0;
+                now.high[i] = std::min(loop_->largest[i], std::max(now.high[i], F - rate));
+            }
             size = std::max(size, now.low[i]);
         }
         check_limits(now, loop_->forces, loop_->moments, now.low.data(), now.high.data(), 1e-9 * size);

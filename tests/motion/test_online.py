@@ -274,7 +274,7 @@ def test_rates_and_ramps():
             assert status is Status.OK
             largest = max(largest, np.abs(forces - before).max())
             before = forces.copy()
-        # The limits move by 0.1 N a tick; the others take over what it leaves.
+        # Its limits move by 0.1 N a tick at most; the others take over what it leaves.
         assert largest < 0.5
         assert forces[1, 2] == 0.0 if ends == 0.0 else forces[1, 2] >= 0.2
     online.engage(online.names[1], False)
@@ -283,6 +283,44 @@ def test_rates_and_ramps():
         online.engage("nobody")
     with pytest.raises(InvalidInput, match="<= 4"):
         online.engage(7)
+
+
+def test_a_contact_fades_from_its_force_and_no_faster_than_the_others_can_follow():
+    problem, _ = problem_of(5, 3, MODELS["cone"])
+    load = np.array([0.0, 0.0, -1.5, 0.0, 0.0, 0.0])
+    # The largest force is far from those that are needed: what fades is the force.
+    online = pg.OnlineForces(problem, normal_forces=(0.0, 500.0), ramp=0.1)
+    there = float(online.step(load)[0][1, 2])
+    online.engage(1, False)
+    faded = []
+    for _ in range(110):
+        forces, _, status = online.step(load)
+        assert status is Status.OK
+        faded.append(float(forces[1, 2]))
+    assert np.all(np.array(faded[:100]) <= there * (1 - np.arange(1, 101) / 100) + 1e-9)
+    assert np.abs(np.diff([there, *faded])).max() <= there / 100 + 1e-9 and faded[-1] == 0.0
+    # Slower where the rate asks for it: the ramp alone would take 1 ms.
+    online = pg.OnlineForces(problem, normal_forces=(0.0, 500.0), ramp=0.002, max_rate=5.0)
+    before = online.step(load)[0].copy()
+    online.engage(1, False)
+    for _ in range(1000):
+        forces, _, _ = online.step(load)
+        assert np.abs(forces[:, 2] - before[:, 2]).max() <= 5e-3 + 1e-9
+        before = forces.copy()
+    assert forces[1, 2] == 0.0 and online.status is Status.OK
+    # Back from half of the way, without a jump.
+    online.engage(1)
+    for _ in range(3):
+        online.step(load)
+    online.engage(1, False)
+    online.engage(1)
+    assert np.abs(online.step(load)[0][:, 2] - before[:, 2]).max() < 0.05
+    # A finger that has slipped off has no force from the next tick on, whatever the rates.
+    online.engage(1, False, at_once=True)
+    assert online.step(load)[0][1, 2] == 0.0
+    online.engage(1, at_once=True)
+    with pytest.raises(InvalidInput, match="at_once"):
+        online.engage(1, at_once="yes")
 
 
 @pytest.fixture(scope="module")

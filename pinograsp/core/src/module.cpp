@@ -212,9 +212,9 @@ public:
         return static_cast<int>(online->tick());
     }
 
-    void engage(int contact, bool touches) {
+    void engage(int contact, bool touches, bool at_once) {
         need(contact >= 0 && contact < online->setup().contacts, "contact");
-        online->engage(contact, touches);
+        online->engage(contact, touches, at_once);
     }
 
 private:
@@ -332,7 +332,7 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def("place", &Loop::place, "points"_a, "rotations"_a)
         .def("rub", &Loop::rub, "mu"_a)
         .def("reset", [](Loop& own) { own.online->reset(); })
-        .def("engage", &Loop::engage, "contact"_a, "touches"_a)
+        .def("engage", &Loop::engage, "contact"_a, "touches"_a, "at_once"_a)
         .def_prop_ro("steps", [](const Loop& own) { return own.online->steps; })
         .def_prop_ro("off", [](const Loop& own) { return own.online->off; });
     const auto array = [&loop](const char* name, double* Online::* values, int width_of) {

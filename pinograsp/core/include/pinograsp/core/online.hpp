@@ -77,10 +77,13 @@ public:
         return found;
     }
 
-    // A contact is gained or lost: its limits go there at the ramp's rate, before the first tick at once.
-    void engage(int contact, bool touches = true) {
+    // A contact is gained or lost at the ramp's rate: gained, its limits rise from nothing; lost, its force falls from
+    // what it is, and no faster than most_rate. At once: without either, as it is before the first tick.
+    void engage(int contact, bool touches = true, bool at_once = false) {
         target[contact] = touches ? 1.0 : 0.0;
-        if (!started) share[contact] = target[contact];
+        if (started && !at_once) return;
+        share[contact] = target[contact];
+        fading_[contact] = infinity;
     }
 
     // Forget the last tick: the next one starts cold, and its forces at any rate.
@@ -97,7 +100,8 @@ protected:
 
     explicit Online(OnlineSetup setup) : setup_(std::move(setup)) {
         const int k = setup_.contacts, n = setup_.joints;
-        for (double** part : {&mu, &least, &largest, &share, &target, &moments}) *part = memory_.part<double>(k);
+        for (double** part : {&mu, &least, &largest, &share, &target, &moments, &fading_})
+            *part = memory_.part<double>(k);
         points = memory_.part<double>(3 * k);
         rotations = memory_.part<double>(9 * k);
         forces = memory_.part<double>(3 * k);
@@ -106,10 +110,27 @@ protected:
         multipliers = memory_.part<double>(6);
         std::fill_n(share, k, 1.0);
         std::fill_n(target, k, 1.0);
+        std::fill_n(fading_, k, infinity);
         std::fill_n(torque_limit, n, infinity);
     }
 
+    // The largest F_n of a contact in this tick, its share moved on.
+    double cap(int i, double rate) {
+        const double F = forces[3 * i + 2];
+        if (target[i] >= 1.0 && fading_[i] < infinity) {  // on its way out, and back: from the force that it has
+            if (largest[i] > 0.0) share[i] = min(share[i], F / largest[i]);
+            fading_[i] = infinity;
+        } else if (target[i] < share[i] && fading_[i] == infinity) {
+            fading_[i] = F / share[i];
+        }
+        share[i] += min(max(target[i] - share[i], -setup_.ramp), setup_.ramp);
+        const double high = share[i] * min(largest[i], fading_[i]);
+        const bool falls = fading_[i] < infinity && setup_.ramp < 1.0;
+        return falls ? min(largest[i], max(high, F - rate)) : high;
+    }
+
     OnlineSetup setup_;
+    double* fading_ = nullptr;  // F_n over its share as it was when a contact began to fade (k); infinity: it does not
 
 private:
     Memory memory_;
@@ -177,8 +198,7 @@ private:
         if (moved) place();
         for (int i = 0; i < setup_.contacts; ++i) {
             // Contacts are gained and lost gradually, and no force changes by more than its limit per tick.
-            share[i] += min(max(target[i] - share[i], -setup_.ramp), setup_.ramp);
-            const double low = least[i] * share[i], high = largest[i] * share[i], F = forces[3 * i + 2];
+            const double high = cap(i, rate), low = min(least[i] * share[i], high), F = forces[3 * i + 2];
             Block<K>& at = dual_.blocks[i / width];
             double& lo = in_lane(at.lo, i % width);
             lo = min(max(F - rate, low), high);
