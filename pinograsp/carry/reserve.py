@@ -10,10 +10,8 @@ from numpy.typing import ArrayLike
 from pinograsp.carry.loads import Carried
 from pinograsp.carry.programs import ArmLimits
 from pinograsp.checks import each_of
-from pinograsp.contacts import Compliance, Contact, ContactSet, Friction
-from pinograsp.contacts.clearance import PALM
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceProblem, GraspConditions, Reserve, TorqueLimit
+from pinograsp.forces import ForceProblem, Reserve, TorqueLimit
 from pinograsp.forces.matrices import balance_columns
 from pinograsp.hands import HandModel
 from pinograsp.motion import effort_of, torque_limits
@@ -51,37 +49,6 @@ def joint_limits(name: str, value: ArrayLike, n: int) -> Array:
     if np.any(found <= 0):
         raise InvalidInput(f"{name}: expected values above 0, got {found.tolist()}")
     return found
-
-
-def problem_of(grasp: GraspPlan) -> ForceProblem:
-    """The force problem of a grasp's object; of a plan that was read back, with what is stored of it."""
-    if grasp.solution is not None:
-        return grasp.problem
-    own, law, friction = grasp.contacts, grasp.law, grasp.friction
-    contacts = [
-        Contact(
-            finger=_finger_of(grasp.hand, name, link),
-            link=link,
-            point_o=point,
-            rotation_oc=R,
-            length=None,
-            distance=0.0,
-        )
-        for name, link, point, R in zip(own.names, own.links, own.points_o, own.rotations_oc)
-    ]
-    return ForceProblem(
-        contacts=ContactSet(contacts=tuple(contacts), com_o=own.com_o),
-        load=grasp.load,
-        mu=friction.mu,
-        compliance=Compliance(stiffness=law.stiffness, damping=law.damping, exponent=law.exponent),
-        friction=Friction(
-            model=friction.model, edges=friction.edges or 4, torsion=friction.torsion, safety=friction.safety
-        ),
-        # Caps are not stored: contacts may become so deep as anywhere.
-        max_depth=max(GraspConditions(mu=1.0).max_depth, float(grasp.forces.final_depths.max())),
-        gravity_o=grasp.gravity_o,
-        object=grasp.body,
-    )
 
 
 def disturbance_of(grasp: GraspPlan, body: Body, size: float | None) -> tuple[float, float]:
@@ -128,12 +95,6 @@ def spare_forces(problem: ForceProblem, force: float, moment: float) -> Array:
     return np.asarray(np.maximum(force * spare[0], moment / problem.moment_length * spare[1]))
 
 
-def _finger_of(hand: HandModel, name: str, link: str) -> str:
-    """Of a stored contact: the finger that its name begins with, among those that have the link."""
-    own = [finger.name for finger in hand.fingers if link in finger.links]
-    return next((finger for finger in own if name.split("/")[0].startswith(finger)), own[0] if own else PALM)
-
-
 def with_reserve(
     grasp: GraspPlan, carried: Carried, reserve: float, limit: TorqueLimit, mu: float
 ) -> tuple[ForceProblem, tuple[Array, Array]]:
@@ -141,7 +102,7 @@ def with_reserve(
 
     ``mu``: share of the friction coefficients that there is at least [-].
     """
-    held, kept, hand = problem_of(grasp), 1.0 - reserve, grasp.hand
+    held, kept, hand = grasp.problem, 1.0 - reserve, grasp.hand
     contacts, q = held.contacts, np.array(grasp.motion.q[-1])
     friction = replace(held.friction, safety=held.friction.safety / kept)
     # Limits of each joint are the robot's.

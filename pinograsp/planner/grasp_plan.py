@@ -30,6 +30,7 @@ from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.planner.compliance import band_of, gains_of, stiffness_of, told_band
 from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
+from pinograsp.planner.stored import stored_solution
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
 from pinograsp.writing import NewFolder, write_file
@@ -61,14 +62,16 @@ class GraspPlan(PlanRecord):
 
     @property
     def problem(self) -> ForceProblem:
-        """The force problem that was solved; :class:`InvalidInput` where the plan was read back."""
+        """The force problem that was solved; of a plan that was read back as :meth:`searched` tells."""
         return self.searched().problem
 
     def searched(self) -> ForceSolution:
-        """The force search's own record; :class:`InvalidInput` where the plan was read back."""
-        if self.solution is None:
-            raise InvalidInput("expected a plan that was just made, got one that was read back: plan it again")
-        return self.solution
+        """The force search's own record.
+
+        Of a plan that was read back: the stored forces with a problem that they solve. Its caps of normal forces and
+        torque limits are not stored: depths are limited as anywhere, torques by the hand's efforts.
+        """
+        return stored_solution(self.hand, self) if self.solution is None else self.solution
 
     def _reaction(self) -> Reaction:
         """To what is added to the load: as the squeeze was planned."""
@@ -96,7 +99,7 @@ class GraspPlan(PlanRecord):
         :func:`pinograsp.actuation.force_band`.
 
         Raises:
-            InvalidInput: unusable numbers, or a plan that was read back.
+            InvalidInput: unusable numbers.
         """
         return band_of(self.hand, self.searched(), self.motion.q[-1], servo_gains(self.hand, stiffness), factors)
 
@@ -228,7 +231,7 @@ class GraspPlan(PlanRecord):
             settings: normal_forces, max_rate, ramp, period, max_steps as for :class:`~pinograsp.motion.OnlineForces`.
 
         Raises:
-            InvalidInput: another suffix, unusable settings, a plan that was read back, or friction of other pyramids
+            InvalidInput: another suffix, unusable settings, or friction of other pyramids
                 than those of four edges. ResultsNotWritten.
         """
         problem, q = self.searched().problem, self.motion.q[-1]

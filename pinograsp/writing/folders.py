@@ -107,7 +107,9 @@ class NewFolder:
         if not any(place.iterdir()):
             return
         if not self.force:
-            raise _Taken(f"folder '{self.path}' already exists: choose another --out, or overwrite it with --force")
+            raise _Taken(
+                f"folder '{self.path}' already exists: choose another one (--out), or replace it (force=True, --force)"
+            )
         foreign = [path for path, ours in entries(place) if not ours]
         if any(path.name.startswith(ASIDE) for path in foreign):
             raise ResultsNotWritten(
