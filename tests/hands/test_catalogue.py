@@ -130,11 +130,11 @@ def test_a_name_spelt_wrong_gets_a_suggestion():
         load_hand("allegro_rigth")
 
 
-def test_the_readme_lists_the_catalogue():
+def test_the_docs_list_the_catalogue():
     """Names, joints, masses, fingers and efforts, as the hands have them."""
     from pinograsp.hands.summary import cells
 
-    text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "howto" / "hands.md").read_text(encoding="utf-8")
     table = text[text.index("| name | hand | joints |") :].split("\n\n")[0].splitlines()[2:]
     ours = {row["name"]: cells(row) for row in listed_hands()[0]}
     listed = []

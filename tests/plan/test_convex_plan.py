@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -173,17 +172,6 @@ def test_decelerations_and_caps_of_a_case():
         assert problem.max_normal_force.tolist() == [12.0] * 3 and problem.shape.depth_factor != 0.5
     with pytest.raises(InvalidInput, match="negative|>= 0"):
         load_case("paper", {"limits.deceleration": {"sampled": [1, -1]}}).make_problem(load_case("paper").load_hand())
-
-
-@pytest.mark.slow  # plans, searches and simulations: half a minute
-@pytest.mark.no_cover
-def test_readme_python_runs(tmp_path, monkeypatch, capsys):
-    text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
-    assert len(blocks) >= 2
-    monkeypatch.chdir(tmp_path)
-    exec("\n".join(blocks), {})
-    assert "the load can be held" in capsys.readouterr().out
 
 
 def test_what_is_not_proven_is_not_called_infeasible(hand, make_problem, monkeypatch):

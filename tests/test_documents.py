@@ -1,0 +1,127 @@
+"""README and docs: what they show runs, what they link to is there, and the README stays short."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted(path for path in DOCS.rglob("*.md") if "build" not in path.parts)
+EXECUTED = "file_format: mystnb"  # such pages run as the site is built
+TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", path.read_text(encoding="utf-8"), re.M | re.S)
+
+
+def with_python() -> list[Path]:
+    return [path for path in TEXTS if blocks(path, "python") and EXECUTED not in path.read_text(encoding="utf-8")]
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.slow  # plans, searches and simulations
+@pytest.mark.no_cover
+@pytest.mark.parametrize("path", with_python(), ids=name_of)
+def test_python_runs(path, tmp_path):
+    """The blocks of a page, one after the other, in a folder of their own."""
+    (tmp_path / "page.py").write_text("\n".join(blocks(path, "python")), encoding="utf-8")
+    environment = {**os.environ, "MPLBACKEND": "agg"}
+    done = subprocess.run(
+        [sys.executable, "page.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=900
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_tutorials_are_executed_as_the_site_is_built():
+    pages = [path for path in PAGES if EXECUTED in path.read_text(encoding="utf-8")]
+    assert {path.parent.name for path in pages} == {"tutorials"} and len(pages) >= 8
+    for path in pages:
+        text = path.read_text(encoding="utf-8")
+        assert text.count("```{code-cell}") >= 3 and "```python\n" not in text, path.name
+
+
+def notebooks():
+    """The script that makes them."""
+    spec = importlib.util.spec_from_file_location("make_notebooks", DOCS / "notebooks" / "make.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_notebooks_are_those_of_the_tutorials():
+    made = notebooks()
+    assert len(made.NAMES) == 3
+    for name in made.NAMES:
+        ours = nbformat.reads((DOCS / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"), as_version=4)
+        fresh = nbformat.reads(made.notebook(name), as_version=4)
+        assert [cell.source for cell in ours.cells] == [cell.source for cell in fresh.cells], name
+        nbformat.validate(ours)
+        assert "pip install" in ours.cells[1].source
+
+
+@pytest.mark.slow  # plans and simulations
+@pytest.mark.no_cover
+@pytest.mark.parametrize("path", sorted((DOCS / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_run(path, tmp_path):
+    book = nbformat.read(path, as_version=4)
+    NotebookClient(book, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    assert any(cell.get("outputs") for cell in book.cells if cell.cell_type == "code")
+
+
+def commands() -> list[tuple[str, str]]:
+    """Every line that starts the command line tool."""
+    found = []
+    for path in TEXTS:
+        for block in (*blocks(path, "bash"), *blocks(path, "console")):
+            for line in block.replace("\\\n", " ").splitlines():
+                found += [
+                    (name_of(path), part.strip())
+                    for part in line.partition("#")[0].split("&&")
+                    if part.strip().startswith("pinograsp ")
+                ]
+    return found
+
+
+def test_options_that_are_shown_exist(command):
+    shown = commands()
+    assert len(shown) >= 15
+    helps: dict[str, str] = {}
+    for page, line in shown:
+        _, *words = line.split()
+        if words[0].startswith("-"):
+            continue
+        text = helps.setdefault(words[0], command(words[0], "--help")[1])
+        for option in (word.partition("=")[0] for word in words if word.startswith("--")):
+            assert re.search(rf"{option}\b", text), f"{page}: {line}: no {option}"
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=name_of)
+def test_links_lead_somewhere(path):
+    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", target):
+            continue
+        file, _, anchor = target.partition("#")
+        place = (path.parent / file).resolve() if file else path
+        assert place.exists(), target
+        if anchor and place.suffix == ".md":
+            heads = re.findall(r"^#+ (.+)$", place.read_text(encoding="utf-8"), re.M)
+            assert anchor in {re.sub(r"[^\w -]", "", head).lower().replace(" ", "-") for head in heads}, target
+
+
+def test_the_readme_is_read_in_minutes():
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 200 and lines[0] == "# pinograsp"
