@@ -23,6 +23,7 @@ ROOMS = [
     "spatial",
     "checks",
     "words",
+    "showing",
     "interrupts",
     "writing",
     "hands",
@@ -43,6 +44,7 @@ ROOMS = [
     "report",
     "planner",
     "carry",
+    "notebook",
     "cases",
     "sweep",
     "cli",
@@ -74,7 +76,7 @@ OWNERS = {
     "distributed": {"sweep"},
 }
 # Tests of what no single room does.
-ABOUT_ALL = {"test_architecture.py", "test_examples.py", "test_frozen_records.py", "test_fuzzing.py"}
+ABOUT_ALL = {"test_architecture.py", "test_examples.py", "test_frozen_records.py", "test_fuzzing.py", "test_typing.py"}
 # Rooms that must work without the solvers: pictures and reports of stored runs.
 WITHOUT_SOLVERS = ("words", "writing", "plan", "storage", "viz", "report")
 

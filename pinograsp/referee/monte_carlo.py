@@ -173,6 +173,9 @@ class MonteCarlo:
 
     __repr__ = brief()
 
+    def __str__(self) -> str:
+        return self.describe()
+
     def summary(self) -> dict[str, Any]:
         """Probabilities and settings as plain JSON values."""
         return {

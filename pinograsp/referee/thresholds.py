@@ -69,6 +69,9 @@ class Threshold:
             "tried": [list(one) for one in self.tried],
         }
 
+    def __str__(self) -> str:
+        return self.describe()
+
     def describe(self) -> str:
         """As readable text."""
         if self.held is None:
