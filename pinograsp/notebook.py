@@ -34,6 +34,8 @@ Level = Literal["yes", "caution", "no"]
 _BADGES: dict[Level, str] = {"yes": "#1a7f37", "caution": "#9a6700", "no": "#cf222e"}
 _LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
 _CELL = f"text-align:left;padding:2px 12px 2px 0;{_LINE};vertical-align:top"
+_NAME = f"{_CELL};opacity:.7;white-space:nowrap"
+_TABLE = "border-collapse:collapse;margin:4px 0;font-size:90%;background:transparent"
 _MANY, _LONGEST = 12, 300  # rows of a table; characters of a cell
 
 
@@ -83,7 +85,7 @@ def _html(page: _Page) -> str:
         parts.append(_table(page))
     if facts := [(what, value) for what, value in page.facts if value]:
         rows = (
-            f'<tr><td style="{_CELL};opacity:.7">{_text(what)}</td><td style="{_CELL}">{_text(value)}</td></tr>'
+            f'<tr><td style="{_NAME}">{_text(what)}</td><td style="{_CELL}">{_text(value)}</td></tr>'
             for what, value in facts
         )
         parts.append(f'<table style="{_TABLE}">{"".join(rows)}</table>')
@@ -91,11 +93,8 @@ def _html(page: _Page) -> str:
     parts += [f'<div style="margin-top:3px">{_text(remark)}</div>' for remark in few]
     if more := len(page.remarks) - len(few):
         parts.append(f'<div style="opacity:.7">and {more} more</div>')
-    text = f'<div style="min-width:260px;max-width:640px">{"".join(parts)}</div>'
+    text = f'<div style="flex:1 1 320px;max-width:640px">{"".join(parts)}</div>'
     return f'<div style="display:flex;flex-wrap:wrap;gap:16px;align-items:flex-start">{_picture(page)}{text}</div>'
-
-
-_TABLE = "border-collapse:collapse;margin:4px 0;font-size:90%;background:transparent"
 
 
 def _picture(page: _Page) -> str:
@@ -221,7 +220,8 @@ def _(problem: ForceProblem) -> _Page:
     contacts = problem.contacts
     low, high = problem.impact_time_range
     rows = [
-        (one.finger, one.link, _millimetres(one.point_o), f"{mu:g}") for one, mu in zip(contacts, problem.mu.tolist())
+        (name, one.link, _millimetres(one.point_o), f"{mu:g}")
+        for name, one, mu in zip(contacts.names, contacts, problem.mu.tolist())
     ]
     friction, balance = problem.friction, "forces and moments" if problem.balance == "wrench" else "forces alone"
     model = friction.model if friction.model != "pyramid" else f"pyramid of {friction.edges} edges"

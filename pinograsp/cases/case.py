@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
-from pinograsp.checks import instance_of, number, path_of
+from pinograsp.checks import in_brief, instance_of, number, path_of
 from pinograsp.contacts import (
     Compliance,
     ContactSet,
@@ -71,6 +71,12 @@ class Section(BaseModel):
     """A section of a case file: unknown keys and numbers that are not finite are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def __repr__(self) -> str:
+        return in_brief(self, type(self).model_fields)
+
+    def __str__(self) -> str:
+        return repr(self)
 
 
 class HandSection(Section):

@@ -61,6 +61,8 @@ class GridLog:
     residual_bound: float
     closest: Array
 
+    __repr__ = brief()
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
 class ForceSolution:

@@ -76,6 +76,8 @@ class Errors:
     joint_friction: float = 0.0
     servo_gain: float = 0.0
 
+    __repr__ = brief()
+
     def __post_init__(self) -> None:
         kept: float | tuple[float, ...]
         for field in fields(self):

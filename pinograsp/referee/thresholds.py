@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 import joblib
 import numpy as np
 
-from pinograsp.checks import instance_of, number, processes
+from pinograsp.checks import brief, instance_of, number, processes
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.referee.settings import Disturbance
@@ -42,6 +42,8 @@ class Threshold:
     tried: tuple[tuple[float, bool], ...]
     planned: float | None = None
     _quantity: ClassVar[str] = "value"
+
+    __repr__ = brief()
 
     @property
     def value(self) -> float | None:
