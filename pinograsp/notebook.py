@@ -36,6 +36,9 @@ _LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
 _CELL = f"text-align:left;padding:2px 12px 2px 0;{_LINE};vertical-align:top"
 _NAME = f"{_CELL};opacity:.7;white-space:nowrap"
 _TABLE = "border-collapse:collapse;margin:4px 0;font-size:90%;background:transparent"
+_DOT = (
+    "display:inline-block;width:8px;height:8px;border-radius:50%;border:1px solid rgba(128,128,128,.8);margin-right:5px"
+)
 _MANY, _LONGEST = 12, 300  # rows of a table; characters of a cell
 
 
@@ -90,7 +93,7 @@ def _html(page: _Page) -> str:
         )
         parts.append(f'<table style="{_TABLE}">{"".join(rows)}</table>')
     few = page.remarks[:_MANY]
-    parts += [f'<div style="margin-top:3px">{_text(remark)}</div>' for remark in few]
+    parts += [f'<div style="margin-top:3px;font-size:90%">{_text(remark)}</div>' for remark in few]
     if more := len(page.remarks) - len(few):
         parts.append(f'<div style="opacity:.7">and {more} more</div>')
     text = f'<div style="flex:1 1 320px;max-width:640px">{"".join(parts)}</div>'
@@ -112,7 +115,7 @@ def _table(page: _Page) -> str:
     head = "".join(f'<th style="{_CELL};opacity:.7;font-weight:normal">{_text(name)}</th>' for name in page.columns)
     rows = []
     for i, row in enumerate(page.rows[:_MANY]):
-        dot = f'<span style="color:{colour_of(i)}">&#9679;</span> ' if page.coloured else ""
+        dot = f'<span style="{_DOT};background:{colour_of(i)}"></span>' if page.coloured else ""
         cells = "".join(f'<td style="{_CELL}">{dot * (j == 0)}{_text(cell)}</td>' for j, cell in enumerate(row))
         rows.append(f"<tr>{cells}</tr>")
     if (more := len(page.rows) - _MANY) > 0:
@@ -287,7 +290,7 @@ def _(certificate: Certificate) -> _Page:
 def _(simulation: Simulation) -> _Page:
     verdict = simulation.verdict
     rows = [
-        (part, f"{final:.3g}", f"{planned:.3g}", f"{1e3 * slip:.3g}")
+        (part, f"{final:.3g}", f"{planned:.3g}", f"{1e3 * slip:.3f}")
         for part, final, planned, slip in zip(
             simulation.parts, simulation.normal_forces[-1], simulation.planned_forces, simulation.slips[-1]
         )
@@ -340,9 +343,10 @@ def _(plan: CarryPlan) -> _Page:
             plan.contacts, plan.normal_forces.min(axis=0), plan.normal_forces.max(axis=0), plan.friction_use.max(axis=0)
         )
     ]
+    what = "its object" if plan.grasp.body is None else f"a {in_words(plan.grasp.body)}"
     bound = "" if plan.lower_bound is None else f"{plan.lower_bound:.4g} s"
     return _Page(
-        title=f"{plan.robot.name} carries a {plan.grasp.name} grasp in {plan.duration:.4g} s",
+        title=f"{plan.robot.name} carries {what} in {plan.duration:.4g} s",
         badge=(str(plan.status), _level(plan.status)),
         columns=("contact", "F_n on the way [N]", "friction used at most"),
         rows=rows,

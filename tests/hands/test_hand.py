@@ -170,6 +170,13 @@ def test_xacro_arguments_reach_the_model():
         load_hand("humanoid", xacro_args={"density": 580})
 
 
+def test_xacro_arguments_may_be_called_as_they_like(tmp_path):
+    """Also as arguments of ``load_hand``."""
+    text = (urdf_folder() / "humanoid_hand.urdf.xacro").read_text(encoding="utf-8").replace("density", "masses")
+    named = load_hand(write(tmp_path, text, "hand.urdf.xacro"), xacro_args={"masses": 580})
+    assert named.finger_mass("index") == pytest.approx(load_hand("humanoid").finger_mass("index") / 2, rel=1e-12)
+
+
 def test_yourdfpy_and_pinocchio_agree_on_forward_kinematics():
     hand = load_hand("humanoid")
     robot = yourdfpy.URDF.load(str(urdf_folder() / "humanoid_hand.urdf"), load_meshes=True)
