@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import pinograsp as pg
-from pinograsp.forces import TorqueLimits
+from pinograsp.forces import ObjectiveName, TorqueLimits
 
 hand, bottle = pg.load_hand("humanoid"), pg.Cylinder(radius=0.025, height=0.2, mass=0.8)
 conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone"))
@@ -21,7 +21,7 @@ def limits(newton_metres: float) -> TorqueLimits:
     return pg.torque_limits(closure.hand, contacts, closure.q, limit=newton_metres)
 
 
-def show(name: str, problem: pg.ForceProblem, objective: str) -> None:
+def show(name: str, problem: pg.ForceProblem, objective: ObjectiveName) -> None:
     found = pg.optimize_forces(problem, impact, objective=objective)
     if not found.found:
         print(f"{name:>18}: {found.status}")

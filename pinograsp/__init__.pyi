@@ -74,3 +74,5 @@ from .referee import (
 from .synthesis import (
     find_grasps as find_grasps,
 )
+
+__version__: str

@@ -84,18 +84,23 @@ def brief(*names: str) -> Callable[[DataclassInstance], str]:
     """
 
     def __repr__(self: DataclassInstance) -> str:
-        parts: list[str] = []
-        size = len(type(self).__name__) + 2
-        for name in names or [field.name for field in fields(self) if field.repr]:
-            part = f"{name}={_brief(getattr(self, name))}"
-            size += len(part) + 2
-            if size > _LONGEST_REPR:
-                parts.append("...")
-                break
-            parts.append(part)
-        return f"{type(self).__name__}({', '.join(parts)})"
+        return in_brief(self, names or [field.name for field in fields(self) if field.repr])
 
     return __repr__
+
+
+def in_brief(record: object, names: Iterable[str]) -> str:
+    """The class of a record and its attributes ``names``, as :func:`brief` shows them."""
+    parts: list[str] = []
+    size = len(type(record).__name__) + 2
+    for name in names:
+        part = f"{name}={_brief(getattr(record, name))}"
+        size += len(part) + 2
+        if size > _LONGEST_REPR:
+            parts.append("...")
+            break
+        parts.append(part)
+    return f"{type(record).__name__}({', '.join(parts)})"
 
 
 def _brief(value: object) -> str:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+
+_MOST_LINES = 20
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -31,3 +34,17 @@ def printable(text: str, most: int = 200) -> str:
 def no_formula(name: str) -> str:
     """A name as a cell of a table: an apostrophe before what a spreadsheet would take for a formula."""
     return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "'")) else name
+
+
+def by_name(names: Iterable[str], values: Iterable[float], unit: str = "") -> str:
+    """Values by name, for people: ``thumb 1.2, index 0.8 N``."""
+    listed = ", ".join(f"{printable(name, 60)} {value:.3g}" for name, value in zip(names, values))
+    return f"{listed} {unit}".rstrip()
+
+
+def lines_of(first: str, *lines: str) -> str:
+    """A record as text: the answer, and below it those lines that are not empty, as far as they are few."""
+    said = [line for line in lines if line]
+    if len(said) > _MOST_LINES:
+        said = [*said[:_MOST_LINES], f"and {len(said) - _MOST_LINES} more lines"]
+    return "\n  ".join([first, *said])

@@ -20,7 +20,7 @@ import numpy as np
 
 from pinograsp.actuation.compliant_hand import CompliantHand, inverse_of, yielding_motions
 from pinograsp.actuation.quasistatic import normal_stiffness
-from pinograsp.checks import instance_of, number
+from pinograsp.checks import brief, instance_of, number
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TOLERANCE, ForceProblem, ForceSolution
 from pinograsp.spatial import Array, BoolArray
@@ -62,6 +62,8 @@ class Squeeze:
     stretch: Array
     motions: Array
     yielding: Array
+
+    __repr__ = brief()
 
     @classmethod
     def of(cls, solution: ForceSolution, hand: CompliantHand, tangential_ratio: float) -> Squeeze:

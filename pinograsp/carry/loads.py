@@ -98,6 +98,8 @@ class CarryScenario:
     mu: float = 1.0
     com: ArrayLike = (0.0, 0.0, 0.0)
 
+    __repr__ = brief()
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass", number("mass of a scenario, over the planned one", self.mass, above=0))
         object.__setattr__(self, "mu", number("mu of a scenario, over the planned one", self.mu, at_least=0))

@@ -20,6 +20,7 @@ from pinograsp.hands import HandModel
 from pinograsp.motion.torques import drives_limit
 from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
 from pinograsp.writing import write_file
 
@@ -111,6 +112,10 @@ class CarryPlan:
     cautions: tuple[str, ...] = ()
 
     __repr__ = brief("status", "robot", "duration", "fastest", "lower_bound", "residual", "elapsed")
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        return self.describe()
 
     @property
     def status(self) -> Status:

@@ -12,8 +12,9 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
-from pinograsp.checks import instance_of, number, path_of
+from pinograsp.checks import in_brief, instance_of, number, path_of
 from pinograsp.contacts import (
     Compliance,
     ContactSet,
@@ -27,7 +28,7 @@ from pinograsp.contacts import (
 from pinograsp.errors import CaseRejected
 from pinograsp.forces import BackendName, ForceProblem, GridSpec, ObjectiveName, grid_values
 from pinograsp.hands import HandModel, load_hand
-from pinograsp.hands.load import Masses, xacro_arguments
+from pinograsp.hands.load import Masses
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
 from pinograsp.planner import GraspPlan, Search, plan_grasp
@@ -37,6 +38,7 @@ from pinograsp.spatial import Array, pose_of, rotation_rpy
 Objective: TypeAlias = ObjectiveName
 Solver: TypeAlias = BackendName
 
+_AS_IT_IS: CaseChanges = {}
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
 # Sizes of numbers: grasps of hands are well within, and computations cannot overflow or underflow.
 _SMALLEST, _LARGEST = 1e-12, 1e12
@@ -62,7 +64,6 @@ Positive = Annotated[float, Field(gt=0), AfterValidator(_reasonable)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_reasonable)]
 Vector = tuple[Number, Number, Number]
 Range = Annotated[tuple[Positive, Positive], AfterValidator(_increasing)]
-XacroArguments = Annotated[dict[str, Any], AfterValidator(xacro_arguments)]
 Angles = dict[str, tuple[Number, ...]]
 
 
@@ -70,6 +71,12 @@ class Section(BaseModel):
     """A section of a case file: unknown keys and numbers that are not finite are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def __repr__(self) -> str:
+        return in_brief(self, type(self).model_fields)
+
+    def __str__(self) -> str:
+        return repr(self)
 
 
 class HandSection(Section):
@@ -84,7 +91,7 @@ class HandSection(Section):
     limits_deg: dict[str, tuple[Number, Number]] = {}
     hulls: bool = True
     packages: dict[str, str] = {}
-    xacro_args: XacroArguments = {}
+    xacro_args: dict[str, Any] = {}
     trusted: bool = False
     masses: Masses = "estimate"
     exclude: list[str] = []
@@ -309,7 +316,7 @@ class Case(Section):
             exclude=h.exclude,
             srdf=None if h.srdf is None else self.folder / Path(h.srdf).expanduser(),
             posture=h.posture,
-            **h.xacro_args,
+            xacro_args=h.xacro_args,
         )
 
     def make_object(self) -> Cylinder | Sphere:
@@ -415,17 +422,12 @@ class Case(Section):
             grid=self.make_grid(),
             search=self.forces.search,
             solver=self.forces.solver,
-            objective=weights_by_name(self.forces.objective),
+            objective=self.forces.objective,
             torque_limit=self.limits.torque_limit,
             motion=self.make_motion(),
             progress=progress,
         )
         return replace(plan, settings=self.settings())
-
-
-def weights_by_name(objective: Objective | dict[Objective, float] | None) -> str | dict[str, float] | None:
-    """An objective of a case as the planner takes it."""
-    return {str(name): weight for name, weight in objective.items()} if isinstance(objective, dict) else objective
 
 
 def _radians(angles_deg: Angles) -> dict[str, Array]:
@@ -437,12 +439,13 @@ def builtin_cases() -> list[str]:
     return sorted(path.stem for path in Path(__file__).parent.glob("*.yaml"))
 
 
-def load_case(source: str | Path, changes: Mapping[str, Any] | Sequence[str] | None = None) -> Case:
+def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Sequence[str] = ()) -> Case:
     """A case by name or from a YAML file, with some values changed.
 
     Args:
         source: a built-in case's name (``"paper"``) or a path.
-        changes: ``{"object.mass": 1.1}`` or ``["object.mass=1.1"]``; values in the latter are read as YAML.
+        changes: values by key, ``{"object.mass": 1.1}``.
+        texts: the same as people type it, ``["object.mass=1.1"]``, read as YAML; after ``changes``.
 
     Raises:
         CaseRejected: unknown case, broken YAML, unknown keys or unusable values: all of them named at once; a file
@@ -455,9 +458,9 @@ def load_case(source: str | Path, changes: Mapping[str, Any] | Sequence[str] | N
     if isinstance(data.get("hand"), dict) and data["hand"].get("trusted", False) is not False:
         raise CaseRejected(
             f"case '{name}': hand.trusted: no file can say so itself: give it where the case is opened "
-            "(--set hand.trusted=true, changes={'hand.trusted': True})"
+            "(--set hand.trusted=true, {'hand.trusted': True})"
         )
-    for key, value in changes_of(changes).items():
+    for key, value in changes_of(changes, texts).items():
         put_value(data, key, value)
     check_extent(data, f"case '{name}'")
     if "folder" in data:
@@ -465,7 +468,7 @@ def load_case(source: str | Path, changes: Mapping[str, Any] | Sequence[str] | N
     return validated(Case, {**data, "folder": path.resolve().parent}, f"case '{name}'")
 
 
-def with_changes(case: Case, changes: Mapping[str, Any]) -> Case:
+def with_changes(case: Case, changes: Mapping[str, object]) -> Case:
     """``case`` with some values changed; keys and errors as in :func:`load_case`."""
     data = case.settings()
     for key, value in changes.items():

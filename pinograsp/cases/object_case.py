@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver, XacroArguments, weights_by_name
+from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.contacts.compliance import MEASURES
@@ -108,7 +108,7 @@ class ObjectCase(Section):
     palm: str | None = None
     fingers: dict[str, str] | None = None
     packages: dict[str, str] = Field(default_factory=dict)
-    xacro_args: XacroArguments = Field(default_factory=dict)
+    xacro_args: dict[str, Any] = Field(default_factory=dict)
     trusted: bool = False
     masses: Masses = "estimate"
     exclude: list[str] = Field(default_factory=list)
@@ -199,7 +199,7 @@ class ObjectCase(Section):
         Without it: the hand closed ``at`` the given place (:func:`~pinograsp.planner.plan_grasp_on`), or a search in
         this process.
         """
-        objective, conditions = weights_by_name(self.objective), self._conditions()
+        objective, conditions = self.objective, self._conditions()
         if self.at is None:
             found = self._found() if found is None else found
             plan = plan_best(
@@ -248,7 +248,7 @@ class ObjectCase(Section):
 
     def _kept_reserve(self) -> Reserve | None:
         """The reserve; where none was asked for, only what the search, its solver and objective can plan for."""
-        objective = weights_by_name(self.objective)
+        objective = self.objective
         names = {objective} if isinstance(objective, str) else set(objective or ())
         knows = self.search == "convex" and self.solver in ("auto", "clarabel") and names <= {*MEASURES, "peak"}
         if self.reserve is None or not (knows or "reserve" in self.model_fields_set):
@@ -275,4 +275,4 @@ def _text(value: object) -> str:
 def _hand(source: str, settings: str) -> HandModel:
     """A hand by arguments of :func:`load_hand` as JSON, which has an order."""
     chosen = json.loads(settings)
-    return load_hand(source, **chosen.pop("xacro_args"), **chosen)
+    return load_hand(source, **chosen)

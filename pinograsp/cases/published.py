@@ -7,9 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from pinograsp.cases.case import Case, with_changes
+from pinograsp.cases.changes import CaseChanges
+from pinograsp.checks import one_of
 from pinograsp.contacts import ContactSet, Measure
 from pinograsp.contacts.quality import Balance
-from pinograsp.forces import ForceProblem, GridSpec, grid_search, optimize_grasp, refine_multipliers
+from pinograsp.forces import (
+    SOLVERS,
+    ForceProblem,
+    GridSpec,
+    SolverName,
+    grid_search,
+    optimize_grasp,
+    refine_multipliers,
+)
 from pinograsp.hands import HandModel
 from pinograsp.motion import contact_postures
 from pinograsp.motion.grasp_ik import press
@@ -18,7 +28,7 @@ from pinograsp.planner import GraspPlan
 
 # The paper's choices: balance of forces only, a friction pyramid without safety factor, contacts on the lines along the
 # links, constant deceleration, no force caps, no torque limits.
-AS_PUBLISHED = {
+AS_PUBLISHED: CaseChanges = {
     "forces.balance": "force",
     "friction.model": "pyramid",
     "friction.edges": 4,
@@ -65,7 +75,7 @@ def compare(case: Case) -> list[ComparisonRow]:
     """
     case = with_changes(case, AS_PUBLISHED)
     plan = case.plan(progress=False)
-    solver = "daqp" if case.forces.solver == "auto" else case.forces.solver
+    solver = one_of("solver", "daqp" if case.forces.solver == "auto" else case.forces.solver, SOLVERS)
     problem = plan.problem
     return [
         *_forces(plan),
@@ -118,7 +128,7 @@ def _forces(plan: GraspPlan) -> list[ComparisonRow]:
     ]
 
 
-def _at_published_forces(problem: ForceProblem, solver: str) -> list[ComparisonRow]:
+def _at_published_forces(problem: ForceProblem, solver: SolverName) -> list[ComparisonRow]:
     """Energies of the published normal forces, and the residual that they leave, for several mu."""
     published = np.array(list(NORMAL_FORCES_N.values()))
     work = float(problem.energy(published, IMPACT_TIME_S, "work").sum())
@@ -142,7 +152,7 @@ def _at_published_forces(problem: ForceProblem, solver: str) -> list[ComparisonR
     return rows
 
 
-def _optima(problem: ForceProblem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
+def _optima(problem: ForceProblem, grid: GridSpec, solver: SolverName) -> list[ComparisonRow]:
     """The hybrid search's optima for each balance and measure, the paper's own search, the certified optima, and the
     latest feasible impact.
     """
@@ -193,7 +203,7 @@ def _optima(problem: ForceProblem, grid: GridSpec, solver: str) -> list[Comparis
     return rows
 
 
-def _certified(problem: ForceProblem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
+def _certified(problem: ForceProblem, grid: GridSpec, solver: SolverName) -> list[ComparisonRow]:
     """The certified global optimum, and its saving against the hybrid search's grid."""
     best = optimize_grasp(problem)
     certificate = best.certificate
@@ -216,7 +226,7 @@ def _certified(problem: ForceProblem, grid: GridSpec, solver: str) -> list[Compa
     ]
 
 
-def _latest_impact(problem: ForceProblem, grid: GridSpec, solver: str) -> list[ComparisonRow]:
+def _latest_impact(problem: ForceProblem, grid: GridSpec, solver: SolverName) -> list[ComparisonRow]:
     """The latest t_I on a 1 ms grid at which the hybrid search finds a grasp, and its impulse."""
     low, high = problem.impact_time_range
     for t_I in np.round(np.arange(high, low - 5e-4, -1e-3), 3):

@@ -101,12 +101,11 @@ def _loaded(text: str) -> Any:
     return YAML(typ="safe", pure=True).load(text)
 
 
-def changes_of(changes: Mapping[str, Any] | Iterable[str] | None) -> dict[str, Any]:
-    """Changes to a case by key, from a mapping or from texts ``key=value``."""
-    if changes is None or isinstance(changes, Mapping):
-        return {} if changes is None else mapping_of("changes", changes, "{key: value} with texts as keys")
-    parsed = {}
-    for change in items_of("changes", changes, str):
+def changes_of(changes: Mapping[str, object], texts: Iterable[str] = ()) -> dict[str, Any]:
+    """Changes to a case by key, from a mapping and from texts ``key=value``."""
+    wanted = "{key: value} with texts as keys (key=value as a text: texts=)"
+    parsed: dict[str, Any] = mapping_of("changes", changes, wanted)
+    for change in items_of("texts", texts, str):
         key, equals, value = change.partition("=")
         if not equals or not key.strip():
             raise CaseRejected(f"--set {change}: expected KEY=VALUE, for example object.mass=1.1")

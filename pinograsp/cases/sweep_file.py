@@ -11,13 +11,14 @@ import math
 import os
 from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from pinograsp.cases.case import Case, NotNegative, Number, Objective, Positive, Section, load_case
+from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.cases.reading import check_extent, line_of, place_of, put_value, read_mapping
 from pinograsp.checks import mapping_of, path_of, shown
@@ -232,7 +233,7 @@ class SweepSpec(Section):
         source = beside if os.path.isfile(beside) else case
         known = _names(load_case(source).settings())
         try:
-            loaded = load_case(source, fixed)
+            loaded = load_case(source, cast(CaseChanges, fixed))
         except CaseRejected as error:
             raise self._rejected(error, fixed, known) from None
         data = loaded.model_dump(mode="json", by_alias=True, exclude_unset=True)

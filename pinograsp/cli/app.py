@@ -117,15 +117,13 @@ def loading(
     srdf: str | None,
 ) -> dict[str, Any]:
     """How a hand's file is to be read, by the names of :func:`~pinograsp.hands.load_hand`; :class:`InvalidInput` for
-    texts that are not NAME=VALUE, for names given twice, and for arguments called like one of these names.
+    texts that are not NAME=VALUE, and for names given twice.
     """
-    from pinograsp.hands.load import xacro_arguments
-
     return {
         "palm": palm,
         "fingers": pairs("--finger", fingers) or None,
         "packages": {name: os.path.expanduser(folder) for name, folder in pairs("--package", packages).items()},
-        "xacro_args": xacro_arguments(pairs("--arg", arguments)),
+        "xacro_args": pairs("--arg", arguments),
         "trusted": trusted,
         "masses": masses,
         "exclude": exclude or [],

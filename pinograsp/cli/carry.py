@@ -127,7 +127,7 @@ def carry(
     described = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
     hand = held.hand
     if robot is not None:
-        hand = load_hand(robot, root=root, posture=posture_of(posture), **described.pop("xacro_args"), **described)
+        hand = load_hand(robot, root=root, posture=posture_of(posture), **described)
     options = {"ramp": ramp, "jerk": jerk, "acceleration": acceleration, "speed": speed, "disturbance": disturbance}
     with new_folder(out, force, Path(grasp).name, Path("carries")) as folder:
         plan = plan_carry(

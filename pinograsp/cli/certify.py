@@ -117,7 +117,7 @@ def certify(
     told = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
     data = DataSet(
         files=_listed(files),
-        hand=load_hand(hand, root=root, **told.pop("xacro_args"), **told),
+        hand=load_hand(hand, root=root, **told),
         objects=objects,
         format=kind,
         mass=mass,

@@ -76,7 +76,7 @@ def hands(
             )
         _list_hands(as_json)
         return
-    hand = load_hand(name, **settings.pop("xacro_args"), **settings)
+    hand = load_hand(name, **settings)
     typer.echo(json.dumps(record(hand), allow_nan=False) if as_json else hand.describe())
 
 

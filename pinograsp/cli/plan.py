@@ -174,7 +174,7 @@ def _plan(
     from pinograsp.cases import load_case
 
     chosen = [f'forces.{key}="{value}"' for key, value in options.items() if value is not None]
-    loaded = load_case(case, [*(changes or []), *chosen])
+    loaded = load_case(case, texts=[*(changes or []), *chosen])
     with new_folder(out, force, loaded.name) as folder:
         try:
             planned = loaded.plan(progress=bar(as_json))

@@ -16,6 +16,7 @@ from pinograsp.contacts.contact_set import Contact, ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, tangent_frame
 
 
@@ -97,6 +98,10 @@ class Closure:
     notes: tuple[str, ...]
 
     __repr__ = brief("hand", "object", "touches", "self_collisions", "notes")
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        return self.describe()
 
     def contacts(
         self, *, gravity_o: ArrayLike = (0.0, 0.0, -9.81), palm: bool = True, patches: bool = True

@@ -31,6 +31,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import Finger, HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, skew, tangent_frame
+from pinograsp.words import lines_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,6 +101,16 @@ class ContactSet:
     mean_distance: float = field(init=False, repr=False)
 
     __repr__ = brief("names", "com_o")
+
+    def __str__(self) -> str:
+        return lines_of(
+            f"{len(self)} contacts",
+            *(
+                f"{name}: at ({', '.join(f'{1e3 * value:.1f}' for value in one.point_o)}) mm"
+                + (f" on {one.link}" if one.link else "")
+                for name, one in zip(self.names, self.contacts)
+            ),
+        )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "contacts", items_of("contacts", self.contacts, Contact))

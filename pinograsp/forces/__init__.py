@@ -20,7 +20,7 @@ from pinograsp.forces.margins import (
 from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
 from pinograsp.forces.optimize import optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits, Underactuation
-from pinograsp.forces.program import OBJECTIVES, ObjectiveName
+from pinograsp.forces.program import OBJECTIVES, Objective, ObjectiveName
 from pinograsp.forces.reliability import Reliability, holding_probability
 from pinograsp.forces.reserve import (
     Reserve,
@@ -33,7 +33,7 @@ from pinograsp.forces.reserve import (
 )
 from pinograsp.forces.robust import optimize_robust
 from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario
-from pinograsp.forces.search import SEARCHES, grid_search
+from pinograsp.forces.search import SEARCHES, GridMethod, GridSearch, grid_search
 from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
 from pinograsp.forces.solution import (
     Branch,
@@ -44,7 +44,7 @@ from pinograsp.forces.solution import (
     GridSolution,
 )
 from pinograsp.forces.solver import ForceSolver
-from pinograsp.forces.solvers import SOLVERS
+from pinograsp.forces.solvers import SOLVERS, SolverName
 
 __all__ = [
     "BACKENDS",
@@ -68,18 +68,22 @@ __all__ = [
     "GraspConditions",
     "GraspMargins",
     "GridLog",
+    "GridMethod",
+    "GridSearch",
     "GridSolution",
     "GridSpec",
     "Infeasibility",
     "LoadSet",
     "MultiplierQP",
     "MultiplierSolution",
+    "Objective",
     "ObjectiveName",
     "Reaction",
     "Reliability",
     "Reserve",
     "RobustForces",
     "Sensitivity",
+    "SolverName",
     "StiffnessScenario",
     "Tolerance",
     "TorqueLimit",

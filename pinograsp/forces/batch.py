@@ -36,7 +36,7 @@ from pinograsp.forces.backends import Backends
 from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, assemble, weights_of
+from pinograsp.forces.program import Objective, Program, assemble, weights_of
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _AT_ONCE = 2048  # problems per compiled call: an interruption waits for the end of one, some milliseconds
@@ -290,7 +290,7 @@ class _Results(NamedTuple):
 
 
 def solve_batch(
-    batch: ForceBatch, *, objective: str | Mapping[str, float] = "least_squares", threads: int | None = None
+    batch: ForceBatch, *, objective: Objective = "least_squares", threads: int | None = None
 ) -> BatchSolution:
     """The least-cost forces of every problem, by the dual Newton method on all cores; see :func:`optimize_forces`.
 

@@ -9,6 +9,7 @@ from typing import overload
 import numpy as np
 
 from pinograsp.checks import brief
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray
 
 
@@ -131,6 +132,12 @@ class Certificate:
     at_torque: tuple[str, ...] = ()
 
     __repr__ = brief()
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        proven = "optimal" if self.is_optimal() else "not proven optimal"
+        bound = f"no forces cost less than {self.lower_bound:.6g} (gap {self.relative_gap:.1e})"
+        return f"{proven}: objective {self.objective:.6g}, {bound}; violation {self.violation:.1e} N"
 
     @property
     def gap(self) -> float:
@@ -218,3 +225,7 @@ class Infeasibility:
     crossed: BoolArray
 
     __repr__ = brief()
+
+    def __str__(self) -> str:
+        limits = f", with the torque limits of {', '.join(self.at_torque)}" if self.at_torque else ""
+        return f"proven: any admissible forces leave {self.margin:.3g} N or more{limits}; pinograsp.diagnose says why"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, flag, instance_of, number, one_of
 from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction
@@ -68,6 +69,30 @@ class GraspConditions:
     torque_limit: TorqueLimit = "effort"
     reserve: Reserve | None = field(default_factory=Reserve)
     table: bool = False
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(
+            self,
+            *,
+            mu: float,
+            friction: Friction | None = ...,
+            compliance: Compliance = ...,
+            balance: Balance = ...,
+            measure: Measure = ...,
+            gravity_o: ArrayLike = ...,
+            final_time: float = ...,
+            impact_time_range: tuple[float, float] = ...,
+            acceleration_range: tuple[float, float] = ...,
+            max_speed: float = ...,
+            max_depth: float = ...,
+            max_normal_force: float | None = ...,
+            moment_length: float | None = ...,
+            shape: DecelerationShape = ...,
+            torque_limit: TorqueLimit = ...,
+            reserve: Reserve | None = ...,
+            table: bool = ...,
+        ) -> None: ...
 
     __repr__ = brief("mu", "friction", "balance", "measure", "torque_limit")
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import heapq
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 
 from tqdm import tqdm
@@ -19,11 +18,11 @@ from tqdm import tqdm
 from pinograsp.checks import instance_of, number, one_of
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import CertifiedForces
-from pinograsp.forces.backends import BACKENDS, Backends, Outcome
+from pinograsp.forces.backends import BACKENDS, BackendName, Backends, Outcome
 from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, assemble, energy_terms_at, weights_of
+from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import Branch, GlobalSolution, solution_of
 
 _NARROWEST = 1e-10  # [s]: on narrower intervals of t_I the bounds differ by less than the certificates' accuracy
@@ -35,8 +34,8 @@ _MOST, _UNDECIDED = 2000, 30
 def optimize_grasp(
     problem: ForceProblem,
     *,
-    objective: str | Mapping[str, float] | None = None,
-    backend: str = "auto",
+    objective: Objective | None = None,
+    backend: BackendName = "auto",
     gap: float = 1e-6,
     progress: bool | None = None,
 ) -> GlobalSolution:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from pinograsp.checks import array_of, brief, frozen, instance_of, integer, number, read_only, shown
@@ -46,6 +48,17 @@ class GridSpec:
     accelerations: Array = field(default_factory=lambda: grid_values(0.01, 1.0, 0.005))
     multipliers: Array = field(default_factory=lambda: grid_values(-1.0, 1.0, 0.1))
     residual_limit: float = 0.1
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(
+            self,
+            *,
+            impact_times: ArrayLike = ...,
+            accelerations: ArrayLike = ...,
+            multipliers: ArrayLike = ...,
+            residual_limit: float = ...,
+        ) -> None: ...
 
     __repr__ = brief()
 

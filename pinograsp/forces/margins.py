@@ -28,6 +28,7 @@ from pinograsp.forces.program import Program, feasibility
 from pinograsp.forces.robust_forces import Reaction
 from pinograsp.forces.solution import ForceSolution
 from pinograsp.spatial import Array, IntArray
+from pinograsp.words import lines_of
 
 # Relative to the load: optimal forces keep friction limits to a tenth of it, and the balance to a hundredth.
 _HELD = 10 * TOLERANCE.violation
@@ -64,6 +65,16 @@ class GraspMargins:
     disturbance_moment: float | None
 
     __repr__ = brief()
+
+    def __str__(self) -> str:
+        moment = "" if self.disturbance_moment is None else f", or {self.disturbance_moment:.3g} N m about any axis"
+        used = ", ".join(f"{100 * one:.0f} %" for one in self.friction_used.tolist())
+        return lines_of(
+            f"holds {self.load_factor:.3g} times the load; besides it {self.disturbance_force:.3g} N in any direction"
+            f"{moment}",
+            f"friction used: {used}",
+            f"least distance to slipping {float(self.slip_distance.min()):.3g} N",
+        )
 
 
 def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction: Reaction = "friction") -> GraspMargins:

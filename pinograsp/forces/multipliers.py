@@ -20,7 +20,7 @@ from pinograsp.checks import array_of, brief, frozen, instance_of, one_of, read_
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solvers import SOLVERS, solve_qp
+from pinograsp.forces.solvers import SOLVERS, SolverName, solve_qp
 from pinograsp.spatial import Array
 
 # Weight of ||k||^2 against ||r||^2 (normalised by the largest column): selects the least-norm multipliers. Below 1e-10
@@ -53,7 +53,9 @@ class MultiplierSolution:
     __repr__ = brief()
 
 
-def refine_multipliers(problem: ForceProblem, normal_forces: ArrayLike, *, solver: str = "daqp") -> MultiplierSolution:
+def refine_multipliers(
+    problem: ForceProblem, normal_forces: ArrayLike, *, solver: SolverName = "daqp"
+) -> MultiplierSolution:
     """Multipliers (k1, k2) that leave the smallest residual at fixed ``normal_forces`` (k,) [N]; of several, those of
     least norm.
 

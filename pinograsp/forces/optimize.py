@@ -9,8 +9,10 @@ from time import perf_counter
 from typing import TypeAlias
 
 from pinograsp.checks import instance_of
+from pinograsp.forces.backends import BackendName
 from pinograsp.forces.compiled import Prepared
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import Objective
 from pinograsp.forces.solution import ConvexSolution
 from pinograsp.forces.solver import ForceSolver, certified
 
@@ -23,8 +25,8 @@ def optimize_forces(
     problem: ForceProblem,
     impact_time: float,
     *,
-    objective: str | Mapping[str, float] | None = None,
-    backend: str = "auto",
+    objective: Objective | None = None,
+    backend: BackendName = "auto",
 ) -> ConvexSolution:
     """The contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
 

@@ -40,7 +40,9 @@ from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray
+from pinograsp.words import by_name, lines_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -257,6 +259,18 @@ class ForceProblem:
         ) -> None: ...
 
     __repr__ = brief("contacts", "balance", "measure", "mu", "friction", "load", "final_time", "object")
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        force, moment = (float(np.linalg.norm(part)) for part in (self.load[:3], self.load[3:]))
+        balance = "forces and moments" if self.balance == "wrench" else "forces alone"
+        low, high = self.impact_time_range
+        return lines_of(
+            f"{self.k} contacts bear a load of {force:.3g} N and {moment:.3g} N m, {balance} in balance",
+            f"mu: {by_name(self.contacts.names, self.mu.tolist())} ({self.friction.model}, safety factor "
+            f"{self.friction.safety:g})",
+            f"least {self.measure}; impact from {low:g} to {high:g} s, complete at {self.final_time:g} s",
+        )
 
     def __post_init__(self) -> None:
         def put(name: str, value: object) -> None:

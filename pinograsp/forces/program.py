@@ -34,6 +34,8 @@ from pinograsp.spatial import Array
 
 ObjectiveName = Literal[Measure, "least_squares", "peak", "motor_heat"]
 OBJECTIVES: tuple[ObjectiveName, ...] = get_args(ObjectiveName)
+# One of them, or the weights of a sum.
+Objective: TypeAlias = ObjectiveName | Mapping[ObjectiveName, float]
 
 # Per grasp-energy measure: (coefficient, exponent) pairs.
 EnergyTerms: TypeAlias = Mapping[Measure, Sequence[tuple[float, float]]]
@@ -219,7 +221,7 @@ class Program:
         return x - self.matrices.correction @ residual
 
 
-def weights_of(objective: str | Mapping[str, float] | None, problem: ForceProblem) -> dict[str, float]:
+def weights_of(objective: Objective | None, problem: ForceProblem) -> dict[str, float]:
     """The objective as ``{name: weight >= 0}``; None stands for the problem's measure.
 
     Raises:

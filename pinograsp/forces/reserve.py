@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import Objective
 from pinograsp.forces.robust import optimize_robust, robust_at, robust_weights
 from pinograsp.forces.robust_forces import RobustForces, StiffnessScenario
 from pinograsp.forces.solution import ConvexSolution
@@ -169,7 +170,7 @@ def optimize_reserve(
     reserve: Reserve,
     impact_time: float,
     *,
-    objective: str | Mapping[str, float] | None = None,
+    objective: Objective | None = None,
 ) -> RobustForces:
     """The least-cost normal forces that hold a problem's object with a reserve, for an impact at one t_I.
 
@@ -195,7 +196,7 @@ def search_reserve(
     problem: ForceProblem,
     reserve: Reserve,
     *,
-    objective: str | Mapping[str, float] | None = None,
+    objective: Objective | None = None,
     start: float | None = None,
 ) -> RobustForces:
     """The least-cost squeeze that a search over the impact times finds: a certified program at each that it tries.
@@ -283,7 +284,7 @@ def producible_reserve(
     squeeze: RobustForces,
     rows: ArrayLike,
     *,
-    objective: str | Mapping[str, float] | None = None,
+    objective: Objective | None = None,
     scenarios: Callable[[ConvexSolution], Sequence[StiffnessScenario]] | None = None,
 ) -> RobustForces:
     """The least-cost squeeze with depths that the hand can press to, at or near the impact time of ``squeeze``.
@@ -351,7 +352,7 @@ def reserve_along(
     start: ArrayLike,
     direction: ArrayLike,
     *,
-    objective: str | Mapping[str, float] | None = None,
+    objective: Objective | None = None,
 ) -> RobustForces:
     """The least-cost squeeze among those whose normal forces are ``start`` plus a multiple of ``direction``.
 
@@ -388,9 +389,7 @@ def reserve_along(
     return replace(found, tried=tried, elapsed=time.perf_counter() - began)
 
 
-def parts_in_the_way(
-    problem: ForceProblem, reserve: Reserve, *, objective: str | Mapping[str, float] | None = None
-) -> tuple[str, ...]:
+def parts_in_the_way(problem: ForceProblem, reserve: Reserve, *, objective: Objective | None = None) -> tuple[str, ...]:
     """Names of the parts of a reserve without which, one at a time, a squeeze is found where there is none with all."""
     found = []
     for part, value in asdict(reserve).items():
@@ -401,7 +400,7 @@ def parts_in_the_way(
     return tuple(found)
 
 
-def _holds(problem: ForceProblem, reserve: Reserve, objective: str | Mapping[str, float] | None) -> bool:
+def _holds(problem: ForceProblem, reserve: Reserve, objective: Objective | None) -> bool:
     """Whether a squeeze is found at the earliest, the latest or an impact time between."""
     weights = robust_weights(objective, problem)
     loads, kept = _kept_back(problem, reserve)

@@ -17,7 +17,7 @@ For friction coefficients within a range the least is the worst case, since ever
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -30,7 +30,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.matrices import elastic_reaction, matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import assemble, energy_terms_at, weights_of
+from pinograsp.forces.program import Objective, assemble, energy_terms_at, weights_of
 from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario, scaled_wrenches
 from pinograsp.forces.robust_program import ReactedLoads, RobustProgram
 from pinograsp.spatial import Array
@@ -45,7 +45,7 @@ def optimize_robust(
     impact_time: float,
     *,
     mu_range: tuple[float, float] | None = None,
-    objective: str | Mapping[str, float] | None = None,
+    objective: Objective | None = None,
     reaction: Reaction = "friction",
 ) -> RobustForces:
     """The least-cost normal forces that hold every load of a set, the contacts reacting to each.
@@ -83,7 +83,7 @@ def optimize_robust(
     return replace(found, elapsed=time.perf_counter() - started)
 
 
-def robust_weights(objective: str | Mapping[str, float] | None, problem: ForceProblem) -> dict[str, float]:
+def robust_weights(objective: Objective | None, problem: ForceProblem) -> dict[str, float]:
     """The objective as ``{name: weight}``, or :class:`InvalidInput` where it does not depend on F_n alone."""
     weights = weights_of(objective, problem)
     other = [name for name, weight in weights.items() if weight and name not in _FRICTION_ONLY]

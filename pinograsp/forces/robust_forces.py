@@ -88,6 +88,9 @@ class RobustForces:
 
     __repr__ = brief()
 
+    def __str__(self) -> str:
+        return self.explain()
+
     def under(self, load: ArrayLike | None = None) -> ConvexSolution:
         """The forces under one load of the set (6,) [N, N m]: the contacts' reaction to it with the common squeeze.
 

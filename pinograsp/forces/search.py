@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import Literal, TypeAlias, get_args
 
 from pinograsp.checks import instance_of, one_of
 from pinograsp.errors import InvalidInput, Status
@@ -12,19 +13,21 @@ from pinograsp.forces.multipliers import refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.pruned import hybrid_search, pruned_search
 from pinograsp.forces.solution import GridSolution
-from pinograsp.forces.solvers import SOLVERS
+from pinograsp.forces.solvers import SOLVERS, SolverName
 
-SEARCHES = ("hybrid", "paper", "paper+qp")
-METHODS = ("pruned", "brute")
+GridSearch: TypeAlias = Literal["hybrid", "paper", "paper+qp"]
+GridMethod: TypeAlias = Literal["pruned", "brute"]
+SEARCHES: tuple[GridSearch, ...] = get_args(GridSearch)
+METHODS: tuple[GridMethod, ...] = get_args(GridMethod)
 
 
 def grid_search(
     problem: ForceProblem,
     grid: GridSpec | None = None,
     *,
-    search: str = "hybrid",
-    method: str = "pruned",
-    solver: str = "daqp",
+    search: GridSearch = "hybrid",
+    method: GridMethod = "pruned",
+    solver: SolverName = "daqp",
     progress: bool | None = None,
 ) -> GridSolution:
     """Least-energy contact forces on a grid.
@@ -69,7 +72,7 @@ def grid_search(
     return refined(found, solver) if search == "paper+qp" and found.found else found
 
 
-def refined(solution: GridSolution, solver: str = "daqp") -> GridSolution:
+def refined(solution: GridSolution, solver: SolverName = "daqp") -> GridSolution:
     """``solution`` with its multipliers replaced by the QP's; status ``UNBALANCED`` where its F_n admit no balance."""
     started = time.perf_counter()
     refinement = refine_multipliers(solution.problem, solution.normal_forces, solver=solver)

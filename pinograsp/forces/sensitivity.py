@@ -14,7 +14,7 @@ envelope theorem it is that of the Lagrangian at constant x.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -23,11 +23,12 @@ import numpy as np
 from pinograsp.checks import brief, instance_of, number, read_only
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.backends import BackendName
 from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import assemble, energy_terms_at
+from pinograsp.forces.program import Objective, assemble, energy_terms_at
 from pinograsp.forces.solution import ConvexSolution
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, skew, tangent_frame
@@ -344,10 +345,10 @@ def optimize_contacts(
     object: Body,
     impact_time: float,
     *,
-    objective: str | Mapping[str, float] | None = None,
+    objective: Objective | None = None,
     reach: float = 0.01,
     tolerance: float = 1e-6,
-    backend: str = "auto",
+    backend: BackendName = "auto",
 ) -> BetterContacts:
     """Contact points moved on the surface, each by at most ``reach``, to a local minimum of the certified cost.
 

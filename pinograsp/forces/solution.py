@@ -13,7 +13,9 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.backends import Outcome
 from pinograsp.forces.certificate import Certificate, Infeasibility
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
+from pinograsp.words import by_name, lines_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,8 @@ class GridLog:
     residual_bound: float
     closest: Array
 
+    __repr__ = brief()
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
 class ForceSolution:
@@ -86,6 +90,28 @@ class ForceSolution:
     torsion: Array = field(default_factory=lambda: read_only(np.zeros(0)))
 
     __repr__ = brief("status", "search", "backend", "impact_time", "normal_forces", "residual", "elapsed")
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        if not self.found:
+            why = f"least left over {self.residual_force:.3g} N, {self.residual_moment:.3g} N m"
+            return lines_of(f"{self.status}: no contact forces; {self.status.remedy}", why, *self._proven())
+        names, forces = self.problem.contacts.names, self.normal_forces.tolist()
+        tangential = np.linalg.norm(self.forces_c[:, :2], axis=1)
+        limit = self.problem.mu * self.normal_forces
+        used = np.divide(100 * tangential, limit, out=np.zeros(len(limit)), where=limit > 0).tolist()
+        return lines_of(
+            f"{self.status}: contact forces for an impact at {self.impact_time:g} s",
+            f"normal forces: {by_name(names, forces, 'N')}",
+            f"friction used, of mu F_n: {by_name(names, used, '%')}",
+            f"left over {self.residual_force:.1e} N, {self.residual_moment:.1e} N m",
+            *self._proven(),
+            f"{self.search} search, {self.backend or 'no solver'}, {self.elapsed:.3g} s",
+        )
+
+    def _proven(self) -> tuple[str, ...]:
+        """What is proven of the forces, or of their absence."""
+        return ()
 
     @property
     def found(self) -> bool:
@@ -186,6 +212,12 @@ class ConvexSolution(ForceSolution):
 
     __repr__ = ForceSolution.__repr__
 
+    def _proven(self) -> tuple[str, ...]:
+        if self.certificate is not None:
+            active = "; ".join(self.certificate.active(self.problem.contacts.names))
+            return str(self.certificate), f"at their limits: {active}" if active else ""
+        return () if self.infeasibility is None else (str(self.infeasibility),)
+
     def _closest_residual(self) -> Array:
         return self.problem.load if self.infeasibility is None else self.infeasibility.residual
 
@@ -214,6 +246,9 @@ class GridSolution(ForceSolution):
     grid: GridLog
 
     __repr__ = ForceSolution.__repr__
+
+    def _proven(self) -> tuple[str, ...]:
+        return tuple(self.explain().split("\n"))
 
     def explain(self) -> str:
         """How many cells of the grid each constraint rejected, in words."""

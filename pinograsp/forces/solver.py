@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import instance_of, one_of, record_of
 from pinograsp.errors import Status
-from pinograsp.forces.backends import BACKENDS, COMPILED, Backends
+from pinograsp.forces.backends import BACKENDS, COMPILED, BackendName, Backends
 from pinograsp.forces.compiled import Prepared
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import assemble, energy_terms_at, weights_of
+from pinograsp.forces.program import Objective, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
 
 
@@ -36,8 +36,8 @@ class ForceSolver:
         problem: ForceProblem,
         impact_time: float,
         *,
-        objective: str | Mapping[str, float] | None = None,
-        backend: str = "auto",
+        objective: Objective | None = None,
+        backend: BackendName = "auto",
     ):
         """Prepare everything that does not depend on the load.
 

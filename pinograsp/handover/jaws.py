@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import flag, instance_of, items_of, one_of, path_of, text_of
+from pinograsp.checks import brief, flag, instance_of, items_of, one_of, path_of, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.commands import SHORTFALL, efforts, require_drives
 from pinograsp.handover.yaml_text import gripper_yaml_of
@@ -45,6 +45,8 @@ class JointTarget:
     effort: float
     follows: bool
 
+    __repr__ = brief()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JawCommand:
@@ -69,6 +71,8 @@ class JawCommand:
     jaw_force: float | None
     total_force: float | None
     joints: tuple[JointTarget, ...]
+
+    __repr__ = brief()
 
     def summary(self) -> dict[str, Any]:
         """As plain JSON values, units in the names."""

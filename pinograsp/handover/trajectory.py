@@ -71,6 +71,9 @@ class JointTrajectory:
 
     __repr__ = brief()
 
+    def __str__(self) -> str:
+        return self.describe()
+
     def __post_init__(self) -> None:
         times = array_of("times", self.times, (None,))
         if times.size < 1 or times[0] < 0 or np.any(np.diff(times) <= 0):

@@ -14,7 +14,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, instance_of, items_of, number, placement_of, shown, text_of
+from pinograsp.checks import array_of, brief, instance_of, items_of, number, placement_of, shown, text_of
 from pinograsp.spatial import Array, pose_of
 
 
@@ -57,6 +57,8 @@ class Link:
     upper: float
     phalanx: Ellipsoid | None = None
 
+    __repr__ = brief()
+
     def __post_init__(self) -> None:
         text_of("name of the joint", self.joint)
         text_of("name of the link", self.link)
@@ -73,6 +75,8 @@ class FingerDescription:
     base: Array
     links: tuple[Link, ...]
     metacarpal: Ellipsoid | None = None
+
+    __repr__ = brief()
 
     def __post_init__(self) -> None:
         text_of("name of the finger", self.name)
@@ -107,6 +111,8 @@ class HandDescription:
     effort: float
     velocity: float
     notes: str = ""
+
+    __repr__ = brief()
 
     def __post_init__(self) -> None:
         text_of("name of the hand", self.name)

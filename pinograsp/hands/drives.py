@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, flag, frozen, items_of, number, one_of, shown, text_of
+from pinograsp.checks import array_of, brief, flag, frozen, items_of, number, one_of, shown, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import Array
@@ -55,6 +55,8 @@ class Drive:
     stiffness: float | None = None
     damping: float | None = None
     exact: bool = True
+
+    __repr__ = brief()
 
     def __post_init__(self) -> None:
         if not text_of("name of a drive", self.name):

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
+from pinograsp.checks import brief
 from pinograsp.hands.mesh_file import MOST_TRIANGLES, collision_model, joined, read_triangles
 from pinograsp.spatial import FARTHEST, Array, IntArray
 
@@ -47,6 +48,8 @@ class Shape:
     path: str = ""
     colour: str = ""
     texture: str = ""
+
+    __repr__ = brief()
 
 
 PRIMITIVES: dict[str, type[coal.ShapeBase]] = {

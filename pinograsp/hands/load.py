@@ -11,14 +11,14 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
-from pinograsp.errors import HandNotLoaded, InvalidInput
+from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, mjcf, urdf_drives
 from pinograsp.hands.catalogue import CATALOGUE, convex_parts_of, file_of
 from pinograsp.hands.drives import (
@@ -72,7 +72,7 @@ def load_hand(
     exclude: Sequence[str] = (),
     srdf: str | Path | None = None,
     posture: Mapping[str, float] | None = None,
-    **xacro_args: object,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> HandModel:
     """Load a hand by name or from a file.
 
@@ -106,7 +106,7 @@ def load_hand(
             hand's own links are checked against each other; nor are those that an MJCF file excludes itself.
         posture: of joints of no finger, as of an arm in the same model, ``{joint: position}`` [rad or m], where they
             stay: see :meth:`HandModel.with_posture`.
-        **xacro_args: values of the xacro file's arguments.
+        xacro_args: values of the xacro file's arguments, ``{name: value}``.
 
     Raises:
         HandNotLoaded: the file is missing or broken; all problems found are listed.
@@ -118,6 +118,7 @@ def load_hand(
     flag("trusted", trusted)
     one_of("masses", masses, get_args(Masses))
     folders = packages_of(packages)
+    arguments = dict(mapping_of("xacro_args", {} if xacro_args is None else xacro_args, "{name: value}"))
     exclude = items_of("exclude", exclude, str)
     if fingers is not None:
         fingers = {
@@ -133,9 +134,9 @@ def load_hand(
     else:
         path = _file(name)
     if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, xacro_args, trusted=trusted, packages=folders)
-    elif xacro_args:
-        raise HandNotLoaded(name, f"arguments {', '.join(xacro_args)} given, but only xacro files take arguments")
+        text = expand_xacro(path, arguments, trusted=trusted, packages=folders)
+    elif arguments:
+        raise HandNotLoaded(name, f"arguments {', '.join(arguments)} given, but only xacro files take arguments")
     else:
         text = _text(name, path)
     folder = path.resolve().parent
@@ -177,20 +178,6 @@ def _in_convex_parts(robot: ElementTree.Element, parts: Mapping[str, list[Path]]
                 link.append(part)
             if files:
                 link.remove(collision)
-
-
-def xacro_arguments(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of a xacro file as :func:`load_hand` can pass them on.
-
-    Raises:
-        InvalidInput: one is called like an argument of :func:`load_hand`, which would take it for that.
-    """
-    if taken := sorted({"source", *(load_hand.__kwdefaults__ or ())} & values.keys()):
-        raise InvalidInput(
-            f"arguments of the xacro file: expected names other than those of load_hand's own arguments, got "
-            f"{', '.join(taken)}: rename <xacro:arg name=...> in the file"
-        )
-    return dict(values)
 
 
 def _file(name: str) -> Path:

@@ -37,6 +37,7 @@ from pinograsp.hands.drives import (
     transmission,
 )
 from pinograsp.hands.geometry import Shape
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray, IntArray, pose_of
 
 
@@ -119,6 +120,10 @@ class HandModel:
     posture: Mapping[str, float] = field(default_factory=dict)
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        return self.describe()
 
     def __reduce__(self) -> tuple[Callable[..., HandModel], tuple[object, ...]]:
         return _unpickled, tuple(getattr(self, field.name) for field in fields(self))

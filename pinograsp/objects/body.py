@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,16 @@ _Solid = TypeVar("_Solid", bound="Body")
 NO_DIRECTION = 1e-9
 _DIGITS = 1e-2  # of inertias in files, which are rounded
 _FAR = 1e100  # [m] squares of more overflow
+
+
+class BodyArguments(TypedDict, total=False):
+    """What every solid's constructor takes besides its size, see :class:`Body`."""
+
+    mass: float | None
+    density: float | None
+    pose: ArrayLike
+    inertia: ArrayLike | None
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,6 +15,10 @@ from pinograsp.spatial import Array, BoolArray
 
 if TYPE_CHECKING:
     import coal
+    from numpy.typing import ArrayLike
+    from typing_extensions import Unpack
+
+    from pinograsp.objects.body import BodyArguments
 
 # Newton's method converges from one side on every input; the slowest ones seen need about 40 steps.
 _MOST_STEPS = 200
@@ -30,6 +34,10 @@ class Ellipsoid(Body):
     """
 
     semi_axes: Array
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(self, *, semi_axes: ArrayLike, **body: Unpack[BodyArguments]) -> None: ...
 
     __repr__ = brief()
 

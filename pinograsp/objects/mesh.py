@@ -22,6 +22,9 @@ from pinograsp.spatial import Array, IntArray
 
 if TYPE_CHECKING:
     import coal
+    from typing_extensions import Unpack
+
+    from pinograsp.objects.body import BodyArguments
 
 # Default radius of the curvature fit, in typical heights of the triangles: smaller radii see the facets, larger ones
 # more than the curvature at the point. Of 2.5 to 6, this has the smallest largest error on spheres and ellipsoids.
@@ -74,6 +77,19 @@ class Mesh(Body):
     com: Array | None = field(default=None, repr=False)
     file_frame_b: Array = field(default_factory=lambda: np.eye(4))
     _derived: _Derived = field(init=False, repr=False, default_factory=lambda: _Derived())
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(
+            self,
+            *,
+            vertices: ArrayLike,
+            faces: ArrayLike,
+            convex: bool = ...,
+            com: ArrayLike | None = ...,
+            file_frame_b: ArrayLike = ...,
+            **body: Unpack[BodyArguments],
+        ) -> None: ...
 
     __repr__ = brief()
 

@@ -15,6 +15,10 @@ from pinograsp.spatial import Array
 
 if TYPE_CHECKING:
     import coal
+    from numpy.typing import ArrayLike
+    from typing_extensions import Unpack
+
+    from pinograsp.objects.body import BodyArguments
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,6 +31,10 @@ class Sphere(Body):
     """
 
     radius: float
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(self, *, radius: float, **body: Unpack[BodyArguments]) -> None: ...
 
     __repr__ = brief()
 
@@ -80,6 +88,10 @@ class Cylinder(Body):
 
     radius: float
     height: float
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(self, *, radius: float, height: float, **body: Unpack[BodyArguments]) -> None: ...
 
     __repr__ = brief()
 
@@ -162,6 +174,10 @@ class Capsule(Body):
     radius: float
     length: float
 
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(self, *, radius: float, length: float, **body: Unpack[BodyArguments]) -> None: ...
+
     __repr__ = brief()
 
     def _check_shape(self) -> None:
@@ -220,6 +236,10 @@ class Box(Body):
     """
 
     size: Array
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(self, *, size: ArrayLike, **body: Unpack[BodyArguments]) -> None: ...
 
     __repr__ = brief()
 

@@ -413,6 +413,8 @@ class ComparisonRow:
     ours: float | None
     note: str = ""
 
+    __repr__ = brief()
+
     @property
     def difference(self) -> float | None:
         """ours - published."""

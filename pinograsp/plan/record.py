@@ -27,7 +27,9 @@ from pinograsp.plan.parts import (
     PlanReserve,
     Reach,
 )
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
+from pinograsp.words import by_name, lines_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,6 +89,21 @@ class PlanRecord:
     versions: Mapping[str, str] = field(default_factory=dict)
 
     __repr__ = brief("status", "name", "hand", "contacts", "forces", "motion", "elapsed")
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        names, forces, motion = self.contacts.names, self.forces, self.motion
+        said = f"{self.name}: {self.status}"
+        held = "" if self.margins is None else f"bears {self.margins.disturbance_force:.3g} N in any direction besides"
+        return lines_of(
+            f"{said}: {self.remedy}" if self.remedy else said,
+            f"normal forces: {by_name(names, forces.normal_forces.tolist(), 'N')}",
+            f"impact at {forces.impact_time:g} s, complete at {forces.final_time:g} s; peak joint torque "
+            f"{motion.peak_torque:.3g} N m; left over {forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m",
+            held,
+            *(f"caution: {one}" for one in self.cautions),
+            *(f"note: {one}" for one in self.notes),
+        )
 
     @property
     def name(self) -> str:
@@ -272,6 +289,9 @@ class PlanFailure:
     versions: Mapping[str, str] = field(default_factory=dict)
 
     __repr__ = brief("status", "name", "search", "message")
+
+    def __str__(self) -> str:
+        return lines_of(f"{self.name}: {self.status}", self.message)
 
     @property
     def name(self) -> str:

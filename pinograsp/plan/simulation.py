@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pinograsp.checks import brief
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
 
 
@@ -139,6 +140,10 @@ class Simulation:
     servo: Mapping[str, Any] = field(default_factory=dict)
 
     __repr__ = brief("verdict", "engine", "mode", "time_step", "parts", "planned_forces", "notes", "elapsed")
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        return self.describe()
 
     @property
     def grasp_energy(self) -> float:

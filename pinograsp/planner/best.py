@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from pinograsp.checks import instance_of
 from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
 from pinograsp.errors import NoGrasp, Status
-from pinograsp.forces import GraspConditions
+from pinograsp.forces import BackendName, GraspConditions, Objective
 from pinograsp.hands import servo_gains
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
@@ -29,8 +27,8 @@ def plan_best(
     conditions: GraspConditions,
     *,
     search: Search = "convex",
-    solver: str = "auto",
-    objective: str | Mapping[str, float] | None = None,
+    solver: BackendName = "auto",
+    objective: Objective | None = None,
     progress: bool | None = None,
 ) -> GraspPlan:
     """Plan the grasps of a search, best first, until one comes out ``OK``.

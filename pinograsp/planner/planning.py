@@ -14,12 +14,16 @@ from pinograsp.contacts import Closure, close_hand
 from pinograsp.contacts.support_plane import SupportPlane
 from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchInterrupted, Status
 from pinograsp.forces import (
+    SEARCHES,
+    SOLVERS,
+    BackendName,
     ConvexSolution,
     ForceProblem,
     ForceSolution,
     GraspConditions,
     GridSolution,
     GridSpec,
+    Objective,
     Reserve,
     RobustForces,
     StiffnessScenario,
@@ -51,7 +55,6 @@ from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.spatial import Array
 
 Search = Literal["convex", "hybrid", "paper", "paper+qp"]
-Objective = str | Mapping[str, float] | None
 
 _SEARCHES: tuple[Search, ...] = get_args(Search)
 # Rounds of force search and motion until the holding torques at the posture found are within their limits.
@@ -69,8 +72,8 @@ class _Choices:
 
     search: Search
     grid: GridSpec | None
-    solver: str
-    objective: Objective
+    solver: BackendName
+    objective: Objective | None
     motion: MotionSpec | None
     progress: bool | None
 
@@ -88,8 +91,8 @@ def plan_grasp(
     *,
     search: Search = "convex",
     grid: GridSpec | None = None,
-    solver: str = "auto",
-    objective: Objective = None,
+    solver: BackendName = "auto",
+    objective: Objective | None = None,
     torque_limit: TorqueLimit = None,
     motion: MotionSpec | None = None,
     progress: bool | None = None,
@@ -137,8 +140,8 @@ def plan_grasp_on(
     *,
     search: Search = "convex",
     grid: GridSpec | None = None,
-    solver: str = "auto",
-    objective: Objective = None,
+    solver: BackendName = "auto",
+    objective: Objective | None = None,
     motion: MotionSpec | None = None,
     progress: bool | None = None,
 ) -> GraspPlan:
@@ -229,8 +232,8 @@ Stages = tuple[ForceSolution, Motion, dict[str, float]]
 
 def _by_grid(hand: HandModel, problem: ForceProblem, choices: _Choices) -> Stages:
     started = time.perf_counter()
-    solver = "daqp" if choices.solver == "auto" else choices.solver
-    kind = choices.search
+    solver = one_of("solver", "daqp" if choices.solver == "auto" else choices.solver, SOLVERS)
+    kind = one_of("search", choices.search, SEARCHES)
     forces = grid_search(problem, choices.grid, search=kind, solver=solver, progress=choices.progress)
     _refuse_failure(forces, _rejections)
     found = time.perf_counter()
@@ -413,7 +416,9 @@ def _drives_in_the_way(problem: ForceProblem, holds: Callable[[ForceProblem], bo
     )
 
 
-def _refuse_no_squeeze(squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, objective: Objective) -> None:
+def _refuse_no_squeeze(
+    squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, objective: Objective | None
+) -> None:
     """Raise what came of a search without a squeeze, with the parts of the reserve that are in the way."""
     if squeeze.status is Status.OK:
         return

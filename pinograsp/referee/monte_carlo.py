@@ -76,6 +76,8 @@ class Errors:
     joint_friction: float = 0.0
     servo_gain: float = 0.0
 
+    __repr__ = brief()
+
     def __post_init__(self) -> None:
         kept: float | tuple[float, ...]
         for field in fields(self):
@@ -172,6 +174,9 @@ class MonteCarlo:
     elapsed: float
 
     __repr__ = brief()
+
+    def __str__(self) -> str:
+        return self.describe()
 
     def summary(self) -> dict[str, Any]:
         """Probabilities and settings as plain JSON values."""

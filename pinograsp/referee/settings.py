@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -166,6 +166,10 @@ class Push:
     start: float = 0.2
     duration: float = 0.1
 
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(self, *, wrench_o: ArrayLike, start: float = ..., duration: float = ...) -> None: ...
+
     __repr__ = brief()
 
     def __post_init__(self) -> None:
@@ -275,6 +279,26 @@ class Disturbance:
     joint_offset: float | Array = 0.0
     joint_friction: float | Array = 0.0
     servo_gain: float = 1.0
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(
+            self,
+            *,
+            pushes: tuple[Push, ...] = ...,
+            shake: ArrayLike = ...,
+            shake_frequency: float = ...,
+            base_motion: BaseMotion | None = ...,
+            mu: float | None = ...,
+            mass_factor: float = ...,
+            stiffness: float = ...,
+            object_offset: ArrayLike = ...,
+            object_turn: ArrayLike = ...,
+            start_error: ArrayLike | None = ...,
+            joint_offset: ArrayLike = ...,
+            joint_friction: ArrayLike = ...,
+            servo_gain: float = ...,
+        ) -> None: ...
 
     __repr__ = brief()
 

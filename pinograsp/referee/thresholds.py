@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 import joblib
 import numpy as np
 
-from pinograsp.checks import instance_of, number, processes
+from pinograsp.checks import brief, instance_of, number, processes
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.referee.settings import Disturbance
@@ -43,6 +43,8 @@ class Threshold:
     planned: float | None = None
     _quantity: ClassVar[str] = "value"
 
+    __repr__ = brief()
+
     @property
     def value(self) -> float | None:
         """The threshold, on the side that held."""
@@ -68,6 +70,9 @@ class Threshold:
             "simulations": self.simulations,
             "tried": [list(one) for one in self.tried],
         }
+
+    def __str__(self) -> str:
+        return self.describe()
 
     def describe(self) -> str:
         """As readable text."""

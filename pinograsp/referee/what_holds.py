@@ -48,6 +48,9 @@ class WhatHolds:
 
     __repr__ = brief("changes", "mu", "weak")
 
+    def __str__(self) -> str:
+        return self.describe()
+
     def summary(self) -> dict[str, Any]:
         """As plain JSON values."""
         return {

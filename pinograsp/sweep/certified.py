@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp.certification import Reason
-from pinograsp.checks import flag, instance_of, number, one_of, path_of, processes
+from pinograsp.checks import brief, flag, instance_of, number, one_of, path_of, processes
 from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
 from pinograsp.errors import GraspsNotRead, InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
@@ -59,6 +59,8 @@ class Certified:
     faults: dict[str, str]
     interrupted: bool
     elapsed: float
+
+    __repr__ = brief()
 
     def table(self) -> pa.Table:
         """The rows by file and number, a ``pyarrow.Table``: see :func:`read_certified`."""
@@ -105,6 +107,8 @@ class DataSet:
     convention: str | None = None
     original: HandModel | None = None
     palm_in_root: Array | None = None
+
+    __repr__ = brief()
 
     def __post_init__(self) -> None:
         files = tuple(path_of("file of grasps", one) for one in self.files)

@@ -15,7 +15,7 @@ from pinograsp.cases.sweep_file import Base
 from pinograsp.contacts import Friction
 from pinograsp.contacts.quality import Balance
 from pinograsp.errors import ExtraMissing, PinograspError, Status, status_of
-from pinograsp.forces import ForceBatch, ForceProblem, solve_batch
+from pinograsp.forces import ForceBatch, ForceProblem, Objective, solve_batch
 
 _Result = TypeVar("_Result")
 
@@ -225,7 +225,7 @@ def _problem(base: Base, inputs: Row) -> _Problem | Row:
     return _Problem(problem, at, (problem.friction, problem.balance, objective))
 
 
-def _solved(batch: list[_Problem], objective: str | dict[str, float]) -> list[Row]:
+def _solved(batch: list[_Problem], objective: Objective) -> list[Row]:
     """The rows of one batch."""
     problems, times = [one.problem for one in batch], [one.at for one in batch]
     answers = solve_batch(ForceBatch.of(problems, times), objective=objective, threads=1)

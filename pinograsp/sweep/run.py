@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
-from pinograsp.checks import one_of, processes
+from pinograsp.checks import brief, one_of, processes
 from pinograsp.spatial import IntArray
 from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
@@ -49,6 +49,8 @@ class Sweep:
     counts: dict[str, int]
     interrupted: bool
     elapsed: float
+
+    __repr__ = brief()
 
     def table(self) -> pyarrow.Table:
         """The rows in order, a ``pyarrow.Table``: see :func:`read_sweep`."""

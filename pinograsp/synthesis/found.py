@@ -27,7 +27,9 @@ from pinograsp.forces import (
 from pinograsp.hands import HandModel
 from pinograsp.motion import effort_of, pressing_together, torque_limits, torques_matter
 from pinograsp.objects.body import Body
+from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
+from pinograsp.words import lines_of
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
 SOUND = 2  # rank of a grasp that bears the reserve on contacts that are sure
@@ -66,6 +68,15 @@ class FoundGrasp:
     load_factor: float
 
     __repr__ = brief()
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        borne = f"a squeeze of {self.squeeze:.3g} N" if self.bears else "no squeeze that bears the reserve"
+        on_edges = f", {100 * self.doubtful:.0f} % of it on doubtful contacts" if self.doubtful and self.bears else ""
+        return lines_of(
+            f"{borne}{on_edges}; quality {self.quality:.3g}, holds up to {self.load_factor:.3g} times the load",
+            *str(self.closure).split("\n"),
+        )
 
     @property
     def bears(self) -> bool:

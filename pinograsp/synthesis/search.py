@@ -36,6 +36,7 @@ from pinograsp.hands.load import ON_ROOT
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of
 from pinograsp.objects.body import Body
+from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.samples import Batch, SearchCase, batch_of, case_of
 from pinograsp.synthesis.seeds import Region
@@ -71,6 +72,10 @@ class GraspSearch:
     remarks: tuple[str, ...] = ()
 
     __repr__ = brief()
+    _repr_html_ = in_notebook
+
+    def __str__(self) -> str:
+        return self.explain()
 
     @property
     def best(self) -> FoundGrasp:

@@ -241,9 +241,9 @@ BAD = {
     ),
     "trusted": (["paper", "--trusted"], "--trusted: expected with --hand and --object"),
     "friction and placing": (["paper", "--mu", "0.7", "--wrap"], "write friction.mu, contacts there"),
-    "argument called like load_hand's": (
+    "arguments for a file that takes none": (
         ["paper", "--set", "hand.xacro_args={pose: 1}"],
-        "expected names other than those of load_hand's own arguments, got pose",
+        "arguments pose given, but only xacro files take arguments",
     ),
     "half the links": (
         [
@@ -811,7 +811,7 @@ def test_no_file_lets_its_hand_run_code(command, tmp_path):
     code, _, err = command("plan", str(case))
     assert code == 2 and "no file can say so itself" in err
     case.write_text(text)
-    assert load_case(case, ["hand.trusted=true"]).hand.trusted
+    assert load_case(case, texts=["hand.trusted=true"]).hand.trusted
     (tmp_path / "sweep.yaml").write_text(
         "schema: 1\ncase: paper\nset: {hand.trusted: true}\nover: {object.mass: [0.5, 1.0]}\n"
     )

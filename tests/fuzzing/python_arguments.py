@@ -518,7 +518,7 @@ def _fill() -> None:
     call(dh.HandDescription, name="h", fingers=(finger,), density=1000.0, effort=1.0, velocity=1.0, notes="")
 
     call(pg.load_case, source="paper", changes={"forces.search": "convex", "friction.mu": 0.7})
-    call(pg.load_case, "load_case, lines", source="paper", changes=["forces.search=convex"])
+    call(pg.load_case, "load_case, lines", source="paper", texts=["forces.search=convex"])
     call(w.case.make_contacts, hand=w.hand)
     call(w.case.make_problem, hand=w.hand)
     call(load_sweep, source={"case": "paper", "over": {"friction.mu": [0.6, 0.7]}, "set": {"forces.search": "convex"}})

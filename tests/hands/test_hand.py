@@ -164,10 +164,17 @@ def test_what_is_written_does_not_hang_on_the_last_bits():
 
 
 def test_xacro_arguments_reach_the_model():
-    light = load_hand(urdf_folder() / "humanoid_hand.urdf.xacro", density=580)
+    light = load_hand(urdf_folder() / "humanoid_hand.urdf.xacro", xacro_args={"density": 580})
     assert light.finger_mass("index") == pytest.approx(load_hand("humanoid").finger_mass("index") / 2, rel=1e-12)
     with pytest.raises(HandNotLoaded, match="only xacro files take arguments"):
-        load_hand("humanoid", density=580)
+        load_hand("humanoid", xacro_args={"density": 580})
+
+
+def test_xacro_arguments_may_be_called_as_they_like(tmp_path):
+    """Also as arguments of ``load_hand``."""
+    text = (urdf_folder() / "humanoid_hand.urdf.xacro").read_text(encoding="utf-8").replace("density", "masses")
+    named = load_hand(write(tmp_path, text, "hand.urdf.xacro"), xacro_args={"masses": 580})
+    assert named.finger_mass("index") == pytest.approx(load_hand("humanoid").finger_mass("index") / 2, rel=1e-12)
 
 
 def test_yourdfpy_and_pinocchio_agree_on_forward_kinematics():

@@ -127,7 +127,9 @@ def test_coupled_hands_of_ones_own(name, tmp_path):
 
 def test_tables_and_xacro_arguments(tmp_path):
     source, _ = humanoid_hand().write(tmp_path)
-    hand = load_hand(source, density="900", pose=POSE, fingers={"pointer": "index_tip", "thumb": "thumb_tip"})
+    hand = load_hand(
+        source, xacro_args={"density": "900"}, pose=POSE, fingers={"pointer": "index_tip", "thumb": "thumb_tip"}
+    )
     assert hand.mass == pytest.approx(loaded("humanoid").mass * 900 / 1160)
     check_same(hand, again(hand))
     source.unlink()

@@ -1,0 +1,451 @@
+"""Records as a notebook shows them: a small picture where there is something to see, and the figures that matter.
+
+The HTML stands by itself: no scripts, no style sheets, and the colours of the page's own theme.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import singledispatch
+from html import escape
+from typing import Literal
+
+import numpy as np
+
+from pinograsp.carry import CarryPlan
+from pinograsp.carry.loads import Carried
+from pinograsp.contacts import Closure, ContactSet
+from pinograsp.errors import Status
+from pinograsp.forces import Certificate, ConvexSolution, ForceProblem, ForceSolution
+from pinograsp.hands import HandModel
+from pinograsp.plan import PlanRecord, Simulation
+from pinograsp.plan.answer import bears, does_it_hold, friction_model
+from pinograsp.spatial import Array
+from pinograsp.synthesis import FoundGrasp, GraspSearch
+from pinograsp.viz.scene import friction_of, in_words
+from pinograsp.viz.thumbnail import Seen, colour_of, thumbnail
+from pinograsp.words import number, printable
+
+Level = Literal["yes", "caution", "no"]
+
+# They read on white and on black.
+_BADGES: dict[Level, str] = {"yes": "#1a7f37", "caution": "#9a6700", "no": "#cf222e"}
+_LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
+_CELL = f"text-align:left;padding:2px 12px 2px 0;{_LINE};vertical-align:top"
+_NAME = f"{_CELL};opacity:.7;white-space:nowrap"
+_TABLE = "border-collapse:collapse;margin:4px 0;font-size:90%;background:transparent"
+_DOT = (
+    "display:inline-block;width:8px;height:8px;border-radius:50%;border:1px solid rgba(128,128,128,.8);margin-right:5px"
+)
+_MANY, _LONGEST = 12, 300  # rows of a table; characters of a cell
+
+
+@dataclass(slots=True, kw_only=True)
+class _Page:
+    """What is shown of a record.
+
+    Attributes:
+        title: in bold.
+        badge: a word or two beside it, and how to take it.
+        lead: the answer, in a sentence.
+        columns: of the table; the first may be coloured as the picture's contacts are.
+        rows: its rows.
+        coloured: whether.
+        facts: name and value.
+        remarks: cautions, notes.
+        seen: the picture's content, found when it is drawn; None: no picture.
+    """
+
+    title: str
+    badge: tuple[str, Level] | None = None
+    lead: str = ""
+    columns: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+    coloured: bool = False
+    facts: Iterable[tuple[str, str]] = ()
+    remarks: Sequence[str] = field(default_factory=tuple)
+    seen: Callable[[], Seen] | None = None
+
+
+def html_of(record: object) -> str | None:
+    """A record as HTML; None for one that shows as text."""
+    page = _page_of(record)
+    return None if page is None else _html(page)
+
+
+def _html(page: _Page) -> str:
+    badge = ""
+    if page.badge is not None:
+        word, level = page.badge
+        style = f"background:{_BADGES[level]};color:#fff;border-radius:4px;padding:1px 7px;margin-left:8px"
+        badge = f'<span style="{style};font-size:85%">{_text(word)}</span>'
+    parts = [f"<div><b>{_text(page.title)}</b>{badge}</div>"]
+    if page.lead:
+        parts.append(f'<div style="margin:4px 0">{_text(page.lead)}</div>')
+    if page.rows:
+        parts.append(_table(page))
+    if facts := [(what, value) for what, value in page.facts if value]:
+        rows = (
+            f'<tr><td style="{_NAME}">{_text(what)}</td><td style="{_CELL}">{_text(value)}</td></tr>'
+            for what, value in facts
+        )
+        parts.append(f'<table style="{_TABLE}">{"".join(rows)}</table>')
+    few = page.remarks[:_MANY]
+    parts += [f'<div style="margin-top:3px;font-size:90%">{_text(remark)}</div>' for remark in few]
+    if more := len(page.remarks) - len(few):
+        parts.append(f'<div style="opacity:.7">and {more} more</div>')
+    text = f'<div style="flex:1 1 320px;max-width:640px">{"".join(parts)}</div>'
+    return f'<div style="display:flex;flex-wrap:wrap;gap:16px;align-items:flex-start">{_picture(page)}{text}</div>'
+
+
+def _picture(page: _Page) -> str:
+    """The picture; none where it cannot be drawn: the figures are shown all the same."""
+    if page.seen is None:
+        return ""
+    try:
+        content = base64.b64encode(thumbnail(page.seen())).decode()
+    except Exception:  # meshes that are gone, hands without shapes
+        return ""
+    return f'<img alt="" style="border-radius:6px" src="data:image/png;base64,{content}">'
+
+
+def _table(page: _Page) -> str:
+    head = "".join(f'<th style="{_CELL};opacity:.7;font-weight:normal">{_text(name)}</th>' for name in page.columns)
+    rows = []
+    for i, row in enumerate(page.rows[:_MANY]):
+        dot = f'<span style="{_DOT};background:{colour_of(i)}"></span>' if page.coloured else ""
+        cells = "".join(f'<td style="{_CELL}">{dot * (j == 0)}{_text(cell)}</td>' for j, cell in enumerate(row))
+        rows.append(f"<tr>{cells}</tr>")
+    if (more := len(page.rows) - _MANY) > 0:
+        rows.append(f'<tr><td style="{_CELL};opacity:.7" colspan="{len(page.columns)}">and {more} more</td></tr>')
+    return f'<table style="{_TABLE}"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
+
+
+def _text(text: str) -> str:
+    return escape(printable(text, _LONGEST))
+
+
+# -- what is shown of each record --------------------------------------------------------------------------------------
+
+
+@singledispatch
+def _page_of(record: object) -> _Page | None:
+    return None
+
+
+@_page_of.register
+def _(hand: HandModel) -> _Page:
+    coupled = hand.model.njoints - 1 - hand.n
+    rows = [(one.name, str(one.n), ", ".join(one.actuated), one.tip) for one in hand.fingers]
+    efforts = hand.effort[hand.effort > 0]
+    return _Page(
+        title=hand.name,
+        lead=f"{hand.n} joints" + (f" that move {coupled} more" if coupled else "") + f", {hand.mass:.3g} kg",
+        columns=("finger", "joints", "moved by", "tip"),
+        rows=rows,
+        facts=(
+            ("palm", hand.palm),
+            ("drives", str(len(hand.drives)) if hand.drives else ""),
+            ("effort limits", _range(efforts, "N m") if efforts.size else "none known"),
+            ("source", hand.source),
+        ),
+        remarks=_notes(hand.notes),
+        seen=lambda: Seen(hand=hand, q=hand.resting),
+    )
+
+
+@_page_of.register
+def _(plan: PlanRecord) -> _Page:
+    answer, contacts, forces = does_it_hold(plan), plan.contacts, plan.forces
+    _, _, used = friction_of(contacts.rotations_oc, plan.friction.mu, plan.motion.forces_o[-1:])
+    rows = [
+        (name, f"{normal:.3g}", _share(share), number(1e3 * depth, 3))
+        for name, normal, share, depth in zip(contacts.names, forces.normal_forces, used[0], forces.final_depths)
+    ]
+    certificate = forces.certificate
+    proven = "" if certificate is None else f"gap {certificate.relative_gap:.1e}"
+    return _Page(
+        title=plan.name,
+        badge=(str(plan.status), answer.level),
+        lead=answer.text,
+        columns=("contact", "F_n [N]", "friction used", "depth [mm]"),
+        rows=rows,
+        coloured=True,
+        facts=(
+            ("peak joint torque", f"{number(plan.motion.peak_torque, 3)} N m"),
+            ("it bears", "" if plan.margins is None else bears(plan)),
+            ("friction", friction_model(plan.friction)),
+            ("object", "" if plan.body is None else in_words(plan.body)),
+            ("t_I, t_F", f"{forces.impact_time:g}, {forces.final_time:g} s"),
+            ("proven optimal", proven),
+        ),
+        remarks=[*(f"caution: {one}" for one in plan.cautions), *_notes(plan.notes)],
+        seen=lambda: Seen(
+            hand=plan.require_hand(),
+            q=plan.motion.q[-1],
+            body=plan.body,
+            points_o=contacts.points_o,
+            normals_o=contacts.rotations_oc[:, :, 2],
+            forces_o=plan.motion.forces_o[-1],
+            load_o=plan.load[:3],
+            gravity_o=plan.gravity_o,
+        ),
+    )
+
+
+@_page_of.register
+def _(closure: Closure) -> _Page:
+    def seen() -> Seen:
+        points = np.array([touch.point_o for touch in closure.touches]).reshape(-1, 3)
+        normals = np.array([touch.normal_o for touch in closure.touches]).reshape(-1, 3)
+        return Seen(hand=closure.hand, q=closure.q, body=closure.object, points_o=points, normals_o=normals)
+
+    rows = [
+        (touch.finger or "(no finger)", touch.link, _millimetres(touch.point_o), f"{100 * touch.at:.0f} %")
+        for touch in closure.touches
+    ]
+    touching = len({touch.finger for touch in closure.touches if touch.finger})
+    return _Page(
+        title=f"{closure.hand.name} closed on a {in_words(closure.object)}",
+        badge=(f"{len(closure.touches)} contacts", "yes" if touching > 1 else "caution"),
+        columns=("finger", "link", "point [mm]", "of the way"),
+        rows=rows,
+        coloured=True,
+        remarks=[*(f"self-collision: {one} and {two}" for one, two in closure.self_collisions), *_notes(closure.notes)],
+        seen=seen,
+    )
+
+
+@_page_of.register
+def _(problem: ForceProblem) -> _Page:
+    contacts = problem.contacts
+    low, high = problem.impact_time_range
+    rows = [
+        (name, one.link, _millimetres(one.point_o), f"{mu:g}")
+        for name, one, mu in zip(contacts.names, contacts, problem.mu.tolist())
+    ]
+    friction, balance = problem.friction, "forces and moments" if problem.balance == "wrench" else "forces alone"
+    model = friction.model if friction.model != "pyramid" else f"pyramid of {friction.edges} edges"
+    return _Page(
+        title=f"hold {in_words(problem.object)}" if problem.object is not None else "contact forces that bear a load",
+        lead=f"{problem.k} contacts, {balance} in balance",
+        columns=("contact", "link", "point [mm]", "mu"),
+        rows=rows,
+        coloured=True,
+        facts=(
+            ("load", f"{_numbers(problem.load[:3])} N, {_numbers(problem.load[3:])} N m"),
+            ("friction", f"{model}, safety factor {friction.safety:g}"),
+            ("minimised", problem.measure),
+            ("t_I, t_F", f"{low:g} to {high:g}, {problem.final_time:g} s"),
+            ("largest F_n", "" if problem.max_normal_force is None else f"{_numbers(problem.max_normal_force)} N"),
+            ("torque limits", "none" if problem.torques is None else f"of {len(problem.torques.joints)} joints"),
+        ),
+    )
+
+
+@_page_of.register
+def _(solution: ForceSolution) -> _Page:
+    problem = solution.problem
+    rows = []
+    if solution.found:
+        _, _, used = friction_of(np.tile(np.eye(3), (problem.k, 1, 1)), problem.mu, solution.forces_c[None])
+        rows = [
+            (name, f"{normal:.3g}", _share(share))
+            for name, normal, share in zip(problem.contacts.names, solution.normal_forces, used[0])
+        ]
+    facts = [
+        ("t_I", "" if solution.impact_time is None else f"{solution.impact_time:g} s"),
+        ("left over", f"{number(solution.residual_force, 3)} N, {number(solution.residual_moment, 3)} N m"),
+    ]
+    if isinstance(solution, ConvexSolution):
+        if solution.certificate is not None:
+            facts += _proof(solution.certificate, problem.contacts)
+        if solution.infeasibility is not None:
+            facts.append(("proof", f"any admissible forces leave {number(solution.infeasibility.margin, 3)} N or more"))
+    facts.append(("computed", f"{solution.search} search, {solution.backend or 'no solver'}, {solution.elapsed:.3g} s"))
+    return _Page(
+        title="contact forces",
+        badge=(str(solution.status), _level(solution.status)),
+        lead="" if solution.status is Status.OK else solution.status.remedy,
+        columns=("contact", "F_n [N]", "friction used"),
+        rows=rows,
+        coloured=True,
+        facts=facts,
+    )
+
+
+@_page_of.register
+def _(certificate: Certificate) -> _Page:
+    optimal = certificate.is_optimal()
+    return _Page(
+        title="certificate",
+        badge=("optimal", "yes") if optimal else ("not proven", "caution"),
+        facts=_proof(certificate, None),
+    )
+
+
+@_page_of.register
+def _(simulation: Simulation) -> _Page:
+    verdict = simulation.verdict
+    rows = [
+        (part, f"{final:.3g}", f"{planned:.3g}", f"{1e3 * slip:.3f}")
+        for part, final, planned, slip in zip(
+            simulation.parts, simulation.normal_forces[-1], simulation.planned_forces, simulation.slips[-1]
+        )
+    ]
+    return _Page(
+        title="simulation",
+        badge=("held", "yes") if verdict.held else ("lost", "no"),
+        lead=verdict.reason,
+        columns=("part", "F_n at the end [N]", "planned [N]", "slipped [mm]"),
+        rows=rows,
+        facts=(
+            ("drift, turn", f"{1e3 * verdict.drift:.3g} mm, {verdict.turn:.3g} deg"),
+            ("largest force error", f"{100 * verdict.force_error:.3g} %"),
+            ("touching without a plan", ", ".join(verdict.unplanned)),
+            ("at their torque limit", ", ".join(verdict.saturated)),
+            (
+                "run",
+                f"{simulation.engine}, {simulation.mode}, {simulation.times[-1]:.3g} s in {simulation.elapsed:.2g} s",
+            ),
+        ),
+        remarks=[
+            *(f"why: {one}" for one in verdict.causes),
+            *(f"what helps: {one}" for one in verdict.remedies),
+            *_notes(simulation.notes),
+        ],
+    )
+
+
+@_page_of.register
+def _(plan: CarryPlan) -> _Page:
+    peak = int(plan.squeeze.argmax())
+
+    def seen() -> Seen:
+        held = Carried.of(plan.robot, plan.grasp)
+        now = held.axes(plan.q[peak : peak + 1])[0]
+        turn, shift = now[:3, :3], now[:3, 3]
+        contacts = plan.grasp.contacts
+        return Seen(
+            hand=plan.robot,
+            q=plan.q[peak],
+            body=held.body.placed(now @ held.body.pose),
+            points_o=contacts.points_o @ turn.T + shift,
+            normals_o=contacts.rotations_oc[:, :, 2] @ turn.T,
+            gravity_o=plan.gravity_o,
+        )
+
+    rows = [
+        (name, f"{least:.3g} to {most:.3g}", f"{100 * use:.0f} %")
+        for name, least, most, use in zip(
+            plan.contacts, plan.normal_forces.min(axis=0), plan.normal_forces.max(axis=0), plan.friction_use.max(axis=0)
+        )
+    ]
+    what = "its object" if plan.grasp.body is None else f"a {in_words(plan.grasp.body)}"
+    bound = "" if plan.lower_bound is None else f"{plan.lower_bound:.4g} s"
+    return _Page(
+        title=f"{plan.robot.name} carries {what} in {plan.duration:.4g} s",
+        badge=(str(plan.status), _level(plan.status)),
+        columns=("contact", "F_n on the way [N]", "friction used at most"),
+        rows=rows,
+        coloured=True,
+        facts=(
+            ("no timing is faster than", bound),
+            ("could be faster by", "" if plan.fastest is not None else f"{plan.factor:.3g} times"),
+            ("squeeze", f"{plan.squeeze.min():.3g} to {plan.squeeze[peak]:.3g} N, most at {plan.instants[peak]:.3g} s"),
+            ("bears besides", f"{plan.disturbance[0]:.3g} N in any direction"),
+            ("binds", "; ".join(f"{what} ({100 * share:.0f} %)" for what, share in plan.shares()[:4])),
+        ),
+        remarks=[*(f"caution: {one}" for one in plan.cautions), *_notes(plan.notes)],
+        seen=seen,
+    )
+
+
+@_page_of.register
+def _(grasp: FoundGrasp) -> _Page:
+    page = _page_of(grasp.closure)
+    assert page is not None
+    page.facts = _worth(grasp)
+    return page
+
+
+@_page_of.register
+def _(search: GraspSearch) -> _Page:
+    rows = [
+        (
+            str(i),
+            *(value for _, value in _worth(grasp)),
+            ", ".join(dict.fromkeys(one.finger for one in grasp.closure.contacts())),
+        )
+        for i, grasp in enumerate(search.grasps[:_MANY])
+    ]
+    best = _page_of(search.grasps[0].closure) if search.grasps else None
+    return _Page(
+        title=f"{len(search.grasps)} grasps",
+        badge=None if search.grasps else ("none found", "no"),
+        lead=search.explain(),
+        columns=("", "squeeze", "quality", "doubtful", "load factor", "fingers"),
+        rows=rows,
+        remarks=search.remarks if search.grasps else (),
+        seen=None if best is None else best.seen,
+    )
+
+
+# -- words -------------------------------------------------------------------------------------------------------------
+
+
+def _worth(grasp: FoundGrasp) -> tuple[tuple[str, str], ...]:
+    return (
+        ("squeeze", f"{grasp.squeeze:.3g} N" if grasp.bears else "bears no reserve"),
+        ("quality", number(grasp.quality, 3)),
+        ("doubtful", f"{100 * grasp.doubtful:.0f} %"),
+        ("load factor", f"{grasp.load_factor:.3g}"),
+    )
+
+
+def _proof(certificate: Certificate, contacts: ContactSet | None) -> list[tuple[str, str]]:
+    """What a certificate says; of the active limits where the contacts have names."""
+    facts = [
+        ("objective", number(certificate.objective, 6)),
+        ("no forces cost less than", number(certificate.lower_bound, 6)),
+        ("relative gap", f"{certificate.relative_gap:.1e}"),
+        ("violation", f"{certificate.violation:.1e} N"),
+    ]
+    if contacts is None:
+        facts.append(("residual", f"{certificate.residual_norm:.1e} N"))
+        meets = (
+            ("friction", certificate.at_friction),
+            ("least F_n", certificate.at_least),
+            ("largest F_n", certificate.at_most),
+        )
+        facts += [(f"contacts at their {what} limit", f"{int(np.sum(mask))} of {len(mask)}") for what, mask in meets]
+    else:
+        facts.append(("active limits", "; ".join(certificate.active(contacts.names)) or "none"))
+    return facts
+
+
+def _level(status: Status) -> Level:
+    return "yes" if status is Status.OK else "no" if status is Status.INFEASIBLE else "caution"
+
+
+def _notes(notes: Sequence[str]) -> list[str]:
+    return [f"note: {note}" for note in notes]
+
+
+def _share(share: float) -> str:
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "-"
+
+
+def _numbers(values: Array) -> str:
+    return f"({', '.join(f'{value:.3g}' for value in values.tolist())})"
+
+
+def _millimetres(point: Array) -> str:
+    return ", ".join(f"{1e3 * value:.1f}" for value in point.tolist())
+
+
+def _range(values: Array, unit: str) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f"{low:g} {unit}" if low == high else f"{low:g} to {high:g} {unit}"
