@@ -76,7 +76,14 @@ OWNERS = {
     "distributed": {"sweep"},
 }
 # Tests of what no single room does.
-ABOUT_ALL = {"test_architecture.py", "test_examples.py", "test_frozen_records.py", "test_fuzzing.py", "test_typing.py"}
+ABOUT_ALL = {
+    "test_architecture.py",
+    "test_examples.py",
+    "test_frozen_records.py",
+    "test_fuzzing.py",
+    "test_typing.py",
+    "test_documents.py",
+}
 # Rooms that must work without the solvers: pictures and reports of stored runs.
 WITHOUT_SOLVERS = ("words", "writing", "plan", "storage", "viz", "report")
 

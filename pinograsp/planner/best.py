@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import importlib.util
+from dataclasses import replace
+
 import numpy as np
 
-from pinograsp.checks import instance_of
+from pinograsp.checks import flag, instance_of
 from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
-from pinograsp.errors import NoGrasp, Status
+from pinograsp.contacts.quality import past_edges
+from pinograsp.errors import NoGrasp, SimulationDiverged, Status
 from pinograsp.forces import BackendName, GraspConditions, Objective
 from pinograsp.hands import servo_gains
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.planning import Search, plan_grasp_on
+from pinograsp.referee import Disturbance, simulate
+from pinograsp.referee.simulate import EngineName
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
 _FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
 _TRIES = 4  # plans that are not firm, before the firmest of them is taken
+_SHAKEN = 0.5  # of the acceleration that the reserve's force stands for
 
 
 def plan_best(
@@ -30,13 +37,14 @@ def plan_best(
     solver: BackendName = "auto",
     objective: Objective | None = None,
     progress: bool | None = None,
+    check: bool = False,
 ) -> GraspPlan:
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
-    Those whose contacts slide far while they press or lie on edges, those in which other links press on the object,
-    too, those whose forces come out other than planned, and those in which the hand's own servos and the contacts let
-    the object go, or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`), come after the
-    others.
+    Those whose contacts slide far while they press, lie on edges or press past them, those in which other links press
+    on the object, too, those whose forces come out other than planned, and those in which the hand's own servos and the
+    contacts let the object go, or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`), come
+    after the others.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -45,9 +53,13 @@ def plan_best(
         solver: as for :func:`~pinograsp.planner.plan_grasp_on`.
         objective: as for :func:`~pinograsp.planner.plan_grasp_on`.
         progress: bar on stderr: None (on a terminal), True or False.
+        check: simulate such plans, too (MuJoCo where it is installed, else Pinocchio's engine), at rest and then shaken
+            with half of what their reserve bears; some seconds each, more for meshes that are not convex. What is lost
+            comes last, with a caution; what was held has a note.
 
     Returns:
-        The first plan that is ``OK``; where none is, that of the best grasp that could be planned, with its status.
+        The first plan that is ``OK``, and held where it is checked; where none is, that of the best grasp that could be
+        planned, with its status.
         One of those that come last only if the first few all are so: that of which least is to be said.
 
     Raises:
@@ -55,6 +67,7 @@ def plan_best(
         NoGrasp: none could be planned; the failure of the best grasp.
     """
     instance_of("search", found, GraspSearch)
+    flag("check", check)
     best: GraspPlan | None = None
     fewest = 0
     failure: NoGrasp | None = None
@@ -75,6 +88,9 @@ def plan_best(
             failure = failure or error
             continue
         faults = _faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
+        if check and plan.status is Status.OK:
+            plan, held = _checked(plan)
+            faults += 0 if held else _MOST_FAULTS
         if plan.status is Status.INTERRUPTED or not faults:
             return plan
         if best is None or faults < fewest:
@@ -83,16 +99,32 @@ def plan_best(
         if tried == _TRIES or (best.status is Status.OK and grasp.sound < SOUND):
             break
     if best is not None:
-        return best
+        return _checked(best)[0] if check and best.status is Status.DOUBTFUL else best
     raise failure or NoGrasp("no grasp of the search could be planned")
 
 
-_MOST_FAULTS = 5
+_MOST_FAULTS = 6
+
+
+def _checked(plan: GraspPlan) -> tuple[GraspPlan, bool]:
+    """The plan with what its simulation says, and whether it was held."""
+    engine: EngineName = "pinocchio" if importlib.util.find_spec("mujoco") is None else "mujoco"
+    bears = 0.0 if plan.reserve is None else plan.reserve.force / plan.body_mass
+    shake = _SHAKEN * bears * np.ones(3) / np.sqrt(3.0)
+    try:
+        verdict = simulate(plan, engine=engine, disturbance=Disturbance(shake=shake)).verdict
+        held, reason = verdict.held, verdict.reason
+    except SimulationDiverged as error:
+        held, reason = False, str(error)
+    told = f"simulated ({engine}, shaken with {_SHAKEN * bears:.2g} m/s^2): {'held' if held else 'lost'}, {reason}"
+    if held:
+        return replace(plan, notes=(*plan.notes, told)), True
+    return replace(plan, cautions=(told, *plan.cautions)), False
 
 
 def _faults(plan: GraspPlan, closure: Closure) -> int:
-    """How much speaks against a plan: contacts that slide, or lie on edges, forces that come out other than planned,
-    other links that press, an object that leaves by itself or gives way far.
+    """How much speaks against a plan: contacts that slide, lie on edges or press past them, forces that come out other
+    than planned, other links that press, an object that leaves by itself or gives way far.
     """
     slip, solution = np.asarray(plan.motion.slip), plan.searched()
     planned, push = plan.forces.normal_forces, 0.0 if plan.reserve is None else plan.reserve.force
@@ -101,6 +133,7 @@ def _faults(plan: GraspPlan, closure: Closure) -> int:
             bool(slip.size) and float(slip.max()) > _FAR * closure.object.bounding_radius,
             doubtful_share(plan.hand, closure.object, solution.problem.contacts, planned) > 0,
             float(np.abs(plan.motion.settled_forces / planned - 1.0).max()) > _OTHER,
+            bool(past_edges(closure.object, solution.problem.contacts, plan.forces.final_depths).any()),
             bool(pressing_too(plan.hand, solution, plan.motion.q[-1])),
             bool(instability(plan.hand, solution, plan.motion.q[-1], servo_gains(plan.hand), push)),
         )
