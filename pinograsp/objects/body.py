@@ -140,6 +140,11 @@ class Body:
         return self.pose[:3, 3]
 
     @property
+    def file_pose(self) -> Array:
+        """oMf (4, 4): of the frame in which the shape was given, that of a mesh's file; else the body frame."""
+        return self.pose
+
+    @property
     def inertia_b(self) -> Array:
         """Rotational inertia (3, 3) about the centre of mass, body axes [kg m^2]."""
         return read_only(self.mass * self._inertia_per_mass) if self.inertia is None else self.inertia

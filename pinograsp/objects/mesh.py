@@ -138,6 +138,11 @@ class Mesh(Body):
             mesh._derived.parts = ConvexParts(tuple(read_only(corners + moved) for corners in pieces), 0.0)
         return mesh
 
+    @property
+    def file_pose(self) -> Array:
+        """oMf (4, 4): of the frame in which the vertices were given, that of the mesh's file."""
+        return read_only(self.pose @ self.file_frame_b)
+
     def _check_shape(self) -> None:
         from trimesh.triangles import mass_properties
 

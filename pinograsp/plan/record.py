@@ -127,6 +127,15 @@ class PlanRecord:
         left: Array = self.motion.forces_o.sum(axis=1) + self.load[:3]
         return left
 
+    @property
+    def hand_in_object(self) -> Array | None:
+        """fMh (4, 4): the hand's root frame in the object's own frame, of a mesh that of its file [m]; None where one of
+        the two was not kept. Where a robot has to bring the hand.
+        """
+        if self.hand is None or self.body is None:
+            return None
+        return np.asarray(np.linalg.inv(self.body.file_pose) @ self.hand.pose)
+
     def require_hand(self) -> HandModel:
         """The hand, or :class:`InvalidInput` where the record has none."""
         if self.hand is None:
@@ -191,6 +200,7 @@ class PlanRecord:
             "certificate": None if certificate is None else certificate.summary(),
             "margins": None if self.margins is None else self.margins.summary(names),
             "closing": None if self.closing is None else dict(self.closing),
+            "hand_in_object": None if (placed := self.hand_in_object) is None else placed.tolist(),
             "comparison": [row.summary() for row in self.comparison],
             "cautions": list(self.cautions),
             "notes": list(self.notes),
