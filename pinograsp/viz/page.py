@@ -159,7 +159,7 @@ def _record(scene: ViewScene) -> dict[str, Any]:
             "normal": block.put(simulated.normal_forces),
             "forces": block.put(simulated.forces_o),
             "points": [point.tolist() if np.isfinite(point).all() else None for point in simulated.points_b],
-            "colours": [scene.colour_of(part, i) for i, part in enumerate(simulated.parts)],
+            "colours": [scene.colour_of(part) for part in simulated.parts],
             "drift": block.put(simulated.drift),
             "beside": simulated.beside.tolist(),
             "colour": GHOST,

@@ -289,7 +289,7 @@ class Viewer:
         self._pressing: list[viser.ArrowsHandle] = []
         if scene.simulated is not None:
             for i, part in enumerate(scene.simulated.parts):
-                deep = dark(scene.colour_of(part, i))
+                deep = dark(scene.colour_of(part))
                 self._pressing.append(world.add_arrows(f"/simulation/force{i}", np.zeros((1, 2, 3)), deep, **thick))
             top = scene.centre - scene.simulated.beside / 2 + scene.extent[1] * scene.up
             verdict = "held" if scene.simulated.held else "lost"

@@ -16,7 +16,7 @@ from pinograsp.viz.figures import save_figures
 from pinograsp.viz.raster import Camera, Surface, rendered
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import ball, rgb
-from pinograsp.viz.still import picture, png_of
+from pinograsp.viz.still import content_of, picture
 
 UP = np.array([0.0, 0.0, 1.0])
 CAMERA = Camera(np.array([0.0, -2.0, 0.0]), np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]), 200.0, 161, 121)
@@ -35,7 +35,7 @@ def usual(plan):
 
 
 def seen(figure) -> np.ndarray:
-    return imread(io.BytesIO(png_of(figure)))[..., :3]
+    return imread(io.BytesIO(content_of(figure)))[..., :3]
 
 
 def differing(a, b) -> float:

@@ -52,7 +52,7 @@ from pinograsp.viz.page import page_of as page_of_scene
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import friction_cone, triangles_of
 from pinograsp.viz.solids import sevens
-from pinograsp.viz.still import picture_of, png_of
+from pinograsp.viz.still import content_of, picture_of
 from pinograsp.viz.viewer import save_html, view
 
 
@@ -473,7 +473,7 @@ def test_all_that_is_carried_is_drawn_where_it_is(run):
     away = moved_by(scene, pose_of(0.4 * np.cross(scene.up, scene.view), turn))
 
     def seen(scene, view):
-        return imread(io.BytesIO(png_of(picture_of(scene, scene.closed, view=view))))[..., :3]
+        return imread(io.BytesIO(content_of(picture_of(scene, scene.closed, view=view))))[..., :3]
 
     before = seen(scene, scene.view)
     assert differing(before, seen(away, turn @ scene.view)) < 2e-3
