@@ -15,6 +15,7 @@ from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.spatial import Array, IntArray
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, arrow
+from pinograsp.viz.style import finger_colours
 from pinograsp.writing import write_file
 
 
@@ -131,6 +132,7 @@ def _record(scene: ViewScene) -> dict[str, Any]:
             for name, slides, limit in zip(scene.joints, scene.sliding, limits)
         ],
         "fingers": list(scene.fingers.items()),
+        "finger_colours": finger_colours(scene.contacts, list(scene.fingers)),
         "q": block.put(scene.q),
         "torques": block.put(scene.torques),
         "force_scale": scene.force_scale,
