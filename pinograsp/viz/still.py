@@ -198,7 +198,7 @@ def camera_of(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int], s
         np.concatenate(
             [
                 cloud_of(scene.solids, scene.link_poses[frame], scene.object_at(frame)),
-                scene.moved(scene.arrows(frame), frame).reshape(-1, 3),
+                scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame).reshape(-1, 3),
             ]
         )
         for frame in frames
