@@ -39,6 +39,7 @@ _LAYERS = {
 }
 _FOV = np.radians(35.0)
 _STEP = 1e-3  # [s] of the time slider
+_APART = 0.12  # of the slider: marks that are nearer overlap
 
 
 def view(
@@ -321,7 +322,9 @@ class Viewer:
         end = self._told(last)
         marks = {0.0: "0", end: f"{end:g}"}
         if scene.carried is None:
-            marks |= {scene.touch: "touch", scene.closed: "t_F"}
+            marks |= {scene.touch: "touch"}
+            if scene.closed - scene.touch > _APART * end:
+                marks |= {scene.closed: "t_F"}
         self._slider = gui.add_slider(
             "time [s]",
             min=0.0,
