@@ -322,27 +322,41 @@ def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 _STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto;
-  max-width: 60rem; padding: 1rem; }
-h1 { font-size: 1.6rem; margin: 0.5rem 0 1rem; }
-h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 2px solid #0072B2; }
+:root { color-scheme: light dark; --text: #1a1a1a; --soft: #4a5560; --ground: #fff; --card: #f2f6fa; --line: #d9dee3;
+  --blue: #0072B2; --yes: #e3f4ee; --caution: #fdf3dd; --no: #fdeae1; }
+@media screen and (prefers-color-scheme: dark) { :root { --text: #e6e9ec; --soft: #a9b4bf; --ground: #15191d;
+  --card: #1f262d; --line: #39424b; --blue: #56B4E9; --yes: #12382d; --caution: #42330f; --no: #47240f; } }
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--text); background: var(--ground); margin: 0 auto;
+  max-width: 68rem; padding: 1rem; }
+h1 { font-size: 1.6rem; margin: 0.5rem 0; overflow-wrap: anywhere; }
+h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 2px solid var(--blue); }
 h1 + ul { list-style: none; padding: 0; display: grid; gap: 0.5rem;
   grid-template-columns: repeat(auto-fit, minmax(13rem, 1fr)); }
-h1 + ul li { border-left: 4px solid #0072B2; background: #f2f6fa; padding: 0.6rem 0.8rem; overflow-wrap: anywhere; }
+h1 + ul li { border-left: 4px solid var(--blue); background: var(--card); padding: 0.6rem 0.8rem;
+  overflow-wrap: anywhere; }
 h1 + ul strong { display: block; }
 h1 + ul li:first-child { grid-column: 1 / -1; font-size: 1.15rem; }
-h1 + ul li.yes { border-color: #009E73; background: #e3f4ee; }
-h1 + ul li.caution { border-color: #E69F00; background: #fdf3dd; }
-h1 + ul li.no { border-color: #D55E00; background: #fdeae1; }
+h1 + ul li.yes { border-color: #009E73; background: var(--yes); }
+h1 + ul li.caution { border-color: #E69F00; background: var(--caution); }
+h1 + ul li.no { border-color: #D55E00; background: var(--no); }
+/* The picture of the grasp stands beside the answer; on phones between the answer and what follows. */
+.top { display: grid; gap: 0.5rem; }
+.top ul { display: contents; } .top h1, .top li:first-child { order: -2; } .top figure { order: -1; margin: 0; }
+.top figure img { width: 100%; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.9rem; }
-th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.7rem 0.25rem 0; border-bottom: 1px solid #ddd; }
+th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.7rem 0.25rem 0; min-width: 4.5em;
+  border-bottom: 1px solid var(--line); font-variant-numeric: tabular-nums; }
 td + td { overflow-wrap: anywhere; }
-figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption { font-size: 0.9rem; color: #444; }
-code { font-size: 0.9em; } pre { overflow-x: auto; background: #f5f5f5; padding: 0.6rem; }
-@media screen and (max-width: 40rem) { figure { overflow-x: auto; } figure img { max-width: none; width: 40rem; } }
+figure { margin: 1rem 0; } img { max-width: 100%; height: auto; background: #fff; border-radius: 6px; }
+figcaption { font-size: 0.9rem; color: var(--soft); }
+code { font-size: 0.9em; } pre { overflow-x: auto; background: var(--card); padding: 0.6rem; }
+@media (min-width: 52rem), print { .top { grid-template-columns: 1fr 1fr; }
+  .top h1 { grid-column: 1 / -1; } h1 + ul li:first-child { grid-column: auto; }
+  .top figure { grid-column: 2; grid-row: 2 / span 3; } }
+@media screen and (max-width: 40rem) { figure { overflow-x: auto; } figure img { max-width: none; width: 40rem; }
+  .top figure { overflow-x: visible; } }
 @media print { body { max-width: none; font-size: 11pt; } figure, tr, h1 + ul li { break-inside: avoid; }
-  h2 { break-after: avoid; } }
+  h2 { break-after: avoid; } .wide { overflow-x: visible; } th, td { min-width: 0; overflow-wrap: anywhere; } }
 """
 
 
@@ -373,6 +387,10 @@ def page(text: str, figures: Sequence[str | Path] = (), levels: Sequence[str] = 
         head += f'<li class="{level}">{entry}' if level else f"<li>{entry}"
     # An image alone in its paragraph becomes a figure, with its description as caption.
     body = re.sub(r'<p>(<img [^>]*alt="([^"]*)"[^>]*>)</p>', r"<figure>\1<figcaption>\2</figcaption></figure>", head)
+    # The picture right below the first list stands beside it.
+    body = re.sub(
+        r"\A(<h1>.*?</h1>\s*<ul>.*?</ul>\s*<figure>.*?</figure>)", r'<div class="top">\1</div>', body, flags=re.S
+    )
     title = html.escape("".join(child.content for child in tokens[1].children or ())) if len(tokens) > 1 else ""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '

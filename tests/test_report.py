@@ -23,6 +23,7 @@ from pinograsp.report import answer, headline, markdown, page, write_report
 from pinograsp.storage import newest_check
 from pinograsp.viz import figures
 from pinograsp.viz.figures import save_figures
+from pinograsp.viz.scene import scene_of
 from pinograsp.words import number, printable
 
 CHANGES = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.2}
@@ -345,6 +346,44 @@ def test_advice_that_was_taken_is_not_given_again(run):
 
     slipping = replace(run.margins, slip_distance=np.full(3, -1e-14))
     assert dict(scene_of(replace(run, margins=slipping)).facts)["least slip margin"] == "0 N"
+
+
+def drawn(figure: Figure) -> Figure:
+    figure.canvas.draw()
+    return figure
+
+
+def figures_of(run) -> dict[str, Figure]:
+    """All figures of a plan, drawn."""
+    made = {name: getattr(figures, name)(run) for name in ("joint_angles", "joint_rates", "contact_forces")}
+    made |= {name: getattr(figures, name)(run) for name in ("grasp_energy", "friction_use", "wrench_margin")}
+    made |= {"search_over_time": figures.search_over_time(run), "torques": figures.joint_torques(run, "thumb")}
+    return {name: drawn(figure) for name, figure in made.items()}
+
+
+def test_figures_can_be_read(run):
+    """Legends are clear of the curves, and numbers at the axes are what they say: no offset, no factor."""
+    for name, figure in figures_of(run).items():
+        for axes in figure.axes:
+            for axis in (axes.xaxis, axes.yaxis):
+                assert axis.get_offset_text().get_text() == "", name
+            if (legend := axes.get_legend()) is not None:
+                box = legend.get_window_extent()
+                assert box.y0 >= axes.get_window_extent().y1 - 1 and box.x1 <= figure.bbox.x1 + 1, name
+
+
+def test_a_finger_has_the_same_colour_in_every_figure(run):
+    colours = dict(zip(run.contacts.names, scene_of(run).colours))
+    for figure in (figures.contact_forces(run), figures.grasp_energy(run), figures.friction_use(run)):
+        for axes in figure.axes:
+            lines = {line.get_label(): line.get_color() for line in axes.lines}
+            assert {name: lines[name] for name in colours} == colours
+    titles = {
+        legend.get_title().get_text(): legend.get_title().get_color()
+        for axes in figures.joint_angles(run).axes
+        if (legend := axes.get_legend()) is not None
+    }
+    assert {name: titles[name] for name in colours} == colours
 
 
 def test_energy_figure_ends_at_the_plans_energy(run):

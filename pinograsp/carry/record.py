@@ -248,18 +248,37 @@ class CarryPlan:
         return write_file(path, page_of(carry_scene(self)).encode())
 
     def picture(self, path: str | Path, *, time: float | None = None, view: ArrayLike | None = None) -> Path:
-        """Write a picture of arm, object and forces as PNG; returns its path.
+        """Write a picture of arm, object and forces; returns its path.
 
         Args:
-            path: of the file; an existing file is overwritten.
+            path: .png, or .svg or .pdf for print; an existing file is overwritten.
             time: of the plan [s]; None: when the hand squeezes hardest.
-            view: direction towards the camera (3,) in the robot's world; None: where little hides the contacts.
+            view: in the robot's world, as for :func:`pinograsp.viz.still.picture`.
         """
         from pinograsp.carry.scene import carry_scene
-        from pinograsp.viz.still import picture_of, png_of
+        from pinograsp.viz.still import write_picture
 
         when = float(self.instants[self.squeeze.argmax()]) if time is None else time
-        return write_file(path, png_of(picture_of(carry_scene(self), when, view=view)))
+        return write_picture(carry_scene(self), path, when, view=view)
+
+    def film(
+        self,
+        path: str | Path,
+        *,
+        view: ArrayLike | None = None,
+        seconds: float = 4.0,
+        progress: bool | None = None,
+    ) -> Path:
+        """Write a moving picture, .gif or .mp4: the arm carries the object; returns its path.
+
+        Args:
+            path: an existing file is overwritten.
+            view, seconds, progress: as for :func:`pinograsp.viz.film.write_film`.
+        """
+        from pinograsp.carry.scene import carry_scene
+        from pinograsp.viz.film import write_film
+
+        return write_film(carry_scene(self), path, view=view, seconds=seconds, progress=progress)
 
     def save_figures(self, folder: str | Path) -> list[Path]:
         """Write the figures as PNG into an existing folder; returns their paths. See :mod:`pinograsp.viz.carried`."""

@@ -17,7 +17,7 @@ from pinograsp.viz.scene import THICKNESS, Phase, ViewScene, busy, friction_of, 
 from pinograsp.viz.scene_meshes import friction_cone
 from pinograsp.viz.solids import Links, sevens, solids_of
 from pinograsp.viz.stage import Held, Stage, scale_of
-from pinograsp.viz.style import COLOURS
+from pinograsp.viz.style import contact_colours
 from pinograsp.words import number
 
 _RATE, _FEWEST, _MOST = 60.0, 150, 600  # instants per second of the plan, and how many there are
@@ -79,7 +79,7 @@ def carry_scene(plan: Shown) -> ViewScene:
     q[:, held.moving(plan.path)] = plan.path.at(plan.timing.at(times).s).q
     axes = held.axes(q)
     planned = sevens(body.pose)
-    colours = tuple(COLOURS[i % len(COLOURS)] for i in range(len(contacts.names)))
+    colours = contact_colours(contacts.names, grasp.layout.fingers)
     links = Links(robot)
     solids, unseen = solids_of(robot, body, links, dict(zip(contacts.links, colours)))
     link_poses, middle = links.poses(q), len(times) // 2

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli.app import Quiet, Verbose, app
+from pinograsp.cli.app import Quiet, Verbose, app, bar
 from pinograsp.errors import InvalidInput, ResultsNotWritten
+
+if TYPE_CHECKING:
+    from pinograsp.planner import GraspPlan
+
+_FILMS = (".gif", ".mp4")
 
 
 @app.command()
@@ -18,6 +23,22 @@ def view(
     html: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write a page that needs no server and no network."),
+    ] = None,
+    png: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write a picture, without a screen: .png, .svg or .pdf; .gif or .mp4: it moves, and the forces grow.",
+        ),
+    ] = None,
+    side: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="WHERE",
+            help="With --png: where the camera is: front, back, side, top, or a direction X,Y,Z in the world; default: "
+            "where little hides the contacts.",
+        ),
     ] = None,
     check: Annotated[
         Path | None,
@@ -38,28 +59,35 @@ def view(
 
       pinograsp view runs/paper --html paper.html
 
+      pinograsp view runs/paper --png grasp.pdf --from front
+
+      pinograsp view runs/paper --png grasp.gif
+
       pinograsp view runs/paper --port 9000 --no-browser
     """
     from pinograsp.planner import load_run
     from pinograsp.storage import newest_check, read_check
 
-    if html is not None and os.path.lexists(html) and not force:
-        raise ResultsNotWritten(f"'{html}' already exists: choose another --html, or overwrite it with --force")
+    if side is not None and png is None:
+        raise InvalidInput("--from: expected with --png, got it without")
+    for option, path in (("--html", html), ("--png", png)):
+        if path is not None and os.path.lexists(path) and not force:
+            raise ResultsNotWritten(f"'{path}' already exists: choose another {option}, or overwrite it with --force")
     loaded = load_run(run)
+    if png is not None:
+        _told(_picture(loaded, png, side))
     found = check if check is not None else newest_check(run)
-    simulation = None if found is None else read_check(found)
     if html is not None:
         from pinograsp.viz.viewer import save_html
-        from pinograsp.writing import list_in
 
-        save_html(loaded, html, simulation=simulation)
-        list_in(html.parent, html)  # so that it counts as one of a run's files
-        typer.echo(f"written to {html} ({html.stat().st_size / 1e6:.1f} MB)")
+        _told(save_html(loaded, html, simulation=None if found is None else read_check(found)))
+    if png is not None or html is not None:
         return
     if not 0 <= port < 65536:
         raise InvalidInput(f"--port: expected a number from 0 to 65535, got {port}")
     from pinograsp.viz.viewer import view as show
 
+    simulation = None if found is None else read_check(found)
     with show(loaded, simulation=simulation, port=port, open_browser=browser) as viewer:
         try:
             beside = "" if found is None else f", with the simulation in {found}"
@@ -67,3 +95,23 @@ def view(
             viewer.wait()
         except KeyboardInterrupt:
             typer.echo("")
+
+
+def _picture(plan: GraspPlan, path: Path, side: str | None) -> Path:
+    """A still or a film, by the file's suffix."""
+    where: str | list[float] | None = side
+    if side is not None and "," in side:
+        try:
+            where = [float(part) for part in side.split(",")]
+        except ValueError:
+            raise InvalidInput(f"--from: expected front, back, side, top, or X,Y,Z, got '{side:.100}'") from None
+    if path.suffix.lower() in _FILMS:
+        return plan.film(path, view=where, progress=bar(as_json=False))
+    return plan.picture(path, view=where)
+
+
+def _told(path: Path) -> None:
+    from pinograsp.writing import list_in
+
+    list_in(path.parent, path)  # so that it counts as one of a run's files
+    typer.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")

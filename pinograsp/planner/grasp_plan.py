@@ -33,7 +33,7 @@ from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
 from pinograsp.planner.stored import stored_solution
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
-from pinograsp.writing import NewFolder, write_file
+from pinograsp.writing import NewFolder
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -256,19 +256,47 @@ class GraspPlan(PlanRecord):
         view: ArrayLike | None = None,
         collision_shapes: bool = False,
     ) -> Path:
-        """Write a picture of hand, object, contacts and forces as PNG; returns its path.
+        """Write a picture of hand, object, contacts and forces; returns its path.
 
         Args:
-            path: of the file; an existing file is overwritten.
+            path: .png, or .svg or .pdf for print (arrows and letters as vector graphics); an existing file is
+                overwritten.
             time, view, collision_shapes: as for :func:`pinograsp.viz.still.picture`.
 
         Raises:
-            InvalidInput: as there.
+            InvalidInput: as there, or another suffix.
             ResultsNotWritten: the file cannot be written.
         """
-        from pinograsp.viz.still import picture, png_of
+        from pinograsp.viz.scene import scene_of
+        from pinograsp.viz.still import write_picture
 
-        return write_file(path, png_of(picture(self, time=time, view=view, collision_shapes=collision_shapes)))
+        scene = scene_of(self)
+        when = scene.closed if time is None else time
+        return write_picture(scene, path, when, view=view, collision_shapes=collision_shapes)
+
+    def film(
+        self,
+        path: str | Path,
+        *,
+        view: ArrayLike | None = None,
+        collision_shapes: bool = False,
+        seconds: float = 4.0,
+        progress: bool | None = None,
+    ) -> Path:
+        """Write a moving picture: the fingers close, and the forces grow; returns its path.
+
+        Args:
+            path: .gif or .mp4; an existing file is overwritten.
+            view, collision_shapes, seconds, progress: as for :func:`pinograsp.viz.film.write_film`.
+
+        Raises:
+            InvalidInput, ExtraMissing, ResultsNotWritten: as there.
+        """
+        from pinograsp.viz.film import write_film
+        from pinograsp.viz.scene import scene_of
+
+        scene = scene_of(self)
+        return write_film(scene, path, view=view, collision_shapes=collision_shapes, seconds=seconds, progress=progress)
 
     def save_figures(self, folder: str | Path) -> list[Path]:
         """Write every figure as PNG; returns their paths. See :mod:`pinograsp.viz.figures` for one of them alone."""

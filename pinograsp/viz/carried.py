@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.interpolate import CubicHermiteSpline
@@ -13,7 +15,16 @@ from scipy.interpolate import CubicHermiteSpline
 from pinograsp.hands.model import HandModel
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, IntArray
-from pinograsp.viz.style import COLOURS, label_of
+from pinograsp.viz.style import (
+    COLOURS,
+    contact_colours,
+    finger_colours,
+    grid,
+    label_of,
+    legend_above,
+    ranks,
+    shades,
+)
 
 _NAMED = 6  # limits or joints with a colour of their own: more cannot be told apart
 _OTHERS = "0.6"  # grey
@@ -127,7 +138,7 @@ def path_speed(plan: Carried) -> Figure:
         axes.plot(x, y, color=colour, linewidth=3.0, solid_capstyle="butt", label=label)
     top = float(min(plan.limit.max(), _TALLEST * speed.max()))
     axes.set(xlabel="path parameter s [-]", ylabel="path speed ds/dt [1/s]", xlim=(0, 1), ylim=(0, 1.06 * top))
-    _grid(axes)
+    grid(axes)
     _legend_above(axes, title="what keeps it from being faster")
     return figure
 
@@ -143,8 +154,9 @@ def normal_forces(plan: Carried) -> Figure:
     if other.any():
         total.plot(plan.instants, commanded.sum(axis=1), "--", color="0.2", linewidth=1.2, label="commanded (dashed)")
         _legend_above(total)
+    colours = _colours(plan)
     for i in np.flatnonzero(other):
-        each.plot(plan.instants, commanded[:, i], "--", color=COLOURS[i % 7], linewidth=1.1)
+        each.plot(plan.instants, commanded[:, i], "--", color=colours[i], linewidth=1.1)
     for axes, ylabel in ((total, "sum [N]"), (each, "normal force [N]")):
         _over_time(axes, plan, ylabel)
         axes.set_ylim(0, 1.08 * max(float(np.max(line.get_ydata())) for line in axes.lines))
@@ -232,21 +244,41 @@ def _fingers(plan: Carried) -> IntArray:
 
 def _contacts(axes: Axes, plan: Carried, values: Array) -> None:
     """A line for each contact; earlier ones are wider, so that they are seen below others of the same values."""
-    for i, name in enumerate(plan.contacts):
+    colours = _colours(plan)
+    for i, (name, rank) in enumerate(zip(plan.contacts, ranks(colours))):
         width = 1.2 + 1.4 * (1 - (i + 1) / len(plan.contacts))
-        style = ("-", "-.", ":")[i // 7 % 3]
-        axes.plot(plan.instants, values[:, i], style, color=COLOURS[i % 7], linewidth=width, label=label_of(name))
+        style = ("-", "-.", ":")[rank % 3]
+        axes.plot(plan.instants, values[:, i], style, color=colours[i], linewidth=width, label=label_of(name))
+
+
+def _colours(plan: Carried) -> tuple[str, ...]:
+    return contact_colours(plan.contacts, plan.grasp.layout.fingers)
+
+
+def _joint_colours(plan: Carried) -> dict[str, tuple[float, ...]]:
+    """Colours of the joints by name: shades of their finger's; of an arm along a scale, from base to tip."""
+    layout = plan.grasp.layout
+    fingers = finger_colours(plan.grasp.contacts.names, list(layout.fingers))
+    found = {
+        layout.joints[i]: shade
+        for name, dofs in layout.fingers.items()
+        for i, shade in zip(dofs, shades(fingers[name], len(dofs)))
+    }
+    arm = [name for name in plan.robot.joint_names if name not in found]
+    return found | dict(zip(arm, colormaps["cividis"](np.linspace(0.0, 0.9, len(arm))).tolist()))
 
 
 def _joints(axes: Axes, plan: Carried, dofs: IntArray, values: Array) -> None:
     """A line for each joint, values (N, len(dofs)): those with the largest in colour."""
     named = set(np.argsort(-np.abs(values).max(axis=0, initial=0.0), kind="stable")[: _NAMED + 1].tolist())
-    colours = iter(COLOURS)
+    colours, styles = _joint_colours(plan), cycle(("-", "--", "-.", ":"))
     others = "others"
     for i, (joint, column) in enumerate(zip(dofs.tolist(), values.T)):
         if i in named:
-            label = label_of(plan.robot.joint_names[joint])
-            axes.plot(plan.instants, column, color=next(colours), linewidth=1.6, label=label, zorder=3)
+            name = plan.robot.joint_names[joint]
+            axes.plot(
+                plan.instants, column, next(styles), color=colours[name], linewidth=1.6, label=label_of(name), zorder=3
+            )
         else:
             axes.plot(plan.instants, column, color=_OTHERS, linewidth=0.8, label=others)
             others = "_again"  # the legend names them once
@@ -256,12 +288,7 @@ def _joints(axes: Axes, plan: Carried, dofs: IntArray, values: Array) -> None:
 
 def _over_time(axes: Axes, plan: Carried, ylabel: str) -> None:
     axes.set(xlabel="time [s]", ylabel=ylabel, xlim=(0, float(plan.times[-1])))
-    axes.ticklabel_format(useOffset=False)
-    _grid(axes)
-
-
-def _grid(axes: Axes) -> None:
-    axes.grid(alpha=0.3, linewidth=0.5)
+    grid(axes)
 
 
 def _remark(axes: Axes, height: float, text: str, va: Literal["top", "bottom"]) -> None:
@@ -277,13 +304,4 @@ def _percent(share: float) -> str:
 def _legend_above(axes: Axes, room: float = _WIDTH, title: str | None = None) -> None:
     """Clear of the curves, in as many columns as there is room for [in]."""
     columns = int(room / (_MARGIN + _LETTER * max(map(len, axes.get_legend_handles_labels()[1]))))
-    axes.legend(
-        fontsize=8,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=min(max(columns, 1), 3),
-        frameon=False,
-        title=title,
-        title_fontsize=8,
-        alignment="left",
-    )
+    legend_above(axes, min(max(columns, 1), 3), title)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
 from pinograsp.viz.figures import note
-from pinograsp.viz.style import COLOURS, label_of
+from pinograsp.viz.style import COLOURS, contact_colours, grid, label_of, legend_above
 
 
 def _hold(axes: Axes, simulation: Simulation) -> None:
@@ -19,7 +19,7 @@ def _hold(axes: Axes, simulation: Simulation) -> None:
     if simulation.release is not None:
         axes.axvspan(simulation.release, simulation.times[-1], color="0.92", zorder=0)
         note(axes, simulation.release, " let go", "left")
-    axes.grid(alpha=0.3, linewidth=0.5)
+    grid(axes)
     axes.set_xlabel("time [s]")
 
 
@@ -29,8 +29,7 @@ def forces_beside_plan(simulation: Simulation) -> Figure:
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
     times, drawn = simulation.times, simulation.times >= _first_touch(simulation)
-    for i, part in enumerate(simulation.parts):
-        colour = COLOURS[i % len(COLOURS)]
+    for i, (part, colour) in enumerate(zip(simulation.parts, contact_colours(simulation.parts))):
         force.plot(times[drawn], simulation.normal_forces[drawn, i], color=colour, linewidth=1.6, label=label_of(part))
         force.axhline(simulation.planned_forces[i], color=colour, linestyle="--", linewidth=1.0)
         depth.plot(times[drawn], 1e3 * simulation.depths[drawn, i], color=colour, linewidth=1.6, label=label_of(part))
@@ -38,7 +37,7 @@ def forces_beside_plan(simulation: Simulation) -> Figure:
     depth.set(ylabel="penetration depth [mm]")
     for axes in (force, depth):
         _hold(axes, simulation)
-        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+        legend_above(axes, 3)
     return figure
 
 
@@ -50,24 +49,22 @@ def object_motion(simulation: Simulation) -> Figure:
     times, poses = simulation.times, simulation.object_poses
     start = simulation.complete
     moved = 1e3 * (poses[start:, :3, 3] - poses[start, :3, 3])
-    for i, axis in enumerate("xyz"):
-        drift.plot(times[start:], moved[:, i], color=COLOURS[i], linewidth=1.4, label=axis)
-    drift.plot(
-        times[start:], np.linalg.norm(moved, axis=1), color="0.2", linewidth=1.0, linestyle="--", label="distance"
-    )
+    for i, (axis, style) in enumerate(zip("xyz", ("-", "--", ":"))):
+        drift.plot(times[start:], moved[:, i], style, color="0.45", linewidth=1.4, label=axis)
+    drift.plot(times[start:], np.linalg.norm(moved, axis=1), color="black", linewidth=1.6, label="distance")
     drift.set(ylabel="drift of the centre of mass [mm]")
-    for i, part in enumerate(simulation.parts):
+    for i, (part, colour) in enumerate(zip(simulation.parts, contact_colours(simulation.parts))):
         slip.plot(
             times[start:],
             1e3 * (simulation.slips[start:, i] - simulation.slips[start, i]),
-            color=COLOURS[i % len(COLOURS)],
+            color=colour,
             linewidth=1.4,
             label=label_of(part),
         )
     slip.set(ylabel="slip since then [mm]")
     for axes in (drift, slip):
         _hold(axes, simulation)
-        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
+        legend_above(axes, 4)
     return figure
 
 
@@ -91,7 +88,7 @@ def energy_audit(simulation: Simulation) -> Figure:
     )
     axes.set(ylabel="energy [mJ]")
     _hold(axes, simulation)
-    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+    legend_above(axes, 3)
     return figure
 
 

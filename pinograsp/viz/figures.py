@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -16,31 +16,56 @@ from pinograsp.checks import array_of, floats_of, instance_of, items_of, mapping
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
-from pinograsp.viz.style import COLOURS, label_of
+from pinograsp.viz.style import contact_colours, finger_colours, grid, label_of, legend_above, ranks, shades
 
 _STYLES = ("-", "--", "-.", ":")  # for print
+_NARROW = 0.15  # of the axes: a phase whose name is written upwards
+_NEUTRAL = "0.25"  # of what belongs to no finger
 
 
-def _lines(axes: Axes, times: Array, values: Array, labels: Sequence[str]) -> None:
-    for i, label in enumerate(labels):
-        axes.plot(times, values[:, i], _STYLES[i % 4], color=COLOURS[i % 7], linewidth=1.6, label=label_of(label))
+def _contact_lines(axes: Axes, plan: PlanRecord, times: Array, values: Array) -> None:
+    """Values of the contacts (m, k) over time, in the colours of their fingers."""
+    names = plan.contacts.names
+    colours = contact_colours(names, plan.layout.fingers)
+    for i, (name, rank) in enumerate(zip(names, ranks(colours))):
+        axes.plot(times, values[:, i], _STYLES[rank % 4], color=colours[i], linewidth=1.6, label=label_of(name))
 
 
-def note(axes: Axes, time: float, text: str, side: Literal["left", "right"]) -> None:
+def _joint_lines(axes: Axes, plan: PlanRecord, finger: str, times: Array, values: Array) -> None:
+    """Values of a finger's joints over time (m, joints), from base to tip, in shades of its colour."""
+    names = [plan.layout.joints[i] for i in plan.layout.fingers[finger]]
+    for i, (name, shade) in enumerate(zip(names, shades(_colour(plan, finger), len(names)))):
+        axes.plot(times, values[:, i], _STYLES[i % 4], color=shade, linewidth=1.6, label=label_of(name))
+
+
+def _colour(plan: PlanRecord, finger: str) -> str:
+    return finger_colours(plan.contacts.names, list(plan.layout.fingers))[finger]
+
+
+def note(axes: Axes, time: float, text: str, side: Literal["left", "right"], *, upwards: bool = False) -> None:
     """A small note at the lower end of the axes, on one side of a time [s]."""
-    transform = axes.get_xaxis_transform()
-    axes.text(time, 0.01, text, ha=side, va="bottom", transform=transform, fontsize=8, color="0.35")
+    axes.text(
+        time,
+        0.01,
+        text,
+        ha=side,
+        va="bottom",
+        transform=axes.get_xaxis_transform(),
+        fontsize=8,
+        color="0.35",
+        rotation=90 if upwards else 0,
+    )
 
 
-def _phases(axes: Axes, plan: PlanRecord) -> None:
-    """Mark the impact, and name the phases before and after it."""
+def _phases(axes: Axes, plan: PlanRecord, start: float = 0.0) -> None:
+    """Mark the impact, and name the phases before and after it; the axes begin at ``start`` [s]."""
     impact, end = plan.forces.impact_time, plan.forces.final_time
     axes.axvspan(impact, end, color="0.92", zorder=0)
     axes.axvline(impact, color="0.4", linewidth=0.8)
     note(axes, impact, "approach ", "right")
-    note(axes, impact, " grasp", "left")
-    axes.grid(alpha=0.3, linewidth=0.5)
-    axes.set_xlabel("time [s]")
+    note(axes, impact, " grasp", "left", upwards=end - impact < _NARROW * (end - start))
+    grid(axes)
+    axes.set(xlabel="time [s]", xlim=(start, end))
 
 
 def _moving(plan: PlanRecord) -> list[str]:
@@ -61,11 +86,10 @@ def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
     for axes in panels[len(fingers) :]:
         axes.set_axis_off()
     for axes, name in zip(panels, fingers):
-        dofs = plan.layout.fingers[name]
-        _lines(axes, plan.motion.times, values[:, dofs], [plan.layout.joints[i] for i in dofs])
+        _joint_lines(axes, plan, name, plan.motion.times, values[:, plan.layout.fingers[name]])
         _phases(axes, plan)
-        axes.set(title=label_of(name), ylabel=ylabel, xlim=(0, plan.forces.final_time))
-        axes.legend(fontsize=8, loc="center left")
+        axes.set_ylabel(ylabel)
+        legend_above(axes, 2, label_of(name), _colour(plan, name))
     return figure
 
 
@@ -85,17 +109,16 @@ def joint_torques(plan: PlanRecord, finger: str) -> Figure:
     """Joint torques of one finger over time: during all of the motion, and during the approach (Figs. 15-17 b)."""
     instance_of("plan", plan, PlanRecord)
     dofs = plan.layout.fingers[one_of("finger", finger, plan.layout.fingers)]
-    labels = [plan.layout.joints[i] for i in dofs]
     times, torques, impact = plan.motion.times, plan.motion.torques[:, dofs], plan.motion.impact
-    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    figure = Figure(figsize=(9.6, 3.9), layout="constrained")
     complete, early = figure.subplots(1, 2)
-    _lines(complete, times, torques, labels)
+    _joint_lines(complete, plan, finger, times, torques)
     _phases(complete, plan)
-    complete.set(title=f"{label_of(finger)}: joint torques", ylabel="torque [N m]", xlim=(0, plan.forces.final_time))
-    complete.legend(fontsize=8, loc="center left")
-    _lines(early, times[: impact + 1], 1e3 * torques[: impact + 1], labels)
-    early.grid(alpha=0.3, linewidth=0.5)
-    early.set(title="approach phase", xlabel="time [s]", ylabel="torque [mN m]", xlim=(0, times[impact]))
+    complete.set_ylabel("torque [N m]")
+    legend_above(complete, 3, label_of(finger), _colour(plan, finger))
+    _joint_lines(early, plan, finger, times[: impact + 1], 1e3 * torques[: impact + 1])
+    grid(early)
+    early.set(xlabel="time [s]", ylabel="torque in the approach [mN m]", xlim=(0, times[impact]))
     return figure
 
 
@@ -109,8 +132,7 @@ def contact_forces(plan: PlanRecord) -> Figure:
     times = plan.motion.times[drawn]
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
-    labels = plan.contacts.names
-    _lines(force, times, plan.forces.normal_history[drawn], labels)
+    _contact_lines(force, plan, times, plan.forces.normal_history[drawn])
     # Until it is released at t_F something else carries the object: its weight counts from there.
     from_fingers = plan.motion.forces_o.sum(axis=1)[drawn]
     force.plot(
@@ -126,12 +148,11 @@ def contact_forces(plan: PlanRecord) -> Figure:
         label="net force, load included",
     )
     force.set(ylabel="force [N]")
-    _lines(depth, times, 1e3 * plan.forces.depths[drawn], labels)
+    _contact_lines(depth, plan, times, 1e3 * plan.forces.depths[drawn])
     depth.set(ylabel="penetration depth [mm]")
     for axes in (force, depth):
-        _phases(axes, plan)
-        axes.set_xlim(times[0], times[-1])
-        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+        _phases(axes, plan, times[0])
+        legend_above(axes, 3)
     return figure
 
 
@@ -145,11 +166,11 @@ def grasp_energy(plan: PlanRecord) -> Figure:
     labels = ("grasp energy as work, Eq. (9):\nrho + 1 times the contacts' work [mJ]", "as impulse, Eq. (11) [N s]")
     for axes, power, ylabel, scale in zip(figure.subplots(1, 2), (forces * rates, forces), labels, (1e3, 1.0)):
         grown = scale * cumulative_trapezoid(power, times, axis=0, initial=0.0)
-        _lines(axes, times, grown, plan.contacts.names)
+        _contact_lines(axes, plan, times, grown)
         axes.plot(times, grown.sum(axis=1), color="0.2", linewidth=2.0, label="all")
         axes.set(ylabel=ylabel, xlabel="time [s]", xlim=(times[0], times[-1]))
-        axes.grid(alpha=0.3, linewidth=0.5)
-        axes.legend(fontsize=8, loc="upper left")
+        grid(axes)
+        legend_above(axes, 4)
     return figure
 
 
@@ -164,7 +185,7 @@ def friction_use(plan: PlanRecord) -> Figure:
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
     drawn = times >= plan.forces.impact_time
-    _lines(axes, times[drawn], 100 * share[drawn], plan.contacts.names)
+    _contact_lines(axes, plan, times[drawn], 100 * share[drawn])
     axes.axhline(100, color="0.2", linewidth=1.2)
     axes.text(times[-1], 99, "slips above ", ha="right", va="top", fontsize=8, color="0.2")
     if safety > 1:
@@ -180,8 +201,8 @@ def friction_use(plan: PlanRecord) -> Figure:
         )
     most = np.nan_to_num(100 * share[drawn]).max(initial=0.0)
     axes.set(xlabel="time [s]", ylabel="friction used, of mu F_n [%]", ylim=(0, max(105, 1.05 * most)))
-    axes.grid(alpha=0.3, linewidth=0.5)
-    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
+    grid(axes)
+    legend_above(axes, 4)
     return figure
 
 
@@ -193,14 +214,14 @@ def wrench_margin(plan: PlanRecord) -> Figure:
     directions, margins = plan.reach.directions, plan.reach.forces
     figure = Figure(figsize=(11.4, 4.2), layout="constrained")
     planes = (("x", "y"), ("x", "z"), ("y", "z"))
-    for axes, plane, along, reach, colour in zip(figure.subplots(1, 3), planes, directions, margins, COLOURS):
+    for axes, plane, along, reach in zip(figure.subplots(1, 3), planes, directions, margins):
         points = (reach[:, None] * along)[:, ["xyz".index(axis) for axis in plane]]
         closed = np.vstack([points, points[:1]])
-        axes.fill(closed[:, 0], closed[:, 1], color=colour, alpha=0.25)
-        axes.plot(closed[:, 0], closed[:, 1], color=colour, linewidth=1.6)
+        axes.fill(closed[:, 0], closed[:, 1], color=_NEUTRAL, alpha=0.15)
+        axes.plot(closed[:, 0], closed[:, 1], color=_NEUTRAL, linewidth=1.6)
         axes.plot(0, 0, "+", color="0.2")
         axes.set(xlabel=f"force along {plane[0]} [N]", ylabel=f"force along {plane[1]} [N]")
-        axes.grid(alpha=0.3, linewidth=0.5)
+        grid(axes)
     figure.suptitle(
         "Disturbing forces on the centre of mass that friction can hold besides the load (gravity along -z)",
         fontsize=10,
@@ -214,8 +235,8 @@ def search_over_time(plan: PlanRecord) -> Figure:
     certificate = plan.forces.certificate
     if certificate is None or not len(certificate.branches):
         raise InvalidInput("figure: expected a plan of search='convex'; the grids prove no bounds")
-    unit = {"work": "J", "impulse": "N s"}[plan.measure]
-    start, end, bound, best = certificate.branches.T
+    unit, scale = {"work": ("mJ", 1e3), "impulse": ("N s", 1.0)}[plan.measure]
+    start, end, bound, best = certificate.branches.T * [[1.0], [1.0], [scale], [scale]]
     figure = Figure(figsize=(10.4, 4.2), layout="constrained")
     bounds, gap = figure.subplots(1, 2)
     known = np.isfinite(bound)
@@ -223,7 +244,7 @@ def search_over_time(plan: PlanRecord) -> Figure:
         bound[known],
         start[known],
         end[known],
-        color=COLOURS[0],
+        color="0.5",
         linewidth=1.6,
         label="lower bound in this interval",
     )
@@ -238,17 +259,18 @@ def search_over_time(plan: PlanRecord) -> Figure:
             alpha=0.5,
             label="no forces in this interval",
         )
-    bounds.plot(plan.forces.impact_time, certificate.objective, "o", color=COLOURS[1], label="found")
+    bounds.plot(plan.forces.impact_time, scale * certificate.objective, "o", color="black", label="found")
     bounds.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(plan.measure)} [{unit}]")
     steps = np.arange(1, len(best) + 1)
     known = np.isfinite(best)
-    gap.step(steps[known], best[known], where="post", color=COLOURS[1], linewidth=1.6, label="best found")
-    gap.axhline(certificate.lower_bound, color=COLOURS[0], linewidth=1.4, linestyle="--", label="final lower bound")
+    told = f"best found (gap {certificate.relative_gap:.0e})"
+    gap.step(steps[known], best[known], where="post", color="black", linewidth=1.6, label=told)
+    floor = scale * certificate.lower_bound
+    gap.axhline(floor, color="0.5", linewidth=1.4, linestyle="--", label="final lower bound")
     gap.set(xlabel="intervals searched", ylabel=f"{label_of(plan.measure)} [{unit}]")
-    gap.set_title(f"final gap {certificate.relative_gap:.1e}", fontsize=10)
     for axes in (bounds, gap):
-        axes.grid(alpha=0.3, linewidth=0.5)
-        axes.legend(fontsize=8)
+        grid(axes)
+        legend_above(axes, 2)
     return figure
 
 
@@ -271,9 +293,9 @@ def sweep_map(columns: Mapping[str, Iterable[object]], value: str, x: str, y: st
     axes = figure.subplots()
     if y is None:
         order = np.argsort(across)
-        axes.plot(across[order], values[order], "o-", color=COLOURS[0], linewidth=1.4, markersize=4)
+        axes.plot(across[order], values[order], "o-", color=_NEUTRAL, linewidth=1.4, markersize=4)
         axes.set(xlabel=label_of(x), ylabel=label_of(value))
-        axes.grid(alpha=0.3, linewidth=0.5)
+        grid(axes)
         return figure
     up = array_of(f"column '{y}'", columns[y], values.shape)
     xs, ys = np.unique(across), np.unique(up)

@@ -15,6 +15,7 @@ from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.spatial import Array, IntArray
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD, arrow
+from pinograsp.viz.style import finger_colours
 from pinograsp.writing import write_file
 
 
@@ -131,6 +132,7 @@ def _record(scene: ViewScene) -> dict[str, Any]:
             for name, slides, limit in zip(scene.joints, scene.sliding, limits)
         ],
         "fingers": list(scene.fingers.items()),
+        "finger_colours": finger_colours(scene.contacts, list(scene.fingers)),
         "q": block.put(scene.q),
         "torques": block.put(scene.torques),
         "force_scale": scene.force_scale,
@@ -159,7 +161,7 @@ def _record(scene: ViewScene) -> dict[str, Any]:
             "normal": block.put(simulated.normal_forces),
             "forces": block.put(simulated.forces_o),
             "points": [point.tolist() if np.isfinite(point).all() else None for point in simulated.points_b],
-            "colours": [scene.colour_of(part, i) for i, part in enumerate(simulated.parts)],
+            "colours": [scene.colour_of(part) for part in simulated.parts],
             "drift": block.put(simulated.drift),
             "beside": simulated.beside.tolist(),
             "colour": GHOST,

@@ -30,7 +30,7 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 from pinograsp.viz.scene_meshes import Triangles, friction_cone
 from pinograsp.viz.solids import Links, Solid, sevens, solids_of
 from pinograsp.viz.stage import Held, Stage, scale_of
-from pinograsp.viz.style import COLOURS
+from pinograsp.viz.style import contact_colours
 from pinograsp.words import number
 
 # Number of instants in the approach, in the grasp phase, and after it: the grasp phase is short but needs a close look.
@@ -237,9 +237,9 @@ class ViewScene:
         turn, own = (Rotation.from_quat(np.roll(pose[3:], -1)) for pose in (self.carried[frame], self.object_pose))
         return np.concatenate([self.moved(self.object_pose[:3], frame), np.roll((turn * own).as_quat(), 1)])
 
-    def colour_of(self, part: str, i: int) -> str:
-        """Colour of the simulation's part ``i``: that of the contact with the same name, if there is one."""
-        return self.colours[self.contacts.index(part)] if part in self.contacts else COLOURS[i % len(COLOURS)]
+    def colour_of(self, part: str) -> str:
+        """Colour of a part of the simulation: that of the contact with the same name, or of its own."""
+        return self.colours[self.contacts.index(part)] if part in self.contacts else contact_colours([part])[0]
 
 
 def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScene:
@@ -257,7 +257,7 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
         )
     times, at = _instants(motion, simulation)
     links = Links(hand)
-    colours = tuple(COLOURS[i % len(COLOURS)] for i in range(len(contacts.names)))
+    colours = contact_colours(contacts.names, plan.layout.fingers)
     solids, unseen = solids_of(hand, body, links, dict(zip(contacts.links, colours)))
     link_poses, object_pose = links.poses(motion.q[at]), None if body is None else sevens(body.pose)
     stage = Stage(

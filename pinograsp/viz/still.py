@@ -1,63 +1,145 @@
-"""A still picture of a grasp: hand, object, contacts and forces, drawn without a screen."""
+"""A picture of a grasp: hand, object, contacts and forces, drawn without a screen."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter, zoom
 
-from pinograsp.checks import array_of, flag, number
+from pinograsp.checks import array_of, flag, number, path_of
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
+from pinograsp.viz.outlines import draw_arrow, draw_ball
 from pinograsp.viz.raster import Camera, Layer, Surface, rendered
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import LOAD, arrow, ball, rgb
 from pinograsp.viz.solids import cloud_of, placed
 from pinograsp.viz.style import label_of
+from pinograsp.writing import write_file
 
-_SIZE = (900, 640)  # pixels
 _FINER = 2  # pixels that are drawn for each one of the picture, along either side
 _BAND = 80  # of their rows are drawn at a time
-_DPI = 130
 _FOV = np.radians(28.0)
 _CLEAR = 0.5  # opacity of the object where it faces the camera
 _HIDDEN = 0.3  # opacity of forces behind the hand
 _SOFT = 4  # how many times coarser shadows are drawn
 _OUTLINE = 0.45  # how much darker pixels are where one solid ends before another
+_LEVEL = 0.02  # of a direction: nearer to gravity's line it has no side of its own
+_SUFFIXES = (".png", ".svg", ".pdf")
+_VIEWS = ("front", "back", "side", "top")
+
+
+class Sheet(NamedTuple):
+    """What a picture is drawn on.
+
+    Attributes:
+        width, height: in pixels.
+        dpi: of them per inch, for letters and lines.
+        vector: arrows are vector graphics, on white, and the rest has twice as many pixels.
+        fading: the ground darkens towards the lower edge.
+    """
+
+    width: int = 900
+    height: int = 640
+    dpi: int = 130
+    vector: bool = False
+    fading: bool = True
 
 
 def picture(
-    plan: PlanRecord, *, time: float | None = None, view: ArrayLike | None = None, collision_shapes: bool = False
+    plan: PlanRecord,
+    *,
+    time: float | None = None,
+    view: ArrayLike | None = None,
+    collision_shapes: bool = False,
+    vector: bool = False,
 ) -> Figure:
     """A grasp as a picture: the object is translucent, arrows are forces on it, the black one its weight and load.
 
     Args:
         plan: with its hand.
         time: of the plan [s]; None: when the grasp is complete.
-        view: direction towards the camera (3,) in the world; None: where little hides the contacts.
+        view: direction towards the camera (3,) in the world; ``"front"``, level with what it looks at and from where
+            little hides the contacts, ``"back"``, ``"side"`` (on the right of the front) or ``"top"``; None: as the
+            front, from a little above.
         collision_shapes: draw the shapes that plans work with, in place of the hand as it looks.
+        vector: for print, as SVG and PDF: arrows are vector graphics, on white, and the hand has twice as many pixels.
 
     Raises:
-        InvalidInput: a plan without its hand, or a direction along gravity.
+        InvalidInput: a plan without its hand, or another view.
     """
     scene = scene_of(plan)
-    return picture_of(scene, scene.closed if time is None else time, view=view, collision_shapes=collision_shapes)
+    when = scene.closed if time is None else time
+    return picture_of(scene, when, view=view, collision_shapes=collision_shapes, vector=vector)
 
 
 def picture_of(
-    scene: ViewScene, time: float, *, view: ArrayLike | None = None, collision_shapes: bool = False
+    scene: ViewScene,
+    time: float,
+    *,
+    view: ArrayLike | None = None,
+    collision_shapes: bool = False,
+    vector: bool = False,
 ) -> Figure:
     """A scene at a time [s], as :func:`picture` draws it."""
     flag("collision_shapes", collision_shapes)
+    sheet = Sheet(vector=flag("vector", vector), fading=not vector)
     frame = scene.frame_at(number("time", time, unit="s"))
+    camera = camera_of(scene, view, [frame], sheet)
+    figure = Figure(figsize=(sheet.width / sheet.dpi, sheet.height / sheet.dpi), dpi=sheet.dpi)
+    draw(figure, scene, frame, camera, sheet, collision_shapes=collision_shapes)
+    return figure
+
+
+def write_picture(
+    scene: ViewScene,
+    path: str | Path,
+    time: float,
+    *,
+    view: ArrayLike | None = None,
+    collision_shapes: bool = False,
+) -> Path:
+    """Write a picture of a scene at a time [s]: .png, or .svg or .pdf for print; returns its path.
+
+    Raises:
+        InvalidInput: another suffix, or another view.
+        ResultsNotWritten: the file cannot be written.
+    """
+    path = path_of("path", path)
+    kind = path.suffix.lower()
+    if kind not in _SUFFIXES:
+        raise InvalidInput(
+            f"picture: expected a name that ends in {', '.join(_SUFFIXES)} (moving pictures, .gif and .mp4, are made "
+            f"by film), got '{path.name:.200}'"
+        )
+    figure = picture_of(scene, time, view=view, collision_shapes=collision_shapes, vector=kind != ".png")
+    return write_file(path, content_of(figure, kind[1:]))
+
+
+def content_of(figure: Figure, kind: str = "png") -> bytes:
+    """A picture as the content of a file: png, svg or pdf, the same bytes for the same picture."""
+    content = io.BytesIO()
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+    # Type 42: letters stay letters, as journals ask for.
+    with mpl.rc_context({"pdf.fonttype": 42, "svg.hashsalt": "pinograsp"}):
+        figure.savefig(content, format=kind, dpi=figure.dpi, metadata=undated)
+    return content.getvalue()
+
+
+def draw(
+    figure: Figure, scene: ViewScene, frame: int, camera: Camera, sheet: Sheet, *, collision_shapes: bool = False
+) -> None:
+    """Draw a scene at an instant onto a figure of the sheet's size."""
     pose = scene.object_at(frame)
-    camera = _camera(scene, scene.view if view is None else _direction(view, scene.up), frame)
     hidden = "visual" if collision_shapes else "collision"
     solids = [solid for solid in scene.solids if solid.look != hidden]
     hand = [
@@ -70,47 +152,92 @@ def picture_of(
         for one in solids
         if one.link is None and pose is not None
     ]
-    image = _image((hand, thing, _forces(scene, frame)), camera, _shadow(scene, camera, hand + thing), scene.up)
-    figure = Figure(figsize=(_SIZE[0] / _DPI, _SIZE[1] / _DPI), dpi=_DPI)
+    forces = [] if sheet.vector else _forces(scene, frame)
+    image, near = _image((hand, thing, forces), camera, _shadow(scene, camera, hand + thing), scene.up, sheet.fading)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(image, extent=(0, _SIZE[0], _SIZE[1], 0))
-    axes.set(xlim=(0, _SIZE[0]), ylim=(_SIZE[1], 0))
+    smooth = "none" if sheet.vector else "antialiased"
+    axes.imshow(image, extent=(0, sheet.width, sheet.height, 0), interpolation=smooth)
+    axes.set(xlim=(0, sheet.width), ylim=(sheet.height, 0))
     axes.set_axis_off()
-    _label(axes, scene, frame, camera)
+    if sheet.vector:
+        _outlined(axes, scene, frame, camera, near, sheet)
+    _label(axes, scene, frame, camera, sheet)
     for caution in scene.unseen:  # meshes that are gone
-        axes.text(12, _SIZE[1] - 12, caution.partition(":")[0], fontsize=7, color="0.35")
-    return figure
+        axes.text(12, sheet.height - 12, caution.partition(":")[0], fontsize=7, color="0.35")
 
 
-def png_of(figure: Figure) -> bytes:
-    """A picture as the content of a PNG file."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=_DPI)
-    return content.getvalue()
-
-
-def _direction(view: ArrayLike, up: Array) -> Array:
+def _direction(view: ArrayLike | None, scene: ViewScene) -> Array:
+    if view is None:
+        return scene.view
+    if isinstance(view, str):
+        front = scene.view - (scene.view @ scene.up) * scene.up
+        front /= np.linalg.norm(front)
+        named = dict(zip(_VIEWS, (front, -front, np.cross(scene.up, front), scene.up)))
+        if view not in named:
+            raise InvalidInput(
+                f"view: expected a direction towards the camera (3,), or {', '.join(_VIEWS[:-1])} or {_VIEWS[-1]}, got "
+                f"'{view:.100}'"
+            )
+        return named[view]
     given = array_of("view", view, (3,))
-    if np.linalg.norm(np.cross(given, up)) < 1e-3 * np.linalg.norm(given) or not given.any():
-        raise InvalidInput(f"view: expected a direction towards the camera, not along gravity, got {given.tolist()}")
+    if not given.any():
+        raise InvalidInput(f"view: expected a direction towards the camera, got {given.tolist()}")
     unit: Array = given / np.linalg.norm(given)
     return unit
 
 
-def _camera(scene: ViewScene, view: Array, frame: int) -> Camera:
-    """A camera that sees all of the hand and the object at an instant."""
+def camera_of(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int], sheet: Sheet) -> Camera:
+    """A camera that sees all of the hand and the object at these instants; ``view``: as for :func:`picture`."""
+    view = _direction(view, scene)
     right = np.cross(scene.up, view)
+    if np.linalg.norm(right) < _LEVEL:
+        right = np.cross(scene.up, scene.view)  # from above, with the front below
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(view, right), view])
-    cloud = cloud_of(scene.solids, scene.link_poses[frame], scene.object_at(frame))
-    seen = np.concatenate([cloud, scene.moved(scene.arrows(frame), frame).reshape(-1, 3)]) @ axes.T
+    clouds = [
+        np.concatenate(
+            [
+                cloud_of(scene.solids, scene.link_poses[frame], scene.object_at(frame)),
+                scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame).reshape(-1, 3),
+            ]
+        )
+        for frame in frames
+    ]
+    seen = np.concatenate(clouds) @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     centre, half = (low + high) / 2, (high - low) / 2
     # Room on either side for the labels.
     slope = np.tan(_FOV / 2)
-    distance = max(1.12 * half[1], 1.45 * half[0] * _SIZE[1] / _SIZE[0]) / slope + half[2]
-    width, height = (_FINER * side for side in _SIZE)
+    distance = max(1.12 * half[1], 1.45 * half[0] * sheet.height / sheet.width) / slope + half[2]
+    finer = _finer(sheet)
+    width, height = finer * sheet.width, finer * sheet.height
     return Camera(centre @ axes + distance * view, axes, height / 2 / slope, width, height)
+
+
+def _finer(sheet: Sheet) -> int:
+    return 2 * _FINER if sheet.vector else _FINER
+
+
+def _outlined(axes: Axes, scene: ViewScene, frame: int, camera: Camera, near: Array, sheet: Sheet) -> None:
+    """Contact points and forces as vector graphics, the farthest first; pale where the hand hides them."""
+    arrows = scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame)
+    points, finer = scene.moved(scene.points_o, frame), _finer(sheet)
+
+    def project(places: Array) -> Array:
+        return camera.project(places) / [finer, finer, 1.0]
+
+    def hidden(places: Array) -> BoolArray:
+        x, y, depth = camera.project(places).T
+        rows, columns = (np.clip((at / _FINER).astype(int), 0, most - 1) for at, most in zip((y, x), near.shape))
+        behind: BoolArray = near[rows, columns] > depth
+        return behind
+
+    for point, colour in zip(points, scene.colours):
+        draw_ball(axes, project, hidden, point, 1.7 * scene.thickness, colour, _HIDDEN)
+    order = np.argsort(camera.project(arrows.mean(axis=1))[:, 2], kind="stable")
+    for i in order:
+        colour = [*scene.colours, LOAD][i]
+        draw_arrow(axes, project, hidden, arrows[i], scene.thickness, colour, _HIDDEN)
 
 
 def _forces(scene: ViewScene, frame: int) -> list[Surface]:
@@ -144,6 +271,8 @@ def _arrow(start: Array, along: Array, width: float, colour: Array) -> list[Surf
 
 def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Array:
     """How dark the ground is (h, w), from 0 to 1, under a light from above."""
+    if camera.eye @ scene.up < scene.ground:
+        return np.zeros((camera.height, camera.width))
     light = scene.up + 0.25 * camera.axes[0]
     flat = [
         Surface(
@@ -160,10 +289,14 @@ def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Ar
 
 
 def _image(
-    parts: tuple[list[Surface], list[Surface], list[Surface]], camera: Camera, shadow: Array, up: Array
-) -> Array:
-    """The picture (h, w, 3), from 0 to 1, of hand, object and forces; drawn in bands, to save memory."""
-    rows, bands = np.linspace(0, 1, camera.height), list[Array]()
+    parts: tuple[list[Surface], list[Surface], list[Surface]], camera: Camera, shadow: Array, up: Array, fading: bool
+) -> tuple[Array, Array]:
+    """The picture (h, w, 3), from 0 to 1, of hand, object and forces; and how near the hand is there (h, w) [1/m].
+
+    Drawn in bands, to save memory.
+    """
+    rows = np.linspace(0, 1 if fading else 0, camera.height)
+    images, depths = list[Array](), list[Array]()
     for first in range(0, camera.height, _BAND):
         last = min(first + _BAND, camera.height)
         # With one more on either side: edges are seen beside others.
@@ -171,12 +304,13 @@ def _image(
         band = camera._replace(rows=(low, high))
         hand, thing, forces = (rendered(part, band, up) for part in parts)
         image = _composed(hand, thing, forces, shadow[low:high], rows[low:high, None, None])
-        bands.append(image[(first - low) // _FINER : len(image) - (high - last) // _FINER])
-    return np.concatenate(bands)
+        images.append(image[(first - low) // _FINER : len(image) - (high - last) // _FINER])
+        depths.append(hand.near[first - low : last - low : _FINER, ::_FINER])
+    return np.concatenate(images), np.concatenate(depths)
 
 
 def _composed(hand: Layer, thing: Layer, forces: Layer, shadow: Array, rows: Array) -> Array:
-    """Some rows of the picture (h, w, 3), from 0 to 1; ``rows``: how far down they are, from 0 to 1."""
+    """Some rows of the picture (h, w, 3), from 0 to 1; ``rows``: how dark their ground is, from 0 to 1."""
     image = (1 - rows) * [1.0, 1.0, 1.0] + rows * [0.90, 0.92, 0.945]
     image = image * (1 - shadow[..., None])
     drawn = hand.drawn
@@ -202,23 +336,26 @@ def _edges(layer: Layer) -> Array:
     return edges
 
 
-def _label(axes: Axes, scene: ViewScene, frame: int, camera: Camera) -> None:
-    """Names and normal forces of the contacts, in a column on either side, with lines to the contacts."""
-    points = camera.project(scene.moved(scene.points_o, frame))[:, :2] / _FINER
+def _label(axes: Axes, scene: ViewScene, frame: int, camera: Camera, sheet: Sheet) -> None:
+    """Names and normal forces of the contacts that press, in a column on either side, with lines to the contacts."""
+    pressing = np.flatnonzero(scene.normal[frame] > 0)
+    points = camera.project(scene.moved(scene.points_o, frame))[:, :2] / _finer(sheet)
+    # On the same side throughout a moving picture.
     on_left = points[:, 0] < np.median(points[:, 0]) if len(points) > 1 else np.array([True] * len(points))
+    margin, line = sheet.dpi / 11, sheet.dpi / 5
     for left in (True, False):
-        chosen = np.flatnonzero(on_left == left)
+        chosen = pressing[on_left[pressing] == left]
         chosen = chosen[np.argsort(points[chosen, 1])]
-        gap = min(26.0, (_SIZE[1] - 40.0) / max(len(chosen), 1))
-        heights = points[chosen, 1].copy()
+        gap = min(line, (sheet.height - 1.5 * line) / max(len(chosen), 1))
+        heights = np.maximum(points[chosen, 1], line / 2)
         for i in range(1, len(chosen)):
             heights[i] = max(heights[i], heights[i - 1] + gap)
-        heights -= max(0.0, heights[-1] - (_SIZE[1] - 20.0)) if len(chosen) else 0.0
+        heights -= max(0.0, heights[-1] - (sheet.height - 0.8 * line)) if len(chosen) else 0.0
         for k, height in zip(chosen, heights):
             axes.annotate(
                 f"{label_of(scene.contacts[k])}  {scene.normal[frame, k]:.3g} N",
                 points[k],
-                (12 if left else _SIZE[0] - 12, height),
+                (margin if left else sheet.width - margin, height),
                 ha="left" if left else "right",
                 va="center",
                 fontsize=7.5,

@@ -2,13 +2,84 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from itertools import cycle
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+
 from pinograsp.words import printable
 
 # Okabe-Ito colours, which colour-blind readers can distinguish.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_FINGERS = COLOURS[:6]  # black is the load
+# Fingers of these names have the same colour in every figure of every hand.
+_KNOWN = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4, "pinky": 4, "palm": 5}
 
 
 def label_of(name: str) -> str:
     """A name from a file as Matplotlib's text: short, without formulas, and never hidden from a legend."""
     name = printable(name, 40).replace("$", r"\$")
     return f" {name}" if name.startswith("_") or not name else name
+
+
+def finger_of(contact: str) -> str:
+    """The finger that a contact belongs to, or the contact itself where it was given by itself."""
+    return contact.split("/")[0]
+
+
+def finger_colours(contacts: Sequence[str], others: Sequence[str] = ()) -> dict[str, str]:
+    """A colour for every one of these contacts, that of its finger, and for every one of ``others``, fingers that need
+    not touch.
+    """
+    names = [*contacts, *others]
+    touching = sorted({finger_of(name) for name in contacts})
+    fingers = [*touching, *sorted({finger_of(name) for name in others} - set(touching))]
+    found: dict[str, str] = {}
+    for finger in fingers:
+        place = next((i for word, i in _KNOWN.items() if word in finger.lower()), None)
+        if place is not None and _FINGERS[place] not in found.values():
+            found[finger] = _FINGERS[place]
+    free = cycle([colour for colour in _FINGERS if colour not in found.values()] or _FINGERS)
+    found |= {finger: next(free) for finger in fingers if finger not in found}
+    return {name: found[finger_of(name)] for name in names}
+
+
+def contact_colours(contacts: Sequence[str], fingers: Iterable[str] = ()) -> tuple[str, ...]:
+    """Colours of contacts (k,); ``fingers``: of the hand."""
+    colours = finger_colours(contacts, list(fingers))
+    return tuple(colours[name] for name in contacts)
+
+
+def ranks(colours: Sequence[str]) -> list[int]:
+    """How many before each have the same colour (k,): contacts of a finger differ in their lines."""
+    return [list(colours[:i]).count(colour) for i, colour in enumerate(colours)]
+
+
+def shades(colour: str, count: int) -> list[tuple[float, ...]]:
+    """Shades of a colour for the joints of a finger, from base to tip: dark to light."""
+    mixes = np.linspace(-0.45, 0.4, count) if count > 1 else np.zeros(1)
+    base = np.array(to_rgb(colour))
+    return [tuple((1 - mix) * base + mix if mix > 0 else (1 + mix) * base) for mix in mixes.tolist()]
+
+
+def grid(axes: Axes) -> None:
+    """Thin lines, and numbers as they are: no offset that is added to them, and no factor."""
+    axes.grid(alpha=0.3, linewidth=0.5)
+    axes.ticklabel_format(useOffset=False, style="plain")
+
+
+def legend_above(axes: Axes, columns: int, title: str | None = None, colour: str = "black") -> None:
+    """Clear of the curves; ``colour``: of the title."""
+    legend = axes.legend(
+        fontsize=8,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=columns,
+        frameon=False,
+        title=title,
+        title_fontsize=8,
+        alignment="left",
+    )
+    legend.get_title().set(color=colour, fontweight="bold")

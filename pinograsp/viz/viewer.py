@@ -38,6 +38,8 @@ _LAYERS = {
     "collision": "collision shapes",
 }
 _FOV = np.radians(35.0)
+_STEP = 1e-3  # [s] of the time slider
+_APART = 0.12  # of the slider: marks that are nearer overlap
 
 
 def view(
@@ -183,7 +185,17 @@ class Viewer:
             time.sleep(ahead / rate)
 
     def _move_slider(self, frame: int) -> None:
-        self._slider.value = frame  # type: ignore[misc]  # viser's setter, which mypy does not find
+        self._go(frame)
+        self._slider.value = self._told(frame)  # type: ignore[misc]  # viser's setter, which mypy does not find
+
+    def _told(self, frame: int) -> float:
+        """The time of an instant as the slider has it [s]."""
+        return round(float(self.scene.times[frame]) / _STEP) * _STEP
+
+    def _follow(self, time: float) -> None:
+        """Show what the slider says, unless it was told that: it is coarser than the instants."""
+        if abs(time - self._told(self._frame)) > 0.5 * _STEP:
+            self._go(self.scene.frame_at(time))
 
     # The scene.
 
@@ -289,7 +301,7 @@ class Viewer:
         self._pressing: list[viser.ArrowsHandle] = []
         if scene.simulated is not None:
             for i, part in enumerate(scene.simulated.parts):
-                deep = dark(scene.colour_of(part, i))
+                deep = dark(scene.colour_of(part))
                 self._pressing.append(world.add_arrows(f"/simulation/force{i}", np.zeros((1, 2, 3)), deep, **thick))
             top = scene.centre - scene.simulated.beside / 2 + scene.extent[1] * scene.up
             verdict = "held" if scene.simulated.held else "lost"
@@ -307,17 +319,19 @@ class Viewer:
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.add_html(head(scene))
         last = len(scene.times) - 1
-        marks = {0: "0 s", last: f"{scene.times[-1]:.3g} s"}
+        end = self._told(last)
+        marks = {0.0: "0", end: f"{end:g}"}
         if scene.carried is None:
-            marks |= {scene.frame_at(scene.touch): "touch", scene.frame_at(scene.closed): "t_F"}
+            marks |= {scene.touch: "touch"}
+            if scene.closed - scene.touch > _APART * end:
+                marks |= {scene.closed: "t_F"}
         self._slider = gui.add_slider(
-            "time",
-            min=0,
-            max=max(last, 1),
-            step=1,
-            initial_value=self._frame,
+            "time [s]",
+            min=0.0,
+            max=max(end, _STEP),
+            step=_STEP,
+            initial_value=self._told(self._frame),
             marks=tuple(marks.items()),
-            hint="instants are closer together where forces build up" if scene.carried is None else None,
         )
         self._play = gui.add_button("Play")
         self._forces = gui.add_html("")
@@ -342,7 +356,7 @@ class Viewer:
             gui.add_html(foot(scene))
         with gui.add_folder("Joint torques"):
             self._torques = gui.add_html("")
-        self._slider.on_update(lambda _: self._go(min(int(self._slider.value), last)))
+        self._slider.on_update(lambda _: self._follow(float(self._slider.value)))
         self._play.on_click(lambda _: self.pause() if self._playing.is_set() else self.play())
         arrows.on_update(lambda _: self._rescale(1e-3 * arrows.value))
 

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
 from pinograsp.hands import load_hand
+from pinograsp.plan import Layout
 from pinograsp.viz.carried import arm_motion, friction_use, normal_forces, path_speed, save_carry_figures, torque_shares
 
 N, K = 60, 9
@@ -32,10 +33,16 @@ def plan(hand):
     wave = np.sin(3 * instants)[:, None]
     binding = tuple(what for i, what in enumerate(BINDS) for _ in range(i + 2))[:N]
     binding = (*binding, *(["nothing"] * (N - len(binding))))
+    contacts = tuple(f"finger {i}" for i in range(K))
+    layout = Layout(
+        hand=hand.name,
+        joints=hand.joint_names,
+        fingers={one.name: tuple(one.dofs.tolist()) for one in hand.fingers},
+    )
     plan = SimpleNamespace(
         robot=hand,
-        grasp=SimpleNamespace(require_hand=lambda: hand),
-        contacts=tuple(f"finger {i}" for i in range(K)),
+        grasp=SimpleNamespace(require_hand=lambda: hand, contacts=SimpleNamespace(names=contacts), layout=layout),
+        contacts=contacts,
         reserve=0.1,
         s=s,
         times=times,

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from pinograsp.cases import load_case
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.planner import GraspPlan, save_run
 from pinograsp.viz.figures import save_figures
+from pinograsp.viz.outlines import draw_arrow
 from pinograsp.viz.raster import Camera, Surface, rendered
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import ball, rgb
-from pinograsp.viz.still import picture, png_of
+from pinograsp.viz.still import Sheet, camera_of, content_of, picture
+from pinograsp.viz.style import COLOURS, finger_colours, finger_of
 
 UP = np.array([0.0, 0.0, 1.0])
 CAMERA = Camera(np.array([0.0, -2.0, 0.0]), np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]), 200.0, 161, 121)
@@ -34,8 +39,14 @@ def usual(plan):
     return picture(plan)
 
 
+@pytest.fixture(scope="module")
+def printed(plan):
+    """The same for print."""
+    return picture(plan, vector=True)
+
+
 def seen(figure) -> np.ndarray:
-    return imread(io.BytesIO(png_of(figure)))[..., :3]
+    return imread(io.BytesIO(content_of(figure)))[..., :3]
 
 
 def differing(a, b) -> float:
@@ -96,7 +107,9 @@ def test_what_is_nearer_hides_what_is_farther(first):
 # -- the picture -------------------------------------------------------------------------------------------------------
 
 
-def test_a_picture_shows_contacts_forces_and_object(plan, usual):
+@pytest.mark.parametrize("vector", [False, True])
+def test_a_picture_shows_contacts_forces_and_object(plan, usual, printed, vector):
+    usual = printed if vector else usual
     image = seen(usual)
     assert image.shape == (640, 900, 3)
     for colour in scene_of(plan).colours:  # of arrows and labels
@@ -119,11 +132,81 @@ def test_pictures_follow_time_and_view(plan, usual):
     assert differing(usual, seen(picture(plan, collision_shapes=True))) < 1e-3  # the paper's hand is seen as it touches
     alone = seen(picture(replace(plan, body=None)))
     assert differing(usual, alone) > 0.01
-    for view in ([0, 0, 2.0], [0, 0, 0], [1, 2], "top"):
+    for view in ([0, 0, 0], [1, 2], "left"):
         with pytest.raises(InvalidInput, match="view"):
             picture(plan, view=view)
     with pytest.raises(InvalidInput, match="plan with its hand"):
         picture(replace(plan, hand=None))
+
+
+def test_views_have_names(plan):
+    scene, sheet = scene_of(plan), Sheet()
+    cameras = {name: camera_of(scene, name, [200], sheet) for name in ("front", "back", "side", "top")}
+    towards = {name: camera.axes[2] for name, camera in cameras.items()}
+    for name in ("front", "back", "side"):
+        assert towards[name] @ scene.up == pytest.approx(0, abs=1e-12) and cameras[name].axes[1] @ scene.up > 0.999
+    assert towards["front"] @ scene.view > 0.7 and np.allclose(towards["back"], -towards["front"])
+    assert np.allclose(towards["side"], cameras["front"].axes[0])  # on the right of who looks from the front
+    assert np.allclose(towards["top"], scene.up)
+    assert np.allclose(cameras["top"].axes[0], cameras["front"].axes[0])
+    below = camera_of(scene, -scene.up, [200], sheet)
+    assert np.allclose(below.axes[2], -scene.up) and np.isfinite(below.eye).all()
+
+
+def test_pictures_for_print_are_vector_graphics(plan, printed, tmp_path):
+    """Arrows are filled outlines in the colours of the contacts; the hand is one picture, fine enough for print."""
+    written = content_of(printed, "svg")
+    root = ElementTree.fromstring(written)
+    (image,) = root.iter("{http://www.w3.org/2000/svg}image")
+    content = base64.b64decode(image.get("{http://www.w3.org/1999/xlink}href").partition(",")[2])
+    assert imread(io.BytesIO(content)).shape[:2] == (1280, 1800)
+    filled = [one.get("style", "").lower() for one in root.iter("{http://www.w3.org/2000/svg}path")]
+    for colour in scene_of(plan).colours:
+        assert sum(f"fill: {colour.lower()}" in style for style in filled) >= 3  # label, shaft and head
+    assert len(written) < 1e6 and content_of(printed, "svg") == written
+    path = plan.picture(tmp_path / "grasp.pdf", view="front")
+    content = path.read_bytes()
+    assert content.startswith(b"%PDF") and b"/Type3" not in content and len(content) < 1e6
+    with pytest.raises(InvalidInput, match=r"\.png, \.svg, \.pdf.*film"):
+        plan.picture(tmp_path / "grasp.jpg")
+
+
+def test_vector_arrows_are_where_shaded_ones_are(plan, usual, printed):
+    """Pixels of the thumb's colour, in both."""
+    blue = rgb(scene_of(plan).colours[0]) / 255
+    masks = [np.abs(seen(figure) - blue).max(axis=2) < 0.25 for figure in (usual, printed)]
+    assert (masks[0] & masks[1]).sum() > 0.7 * (masks[0] | masks[1]).sum()
+
+
+def test_what_the_hand_hides_is_pale():
+    figure = Figure(figsize=(2, 2), dpi=100)
+    axes = figure.add_axes((0, 0, 1, 1))
+
+    def project(places):
+        return np.column_stack([places[:, 0], places[:, 1], 1 / (5 - places[:, 2])])
+
+    ends = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]])
+    draw_arrow(axes, project, lambda places: places[:, 0] < 40, ends, 2.0, "#0072B2", 0.3)
+    pale = [one for one in axes.patches if one.get_alpha() == 0.3]
+    assert len(pale) == 1
+    x = pale[0].get_xy()[:, 0]
+    assert x.min() == pytest.approx(0, abs=1e-9) and x.max() == pytest.approx(40, abs=3)
+    assert max(one.get_xy()[:, 0].max() for one in axes.patches) == pytest.approx(100)
+
+
+def test_a_finger_has_one_colour():
+    for names in (
+        ("thumb", "index", "middle"),
+        ("index/link_2", "index/link_3", "ring", "thumb"),
+        ("rh_thumb", "palm"),
+    ):
+        colours = finger_colours(names, ["thumb", "index", "middle", "ring", "little"])
+        assert len({colours[name] for name in names}) == len({finger_of(name) for name in names})
+        thumbs = {colour for name, colour in colours.items() if name == "thumb"}
+        assert thumbs <= {COLOURS[0], COLOURS[4]} and "#000000" not in colours.values()
+    jaws = finger_colours(("left", "right"))
+    assert jaws["left"] != jaws["right"] and jaws == finger_colours(("right", "left"))
+    assert len(set(finger_colours([f"finger {i}" for i in range(9)]).values())) == 6
 
 
 def test_a_picture_says_where_meshes_are_gone(plan, tmp_path):

@@ -46,13 +46,15 @@ from pinograsp.plan import (
 )
 from pinograsp.planner import GraspPlan, plan_grasp, plan_grasp_on, save_run
 from pinograsp.referee import simulate
+from pinograsp.report import write_report
 from pinograsp.spatial import pose_of, tangent_frame
 from pinograsp.storage import newest_check, read_check, write_simulation
+from pinograsp.viz.figures import save_figures
 from pinograsp.viz.page import page_of as page_of_scene
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import friction_cone, triangles_of
 from pinograsp.viz.solids import sevens
-from pinograsp.viz.still import picture_of, png_of
+from pinograsp.viz.still import content_of, picture_of
 from pinograsp.viz.viewer import save_html, view
 
 
@@ -473,7 +475,7 @@ def test_all_that_is_carried_is_drawn_where_it_is(run):
     away = moved_by(scene, pose_of(0.4 * np.cross(scene.up, scene.view), turn))
 
     def seen(scene, view):
-        return imread(io.BytesIO(png_of(picture_of(scene, scene.closed, view=view))))[..., :3]
+        return imread(io.BytesIO(content_of(picture_of(scene, scene.closed, view=view))))[..., :3]
 
     before = seen(scene, scene.view)
     assert differing(before, seen(away, turn @ scene.view)) < 2e-3
@@ -818,6 +820,68 @@ def test_the_file_shows_the_simulation(chromium, run, simulation, tmp_path):
         page.wait_for_timeout(150)
         over = pixels(canvas)
         assert differing(over, alone) > 0.05 and yellow(over[:, : half // 3]) < 1e-4
+
+
+@contextlib.contextmanager
+def phone(chromium, url: str):
+    """A page on a phone: 390 pixels wide, and touched."""
+    context = chromium.new_context(viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True)
+    page = context.new_page()
+    page.goto(url)
+    try:
+        yield page
+    finally:
+        context.close()
+
+
+def test_the_file_fits_a_phone(chromium, run, tmp_path):
+    """The hand is seen at once, labels keep within its picture, and what is touched is as large as a thumb."""
+    path = save_html(run, tmp_path / "paper.html")
+    with phone(chromium, path.as_uri()) as page:
+        page.wait_for_function("() => document.body.dataset.drawn !== undefined")
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+        stage = page.locator("#stage").bounding_box()
+        assert stage["y"] == 0 and 400 < stage["height"] < 600
+        canvas = pixels(page.locator("#scene"))
+        assert yellow(canvas) > 0.01
+        caption = page.locator("#caption").bounding_box()
+        labels = [box for box in (one.bounding_box() for one in page.locator(".label").all()) if box]
+        assert len(labels) == len(run.contacts.names)
+        for box in labels:
+            assert box["x"] >= 0 and box["x"] + box["width"] <= 390
+            assert caption["y"] + caption["height"] <= box["y"] and box["y"] + box["height"] <= stage["height"]
+        for a, b in itertools.combinations(labels, 2):
+            apart = a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"]
+            assert apart or a["x"] + a["width"] <= b["x"] or b["x"] + b["width"] <= a["x"]
+        for name in ("#play", "#slider", "#slide-scale", "#slide-speed"):
+            box = page.locator(name).bounding_box()
+            assert box["height"] >= 44 and box["y"] >= stage["height"], name
+        page.locator("#layer-object").tap()
+        page.wait_for_timeout(150)
+        assert yellow(pixels(page.locator("#scene"))) < 1e-3
+        assert "thumb" in page.locator("#torques .group").first.inner_text()
+
+
+def test_the_report_shows_the_grasp_beside_the_answer(chromium, run, tmp_path):
+    write_report(run, tmp_path, [path.name for path in save_figures(run, tmp_path)])
+    url = (tmp_path / "report.html").as_uri()
+    dark = chromium.new_context(viewport={"width": 1200, "height": 900}, color_scheme="dark")
+    with page_of(chromium, url, 1200, 900) as page, contextlib.closing(dark):
+        answer = page.locator(".top li").first.bounding_box()
+        image = page.locator(".top img").bounding_box()
+        assert image["x"] >= answer["x"] + answer["width"] and abs(image["y"] - answer["y"]) < 10
+        assert image["y"] + image["height"] < 900
+        light = pixels(page)[-1, 0]
+        other = dark.new_page()
+        other.goto(url)
+        assert light.min() > 0.95 and pixels(other)[-1, 0].max() < 0.2
+    with phone(chromium, url) as page:
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+        answer, image = page.locator(".top li").first.bounding_box(), page.locator(".top img").bounding_box()
+        second = page.locator(".top li").nth(1).bounding_box()
+        assert answer["y"] < image["y"] < second["y"] and image["width"] <= 390
+        # Wide tables scroll in their own boxes.
+        assert all(box["width"] <= 390 for box in (one.bounding_box() for one in page.locator(".wide").all()))
 
 
 @pytest.fixture
