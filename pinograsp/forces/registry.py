@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -69,10 +70,10 @@ def asked(name: str, program: QuadraticProgram | ConicProgram) -> Answered | Non
     Raises:
         InvalidInput: what it returned is no answer.
     """
-    own: dict[str, Any] = {
-        part: value if isinstance(value, Cones) else value.copy() for part, value in vars(program).items()
-    }
-    found = _SOLVERS[one_of("solver", name, registered())].function(type(program)(**own))
+    kind = QuadraticProgram if isinstance(program, QuadraticProgram) else ConicProgram
+    parts_of = {field.name: getattr(program, field.name) for field in fields(kind)}
+    own: dict[str, Any] = {part: one if isinstance(one, Cones) else one.copy() for part, one in parts_of.items()}
+    found = _SOLVERS[one_of("solver", name, registered())].function(kind(**own))
     # Solutions of qpsolvers and Clarabel have these attributes, too.
     if found is None or not getattr(found, "found", True):
         return None

@@ -18,7 +18,7 @@ from pinograsp.spatial import Array, BoolArray
 # stops early on the nearly singular Hessian. OSQP's polishing is off, as it prints to stdout even without `verbose`.
 # Its first step size suits Hessians near one: with the default, 0.1, some problems take more than 100,000 steps. DAQP's
 # tolerances bound the violation in multiplier units; quadprog is exact and has none. 1e-10 is the least that HiGHS
-# takes. Solvers that are not named here run with their defaults.
+# takes, and its active sets may cycle without end. Solvers that are not named here run with their defaults.
 TOLERANCES: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "max_iter": 10_000},
@@ -34,7 +34,11 @@ TOLERANCES: dict[str, dict[str, Any]] = {
     "piqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "eps_duality_gap_abs": 1e-11, "eps_duality_gap_rel": 0.0},
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
     "ecos": {"abstol": 1e-11, "reltol": 1e-11, "feastol": 1e-11},
-    "highs": {"output_flag": False, "primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    "highs": {
+        "primal_feasibility_tolerance": 1e-10,
+        "dual_feasibility_tolerance": 1e-10,
+        "qp_iteration_limit": 10_000,
+    },
     "scs": {"eps_abs": 1e-10, "eps_rel": 0.0, "max_iters": 100_000},
 }
 # Those that come with the package; all that are there: qp_solvers().
