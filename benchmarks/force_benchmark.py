@@ -17,13 +17,13 @@ Sets, made from the seed; the optimum is of least squares where nothing else is 
 - barely-feasible, barely-infeasible: loads off the largest one by 1e-3 to 1e-8 of it.
 - paper: the case study's grasp with loads about the published one.
 - torque-limits: joint torques limited, and least squares or motor heat (its Hessian is singular).
-- peak: the least largest normal force (a linear program but for friction's rows).
+- peak: the least largest normal force (a linear program).
 - energy: the grasp energy, powers of F_n, on cones: power cones.
 
-A problem is a quadratic program (``to_qp``) or one over cones (``to_socp``); solvers of others get these matrices,
-dimensionless, ready before the clock starts. QP solvers run through qpsolvers, Clarabel, SCS and ECOS on cones by their
-own interfaces: each with its defaults ("default"), and with tight tolerances ("tight", those that this package uses),
-and a limit of one second where they have one.
+A problem is a quadratic program (``to_qp``) or one over cones (``to_socp``). Solvers of others get these matrices,
+dimensionless, ready before the clock starts (sparse for those that take nothing else). QP solvers run through
+qpsolvers, on cones Clarabel, SCS and ECOS by their own interfaces: each with its defaults ("default"), and with tight
+tolerances ("tight": those that this package passes), at most one second where they have a limit.
 This package runs as a ``ForceSolver`` that was made before; its answer has its certificate and its own balance
 correction, which are in its time. "core newton" and "core interior" are its compiled methods: where another one answers
 for them they count as having failed. "daqp steps": its Newton steps over DAQP.
@@ -69,7 +69,7 @@ from pinograsp.contacts import Contact, ContactSet
 from pinograsp.errors import InvalidInput, PinograspError, Status
 from pinograsp.forces import register_solver
 from pinograsp.forces.registry import asked
-from pinograsp.forces.solvers import TOLERANCES, solve_by_qpsolvers
+from pinograsp.forces.solvers import TOLERANCES, solve_by_qpsolvers, stated
 from pinograsp.spatial import tangent_frame
 
 HERE = Path(__file__).resolve().parent
@@ -285,10 +285,11 @@ class ByQpsolvers:
     def ready(self, task: Task):
         if task.kind != "qp":
             raise InvalidInput("no QP")
-        return task.problem.to_qp(T_I, objective=task.objective)
+        qp = task.problem.to_qp(T_I, objective=task.objective)
+        return qp, stated(self.name, qp)
 
-    def solve(self, qp):
-        return solve_by_qpsolvers(self.name, qp, **self.settings)
+    def solve(self, ready):
+        return solve_by_qpsolvers(self.name, *ready, **self.settings)
 
     def answer(self, task: Task, found) -> Answer:
         if not found.found or found.x is None:
@@ -300,11 +301,10 @@ class ByQpsolvers:
 class ClarabelCones:
     """Clarabel's own interface, on cones."""
 
-    def __init__(self, tolerance: float | None):
+    def __init__(self, settings: dict):
         self.settings = clarabel.DefaultSettings()
-        self.settings.verbose = False
-        for name in ("tol_gap_abs", "tol_gap_rel", "tol_feas") if tolerance else ():
-            setattr(self.settings, name, tolerance)
+        for name, value in {"verbose": False, **settings}.items():
+            setattr(self.settings, name, value)
 
     def ready(self, task: Task):
         socp = over_cones(task)
@@ -413,7 +413,9 @@ def solvers_for(kind: str, own: list[tuple[str, str]]) -> dict[tuple[str, str], 
             if TOLERANCES.get(name):
                 found[name, "tight"] = ByQpsolvers(name, limit | TOLERANCES[name])
         return found
-    found["clarabel", "default"], found["clarabel", "tight"] = ClarabelCones(None), ClarabelCones(1e-11)
+    limit = TIME_LIMIT["clarabel"]
+    found["clarabel", "default"] = ClarabelCones(limit)
+    found["clarabel", "tight"] = ClarabelCones(limit | TOLERANCES["clarabel"])
     if "scs" in there:
         limit = TIME_LIMIT["scs"]
         found["scs", "default"], found["scs", "tight"] = ScsCones(limit), ScsCones(limit | TOLERANCES["scs"])

@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 import daqp
 import numpy as np
 import qpsolvers
+import scipy.sparse as sp
 
 from pinograsp.checks import one_of
 from pinograsp.forces.registry import Answered, asked, registered
@@ -128,7 +129,7 @@ def _solved(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> A
         return asked(solver, qp)
     one_of("solver", solver, qp_solvers())
     try:
-        found = solve_by_qpsolvers(solver, qp, **TOLERANCES.get(solver, {}))
+        found = solve_by_qpsolvers(solver, qp, stated(solver, qp), **TOLERANCES.get(solver, {}))
     except (qpsolvers.ProblemError, qpsolvers.SolverError):  # quadprog, ECOS: a Hessian that is nearly singular
         return None
     if found.x is None or not np.all(np.isfinite(found.x)) or (only_found and not found.found):
@@ -137,20 +138,28 @@ def _solved(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> A
     return Answered(np.array(found.x), found.y, found.z, found.z_box)
 
 
-def solve_by_qpsolvers(solver: str, qp: QuadraticProgram, **settings: Any) -> qpsolvers.Solution:
-    """qpsolvers' solution, whatever it says, with these settings of the solver."""
+def stated(solver: str, qp: QuadraticProgram) -> qpsolvers.Problem:
+    """The QP as qpsolvers hands it to this solver without another conversion: sparse where it takes nothing else."""
     P, q, G, h, A, b, lb, ub = qp.matrices
-    low, high = np.isfinite(qp.lb), np.isfinite(qp.ub)
-    if boxless := solver in _NO_INFINITY:
-        one = np.eye(len(qp.q))
+    if solver in _NO_INFINITY:
+        low, high, one = np.isfinite(qp.lb), np.isfinite(qp.ub), np.eye(len(qp.q))
         G, h = np.vstack([qp.G, one[high], -one[low]]), np.concatenate([qp.h, qp.ub[high], -qp.lb[low]])
         lb = ub = None
+    elif solver not in qpsolvers.dense_solvers:
+        P, G, A = (None if rows is None else sp.csc_matrix(rows) for rows in (P, G, A))
+    return qpsolvers.Problem(P, q, G, h, A, b, lb, ub)
+
+
+def solve_by_qpsolvers(
+    solver: str, qp: QuadraticProgram, problem: qpsolvers.Problem, **settings: Any
+) -> qpsolvers.Solution:
+    """qpsolvers' solution, whatever it says, of the QP and what :func:`stated` makes of it, with these settings."""
     with warnings.catch_warnings():
-        # qpsolvers warns that some solvers convert dense matrices; here they are tiny.
-        warnings.simplefilter("ignore")
-        found = qpsolvers.solve_problem(qpsolvers.Problem(P, q, G, h, A, b, lb, ub), solver=solver, **settings)
-    if boxless and found.z is not None:
-        m, count = len(qp.h), int(high.sum())
+        warnings.simplefilter("ignore")  # what they remark on is judged elsewhere
+        found = qpsolvers.solve_problem(problem, solver=solver, **settings)
+    if solver in _NO_INFINITY and found.z is not None:
+        low, high, m = np.isfinite(qp.lb), np.isfinite(qp.ub), len(qp.h)
+        count = int(high.sum())
         found.z_box = np.zeros(len(qp.q))
         found.z_box[high] += found.z[m : m + count]
         found.z_box[low] -= found.z[m + count :]
