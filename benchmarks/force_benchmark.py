@@ -22,8 +22,10 @@ Sets, made from the seed; the optimum is of least squares where nothing else is 
 
 A problem is a quadratic program (``to_qp``) or one over cones (``to_socp``). Solvers of others get these matrices,
 dimensionless, ready before the clock starts (sparse for those that take nothing else). QP solvers run through
-qpsolvers, on cones Clarabel, SCS and ECOS by their own interfaces: each with its defaults ("default"), and with tight
-tolerances ("tight": those that this package passes), at most one second where they have a limit.
+qpsolvers, whose stacking of sparse rows takes most of a millisecond; Clarabel and SCS ("direct"), and on cones ECOS,
+run by their own interfaces. Each runs with its defaults ("default") and with tight tolerances ("tight": those that
+this package passes), for one second at most where it has a limit.
+
 This package runs as a ``ForceSolver`` that was made before; its answer has its certificate and its own balance
 correction, which are in its time. "core newton" and "core interior" are its compiled methods: where another one answers
 for them they count as having failed. "daqp steps": its Newton steps over DAQP.
@@ -314,7 +316,9 @@ class ClarabelCones:
         return clarabel.DefaultSolver(*ready).solve()
 
     def answer(self, task: Task, found) -> Answer:
-        return Answer(True, np.array(found.x), {"z": np.array(found.z)}) if str(found.status) == "Solved" else NO
+        if str(found.status) != "Solved":
+            return NO
+        return Answer(True, np.array(found.x), {} if task.kind == "qp" else {"z": np.array(found.z)})
 
 
 class ScsCones:
@@ -333,7 +337,9 @@ class ScsCones:
         return self.make(*ready, verbose=False, **self.options).solve()
 
     def answer(self, task: Task, found) -> Answer:
-        return Answer(True, found["x"], {"z": found["y"]}) if found["info"]["status_val"] == 1 else NO
+        if found["info"]["status_val"] != 1:
+            return NO
+        return Answer(True, found["x"], {} if task.kind == "qp" else {"z": found["y"]})
 
 
 class EcosCones:
@@ -412,13 +418,10 @@ def solvers_for(kind: str, own: list[tuple[str, str]]) -> dict[tuple[str, str], 
             found[name, "default"] = ByQpsolvers(name, limit)
             if TOLERANCES.get(name):
                 found[name, "tight"] = ByQpsolvers(name, limit | TOLERANCES[name])
-        return found
-    limit = TIME_LIMIT["clarabel"]
-    found["clarabel", "default"] = ClarabelCones(limit)
-    found["clarabel", "tight"] = ClarabelCones(limit | TOLERANCES["clarabel"])
-    if "scs" in there:
-        limit = TIME_LIMIT["scs"]
-        found["scs", "default"], found["scs", "tight"] = ScsCones(limit), ScsCones(limit | TOLERANCES["scs"])
+    own_interfaces = {"clarabel": ClarabelCones} | ({"scs": ScsCones} if "scs" in there else {})
+    for name, make in own_interfaces.items():
+        limit, called = TIME_LIMIT[name], f"{name}, direct" if kind == "qp" else name
+        found[called, "default"], found[called, "tight"] = make(limit), make(limit | TOLERANCES[name])
     if "ecos" in there and kind == "cones":
         found["ecos", "default"], found["ecos", "tight"] = EcosCones({}), EcosCones(TOLERANCES["ecos"])
     return found
