@@ -19,7 +19,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from results import header, write_rows
+from results import header, table, write_rows
+from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.actuation import CompliantHand, contact_stiffness, force_band, object_stiffness
@@ -78,7 +79,6 @@ def rows(name: str, hold: float) -> Iterator[dict]:
                 "simulated_turn_deg": f"{simulation.verdict.turn:.1f}",
                 "simulated_held": simulation.verdict.held,
             }
-            print(*row.values(), flush=True)
             yield row
 
 
@@ -91,7 +91,8 @@ def main() -> None:
     parser.add_argument("--hold", type=float, default=1.0, help="seconds")
     parser.add_argument("--out", type=Path, default=HERE / "actuation.csv")
     options = parser.parse_args()
-    found = [row for name in OBJECTS for row in rows(name, options.hold)]
+    found = [row for name in tqdm(OBJECTS, unit="object") for row in rows(name, options.hold)]
+    print(table(found))
     write_rows(options.out, header(("numpy", "pin", "mujoco"), f"{options.hold:g} s held"), found)
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import forces as single
 import numpy as np
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -95,7 +95,7 @@ def main() -> None:
                     if name == "pyramid":
                         row["daqp_loop_us"] = f"{looped(single.DaqpNative(), cases, which, loads, friction):.0f}"
                 rows.append(row)
-                print(row)
+    print(table(rows))
     if not options.quick:
         write_rows(
             HERE / "batch.csv",

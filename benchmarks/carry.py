@@ -36,8 +36,9 @@ from unittest.mock import patch
 import arms
 import clarabel
 import numpy as np
-from results import header, write_rows
+from results import header, table, write_rows
 from scipy import sparse
+from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.carry import carrying, interior_point, plan_carry
@@ -321,11 +322,9 @@ def main() -> None:
         cases.append((hand, held_case(robot, plan, with_motors(robot, None), k, rng), count))
         cases.append((f"{hand}, weak", held_case(robot, plan, with_motors(robot, WEAK), k, rng), count))
     rows = list[dict]()
-    for name, case, intervals in cases:
+    for name, case, intervals in tqdm(cases, unit="case"):
         rows.append(measured(name, case, intervals, options.repeats, options.clarabel))
-        if len(rows) == 1:
-            print(*rows[0])
-        print(*rows[-1].values(), flush=True)
+    print(table(rows))
     notes = (f"seed {seed}", f"{options.repeats} repeats", f"{options.clarabel} by Clarabel", "processor time")
     written = options.out.with_suffix(".part")
     write_rows(written, header(("numpy", "scipy", "pin", "clarabel"), *notes), rows)

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from arms import JOINTS, robot
 from joblib import Parallel, delayed
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -163,18 +163,24 @@ def main() -> None:
     hands = HANDS if options.hand is None else (options.hand,)
     work = (delayed(trial)(hands[i % len(hands)], one) for i, one in enumerate(seeds))
     rows = list(tqdm(Parallel(n_jobs=options.jobs, return_as="generator")(work), total=options.paths))
+    seen = []
     for name in hands:
         own = [row for row in rows if row["hand"] == name]
         planned = [row for row in own if row["held"] != ""]
         fast = [row for row in planned if row["lost"] != ""]
         doubtful = [row for row in own if row["doubtful"]]
-        print(
-            f"{name}: {len(own)} paths, plans {dict(Counter(row['plan'] for row in own))}; held "
-            f"{sum(bool(row['held']) for row in planned)} of {len(planned)}; too fast: proven "
-            f"{sum(row['proven'] == 'yes' for row in planned)} of {len(planned)}, lost "
-            f"{sum(bool(row['lost']) for row in fast)} of {len(fast)}; of doubtful plans held "
-            f"{sum(bool(row['doubtful_held']) for row in doubtful)} of {len(doubtful)}"
+        seen.append(
+            {
+                "hand": name,
+                "paths": len(own),
+                "plans": ", ".join(f"{count} {plan}" for plan, count in Counter(row["plan"] for row in own).items()),
+                "held": f"{sum(bool(row['held']) for row in planned)} of {len(planned)}",
+                "too fast: proven": f"{sum(row['proven'] == 'yes' for row in planned)} of {len(planned)}",
+                "too fast: lost": f"{sum(bool(row['lost']) for row in fast)} of {len(fast)}",
+                "doubtful: held": f"{sum(bool(row['doubtful_held']) for row in doubtful)} of {len(doubtful)}",
+            }
         )
+    print(table(seen))
     write_rows(
         HERE / "carry_referee.csv",
         header(["pinograsp", "pin", "mujoco"], f"seed {seed}"),

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from arms import JOINTS, START, robot
-from results import header, write_rows
+from results import header, table, write_rows
 
 import pinograsp as pg
 from pinograsp.carry import CarryPlan, plan_carry
@@ -85,11 +85,7 @@ def main() -> None:
         row("panda", "box of 0.2 kg, mu 0.6", jaws(0.2, 0.6)),
         row("panda", "box of 0.8 kg, mu 0.3", jaws(0.8, 0.3)),
     ]
-    keys = list(dict.fromkeys(key for one in rows for key in one))
-    rows = [{key: one.get(key, "") for key in keys} for one in rows]
-    print("| " + " | ".join(keys) + " |")
-    for one in rows:
-        print("| " + " | ".join(str(one[key]) for key in keys) + " |")
+    print(table(rows))
     write_rows(HERE / "carry_speeds.csv", header(["pinograsp", "pin"]), rows)
 
 

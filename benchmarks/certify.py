@@ -28,7 +28,7 @@ import pinocchio as pin
 import trimesh
 from grasps import objects, width
 from joblib import Parallel, delayed
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -93,6 +93,7 @@ def throughput(name: str, count: int, seed: int) -> None:
     hand = pg.load_hand(name)
     body = watering_can(width(hand))
     q, roots = perturbed(searched(hand, body, seed, 32), count, 0.01, np.random.default_rng(seed))
+    rows = []
     for jobs in (1, 2):
         slices = np.array_split(np.arange(count), max(jobs, count // 4096))
         started = time.perf_counter()
@@ -101,10 +102,9 @@ def throughput(name: str, count: int, seed: int) -> None:
         took = time.perf_counter() - started
         reasons = Counter(Reason(one).name for block in blocks for one in block[0].tolist())
         spent = {stage: sum(block[1][stage] for block in blocks) / count * 1e6 for stage in blocks[0][1]}
-        print(
-            f"{jobs} core(s): {count / took:.0f} grasps a second; us a grasp: "
-            + ", ".join(f"{stage} {value:.0f}" for stage, value in spent.items())
-        )
+        own = {f"{stage}_us": f"{value:.0f}" for stage, value in spent.items()}
+        rows.append({"cores": jobs, "grasps_a_second": f"{count / took:.0f}", **own})
+    print(table(rows))
     print(f"{len(body.convex_parts.corners)} parts; " + ", ".join(f"{k} {v}" for k, v in reasons.most_common()))
     most = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     print(f"largest memory of a process {most / 1024:.0f} MiB")
@@ -203,18 +203,20 @@ def main() -> None:
         return
     rows = referee(args.referee, args.seed, args.jobs, args.hands, args.noise)
     notes = (f"seed {args.seed}", f"noise {args.noise:g}", f"mu {MU}", f"{DENSITY:g} kg/m^3")
-    table = [{name: row.get(name, "") for name in COLUMNS} for row in rows]
-    write_rows(HERE / "certify.csv", header(("numpy", "pin", "coal", "mujoco"), *notes), table)
+    whole = [{name: row.get(name, "") for name in COLUMNS} for row in rows]
+    write_rows(HERE / "certify.csv", header(("numpy", "pin", "coal", "mujoco"), *notes), whole)
     print_agreement(rows)
 
 
 def print_agreement(rows: list[dict]) -> None:
     """By reason: how many were held, lost and not tried; and the share that agrees, away from the threshold."""
-    print(f"{'reason':>12} {'near':>6} {'held':>6} {'lost':>6} {'not tried':>10}")
-    table = Counter((row["reason"], bool(row["near"]), str(row["held"])) for row in rows)
-    for reason, near in sorted({key[:2] for key in table}):
-        held, lost, none = (table[reason, near, value] for value in ("True", "False", ""))
-        print(f"{reason:>12} {'near' if near else '':>6} {held:>6} {lost:>6} {none:>10}")
+    found = Counter((row["reason"], bool(row["near"]), str(row["held"])) for row in rows)
+    lines = []
+    for reason, near in sorted({key[:2] for key in found}):
+        held, lost, none = (found[reason, near, value] for value in ("True", "False", ""))
+        line = {"reason": reason, "near": "near" if near else "", "held": held, "lost": lost, "not tried": none}
+        lines.append(line)
+    print(table(lines))
     clear = [bool(row["agrees"]) for row in rows if not row["near"] and row["held"] != ""]
     print(f"{sum(clear)} of {len(clear)} agree away from the threshold: {100 * np.mean(clear):.1f} %")
 

@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -242,15 +242,22 @@ def main() -> None:
     write_rows(options.out, first_line, rows)
     draw(rows, options.out.with_suffix(".png"))
     print(first_line)
-    print("placement load   contacts edges: rejected [%], expected [%], energy ratio (quartiles), undecided")
+    shown = []
     for r in rows:
         percent = {name: 100 * float(r[name]) for name in r if name.startswith("rejected")}
-        print(
-            f"{r['placement']:<9} {r['load']:<6} {r['contacts']:>8} {r['edges']:>5}: {percent['rejected']:5.1f} +- "
-            f"{percent['rejected_standard_error']:3.1f}, {percent['rejected_expected']:5.2f} +- "
-            f"{percent['rejected_expected_standard_error']:4.2f}, {r['energy_ratio_median']} "
-            f"({r['energy_ratio_quartile_1']} to {r['energy_ratio_quartile_3']}), {r['undecided']}"
+        rejected, error = percent["rejected"], percent["rejected_standard_error"]
+        expected, its_error = percent["rejected_expected"], percent["rejected_expected_standard_error"]
+        quartiles = f"({r['energy_ratio_quartile_1']} to {r['energy_ratio_quartile_3']})"
+        shown.append(
+            {
+                **{name: r[name] for name in ("placement", "load", "contacts", "edges")},
+                "rejected [%]": f"{rejected:.1f} +- {error:.1f}",
+                "expected [%]": f"{expected:.2f} +- {its_error:.2f}",
+                "energy ratio (quartiles)": f"{r['energy_ratio_median']} {quartiles}",
+                "undecided": r["undecided"],
+            }
         )
+    print(table(shown))
     print(f"{uncertified} grasps left out: no certified optimum with the cone")
     print(LIMITATIONS)
 

@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 from joblib import Parallel, delayed
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -166,7 +166,7 @@ def main() -> None:
     for one in tqdm(Parallel(options.jobs, return_as="generator")(work), total=len(pairs), unit="pair"):
         rows.append(one)
         write_rows(options.out, header(("numpy", "pin", "coal", "mujoco"), *notes), rows)
-    print(table(rows))
+    print(summary(rows))
     seconds = [float(one["search_s"]) + float(one["plan_s"]) for one in rows if one["plan_s"]]
     good = sum(one["good"] for one in rows)
     print(
@@ -174,15 +174,15 @@ def main() -> None:
     )
 
 
-def table(rows: list[dict]) -> str:
+def summary(rows: list[dict]) -> str:
     """Hands down, objects across; what failed, with its reason, below."""
     shapes = list(dict.fromkeys(one["object"] for one in rows))
-    lines = [f"| hand | {' | '.join(shapes)} |", "|" + " --- |" * (len(shapes) + 1)]
+    hands = []
     for name in dict.fromkeys(one["hand"] for one in rows):
         of = {one["object"]: one for one in rows if one["hand"] == name}
-        lines.append(f"| {name} | {' | '.join(_cell(of[shape]) for shape in shapes)} |")
+        hands.append({"hand": name, **{shape: _cell(of[shape]) for shape in shapes}})
     failed = [one for one in rows if not one["good"]]
-    lines += ["", *(f"{one['hand']}, {one['object']}: {_cell(one)}: {one['why']}" for one in failed)]
+    lines = [table(hands), "", *(f"{one['hand']}, {one['object']}: {_cell(one)}: {one['why']}" for one in failed)]
     lines += [f"{count} {what}" for what, count in Counter(_cell(one) for one in failed).most_common()]
     return "\n".join(lines)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from results import header, write_rows
+from results import header, table, write_rows
 
 from pinograsp.cases import load_case
 from pinograsp.cases.published import AS_PUBLISHED
@@ -64,7 +64,7 @@ def main() -> None:
     case = load_case("paper", AS_PUBLISHED)
     problem = case.make_problem(case.load_hand())
     first_line = header(("numpy", "pin", "qpsolvers", "daqp"))
-    rows, ratios = [], []
+    rows = []
     for n_A, n_k, limit in SIZES:
         grid = GridSpec(
             accelerations=np.linspace(0.01, 1, n_A), multipliers=np.linspace(-1, 1, n_k), residual_limit=limit
@@ -93,13 +93,11 @@ def main() -> None:
                     "brute_over_this": "",
                 }
             )
-            print(rows[-1], flush=True)
         if "brute" in results:
             brute, pruned = results["brute"][0], results["paper"][0]
             same = brute.status is pruned.status and np.array_equal(brute.acceleration, pruned.acceleration)
             same = same and np.array_equal(brute.multipliers, pruned.multipliers)
             ratio = results["brute"][1] / results["paper"][1]
-            ratios.append((grid.points(problem.k), ratio, same))
             row = next(r for r in reversed(rows) if r["search"] == "paper")
             row["same_as_brute"], row["brute_over_this"] = str(bool(same)), f"{ratio:.0f}"
     write_rows(HERE / "grid_vs_qp.csv", first_line, rows)
@@ -116,8 +114,7 @@ def main() -> None:
         axes.grid(alpha=0.3)
         axes.legend()
     figure.savefig(HERE / "grid_vs_qp.png", dpi=110)
-    for points, ratio, same in ratios:
-        print(f"{points:.2e} points: brute force / pruned = {ratio:.0f}, same optimum: {bool(same)}")
+    print(table(rows))
 
 
 if __name__ == "__main__":

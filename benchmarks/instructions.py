@@ -138,7 +138,7 @@ def main() -> None:
         method, model, folder, count = options.child
         child(method, model, Path(folder), int(count))
         return
-    from results import header, write_rows
+    from results import header, table, write_rows
     from tqdm import tqdm
 
     rows = []
@@ -155,7 +155,7 @@ def main() -> None:
                         "instructions": round((many - few) / (MANY - FEW)),
                     }
                 )
-                print(rows[-1])
+    print(table(rows))
     write_rows(HERE / "instructions.csv", header(("numpy", "daqp", "clarabel"), "cachegrind", "AVX2"), rows)
 
 

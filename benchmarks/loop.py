@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -99,8 +99,7 @@ def main() -> None:
         in_cpp(plan, postures, options.ticks),
         *(in_python(plan, postures, options.ticks, moving=moving) for moving in (False, True)),
     ]
-    for row in rows:
-        print(row)
+    print(table(rows))
     write_rows(HERE / "loop.csv", header(("numpy", "pin"), "seed 0"), rows)
 
 

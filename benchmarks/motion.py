@@ -19,7 +19,7 @@ from unittest.mock import patch
 
 import numpy as np
 from grasps import MU, objects, width
-from results import header, write_rows
+from results import header, table, write_rows
 
 import pinograsp as pg
 from pinograsp.forces import optimize_grasp
@@ -119,7 +119,7 @@ def main() -> None:
                 "process_p99_ms": f"{np.percentile(process, 99):.1f}",
             }
         )
-        print(*found[-1].values())
+    print(table(found))
     notes = (f"{options.repeats} in turn", f"{SAMPLES} samples a pair, seed {SEED}")
     write_rows(options.out, header(("numpy", "scipy", "pin", "coal"), *notes), found)
 

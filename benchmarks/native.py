@@ -21,7 +21,7 @@ from pathlib import Path
 import daqp
 import forces
 import numpy as np
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -116,7 +116,6 @@ def compared(name: str, made: list, blocks: int, bar) -> list[dict]:
                 f"over_{first}": f"{np.median(np.median(each, axis=1) / base):.2f}",
             }
         )
-        print(rows[-1])
     return rows
 
 
@@ -143,6 +142,9 @@ def main() -> None:
             problem = replace(case.base, friction=pg.Friction(), torques=None)
             made.append((multipliers_of(problem, np.full(problem.k, 2.0)), case.loads))
         rows += compared("3 contacts, unbalanced", made, options.blocks, bar)
+    ratios = list(dict.fromkeys(name for row in rows for name in row if name.startswith("over_")))
+    for name in ratios:
+        print(table([row for row in rows if name in row]), end="\n\n")
     write_rows(
         HERE / "native.csv",
         header(("numpy", "clarabel", "daqp")),

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import daqp
 import numpy as np
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -237,11 +237,8 @@ def main() -> None:
         limited = replace(problem, torques=pg.torque_limits(hand, problem.contacts, q, limit=torques))
         limited = pg.OnlineForces(limited, hand=hand, q=q, normal_forces=limits)
         rows.append(base | timed(limited, wander, max(steps // 20, 1000), "torque limits", label))
-        for row in rows[-5:]:
-            print({key: str(value) for key, value in row.items()})
     rows += multipliers(2 if options.quick else 20)
-    for row in rows[-2:]:
-        print(row)
+    print(table([{c: row.get(c, "") for c in COLUMNS} for row in rows]))
     if not options.quick:
         write_rows(
             HERE / "online.csv",

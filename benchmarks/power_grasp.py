@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from results import header, write_rows
+from results import header, table, write_rows
 
 import pinograsp as pg
 from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Link
@@ -94,7 +94,7 @@ def main() -> None:
         "slip_um": f"{1e6 * motion.slip.max():.2g}",
     }
     write_rows(options.out, header(("numpy", "pin", "coal", "daqp", "clarabel"), f"{options.repeats} repeats"), [row])
-    print("\n".join(f"{name}: {value}" for name, value in row.items()))
+    print(table([{"what": name, "value": value} for name, value in row.items()]))
 
 
 if __name__ == "__main__":

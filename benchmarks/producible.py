@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from online import many_contacts
-from results import header, write_rows
+from results import header, table, write_rows
 
 import pinograsp as pg
 from pinograsp.forces import optimize_grasp, search_reserve
@@ -83,7 +83,7 @@ def main() -> None:
                 "times_the_unrestricted": f"{np.median(times) / np.median(base):.2f}",
             }
         )
-        print(*found[-1].values())
+    print(table(found))
     write_rows(options.out, header(("numpy", "pin", "daqp", "clarabel"), f"{options.repeats} in turn"), found)
 
 

@@ -32,7 +32,7 @@ from pathlib import Path
 import joblib
 import numpy as np
 from grasps import DENSITY, objects, width
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -246,39 +246,41 @@ def summary(rows: list[dict]) -> str:
     """The tables of the README: by what the planner says, and by hand."""
     tried = [row for row in rows if row["near_mm"]]
     ours = [row for row in tried if row["kind"] == "feasible"]
-    lines = ["| the planner says | cases | as it says | with 2 mm and 5 deg |", "| --- | --- | --- | --- |"]
+    said_rows, hands = [], []
+
+    def say(said: str, own: list[dict], right: str, wider: str) -> None:
+        line = {"the planner says": said, "cases": len(own), "as it says": right, "with 2 mm and 5 deg": wider}
+        said_rows.append(line)
+
     for said, own in (
         ("feasible with reserve", ours),
         ("without a caution", [row for row in ours if not row["remark"]]),
     ):
         held, strictly = (sum(holds(row, *limits) for row in own) for limits in ((5.0, 10.0), (2.0, 5.0)))
-        lines.append(f"| {said} | {len(own)} | {held} held | {strictly} held |")
+        say(said, own, f"{held} held", f"{strictly} held")
         shaken = sum(row["disturbed"] == "held" for row in own)
-        lines.append(f"| {said}, disturbed within the reserve | {len(own)} | {shaken} held | - |")
+        say(f"{said}, disturbed within the reserve", own, f"{shaken} held", "-")
     for where, remark in (("no link near", False), ("a link near", False), ("with a remark", True)):
         own = [row for row in tried if row["kind"] == "infeasible" and bool(row["remark"]) == remark]
         if not remark:
             own = [row for row in own if (float(row["near_mm"]) < 1e3 * NEAR) == (where == "a link near")]
         lost, strictly = (sum(not holds(row, *limits) for row in own) for limits in ((5.0, 10.0), (2.0, 5.0)))
-        lines.append(f"| infeasible by 10 % or more, {where} | {len(own)} | {lost} lost | {strictly} lost |")
-    lines += [
-        "",
-        "| hand | with reserve: held | disturbed: held | draws for a plan | infeasible: lost | no case, error |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
+        say(f"infeasible by 10 % or more, {where}", own, f"{lost} lost", f"{strictly} lost")
     for name in dict.fromkeys(row["hand"] for row in rows):
         own = [row for row in rows if row["hand"] == name]
         mine = [row for row in own if row["near_mm"] and row["kind"] == "feasible"]
         other = [row for row in own if row["near_mm"] and row["kind"] == "infeasible"]
-        cells = [
-            f"{sum(row['verdict'] == 'held' for row in mine)} of {len(mine)}",
-            f"{sum(row['disturbed'] == 'held' for row in mine)} of {len(mine)}",
-            f"{sum(int(row['tries']) for row in mine)}",
-            f"{sum(row['verdict'] == 'lost' for row in other)} of {len(other)}",
-            str(sum(not row["near_mm"] for row in own)),
-        ]
-        lines.append(f"| `{name}` | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        hands.append(
+            {
+                "hand": f"`{name}`",
+                "with reserve: held": f"{sum(row['verdict'] == 'held' for row in mine)} of {len(mine)}",
+                "disturbed: held": f"{sum(row['disturbed'] == 'held' for row in mine)} of {len(mine)}",
+                "draws for a plan": sum(int(row["tries"]) for row in mine),
+                "infeasible: lost": f"{sum(row['verdict'] == 'lost' for row in other)} of {len(other)}",
+                "no case, error": sum(not row["near_mm"] for row in own),
+            }
+        )
+    return f"{table(said_rows)}\n\n{table(hands)}"
 
 
 def holds(row: dict, drift: float, turn: float) -> bool:
@@ -317,9 +319,8 @@ def main() -> None:
         rows.append({column: found.get(column, "") for column in COLUMNS})
         write_rows(options.out, first_line, sorted(rows, key=lambda one: int(one["case"])))
     print(summary(rows))
-    for row in rows:
-        if row["expected"] != "yes":
-            print({key: value for key, value in row.items() if value})
+    if odd := [row for row in rows if row["expected"] != "yes"]:
+        print("\n" + table([{key: value for key, value in row.items() if value} for row in odd]))
 
 
 if __name__ == "__main__":

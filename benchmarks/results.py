@@ -9,6 +9,8 @@ import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+UNITS = ("%", "N", "ms", "us", "s")
+
 
 def header(packages, *notes: str) -> str:
     """One comment line: machine, cores, Python, versions of ``packages``, commit, then ``notes``."""
@@ -26,6 +28,32 @@ def write_rows(path: Path, first_line: str, rows: list[dict]) -> None:
         writer = csv.DictWriter(stream, list(dict.fromkeys(column for row in rows for column in row)), restval="")
         writer.writeheader()
         writer.writerows(rows)
+
+
+def table(rows: list[dict]) -> str:
+    """``rows`` as a Markdown table, its columns aligned, numbers to the right; columns that some rows have are empty in
+    the others.
+    """
+    names = list(dict.fromkeys(column for row in rows for column in row))
+    cells = [[str(row.get(name, "")) for name in names] for row in rows]
+    widths = [max(3, len(name), *(len(line[i]) for line in cells)) for i, name in enumerate(names)]
+    right = [any(line[i] for line in cells) and all(_is_number(line[i]) for line in cells) for i in range(len(names))]
+    rule = ["-" * (width - 1) + (":" if number else "-") for width, number in zip(widths, right)]
+    aligned = [
+        [cell.rjust(width) if number else cell.ljust(width) for cell, width, number in zip(line, widths, right)]
+        for line in (names, rule, *cells)
+    ]
+    return "\n".join(f"| {' | '.join(line)} |" for line in aligned)
+
+
+def _is_number(text: str) -> bool:
+    """Whether a cell is a number, with its unit or without, or holds nothing."""
+    number, _, unit = text.partition(" ")
+    try:
+        float(number if unit in UNITS else text)
+    except ValueError:
+        return text in ("", "-")
+    return True
 
 
 def _with_version(name: str) -> str:

@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio as pin
 from grasps import MU, SHAPES, thing, width
 from joblib import Parallel, delayed
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -157,12 +157,8 @@ def listed(forces: np.ndarray) -> str:
 
 
 def summary(found: list[dict]) -> str:
-    lines = [
-        "| rule | kp [N m/rad] | held | held where told | told | forces in the band where told, to "
-        + ", ".join(f"{100 * room:g} %" for room in ROOM)
-        + " of the largest |",
-        "|" + " --- |" * 6,
-    ]
+    rooms = ", ".join(f"{100 * room:g} %" for room in ROOM)
+    lines = []
     for rule in RULES:
         for gain in (*GAINS, None):
             own = [one for one in found if one["rule"] == rule and gain in (None, one["gain"]) and one["held"] != ""]
@@ -171,10 +167,16 @@ def summary(found: list[dict]) -> str:
                 off = np.array([float(value) for one in told for value in one["off"].split()])
                 inside = ", ".join(f"{100 * np.mean(off <= room):.1f} %" for room in ROOM) if told else "-"
                 lines.append(
-                    f"| {rule} | {'all' if gain is None else f'{gain:g}'} | {share(own)} | {share(told)} | "
-                    f"{len(told)} of {len(own)} | {inside} |"
+                    {
+                        "rule": rule,
+                        "kp [N m/rad]": "all" if gain is None else f"{gain:g}",
+                        "held": share(own),
+                        "held where told": share(told),
+                        "told": f"{len(told)} of {len(own)}",
+                        f"forces in the band where told, to {rooms} of the largest": inside,
+                    }
                 )
-    return "\n".join(lines)
+    return table(lines)
 
 
 def share(own: list[dict]) -> str:

@@ -27,7 +27,7 @@ from pathlib import Path
 
 import joblib
 import numpy as np
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 from pinograsp.cases import load_case
@@ -115,7 +115,7 @@ def main() -> None:
                 "ideal_speed_up": f"{np.median(alone / both):.2f}",
             }
         rows.append(row)
-        print(row)
+    print(table(rows))
     if not options.quick:
         load = f"load {os.getloadavg()[0]:.1f} at the end"
         write_rows(HERE / "sweep.csv", header(("numpy", "pin", "joblib", "pyarrow"), load), rows)

@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from grasps import DENSITY, objects, width
-from results import header, write_rows
+from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
@@ -158,11 +158,6 @@ def case_study() -> list[dict]:
             }
         )
     return rows
-
-
-def table(rows: list[dict]) -> str:
-    lines = ["| " + " | ".join(rows[0]) + " |", "|" + " --- |" * len(rows[0])]
-    return "\n".join([*lines, *("| " + " | ".join(str(v) for v in row.values()) + " |" for row in rows)])
 
 
 def main() -> None:

@@ -83,6 +83,10 @@ CALLS = {
     "batch": lambda w: pg.solve_batch(w["batch"], objective="work"),
     "probability": lambda w: forces.holding_probability(w["problem"], T_I, count=20),
     "online": lambda w: pg.OnlineForces(w["problem"]).step(w["problem"].load),
+    "for other solvers": lambda w: [
+        form.solution(np.ones(len(form.q)))
+        for form in (w["paper"].to_qp(T_I, objective="peak"), w["problem"].to_socp(T_I))
+    ],
     "derived values": lambda w: (
         w["solution"].profile,
         w["solution"].work,

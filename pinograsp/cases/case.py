@@ -26,7 +26,7 @@ from pinograsp.contacts import (
     touching,
 )
 from pinograsp.errors import CaseRejected
-from pinograsp.forces import BackendName, ForceProblem, GridSpec, ObjectiveName, grid_values
+from pinograsp.forces import ForceProblem, GridSpec, ObjectiveName, available_backends, grid_values
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.hands.load import Masses
 from pinograsp.motion import MotionSpec
@@ -34,9 +34,8 @@ from pinograsp.objects import Cylinder, Sphere
 from pinograsp.planner import GraspPlan, Search, plan_grasp
 from pinograsp.spatial import Array, pose_of, rotation_rpy
 
-# What the forces minimise, and what solves for them, as case files call it.
+# What the forces minimise, as case files call it.
 Objective: TypeAlias = ObjectiveName
-Solver: TypeAlias = BackendName
 
 _AS_IT_IS: CaseChanges = {}
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
@@ -59,6 +58,13 @@ def _reasonable(value: float) -> float:
     return value
 
 
+def _there(name: str) -> str:
+    if name not in available_backends():
+        raise ValueError(f"expected one of {', '.join(available_backends())}")
+    return name
+
+
+Solver = Annotated[str, AfterValidator(_there)]
 Number = Annotated[float, AfterValidator(_reasonable)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(_reasonable)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_reasonable)]

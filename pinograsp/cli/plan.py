@@ -118,7 +118,9 @@ def plan(
             "moment_arm \\[m]; softer, stiffer: factors on the contacts' stiffness)."
         ),
     ] = None,
-    solver: Annotated[str | None, typer.Option(help="auto, daqp, proxqp, osqp, quadprog, piqp or clarabel.")] = None,
+    solver: Annotated[
+        str | None, typer.Option(help="auto, newton, interior, or a QP solver that is there: daqp, clarabel, osqp...")
+    ] = None,
     changes: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; repeatable.")
     ] = None,

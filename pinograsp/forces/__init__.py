@@ -1,6 +1,7 @@
 """Contact forces: the problem, grid searches, the multiplier QP, certified convex optima, margins, robust sets."""
 
-from pinograsp.forces.backends import BACKENDS, BackendName
+import pinograsp.forces.written  # noqa: F401  # fills ForceProblem.to_qp and to_socp
+from pinograsp.forces.backends import BACKENDS, BackendName, available_backends, register_solver
 from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
 from pinograsp.forces.conditions import GraspConditions, TorqueLimit
@@ -21,6 +22,7 @@ from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refin
 from pinograsp.forces.optimize import optimize_forces, warm_up
 from pinograsp.forces.problem import ForceProblem, TorqueLimits, Underactuation
 from pinograsp.forces.program import OBJECTIVES, Objective, ObjectiveName
+from pinograsp.forces.registry import unregister_solver
 from pinograsp.forces.reliability import Reliability, holding_probability
 from pinograsp.forces.reserve import (
     Reserve,
@@ -44,7 +46,16 @@ from pinograsp.forces.solution import (
     GridSolution,
 )
 from pinograsp.forces.solver import ForceSolver
-from pinograsp.forces.solvers import SOLVERS, SolverName
+from pinograsp.forces.solvers import SOLVERS, SolverName, qp_solvers
+from pinograsp.forces.standard_form import (
+    Column,
+    Cones,
+    ConicProgram,
+    ForceQP,
+    ForceSOCP,
+    QuadraticProgram,
+    SolverAnswer,
+)
 
 __all__ = [
     "BACKENDS",
@@ -57,11 +68,16 @@ __all__ = [
     "BetterContacts",
     "Branch",
     "Certificate",
+    "Column",
+    "Cones",
+    "ConicProgram",
     "ConvexSolution",
     "Diagnosis",
     "ForceBatch",
     "ForceClosure",
     "ForceProblem",
+    "ForceQP",
+    "ForceSOCP",
     "ForceSolution",
     "ForceSolver",
     "GlobalSolution",
@@ -78,17 +94,20 @@ __all__ = [
     "MultiplierSolution",
     "Objective",
     "ObjectiveName",
+    "QuadraticProgram",
     "Reaction",
     "Reliability",
     "Reserve",
     "RobustForces",
     "Sensitivity",
+    "SolverAnswer",
     "SolverName",
     "StiffnessScenario",
     "Tolerance",
     "TorqueLimit",
     "TorqueLimits",
     "Underactuation",
+    "available_backends",
     "diagnose",
     "disturbance_margin",
     "force_closure",
@@ -107,9 +126,12 @@ __all__ = [
     "optimize_robust",
     "parts_in_the_way",
     "producible_reserve",
+    "qp_solvers",
     "refine_multipliers",
+    "register_solver",
     "reserve_along",
     "search_reserve",
     "solve_batch",
+    "unregister_solver",
     "warm_up",
 ]

@@ -13,11 +13,14 @@ from __future__ import annotations
 import numpy as np
 
 from pinograsp.contacts import Friction
+from pinograsp.contacts.compliance import MEASURES
+from pinograsp.errors import InvalidInput
 from pinograsp.forces.answers import Answer
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
-from pinograsp.forces.solvers import solve_rows
-from pinograsp.spatial import Array
+from pinograsp.forces.solvers import quadratic, solve_rows
+from pinograsp.forces.standard_form import QuadraticProgram
+from pinograsp.spatial import Array, IntArray
 
 _PROXIMAL = 1e-5  # against an objective of order one; below 1e-9 dense active-set solvers lose the Hessian
 _DEFINITE = 1e-6  # least eigenvalue of a Hessian that needs no proximal weight
@@ -32,7 +35,7 @@ class DenseMethod:
     """Newton's method over a dense QP solver, for the programs that share these matrices.
 
     Attributes:
-        solver: name of the QP solver, see :data:`~pinograsp.forces.solvers.SOLVERS`.
+        solver: name of the QP solver, see :func:`~pinograsp.forces.solvers.qp_solvers`.
     """
 
     def __init__(self, matrices: Matrices, solver: str):
@@ -64,19 +67,13 @@ class DenseMethod:
         """
         k, d, n = program.k, program.d, program.k * program.d
         size, C, equalities = self._size, self._C, len(program.b)
-        lower, upper = self._lower.copy(), self._upper.copy()
+        lower, upper, rows = self._limits(program)
         normal = slice(d - 1, n, d)
-        lower[normal], upper[normal] = program.lo, program.hi
-        lower[-equalities:] = upper[-equalities:] = program.b
-        rows = slice(size + len(C) - equalities - len(program.R), size + len(C) - equalities)
-        lower[rows], upper[rows] = program.R_lo, program.R_hi
         definite = self._least_curvature * program.force_scale**2 / program.objective_scale > _DEFINITE
         proximal = 0.0 if definite else _PROXIMAL
         curved = any(exponent != 1 for _, exponent in program.powers)
         H = np.zeros((size, size))
-        linear = np.zeros(size)
-        linear[:n] = program.q
-        linear[n:] = program.peak
+        linear = self._linear(program)
         x = np.zeros(size)
         F = np.clip(np.full(k, min(1.0, 2.0 / k)), program.lo, program.hi)
         x[normal] = F
@@ -100,19 +97,78 @@ class DenseMethod:
                 return best
             new, lam = found
             step = float(np.abs(new - x).max())
-            best = Answer(new[:n], lam[-equalities:], lam[rows])
+            best = Answer.alone(new[:n]) if lam is None else Answer(new[:n], lam[-equalities:], lam[rows])
             done = step <= _SETTLED * max(1.0, float(np.abs(new).max()))
             if done or (cones is None and not curved and not proximal):
                 break
             if count >= _PATIENCE and _closed(program, best):
                 break
             if cones is not None:
+                if lam is None:
+                    raise InvalidInput(
+                        f"solver '{self.solver}': friction cones take several QPs, each made with the last one's "
+                        "multipliers: expected y and z (see SolverAnswer), got x alone; return them, register the "
+                        "solver with takes='socp', or use pyramids"
+                    )
                 cones.learn(lam[size:])
             elif curved:
                 new, value = _descended(program, x, new, value)
             x = new
             F = np.minimum(np.maximum(x[normal], program.lo), program.hi)
         return best
+
+    def quadratic(self, program: Program) -> tuple[QuadraticProgram, IntArray]:
+        """The program itself as one QP, and the rows of its G that are each torque's upper and lower limit (t, 2), -1
+        where there is none.
+
+        Raises:
+            InvalidInput: friction or an objective that is not quadratic.
+        """
+        if not program.friction.polyhedral:
+            raise InvalidInput(
+                f"friction model '{program.friction.model}': a quadratic program has linear limits alone: take "
+                "to_socp(...), or Friction(model='pyramid', edges=...)"
+            )
+        d, n = program.d, program.k * program.d
+        H, f = np.zeros((self._size, self._size)), self._linear(program)
+        if program.P is not None:
+            H[:n, :n] = program.P
+        normal = np.arange(d - 1, n, d)
+        for coefficient, exponent in program.powers:
+            if exponent == 1:
+                f[normal] += coefficient
+            elif exponent == 2:
+                H[normal, normal] += 2 * coefficient
+            else:
+                names = ", ".join(f"'{name}'" for name in MEASURES if program.matrices.weights.get(name))
+                raise InvalidInput(
+                    f"objective {names}: its power F_n^{exponent:.4g} is not quadratic: take to_socp(...), an "
+                    "objective without a grasp energy ('least_squares', 'peak', 'motor_heat'), or a contact law of "
+                    "exponent 1"
+                )
+        lower, upper, rows = self._limits(program)
+        qp, high, low = quadratic(H, f, self._C, lower, upper, len(program.b))
+        at, torques = rows.start - self._size, len(program.R)
+        places = np.full((len(high), 2), -1)
+        places[high, 0] = np.arange(high.sum())
+        places[low, 1] = high.sum() + np.arange(low.sum())
+        return qp, places[at : at + torques]
+
+    def _limits(self, program: Program) -> tuple[Array, Array, slice]:
+        """Lower and upper bounds of (x, C x), and where the torque rows are among them."""
+        size, C, equalities = self._size, self._C, len(program.b)
+        lower, upper = self._lower.copy(), self._upper.copy()
+        normal = slice(program.d - 1, program.k * program.d, program.d)
+        lower[normal], upper[normal] = program.lo, program.hi
+        lower[-equalities:] = upper[-equalities:] = program.b
+        rows = slice(size + len(C) - equalities - len(program.R), size + len(C) - equalities)
+        lower[rows], upper[rows] = program.R_lo, program.R_hi
+        return lower, upper, rows
+
+    def _linear(self, program: Program) -> Array:
+        linear = np.full(self._size, program.peak)
+        linear[: program.k * program.d] = program.q
+        return linear
 
 
 class _Cones:
@@ -149,6 +205,8 @@ class _Cones:
 
 def _closed(program: Program, answer: Answer) -> bool:
     """Whether x is as good as a certificate asks: with nearly linear objectives x drifts between equal optima."""
+    if not len(answer.y):
+        return False
     value = program.value(answer.x)
     gap = value - program.lower_bound(answer.x, answer.y, answer.w, refine=False)
     return gap <= 1e-7 * abs(value) and program.violations(answer.x)[0] <= 1e-9

@@ -37,7 +37,7 @@ class Answer(NamedTuple):
 
     Attributes:
         x: scaled forces (k d,).
-        y: balance multipliers (rows,).
+        y: balance multipliers (rows,); empty where the solver gives none.
         w: torque multipliers (m,).
         checks: of x, where the solver computes them in the same way as :func:`certify`, else None.
     """
@@ -46,6 +46,11 @@ class Answer(NamedTuple):
     y: Array
     w: Array
     checks: Checks | None = None
+
+    @classmethod
+    def alone(cls, x: Array) -> Answer:
+        """x without multipliers."""
+        return cls(x, np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,9 +68,13 @@ class CertifiedForces:
     certificate: Certificate
 
 
-def certify(problem: ForceProblem, program: Program, answer: Answer) -> CertifiedForces:
-    """The forces of an answer, the balance's residual removed by the least correction, and their certificate."""
-    x, checks = (answer.x, answer.checks) if answer.checks is not None else _checked(program, answer)
+def certify(problem: ForceProblem, program: Program, answer: Answer, *, settle: bool = True) -> CertifiedForces:
+    """The forces of an answer, the balance's residual removed by the least correction, and their certificate.
+
+    Without multipliers the lower bound is the objective's least conceivable value. ``settle`` False: forces as they
+    are.
+    """
+    x, checks = (answer.x, answer.checks) if answer.checks is not None else _checked(program, answer, settle)
     # No objective is negative; rounding may raise a sharp bound above the value.
     lower_bound = min(max(checks.lower_bound, -program.constant), checks.objective)
     F, unit, force = x[program.d - 1 :: program.d], program.objective_scale, program.force_scale
@@ -97,14 +106,16 @@ def forces_of(problem: ForceProblem, x: Array, force_scale: float) -> tuple[Arra
     return forces, z[:, 2] * widths[:, 2] if friction.d == 4 else np.zeros(problem.k)
 
 
-def _checked(program: Program, answer: Answer) -> tuple[Array, Checks]:
-    """x with the balance's residual removed, and its checks."""
+def _checked(program: Program, answer: Answer, settle: bool) -> tuple[Array, Checks]:
+    """x with the balance's residual removed, unless it is not to be, and its checks."""
     x = answer.x
     violation, gauge, residual = program.violations(x)
-    if residual @ residual > 1e-26:
+    if settle and residual @ residual > 1e-26:
         x = program.settled(x, residual)
         violation, gauge, residual = program.violations(x)
     objective = program.value(x)
+    if not len(answer.y):
+        return x, Checks(violation, gauge, residual, objective, -program.constant)
     bound = program.lower_bound(x, answer.y, answer.w, refine=False)
     if objective - max(bound, -program.constant) > 0.2 * TOLERANCE.gap * _objective_size(program, objective):
         bound = max(bound, program.lower_bound(x, answer.y, answer.w))

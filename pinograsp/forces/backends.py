@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from pinograsp import core
+from pinograsp.checks import one_of
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import DenseMethod
 from pinograsp.forces.answers import Answer, CertifiedForces, certify
@@ -18,16 +20,51 @@ from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
-from pinograsp.forces.solvers import SolverName
+from pinograsp.forces.registry import Takes, asked, register, registered
+from pinograsp.forces.solvers import OwnSolver, qp_solvers
 from pinograsp.forces.template import Template
 
 _USEFUL = 1e-3  # relative to the load: forces that miss their limits by more are not recorded
 CompiledName = Literal["interior", "newton"]
 COMPILED: tuple[CompiledName, ...] = get_args(CompiledName)
-BackendName = Literal["auto", CompiledName, SolverName]
-BACKENDS: tuple[BackendName, ...] = get_args(BackendName)
+OwnBackend = Literal["auto", CompiledName, OwnSolver]
+# For completion; registered ones have any name.
+BackendName: TypeAlias = OwnBackend | str
+# Those that come with the package; all that are there: available_backends().
+BACKENDS: tuple[OwnBackend, ...] = get_args(OwnBackend)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
 _DENSE_UP_TO = 20
+
+
+def available_backends() -> tuple[str, ...]:
+    """Names that ``backend=`` takes here: the compiled methods, every solver that qpsolvers finds, registered ones."""
+    return ("auto", *COMPILED, *dict.fromkeys((*qp_solvers(), *registered())))
+
+
+def checked_backend(name: str) -> str:
+    """``name`` if it is a backend that is there; else :class:`~pinograsp.errors.InvalidInput` with those that are."""
+    return one_of("backend", name, available_backends())
+
+
+def register_solver(name: str, function: Callable[[Any], Any], *, takes: Takes = "qp") -> None:
+    """Make a solver of your own a backend: ``optimize_forces(problem, t, backend=name)``.
+
+    Whatever it returns is judged by this package's own certificate; where that fails, DAQP and Clarabel follow as with
+    every backend. Names are kept in this process: workers of a sweep have to register their own.
+
+    Args:
+        name: free so far (:func:`available_backends`).
+        function: takes a program and returns x (n,), or a :class:`SolverAnswer` with multipliers (solutions of
+            qpsolvers and Clarabel do as well), or None where it finds none. Without multipliers the lower bound is
+            proven with those of one more solve of this package's own. Its exceptions are passed on.
+        takes: ``"qp"``: the function gets a :class:`QuadraticProgram`, several for grasp energies and cones (Newton
+            steps, each positive definite; cones need multipliers); ``"socp"``: one :class:`ConicProgram`, with power
+            cones for grasp energies.
+
+    Raises:
+        InvalidInput: a name that is taken, no function, an unknown kind of program.
+    """
+    register(name, function, takes, available_backends())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,13 +144,25 @@ class Backends:
                 return None
             return solve_program(problem, program, self.template, name)
         if name == "clarabel":
-            exponents = exponents_of(program)
-            if self._conic is None or self._conic.exponents != exponents:
-                self._conic = ConicMethod(self._matrices, exponents)
-            return self._conic.solve(program)
-        if name not in self._dense:
-            self._dense[name] = DenseMethod(self._matrices, name)
-        return self._dense[name].solve(program)
+            return self._over_cones(program).solve(program)
+        if name in registered("socp"):
+            method = self._over_cones(program)
+            found = asked(name, method.standard_form(program))
+            answer = None if found is None else method.answer(program, found.x, found.z)
+        else:
+            if name not in self._dense:
+                self._dense[name] = DenseMethod(self._matrices, name)
+            answer = self._dense[name].solve(program)
+        if answer is not None and not len(answer.y):
+            own = self._over_cones(program).solve(program)
+            answer = answer if own is None else own._replace(x=answer.x)
+        return answer
+
+    def _over_cones(self, program: Program) -> ConicMethod:
+        exponents = exponents_of(program)
+        if self._conic is None or self._conic.exponents != exponents:
+            self._conic = ConicMethod(self._matrices, exponents)
+        return self._conic
 
 
 def compiled_method(matrices: Matrices) -> str:

@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from pinograsp.forces.answers import Answer
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
+from pinograsp.forces.standard_form import Cones, ConicProgram
 from pinograsp.spatial import Array, IntArray
 
 _SETTINGS = {
@@ -245,6 +246,7 @@ class ConicMethod:
 
     Attributes:
         exponents: of the powers of F_n that are not linear.
+        torque_at: first row of the upper torque limits; the lower ones follow them.
     """
 
     def __init__(self, matrices: Matrices, exponents: tuple[float, ...]):
@@ -262,19 +264,19 @@ class ConicMethod:
         if peak:
             blocks.append([select, -np.ones((k, 1)), None])
         blocks.append([second, None, None])
-        cones = [clarabel.ZeroConeT(matrices.rows), clarabel.NonnegativeConeT(len(linear) + 2 * m + peak * k)]
-        cones += [clarabel.SecondOrderConeT(size) for size in sizes]
+        powers: list[float] = []
         for j, exponent in enumerate(exponents):
             on_force, on_power = np.zeros((3 * k, n)), np.zeros((3 * k, extra))
             on_power[np.arange(0, 3 * k, 3), j * k + np.arange(k)] = -1.0
             on_force[2::3] = -select
             blocks.append([on_force, None, on_power])
-            cones += [clarabel.PowerConeT(1 / exponent)] * k
-        self.exponents, self._A, self._cones = exponents, sparse(stacked(blocks, (n, peak, extra))), cones
-        self._torque_at = matrices.rows + len(linear)
+            powers += [1 / exponent] * k
+        self.exponents, self._A = exponents, sparse(stacked(blocks, (n, peak, extra)))
+        self._cones = Cones(matrices.rows, len(linear) + 2 * m + peak * k, tuple(sizes), tuple(powers))
+        self.torque_at = matrices.rows + len(linear)
 
-    def solve(self, program: Program) -> Answer | None:
-        """The interior-point method's answer; None where it is not finite."""
+    def standard_form(self, program: Program) -> ConicProgram:
+        """The program, which shares this method's matrices and exponents, over cones."""
         k, n, m, at = program.k, program.k * program.d, len(program.R), len(program.b)
         size = self._A.shape[1]
         q = np.zeros(size)
@@ -290,18 +292,30 @@ class ConicMethod:
         b = np.zeros(self._A.shape[0])
         b[:at] = program.b
         b[at : at + k], b[at + k : at + 2 * k] = -program.lo, program.hi
-        rows = self._torque_at
+        rows = self.torque_at
         b[rows : rows + m], b[rows + m : rows + 2 * m] = program.R_hi, -program.R_lo
         if curved:
             b[len(b) - 3 * k * len(curved) + 1 :: 3] = 1.0
         P = sp.csc_matrix((size, size))
         if program.P is not None:
-            P = sp.csc_matrix(sp.triu(sp.block_diag([sp.csc_matrix(program.P), sp.csc_matrix((size - n,) * 2)])))
-        found = solve(P, q, self._A, b, self._cones)
+            P = sp.csc_matrix(sp.block_diag([sp.csc_matrix(program.P), sp.csc_matrix((size - n,) * 2)]))
+        return ConicProgram(P=P, q=q, A=self._A, b=b, cones=self._cones)
+
+    def solve(self, program: Program) -> Answer | None:
+        """The interior-point method's answer; None where it is not finite."""
+        socp = self.standard_form(program)
+        found = solve(sp.csc_matrix(sp.triu(socp.P)), socp.q, socp.A, socp.b, socp.cones.clarabel())
         x, z = np.array(found.x), np.array(found.z)
         if not (np.isfinite(x).all() and np.isfinite(z).all()):
             return None
-        return Answer(x[:n], z[:at], z[rows : rows + m] - z[rows + m : rows + 2 * m])
+        return self.answer(program, x, z)
+
+    def answer(self, program: Program, x: Array, z: Array | None) -> Answer:
+        """The answer of the unknowns x, and of the rows' multipliers z."""
+        n, m, rows = program.k * program.d, len(program.R), self.torque_at
+        if z is None:
+            return Answer.alone(x[:n])
+        return Answer(x[:n], z[: len(program.b)], z[rows : rows + m] - z[rows + m : rows + 2 * m])
 
 
 def exponents_of(program: Program) -> tuple[float, ...]:

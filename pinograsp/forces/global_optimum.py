@@ -15,10 +15,10 @@ from dataclasses import replace
 
 from tqdm import tqdm
 
-from pinograsp.checks import instance_of, number, one_of
+from pinograsp.checks import instance_of, number
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import CertifiedForces
-from pinograsp.forces.backends import BACKENDS, BackendName, Backends, Outcome
+from pinograsp.forces.backends import BackendName, Backends, Outcome, checked_backend
 from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
@@ -60,7 +60,7 @@ def optimize_grasp(
     started = time.perf_counter()
     instance_of("problem", problem, ForceProblem)
     instance_of("progress", progress, bool, type(None))
-    search = _Search(problem, weights_of(objective, problem), one_of("backend", backend, BACKENDS))
+    search = _Search(problem, weights_of(objective, problem), checked_backend(backend))
     gap = number("gap", gap, above=0)
     if gap < 1e-9:
         raise InvalidInput(f"gap: expected at least 1e-9 (the certificates' own accuracy), got {gap:g}")

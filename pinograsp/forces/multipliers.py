@@ -20,7 +20,7 @@ from pinograsp.checks import array_of, brief, frozen, instance_of, one_of, read_
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solvers import SOLVERS, SolverName, solve_qp
+from pinograsp.forces.solvers import SolverName, qp_solvers, solve_qp
 from pinograsp.spatial import Array
 
 # Weight of ||k||^2 against ||r||^2 (normalised by the largest column): selects the least-norm multipliers. Below 1e-10
@@ -63,7 +63,7 @@ def refine_multipliers(
         InvalidInput: negative or non-finite normal forces, or an unknown solver.
     """
     instance_of("problem", problem, ForceProblem)
-    one_of("solver", solver, SOLVERS)
+    one_of("solver", solver, qp_solvers())
     normal = array_of("normal forces", normal_forces, (problem.k,))
     if np.any(normal < 0):
         raise InvalidInput(f"normal forces: expected values >= 0 [N], got {shown(normal.tolist())}")

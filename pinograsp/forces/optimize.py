@@ -41,9 +41,12 @@ def optimize_forces(
             squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All are convex and solved to optimality.
-        backend: a name of :data:`BACKENDS`. ``"auto"``: with the core installed one of its methods, either
-            Newton on the dual (``"newton"``; cones, soft fingers and 4-edge pyramids without torque limits) or interior
-            points (``"interior"``; all but peak and coupled motor heat); else DAQP up to 20 contacts, Clarabel above.
+        backend: a name of :func:`~pinograsp.forces.available_backends`: a compiled method, any solver that qpsolvers
+            finds, or one of your own (:func:`~pinograsp.forces.register_solver`). QP solvers take grasp energies and
+            friction cones as a sequence of QPs, Clarabel takes both as they are. ``"auto"``: with the core installed
+            one of its methods, either Newton on the dual (``"newton"``; cones, soft fingers and 4-edge pyramids
+            without torque limits) or interior points (``"interior"``; all but peak and coupled motor heat); else DAQP
+            up to 20 contacts, Clarabel above.
             Where a backend cannot take the problem, or its answer fails the certificate, DAQP and Clarabel follow; the
             record says which one answered.
 

@@ -39,6 +39,7 @@ from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput
+from pinograsp.forces.standard_form import StandardForms
 from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray
@@ -195,7 +196,7 @@ class ProblemSettings(TypedDict, total=False):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: with_load copies all attributes at once
-class ForceProblem:
+class ForceProblem(StandardForms):
     """k contacts, a load, friction, and the constraints of Eqs. (13)-(16).
 
     Attributes:

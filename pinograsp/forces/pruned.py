@@ -28,7 +28,7 @@ from pinograsp.forces.lattice import first_on_lattice
 from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import GridSolution
-from pinograsp.forces.solvers import SOLVERS, SolverName
+from pinograsp.forces.solvers import SolverName, qp_solvers
 from pinograsp.spatial import Array, IntArray
 
 _Entries = TypeVar("_Entries", Array, IntArray)
@@ -218,7 +218,7 @@ def _search(
 ) -> GridSolution:
     """``limit``: largest norm of the residual that counts as balance [N]; None: the certificates' tolerance."""
     started = time.perf_counter()
-    one_of("solver", solver, SOLVERS)
+    one_of("solver", solver, qp_solvers())
     tables, rejections = tabulate(problem, grid)
     progress_bar = g.bar(sum(t.cost.size**problem.k for t in tables), f"{name} search", progress)
     least, _ = problem.normal_force_range(problem.impact_time_range[1])

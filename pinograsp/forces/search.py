@@ -13,7 +13,7 @@ from pinograsp.forces.multipliers import refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.pruned import hybrid_search, pruned_search
 from pinograsp.forces.solution import GridSolution
-from pinograsp.forces.solvers import SOLVERS, SolverName
+from pinograsp.forces.solvers import SolverName, qp_solvers
 
 GridSearch: TypeAlias = Literal["hybrid", "paper", "paper+qp"]
 GridMethod: TypeAlias = Literal["pruned", "brute"]
@@ -40,7 +40,7 @@ def grid_search(
             ``"paper+qp"``: the same, then the QP over (k1, k2) at the normal forces found.
         method: how the paper's grid is searched, ``"pruned"`` (exact, fast) or ``"brute"`` (every point); the result is
             the same.
-        solver: QP solver, one of :data:`~pinograsp.forces.solvers.SOLVERS`.
+        solver: QP solver, one of :func:`~pinograsp.forces.solvers.qp_solvers`.
         progress: progress bar on stderr: None (long searches on a terminal), True or False.
 
     Returns:
@@ -54,7 +54,7 @@ def grid_search(
     instance_of("grid", grid, GridSpec, type(None))
     instance_of("progress", progress, bool, type(None))
     one_of("search", search, SEARCHES)
-    one_of("solver", solver, SOLVERS)
+    one_of("solver", solver, qp_solvers())
     one_of("method", method, METHODS)
     bounded = problem.min_normal_force is not None or problem.max_normal_force is not None
     if not problem.friction.is_paper or bounded or problem.torques is not None:

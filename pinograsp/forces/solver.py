@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import instance_of, one_of, record_of
+from pinograsp.checks import instance_of, record_of
 from pinograsp.errors import Status
-from pinograsp.forces.backends import BACKENDS, COMPILED, BackendName, Backends
+from pinograsp.forces.backends import COMPILED, BackendName, Backends, checked_backend
 from pinograsp.forces.compiled import Prepared
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
@@ -54,7 +54,7 @@ class ForceSolver:
         self.problem = instance_of("problem", problem, ForceProblem)
         self.impact_time = problem.checked_impact_time(impact_time)
         self.weights = weights_of(objective, problem)
-        one_of("backend", backend, BACKENDS)
+        checked_backend(backend)
         self._matrices = matrices_of(problem, self.weights)
         self._backends = Backends(self._matrices, backend)
         self.backends = self._backends.order

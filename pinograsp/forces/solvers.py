@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import daqp
 import numpy as np
 import qpsolvers
+import scipy.sparse as sp
 
 from pinograsp.checks import one_of
-from pinograsp.spatial import Array
+from pinograsp.forces.registry import Answered, asked, registered
+from pinograsp.forces.standard_form import QuadraticProgram
+from pinograsp.spatial import Array, BoolArray
 
 # The defaults of ProxQP and OSQP (1e-3 to 1e-5) leave residuals that the certificates reject; below 1e-10 Clarabel
 # stops early on the nearly singular Hessian. OSQP's polishing is off, as it prints to stdout even without `verbose`.
 # Its first step size suits Hessians near one: with the default, 0.1, some problems take more than 100,000 steps. DAQP's
-# tolerances bound the violation in multiplier units; quadprog is exact and has none.
+# tolerances bound the violation in multiplier units; quadprog is exact and has none. 1e-10 is the least that HiGHS
+# takes, and its active sets may cycle without end. Solvers that are not named here run with their defaults.
 TOLERANCES: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "max_iter": 10_000},
@@ -30,9 +34,24 @@ TOLERANCES: dict[str, dict[str, Any]] = {
     "quadprog": {},
     "piqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "eps_duality_gap_abs": 1e-11, "eps_duality_gap_rel": 0.0},
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
+    "ecos": {"abstol": 1e-11, "reltol": 1e-11, "feastol": 1e-11},
+    "highs": {
+        "primal_feasibility_tolerance": 1e-10,
+        "dual_feasibility_tolerance": 1e-10,
+        "qp_iteration_limit": 10_000,
+    },
+    "scs": {"eps_abs": 1e-10, "eps_rel": 0.0, "max_iters": 100_000},
 }
-SolverName = Literal["daqp", "proxqp", "osqp", "quadprog", "piqp", "clarabel"]
-SOLVERS: tuple[SolverName, ...] = get_args(SolverName)
+# Those that come with the package; all that are there: qp_solvers().
+OwnSolver = Literal["daqp", "proxqp", "osqp", "quadprog", "piqp", "clarabel"]
+SolverName: TypeAlias = OwnSolver | str
+SOLVERS: tuple[OwnSolver, ...] = get_args(OwnSolver)
+_NO_INFINITY = ("ecos",)  # bounds that are infinite must not be handed to them
+
+
+def qp_solvers() -> tuple[str, ...]:
+    """Names of all QP solvers that are there: those that qpsolvers finds, and registered ones that take QPs."""
+    return (*qpsolvers.available_solvers, *registered("qp"))
 
 
 def solve_qp(
@@ -48,23 +67,38 @@ def solve_qp(
 
     The answer is not checked here: callers certify it with their own residuals.
     """
-    one_of("solver", solver, SOLVERS)
-    with warnings.catch_warnings():
-        # qpsolvers warns that OSQP and Clarabel convert dense matrices; here they are tiny.
-        warnings.simplefilter("ignore")
-        x = qpsolvers.solve_qp(P, q, A=A, b=b, lb=lb, ub=ub, solver=solver, **TOLERANCES[solver])
-    # proxsuite and piqp return views of their own memory.
-    return None if x is None or not np.all(np.isfinite(x)) else np.array(x)
+    n = len(q)
+    none = np.zeros((0, n)), np.zeros(0)
+    rows = none if A is None or b is None else (A, b)
+    low, high = np.full(n, -np.inf) if lb is None else lb, np.full(n, np.inf) if ub is None else ub
+    qp = QuadraticProgram(P=P, q=q, G=none[0], h=none[1], A=rows[0], b=rows[1], lb=low, ub=high)
+    found = _solved(solver, qp, only_found=True)
+    return None if found is None else found.x
+
+
+def quadratic(
+    H: Array, f: Array, C: Array, lower: Array, upper: Array, equalities: int
+) -> tuple[QuadraticProgram, BoolArray, BoolArray]:
+    """The QP of :func:`solve_rows`, and which inequality rows of C have an upper and a lower limit: G has these rows,
+    in this order.
+    """
+    n, split = len(f), len(C) - equalities
+    low, high = np.isfinite(lower[n : n + split]), np.isfinite(upper[n : n + split])
+    G = np.vstack([C[:split][high], -C[:split][low]])
+    h = np.concatenate([upper[n : n + split][high], -lower[n : n + split][low]])
+    qp = QuadraticProgram(P=H, q=f, G=G, h=h, A=C[split:], b=upper[n + split :], lb=lower[:n], ub=upper[:n])
+    return qp, high, low
 
 
 def solve_rows(
     solver: str, H: Array, f: Array, C: Array, lower: Array, upper: Array, equalities: int
-) -> tuple[Array, Array] | None:
+) -> tuple[Array, Array | None] | None:
     """min 1/2 x'H x + f'x subject to lower <= (x, C x) <= upper: primal x and multipliers, or None.
 
     The bounds start with those of the n variables; the last ``equalities`` rows of C are equalities. Multipliers (one
-    per bound) are positive at an upper bound, negative at a lower one: H x + f + lam_x + C' lam_rows = 0. DAQP is
-    called through its own interface: qpsolvers' conversion costs as much as the solve.
+    per bound) are positive at an upper bound, negative at a lower one: H x + f + lam_x + C' lam_rows = 0; None where a
+    registered solver gives none. DAQP is called through its own interface: qpsolvers' conversion costs as much as the
+    solve.
     """
     n, rows = len(f), len(C)
     if solver == "daqp":
@@ -72,23 +106,63 @@ def solve_rows(
         sense[n + rows - equalities :] = 5
         x, _, flag, info = daqp.solve(H, f, C, upper, lower, sense, eps_prox=0.0, **TOLERANCES["daqp"])
         return (x, info["lam"]) if flag > 0 and np.isfinite(x).all() else None
-    split = rows - equalities
-    low, high = np.isfinite(lower[n : n + split]), np.isfinite(upper[n : n + split])
-    G = np.vstack([C[:split][high], -C[:split][low]])
-    h = np.concatenate([upper[n : n + split][high], -lower[n : n + split][low]])
-    problem = qpsolvers.Problem(H, f, G, h, C[split:], upper[n + split :], lower[:n], upper[:n])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            found = qpsolvers.solve_problem(problem, solver=solver, **TOLERANCES[solver])
-        except (qpsolvers.ProblemError, qpsolvers.SolverError):  # quadprog: a Hessian that is nearly singular
-            return None
-    if found.x is None or found.z is None or not np.all(np.isfinite(found.x)):
+    qp, high, low = quadratic(H, f, C, lower, upper, equalities)
+    found = _solved(solver, qp)
+    if found is None:
         return None
+    x, y, z, z_box = found
+    if y is None or z is None:
+        return x, None
     lam = np.zeros(n + rows)
-    lam[:n] = found.z_box
+    if z_box is not None:
+        lam[:n] = z_box
+    split = rows - equalities
     inner, count = lam[n : n + split], int(high.sum())
-    inner[high] += found.z[:count]
-    inner[low] -= found.z[count:]
-    lam[n + split :] = found.y
-    return np.array(found.x), lam
+    inner[high] += z[:count]
+    inner[low] -= z[count:]
+    lam[n + split :] = y
+    return x, lam
+
+
+def _solved(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> Answered | None:
+    """The answer of a solver; None where it has none. ``only_found``: nor where it does not call it a solution."""
+    if solver in registered():
+        return asked(solver, qp)
+    one_of("solver", solver, qp_solvers())
+    try:
+        found = solve_by_qpsolvers(solver, qp, stated(solver, qp), **TOLERANCES.get(solver, {}))
+    except (qpsolvers.ProblemError, qpsolvers.SolverError):  # quadprog, ECOS: a Hessian that is nearly singular
+        return None
+    if found.x is None or not np.all(np.isfinite(found.x)) or (only_found and not found.found):
+        return None
+    # proxsuite and piqp return views of their own memory.
+    return Answered(np.array(found.x), found.y, found.z, found.z_box)
+
+
+def stated(solver: str, qp: QuadraticProgram) -> qpsolvers.Problem:
+    """The QP as qpsolvers hands it to this solver without another conversion: sparse where it takes nothing else."""
+    P, q, G, h, A, b, lb, ub = qp.matrices
+    if solver in _NO_INFINITY:
+        low, high, one = np.isfinite(qp.lb), np.isfinite(qp.ub), np.eye(len(qp.q))
+        G, h = np.vstack([qp.G, one[high], -one[low]]), np.concatenate([qp.h, qp.ub[high], -qp.lb[low]])
+        lb = ub = None
+    elif solver not in qpsolvers.dense_solvers:
+        P, G, A = (None if rows is None else sp.csc_matrix(rows) for rows in (P, G, A))
+    return qpsolvers.Problem(P, q, G, h, A, b, lb, ub)
+
+
+def solve_by_qpsolvers(
+    solver: str, qp: QuadraticProgram, problem: qpsolvers.Problem, **settings: Any
+) -> qpsolvers.Solution:
+    """qpsolvers' solution, whatever it says, of the QP and what :func:`stated` makes of it, with these settings."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what they remark on is judged elsewhere
+        found = qpsolvers.solve_problem(problem, solver=solver, **settings)
+    if solver in _NO_INFINITY and found.z is not None:
+        low, high, m = np.isfinite(qp.lb), np.isfinite(qp.ub), len(qp.h)
+        count = int(high.sum())
+        found.z_box = np.zeros(len(qp.q))
+        found.z_box[high] += found.z[m : m + count]
+        found.z_box[low] -= found.z[m + count :]
+        found.z = found.z[:m]
+    return found

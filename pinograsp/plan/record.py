@@ -129,8 +129,9 @@ class PlanRecord:
 
     @property
     def hand_in_object(self) -> Array | None:
-        """fMh (4, 4): the hand's root frame in the object's own frame, of a mesh that of its file [m]; None where one of
-        the two was not kept. Where a robot has to bring the hand.
+        """fMh (4, 4): the hand's root frame in the object's own frame, of a mesh that of its file [m].
+
+        Where a robot has to bring the hand; None where one of the two was not kept.
         """
         if self.hand is None or self.body is None:
             return None

@@ -193,7 +193,7 @@ BAD = {
     "no equals sign": (["paper", "--set", "object.mass"], "expected KEY=VALUE"),
     "broken value": (["paper", "--set", "object.mass=[1"], "not valid YAML"),
     "unknown search": (["paper", "--search", "magic"], "forces.search"),
-    "unknown solver": (["paper", "--solver", "gurobi"], "forces.solver"),
+    "unknown solver": (["paper", "--solver", "no_such_solver"], "forces.solver"),
     "unknown balance": (["paper", "--balance", "none"], "forces.balance"),
     "missing urdf": (["paper", "--set", "hand.source=gone.urdf"], "no such file"),
     "unknown finger": (["paper", "--set", "contacts.0.finger=thumbb"], "did you mean 'thumb'"),
@@ -380,10 +380,15 @@ def test_a_pipe_is_no_case_file(command, tmp_path):
 
 
 def test_a_case_offers_the_choices_of_the_force_searches():
-    from pinograsp.cases.case import Objective, Solver
-    from pinograsp.forces import BACKENDS, OBJECTIVES
+    from pinograsp.cases.case import Case, Objective
+    from pinograsp.forces import OBJECTIVES, available_backends
 
-    assert get_args(Objective) == OBJECTIVES and get_args(Solver) == BACKENDS
+    assert get_args(Objective) == OBJECTIVES
+    section = Case.model_fields["forces"].annotation
+    for name in available_backends():
+        assert section(solver=name).solver == name
+    with pytest.raises(ValueError, match="expected one of auto, interior, newton, .*daqp"):
+        section(solver="no_such_solver")
 
 
 def test_all_problems_of_a_case_are_named_at_once():

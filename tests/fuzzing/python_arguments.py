@@ -270,6 +270,13 @@ def _fill() -> None:
     call(pg.optimize_grasp, problem=w.problem, objective="work", backend="auto", gap=1e-3, progress=False)
     call(pg.ForceSolver, problem=w.problem, impact_time=0.9, objective="work", backend="clarabel")
     call(pg.ForceSolver(w.problem, 0.9, backend="clarabel").solve, load=problem["load"])
+    qp, socp = w.paper.to_qp(0.9, objective="least_squares"), w.problem.to_socp(0.9, objective="work")
+    call(w.paper.to_qp, impact_time=0.9, objective="least_squares")
+    call(w.problem.to_socp, impact_time=0.9, objective={"work": 1.0, "peak": 0.1})
+    call(qp.solution, x=np.ones(len(qp.q)), y=np.ones(len(qp.b)), z=np.ones(len(qp.h)), settle=False)
+    call(socp.solution, x=np.ones(len(socp.q)), z=np.ones(len(socp.b)), settle=True)
+    call(qp.forces, x=np.ones(len(qp.q)))
+    call(socp.torsion, x=np.ones(len(socp.q)))
     call(pg.diagnose, problem=w.problem, impact_time=0.9)
     call(pg.grasp_margins, solution=w.solution, tolerance=1e-2)
     call(

@@ -1,0 +1,96 @@
+"""A force problem written for other solvers, and their answers judged. Fills ``ForceProblem.to_qp`` and ``to_socp``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+from pinograsp.checks import read_only
+from pinograsp.errors import Status
+from pinograsp.forces.active_set import DenseMethod
+from pinograsp.forces.answers import Answer, certify
+from pinograsp.forces.backends import Outcome
+from pinograsp.forces.conic import ConicMethod, exponents_of
+from pinograsp.forces.matrices import matrices_of
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, weights_of
+from pinograsp.forces.solution import ConvexSolution, solution_of
+from pinograsp.forces.standard_form import NORMAL, WRITERS, Column, ForceQP, ForceSOCP, ScaledForces
+from pinograsp.spatial import Array
+
+
+def _to_qp(problem: ForceProblem, impact_time: float, objective: Objective | None) -> ForceQP:
+    program, about = _program_of(problem, impact_time, objective)
+    qp, torque_rows = DenseMethod(program.matrices, "").quadratic(program)
+    matrices: dict[str, Any] = {name: read_only(matrix) for name, matrix in vars(qp).items()}
+    return ForceQP(**matrices, **vars(about), torque_rows=read_only(torque_rows))
+
+
+def _to_socp(problem: ForceProblem, impact_time: float, objective: Objective | None) -> ForceSOCP:
+    program, about = _program_of(problem, impact_time, objective)
+    method = ConicMethod(program.matrices, exponents_of(program))
+    force, columns = program.force_scale, list(about.columns)
+    for power in method.exponents:
+        unit = f"N^{power:.4g}"
+        columns += [Column(name, f"f_n^{power:.4g}", unit, force**power) for name in _names(problem)]
+    known = vars(about) | {"columns": tuple(columns)}
+    socp = method.standard_form(program)
+    socp = replace(socp, q=read_only(socp.q), b=read_only(socp.b))
+    return ForceSOCP(**vars(socp), **known, torque_rows=(method.torque_at, len(program.R)))
+
+
+WRITERS.update(qp=_to_qp, socp=_to_socp)
+
+
+def _program_of(problem: ForceProblem, impact_time: float, objective: Objective | None) -> tuple[Program, ScaledForces]:
+    """The program, and what its unknowns mean: x of each contact, and the largest F_n where it counts."""
+    impact_time, weights = problem.checked_impact_time(impact_time), weights_of(objective, problem)
+    terms = energy_terms_at(problem, weights, impact_time)
+    matrices = matrices_of(problem, weights)
+    program = assemble(matrices, problem.scaled_load, terms, *problem.normal_force_range(impact_time))
+    force, columns = program.force_scale, []
+    for name, widths in zip(_names(problem), problem.friction.scale(problem.mu) * force):
+        columns += [Column(name, axis, "N", float(width)) for axis, width in zip(("f_x", "f_y"), widths)]
+        columns += [Column(name, "m_n", "N m", float(width)) for width in widths[2:]]
+        columns.append(Column(name, NORMAL, "N", force))
+    if program.peak:
+        columns.append(Column("", "max f_n", "N", force))
+    return program, ScaledForces(
+        columns=tuple(columns),
+        impact_time=impact_time,
+        weights=weights,
+        force_scale=force,
+        objective_scale=program.objective_scale,
+        constant=program.constant * program.objective_scale,
+        judge=partial(_judged, problem, program, impact_time),
+    )
+
+
+def _names(problem: ForceProblem) -> list[str]:
+    return [contact.finger or f"contact {i + 1}" for i, contact in enumerate(problem.contacts.contacts)]
+
+
+def _judged(
+    problem: ForceProblem,
+    program: Program,
+    impact_time: float,
+    x: Array,
+    y: Array | None,
+    w: Array | None,
+    settle: bool,
+) -> ConvexSolution:
+    """The record of anyone's x; without y and w the lower bound is proven with multipliers of this package's own."""
+    started, x = perf_counter(), x[: program.k * program.d]
+    if y is None or w is None:
+        own = ConicMethod(program.matrices, exponents_of(program)).solve(program)
+        answer = Answer.alone(x) if own is None else own._replace(x=x)
+    else:
+        answer = Answer(x, y, w)
+    found = certify(problem, program, answer, settle=settle)
+    status = Status.OK if found.certificate.is_optimal() else Status.INACCURATE
+    outcome = Outcome(status=status, backend="", forces=found)
+    return solution_of(
+        problem, outcome, impact_time=impact_time, weights=dict(program.matrices.weights), started=started
+    )
