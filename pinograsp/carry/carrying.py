@@ -348,20 +348,22 @@ class Carrying:
             residual=held.residual,
             elapsed=elapsed,
             notes=(*held.notes, *self._notes(passage)),
-            cautions=self._cautions(first, closing, x[..., -1].max(axis=0)),
+            cautions=self._cautions(first, closing, x[..., -1].max(axis=0), -loads.wrench.squared(level)),
             disturbance=self.disturbance,
         )
 
-    def _cautions(self, first: ConvexSolution | None, closing: Motion, most: Array) -> tuple[str, ...]:
-        """What speaks against the plan; ``most``: the largest normal forces (k,) [N]."""
+    def _cautions(self, first: ConvexSolution | None, closing: Motion, most: Array, loads: Array) -> tuple[str, ...]:
+        """What speaks against the plan; ``most``: the largest normal forces (k,) [N]; ``loads`` (N, 6) [N, N m]."""
         arm = self.carried[0].arm
         own = doubts_of(self.grasp, arm_in_hand=bool(np.isin(arm, self.carried[0].of_hand).any()))
         if first is None:
+            if len(self.grasp.hand.drives) < 2:  # jaws press along their one way
+                return tuple(own)
             return (
                 *own,
                 "no motion was found that closes the hand to the way's first squeeze: it goes on from the grasp's",
             )
-        return (*own, *doubts_of_squeeze(self.grasp, first, closing, most))
+        return (*own, *doubts_of_squeeze(self.grasp, first, closing, most, loads))
 
     def _notes(self, passage: Passage) -> list[str]:
         """What the caller should know about how the way begins and ends."""

@@ -11,10 +11,12 @@ from pinograsp.hands import servo_gains
 from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.planner.assemble import pressing_too
-from pinograsp.planner.compliance import instability
+from pinograsp.planner.compliance import instability, stiffness_of
 from pinograsp.spatial import Array
 
 _FAR = 0.02  # slip of a contact while the hand closes, relative to the object's size
+# [m, rad] under loads that come slowly, half of what counts as lost: those that come at once give twice as much.
+_SWAYS = (2.5e-3, np.radians(5.0))
 _SERVOS = "with servos of"
 
 
@@ -29,7 +31,7 @@ def doubts_of(grasp: GraspPlan, *, arm_in_hand: bool) -> list[str]:
     return [f"the grasp's own plan is doubtful: {one}" for one in doubts]
 
 
-def doubts_of_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most: Array) -> list[str]:
+def doubts_of_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most: Array, loads: Array) -> list[str]:
     """What speaks against the way's squeeze, which may be far firmer than that of the grasp's own plan.
 
     Args:
@@ -37,6 +39,7 @@ def doubts_of_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, 
         first: the forces of the way's beginning.
         closing: of the grasp's hand to these.
         most: the largest normal forces on the way (k,) [N].
+        loads: wrenches on the object on the way (N, 6), in the axes of the grasp [N, N m].
     """
     problem, body, doubts = first.problem, grasp.body, list[str]()
     names, contacts = problem.contacts.names, problem.contacts
@@ -58,4 +61,13 @@ def doubts_of_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, 
     ]
     if leaves := instability(grasp.hand, first, closing.q[-1], servo_gains(grasp.hand)):
         doubts.append(f"squeezed as at the beginning of the way, {leaves}")
+        return doubts
+    stiffness = np.array(stiffness_of(grasp.hand, first, closing.q[-1], servo_gains(grasp.hand)).matrix)
+    swayed = np.linalg.solve(stiffness, (loads - loads[0]).T).T
+    shift, turn = (float(np.linalg.norm(part, axis=1).max()) for part in (swayed[:, :3], swayed[:, 3:]))
+    if shift > _SWAYS[0] or turn > _SWAYS[1]:
+        doubts.append(
+            f"the object sways in the hand by up to {1e3 * shift:.2g} mm and {np.degrees(turn):.2g} deg, as contacts "
+            "and servos give way to the loads of the way: hold it with more fingers, or drive slower"
+        )
     return doubts

@@ -199,11 +199,13 @@ def test_a_grasp_of_the_hand_alone(tmp_path):
     assert same.duration == pytest.approx(found.duration, rel=1e-5)
     # Nothing speaks against it, but would if contacts pressed past the ball's centre, or slid.
     assert found.status is Status.OK and not found.cautions
-    first, most = grasp.searched(), found.normal_forces.max(axis=0)
-    assert not doubts_of_squeeze(grasp, first, found.closing, most)
-    deep = doubts_of_squeeze(grasp, first, found.closing, np.full(len(most), 400.0))
+    first, most, loads = grasp.searched(), found.normal_forces.max(axis=0), found.loads
+    assert not doubts_of_squeeze(grasp, first, found.closing, most, loads)
+    (sways,) = doubts_of_squeeze(grasp, first, found.closing, most, 20 * loads)
+    assert "sways" in sways
+    deep = doubts_of_squeeze(grasp, first, found.closing, np.full(len(most), 400.0), loads)
     assert len(deep) == len(most) and all("face" in one for one in deep)
-    slid = doubts_of_squeeze(grasp, first, replace(found.closing, slip=np.eye(len(most))[0] * 2e-3), most)
+    slid = doubts_of_squeeze(grasp, first, replace(found.closing, slip=np.eye(len(most))[0] * 2e-3), most, loads)
     assert len(slid) == 1 and grasp.contacts.names[0] in slid[0] and "slides 2 mm" in slid[0]
     doubtful = replace(found, cautions=tuple(slid))
     assert doubtful.status is Status.DOUBTFUL
