@@ -43,7 +43,7 @@ TOLERANCES: dict[str, dict[str, Any]] = {
     "scs": {"eps_abs": 1e-10, "eps_rel": 0.0, "max_iters": 100_000},
 }
 # Those that come with the package; all that are there: qp_solvers().
-OwnSolver = Literal["daqp", "proxqp", "osqp", "quadprog", "piqp", "clarabel"]
+OwnSolver = Literal["daqp", "proxqp", "osqp", "clarabel"]
 SolverName: TypeAlias = OwnSolver | str
 SOLVERS: tuple[OwnSolver, ...] = get_args(OwnSolver)
 _NO_INFINITY = ("ecos",)  # bounds that are infinite must not be handed to them
