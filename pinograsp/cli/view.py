@@ -8,13 +8,14 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Quiet, Verbose, app
+from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, tell_json
+from pinograsp.cli.screen import tell
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 
 
 @app.command()
 def view(
-    run: Annotated[Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.")],
+    run: Run,
     html: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write a page that needs no server and no network."),
@@ -26,6 +27,7 @@ def view(
     port: Annotated[int, typer.Option(help="Port of the live page; the next free one is used.")] = 8080,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the live page in a browser.")] = True,
     force: Annotated[bool, typer.Option("--force", help="Overwrite FILE.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -54,7 +56,10 @@ def view(
 
         save_html(loaded, html, simulation=simulation)
         list_in(html.parent, html)  # so that it counts as one of a run's files
-        typer.echo(f"written to {html} ({html.stat().st_size / 1e6:.1f} MB)")
+        if as_json:
+            tell_json({"file": str(html), "bytes": html.stat().st_size})
+        else:
+            tell(f"written to {html} ({html.stat().st_size / 1e6:.1f} MB)")
         return
     if not 0 <= port < 65536:
         raise InvalidInput(f"--port: expected a number from 0 to 65535, got {port}")
@@ -62,8 +67,11 @@ def view(
 
     with show(loaded, simulation=simulation, port=port, open_browser=browser) as viewer:
         try:
-            beside = "" if found is None else f", with the simulation in {found}"
-            typer.echo(f"{run} at {viewer.url}{beside}; Ctrl-C ends it")
+            if as_json:
+                tell_json({"url": viewer.url, "check": None if found is None else str(found)})
+            else:
+                beside = "" if found is None else f", with the simulation in {found}"
+                tell(f"{run} at {viewer.url}{beside}; Ctrl-C ends it")
             viewer.wait()
         except KeyboardInterrupt:
-            typer.echo("")
+            typer.echo("", err=True)
