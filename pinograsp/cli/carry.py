@@ -31,7 +31,7 @@ from pinograsp.cli.app import (
     posture_of,
     tell_json,
 )
-from pinograsp.cli.screen import command, following, show
+from pinograsp.cli.screen import command, show
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -130,11 +130,11 @@ def carry(
     r"""Carry what a hand holds along an arm's path: how fast, how hard to squeeze on the way, and what binds where.
 
     Examples:
-      pinograsp plan --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
+      pinograsp plan --hand panda --object sphere:radius=0.03,mass=0.1 --out ball
 
       printf 'panda_joint1,panda_joint4\n0,-2\n0.8,-1.6\n' > way.csv
 
-      pinograsp carry runs/panda-box --robot panda --root panda_link0 --path way.csv
+      pinograsp carry ball --robot panda --root panda_link0 --path way.csv
 
     Add --check to simulate it, --squeeze constant for a gripper that is told one force, --scenario mass=1.2 to bear
     more.
@@ -207,17 +207,13 @@ def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path) -> None
         told = "; ".join([verdict.reason, *verdict.causes])
         answers.append(("Did it hold?", f"{'HELD' if verdict.held else 'LOST'}: {told}"))
         level = level if verdict.held else "no"
-    answers += [
-        ("Results", f"{folder / 'report.html'}, beside it view.html, trajectory.csv, .json and .xml"),
-        *following(
-            [
-                (f"xdg-open {shlex.quote(str(folder / 'view.html'))}", "see arm and hand move"),
-                (command("export", folder, "--ros2", "goal.json", "--goal"), "a goal for the robot"),
-            ]
-        ),
+    answers.append(("Results", f"{folder / 'report.html'}, beside it view.html, trajectory.csv, .json and .xml"))
+    then = [
+        (f"xdg-open {shlex.quote(str(folder / 'view.html'))}", "see arm and hand move"),
+        (command("export", folder, "--ros2", "goal.json", "--goal"), "a goal for the robot"),
     ]
     more = "" if verbose else "more: in the report, or with -v"
-    show([*stretches, *remarks], answers, title=f"{plan.robot.name} carries it", level=level, more=more)
+    show([*stretches, *remarks], answers, then, title=f"{plan.robot.name} carries it", level=level, more=more)
 
 
 def _grasp(text: str, as_json: bool) -> GraspPlan:

@@ -121,7 +121,7 @@ def certify(
     Examples:
       pinograsp certify mug.h5 --hand panda --objects meshes --mass 0.3 --out mugs
 
-      pinograsp certify grasps --hand hand.xml --objects meshes --mass 0.1 --out all
+      pinograsp certify grasps --hand hand.xml --objects meshes --mass 1 --out all
 
     With your data set's files in place; --back DIR writes them again, with newtons.
     """

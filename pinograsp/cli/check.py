@@ -14,7 +14,7 @@ import typer
 
 from pinograsp.cli import completion
 from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, given, new_folder, tell_json
-from pinograsp.cli.screen import command, following, needs, show, tell
+from pinograsp.cli.screen import command, needs, show, tell
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -328,9 +328,8 @@ def _print_verdict(simulation: Simulation, run: Path, folder: Path) -> None:
         ("Did it hold?", f"{'HELD' if verdict.held else 'LOST'}: {verdict.reason}"),
         *((what, text) for what, text in reasons.items() if text),
         ("Results", f"{folder / 'check.md'}, beside it check.json, check.npz, figures"),
-        *following(commands),
     ]
-    show([], answers, level="yes" if verdict.held else "no")
+    show([], answers, commands, level="yes" if verdict.held else "no")
 
 
 def _studies(

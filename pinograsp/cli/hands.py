@@ -26,7 +26,7 @@ from pinograsp.cli.app import (
     posture_of,
     tell_json,
 )
-from pinograsp.cli.screen import command, console, following, show, tell
+from pinograsp.cli.screen import command, console, show, tell
 from pinograsp.errors import InvalidInput
 
 _BALL = "sphere:radius=0.03,mass=0.1"
@@ -89,8 +89,8 @@ def hands(
         return
     answer, *details = hand.describe().splitlines()
     tell("\n".join(line.removeprefix("  ") for line in details))
-    trying = following([(command("plan", "--hand", name, "--object", _BALL), "hold a ball")])
-    show([], [("What is it?", answer), *(trying if name in CATALOGUE else [])])
+    trying = [(command("plan", "--hand", name, "--object", _BALL), "hold a ball")]
+    show([], [("What is it?", answer)], trying if name in CATALOGUE else [])
 
 
 def _list_hands(as_json: bool) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from pinograsp.cli.app import Json, Quiet, Verbose, app, tell_json
-from pinograsp.cli.screen import command, following, show
+from pinograsp.cli.screen import command, show
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.words import printable
 
@@ -45,5 +45,5 @@ def new(
     if as_json:
         tell_json({"file": str(file), "kind": kind})
         return
-    running = following([(command("sweep" if sweep else "plan", file), "runs as it is: make it yours")])
-    show([], [("Written", f"{file}: a {kind} with all its keys explained"), *running])
+    running = [(command("sweep" if sweep else "plan", file), "runs as it is: make it yours")]
+    show([], [("Written", f"{file}: a {kind} with all its keys explained")], running)

@@ -42,7 +42,7 @@ from pinograsp.cli.app import (
     refuse_with_case,
     tell_json,
 )
-from pinograsp.cli.screen import command, console, following, needs, show, tell
+from pinograsp.cli.screen import command, console, needs, show, tell
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 
 if TYPE_CHECKING:
@@ -429,15 +429,13 @@ def print_plan(plan: GraspPlan, folder: Path) -> None:
         ("Does it hold?", answer.text),
         ("How hard?", f"{_presses(plan)}; joints bear at most {_peaks(plan)}"),
         ("Results", f"{folder / 'report.html'}, beside it report.md, plan.json, plan.npz, figures"),
-        *following(
-            [
-                (command("check", folder), f"try it in simulation{needs('sim', 'mujoco')}"),
-                (command("view", folder), f"look at it in a browser{needs('viz', 'viser')}"),
-            ]
-        ),
+    ]
+    then = [
+        (command("check", folder), f"try it in simulation{needs('sim', 'mujoco')}"),
+        (command("view", folder), f"look at it in a browser{needs('viz', 'viser')}"),
     ]
     more = "" if given["verbose"] else "more: in the report, or with -v"
-    show(facts, answers, title=f"Grasp plan '{plan.name}'", level=answer.level, more=more)
+    show(facts, answers, then, title=f"Grasp plan '{plan.name}'", level=answer.level, more=more)
 
 
 def _presses(plan: GraspPlan) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, tell_json
-from pinograsp.cli.screen import command, following, needs, show
+from pinograsp.cli.screen import command, needs, show
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ def report(
         tell_json({"level": answer.level, "answer": answer.text, "folder": str(run)})
         return
     told = [("Does it hold?", answer.text), ("Results", f"{run / 'report.html'}, beside it report.md and figures")]
-    seen = following([(command("view", run), f"look at it in a browser{needs('viz', 'viser')}")])
-    show([], [*told, *seen], level=answer.level)
+    show([], told, [(command("view", run), f"look at it in a browser{needs('viz', 'viser')}")], level=answer.level)
 
 
 def _read(run: Path) -> PlanRecord | PlanFailure:

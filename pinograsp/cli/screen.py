@@ -77,12 +77,21 @@ def listed(facts: Sequence[Fact], most: int | None = None) -> list[str]:
     return found
 
 
-def show(facts: Sequence[Fact], answers: Sequence[Fact], *, title: str = "", level: str = "", more: str = "") -> None:
+def show(
+    facts: Sequence[Fact],
+    answers: Sequence[Fact],
+    then: Sequence[Fact] = (),
+    *,
+    title: str = "",
+    level: str = "",
+    more: str = "",
+) -> None:
     """Print facts, an empty line, and the answer: what was asked, where the results are, what to type next.
 
     Args:
         facts: by name, the most important first.
         answers: by name; the verdict first.
+        then: commands to type next, and what they do; a command stays in one line, to be copied.
         title: above the facts.
         level: "yes", "caution", "no" or "" (neutral), the colour of the verdict.
         more: where to find the rest: at most two lines of each fact, and together with the answer no more than a
@@ -90,7 +99,7 @@ def show(facts: Sequence[Fact], answers: Sequence[Fact], *, title: str = "", lev
     """
     from rich.text import Text
 
-    ended = _answer(answers)
+    ended = _answer(answers, then)
     lines = listed(facts, 2 if more else None)
     room = _ROWS - len(ended) - 1 - bool(title)
     if more and len(lines) > room:
@@ -102,29 +111,22 @@ def show(facts: Sequence[Fact], answers: Sequence[Fact], *, title: str = "", lev
         screen.print(line, soft_wrap=True)
     screen.print()
     for name, line in ended:
-        text = Text(name, "bold")
-        text.append(line, _COLOURS[level] if level and name == ended[0][0] else None)
-        screen.print(text, soft_wrap=True)
+        colour = _COLOURS[level] if level and name == ended[0][0] else ""
+        screen.print(Text.assemble((name, "bold"), (line, colour)), soft_wrap=True)
 
 
-def _answer(answers: Sequence[Fact]) -> list[Fact]:
+def _answer(answers: Sequence[Fact], then: Sequence[Fact]) -> list[Fact]:
     """The lines of the answer: a column of names, and the text beside it."""
     indent = max(len(name) for name, _ in answers) + 2
     found = []
     for i, (name, text) in enumerate(answers):
         lines = listed([(name.ljust(indent - 2), text)], 4 if i == 0 else 3)
         found += [(line[:indent], line[indent:]) for line in lines]
+    width = max((len(one) for one, _ in then), default=0)
+    for i, (one, what) in enumerate(then):
+        remark = f"{one.ljust(width)}  # {what}"
+        found.append((("" if i else "Next").ljust(indent), remark if indent + len(remark) <= columns() else one))
     return found
-
-
-def following(commands: Sequence[Fact]) -> list[Fact]:
-    """Commands to type next and what they do, as facts of :func:`ending`."""
-    width = max(len(command) for command, _ in commands)
-    narrow = columns() - len("Next") - 12  # where both are too long for a line, the command alone
-    return [
-        ("" if i else "Next", f"{command.ljust(width)}  # {what}" if width + len(what) + 4 <= narrow else command)
-        for i, (command, what) in enumerate(commands)
-    ]
 
 
 def command(*words: str | Path) -> str:

@@ -9,7 +9,7 @@ import typer
 
 from pinograsp.cli import completion
 from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, tell_json
-from pinograsp.cli.screen import command, console, following, show
+from pinograsp.cli.screen import command, console, show
 from pinograsp.errors import Status
 
 if TYPE_CHECKING:
@@ -92,12 +92,10 @@ def _print(done: Sweep, file: Path) -> None:
     answer = f"{good} of {done.done} rows are plans that hold, {done.elapsed:.1f} s"
     if done.interrupted:
         answer += f"; {done.rows - done.done} of {done.rows} are left: the same command continues"
-    reading = f"pinograsp.sweep.read_sweep({str(done.folder)!r})"
-    answers = [
-        ("What holds?", answer),
-        ("Results", f"{done.folder}, rows as Parquet files"),
-        ("Next", f"in Python: {reading}"),
-    ]
+    answers = [("What holds?", answer), ("Results", f"{done.folder}, rows as Parquet files")]
+    then = []
     if done.interrupted:
-        answers[-1:] = following([(command("sweep", file, "--out", done.folder), "go on")])
-    show([], answers, level="yes" if good else "no")
+        then.append((command("sweep", file, "--out", done.folder), "go on"))
+    else:
+        answers.append(("Next", f"in Python: pinograsp.sweep.read_sweep({str(done.folder)!r})"))
+    show([], answers, then, level="yes" if good else "no")
