@@ -180,7 +180,7 @@ def plan(
 
       pinograsp plan --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
 
-      pinograsp plan --hand hey5 --object sphere:radius=0.035,mass=0.1 --wrap
+      pinograsp plan --hand g1_right --object sphere:radius=0.04,mass=0.1 --wrap
 
     A case of your own: pinograsp new case.yaml && pinograsp plan case.yaml
     """
