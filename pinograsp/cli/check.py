@@ -157,9 +157,9 @@ def check(
 
       pinograsp check runs/paper --mass 1.05 --shake 0.1,0,0@5
 
-      pinograsp check runs/paper --monte-carlo 10
+      pinograsp check runs/paper --monte-carlo 5
 
-      pinograsp check runs/paper --control torque --joint-friction 0.01
+      pinograsp check runs/paper --kp 100 --joint-friction 0.01
 
     Runs are written by 'pinograsp plan'.
     """

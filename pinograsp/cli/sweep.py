@@ -45,11 +45,11 @@ def sweep(
     same command continues.
 
     Examples:
-      pinograsp new sweep.yaml --sweep
+      pinograsp new friction.yaml --sweep
 
-      pinograsp sweep sweep.yaml
+      pinograsp sweep friction.yaml
 
-      pinograsp sweep sweep.yaml --out runs/again --jobs 2
+      pinograsp sweep friction.yaml --out runs/again --jobs 2
 
     On a cluster of Dask: --backend dask --scheduler tcp://ADDRESS:8786.
     """
