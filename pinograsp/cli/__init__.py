@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
+import shutil
 import signal
 import sys
 import traceback
@@ -14,8 +14,9 @@ from typing import Any
 try:  # Ctrl-C may come while the commands are imported
     import typer
 
-    from pinograsp.cli import bench, carry, certify, check, export, hands, plan, report, sweep, view
-    from pinograsp.cli.app import app, given
+    from pinograsp.cli import bench, carry, certify, check, export, hands, new, plan, report, sweep, view
+    from pinograsp.cli.app import app, given, tell_json
+    from pinograsp.cli.screen import wrapped
 except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
     raise SystemExit(130) from None
@@ -32,6 +33,7 @@ __all__ = [
     "export",
     "hands",
     "main",
+    "new",
     "plan",
     "report",
     "run",
@@ -57,7 +59,7 @@ def main() -> None:
 
 def run() -> int:
     """Run the command line and return the exit code; errors become a message without a traceback."""
-    given.update(quiet=False, verbose=False)
+    given.update(quiet=False, verbose=False, told=False)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # names of files may hold invalid text
@@ -67,12 +69,16 @@ def run() -> int:
     except BaseException as error:
         code = _report(error)
     if code == 130:
+        _as_json(Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", "Run the same command again.")
         _say("interrupted")
     return code
 
 
 def _report(error: BaseException) -> int:
     """Print an error, with ``--json`` also as JSON, and return the exit code. Unexpected errors are raised again."""
+    name, status, code, remedy = type(error).__name__, status_of(error), exit_code_of(error), ""
+    if isinstance(error, SystemExit):  # of the completion of shells
+        raise error
     if _interrupted(error):
         return 130
     if isinstance(error, _UsageError):
@@ -80,18 +86,24 @@ def _report(error: BaseException) -> int:
         if type(error).__name__ == "NoArgsIsHelpError":
             typer.echo(text, err=True)
             return code
-        text += f" (try '{error.ctx.command_path if error.ctx else 'pinograsp'} --help')"
+        remedy = f"try '{error.ctx.command_path if error.ctx else 'pinograsp'} --help'"
+        text += f" ({remedy})"
     elif isinstance(error, PinograspError | OSError | MemoryError):
-        code, name, status = exit_code_of(error), type(error).__name__, status_of(error)
         text = str(error) if str(error) or not isinstance(error, MemoryError) else "not enough memory: ask for less"
     else:
+        _as_json(Status.FAILED, name, str(error), "This is an error of pinograsp: report it with its traceback.")
         raise error
     if given["verbose"]:
         traceback.print_exception(error)
-    if "--json" in sys.argv and not given["quiet"]:
-        typer.echo(json.dumps({"status": str(status), "error": name, "message": text}))
+    _as_json(status, name, text, remedy or status.remedy)
     _say(text)
     return code
+
+
+def _as_json(status: Status, name: str, text: str, remedy: str) -> None:
+    """Where that is asked for and none was printed, print one object: status, error, message, and what to do."""
+    if "--json" in sys.argv and not given["quiet"] and not given["told"]:
+        tell_json({"status": str(status), "error": name, "message": text, "remedy": remedy})
 
 
 def _interrupted(error: BaseException | None) -> bool:
@@ -102,4 +114,7 @@ def _interrupted(error: BaseException | None) -> bool:
 
 
 def _say(text: str) -> None:
-    typer.echo("pinograsp: " + escaped(text, keep="\n"), err=True)
+    """Print an error: wrapped on a terminal, unbroken elsewhere, where it is searched."""
+    text = escaped(f"pinograsp: {text}", keep="\n")
+    width = shutil.get_terminal_size().columns
+    typer.echo("\n".join(wrapped(text, width)) if sys.stderr.isatty() else text, err=True)

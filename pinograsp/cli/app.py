@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pinograsp.cli import completion
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pinograsp.writing import NewFolder
 
 app = typer.Typer(
@@ -43,7 +42,11 @@ Trusted = Annotated[
     bool, typer.Option("--trusted", help="Let the hand's xacro run code and read any file: for your own files only.")
 ]
 Masses = Annotated[
-    str, typer.Option(help="Of links without any: estimate (from their shapes) or file (massless).", show_default=True)
+    str,
+    typer.Option(
+        help="Of links without any: estimate (from their shapes) or file (massless).",
+        autocompletion=completion.one_of(completion.MASSES),
+    ),
 ]
 Exclude = Annotated[
     list[str] | None, typer.Option("--exclude", metavar="LINK", help="Link that is not to touch; repeatable.")
@@ -63,7 +66,8 @@ FrictionModel = Annotated[
     str | None,
     typer.Option(
         help="Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm). Default: cone, and soft where "
-        "two fingers touch."
+        "two fingers touch.",
+        autocompletion=completion.one_of(completion.FRICTION),
     ),
 ]
 Samples = Annotated[int, typer.Option(help="Without --at: grasps to try.")]
@@ -81,7 +85,10 @@ Hulls = Annotated[
     bool,
     typer.Option("--hulls/--no-hulls", help="Take the convex hulls of the hand's meshes, as physics engines do."),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else, errors included.")]
+Run = Annotated[
+    Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.", autocompletion=completion.runs)
+]
 
 
 def pairs(option: str, given: list[str] | None) -> dict[str, str]:
@@ -167,7 +174,8 @@ def refuse_with_case(context: typer.Context, case: str) -> None:
         )
 
 
-given = {"quiet": False, "verbose": False}  # options that may stand before the command or after it
+# Options that may stand before the command or after it, and whether the object of --json was printed.
+given = {"quiet": False, "verbose": False, "told": False}
 
 
 def _set_quiet(context: typer.Context, quiet: bool) -> None:
@@ -193,7 +201,11 @@ Quiet = Annotated[
 Verbose = Annotated[
     bool,
     typer.Option(
-        "--verbose", "-v", callback=_set_verbose, expose_value=False, help="Print the traceback of an error as well."
+        "--verbose",
+        "-v",
+        callback=_set_verbose,
+        expose_value=False,
+        help="Print all there is, and the traceback of an error.",
     ),
 ]
 
@@ -217,16 +229,15 @@ def _main(
     pass
 
 
+def tell_json(document: dict[str, Any]) -> None:
+    """Print the one object of ``--json``."""
+    given["told"] = True
+    typer.echo(json.dumps(document, allow_nan=False))
+
+
 def bar(as_json: bool) -> bool | None:
     """Whether to show a progress bar; None: on terminals."""
     return False if as_json or given["quiet"] else None
-
-
-def console() -> Console:
-    """Standard output for tables, as wide as the terminal; pipes have no width and get unbroken rows."""
-    from rich.console import Console
-
-    return Console(width=None if sys.stdout.isatty() else 150, highlight=False, markup=False)
 
 
 def new_folder(out: Path | None, force: bool, name: str, beside: Path = Path("runs")) -> NewFolder:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Verbose, app
+from pinograsp.cli.app import Json, Quiet, Verbose, app, tell_json
+from pinograsp.cli.screen import show, tell
 
 if TYPE_CHECKING:
     from pinograsp.forces import ForceProblem
@@ -66,12 +66,17 @@ def bench(
             pg.solve_batch(small)
             rows[-1]["batch_per_problem_us"] = round(1e6 * pg.solve_batch(batch).elapsed / len(batch), 2)
     if as_json:
-        typer.echo(json.dumps({"compiled": fast, "rows": rows}))
+        tell_json({"compiled": fast, "rows": rows})
         return
     columns = list(rows[0])
-    typer.echo("  ".join(columns))
+    tell("  ".join(columns))
     for row in rows:
         typer.echo("  ".join(f"{row[name]:>{len(name)}}" for name in columns))
+    first = rows[0]
+    told = f"{first['contacts']} contacts: {first['solve_us']:g} us per load"
+    if fast:
+        told += f", {first['online_step_us']:g} us per step of a loop, {first['batch_per_problem_us']:g} us in a batch"
+    show([], [("How fast?", told)])
 
 
 def _problem(k: int) -> tuple[ForceProblem, Array]:

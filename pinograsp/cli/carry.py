@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pinograsp.cli import completion
 from pinograsp.cli.app import (
     Arguments,
     Exclude,
@@ -24,23 +25,35 @@ from pinograsp.cli.app import (
     Verbose,
     app,
     bar,
+    given,
     loading,
     new_folder,
     posture_of,
+    tell_json,
 )
+from pinograsp.cli.screen import command, show
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from pinograsp.carry import CarryScenario
+    from pinograsp.carry import CarryPlan, CarryScenario
+    from pinograsp.plan import Simulation
     from pinograsp.planner import GraspPlan
 
+_SHOWN, _REMARKS = 6, 3  # stretches of the way, cautions and notes on the first screen
 _SHIFTS = ("com_x", "com_y", "com_z")
 
 
 # An option per thing that a plan and a path do not say.
 @app.command()
 def carry(
-    grasp: Annotated[str, typer.Argument(metavar="RUN_OR_CASE", help="What is held: a run's folder, or a case.")],
+    grasp: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN_OR_CASE",
+            help="What is held: a run's folder, or a case.",
+            autocompletion=completion.held,
+        ),
+    ],
     path: Annotated[
         Path,
         typer.Option(
@@ -53,14 +66,19 @@ def carry(
         str | None,
         typer.Option(
             help="Arm and hand in one model: a file, or a hand of the catalogue; default: the grasp's own hand. --root "
-            "to --posture go with it."
+            "to --posture go with it.",
+            autocompletion=completion.hands,
         ),
     ] = None,
-    timing: Annotated[str, typer.Option(help="fastest, or given: that of FILE.")] = "fastest",
+    timing: Annotated[
+        str,
+        typer.Option(help="fastest, or given: that of FILE.", autocompletion=completion.one_of(completion.TIMINGS)),
+    ] = "fastest",
     squeeze: Annotated[
         str,
         typer.Option(
-            help="least: follows the loads; constant: commanded once; or a number: its largest change \\[N/s]."
+            help="least: follows the loads; constant: commanded once; or a number: its largest change \\[N/s].",
+            autocompletion=completion.one_of(completion.SQUEEZES),
         ),
     ] = "least",
     scenario: Annotated[
@@ -109,16 +127,17 @@ def carry(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Carry what a hand holds along an arm's path: how fast, how hard to squeeze on the way, and what binds where.
+    r"""Carry what a hand holds along an arm's path: how fast, how hard to squeeze on the way, and what binds where.
 
     Examples:
-      pinograsp plan --hand panda --object box:size=0.03x0.03x0.08,mass=0.1 --out runs/box
+      pinograsp plan --hand panda --object sphere:radius=0.03,mass=0.1 --out ball
 
-      pinograsp carry runs/box --robot panda --root panda_link0 --path way.csv
+      printf 'panda_joint1,panda_joint4\n0,-2\n0.8,-1.6\n' > way.csv
 
-      pinograsp carry runs/box --robot panda --root panda_link0 --path way.csv --squeeze constant --check
+      pinograsp carry ball --robot panda --root panda_link0 --path way.csv
 
-      pinograsp carry runs/box --robot panda --root panda_link0 --path timed.csv --timing given --scenario mass=1.2
+    Add --check to simulate it, --squeeze constant for a gripper that is told one force, --scenario mass=1.2 to bear
+    more.
     """
     from pinograsp.carry import ArmPath, plan_carry, save_carry, simulate_carry
     from pinograsp.hands import load_hand
@@ -146,16 +165,55 @@ def carry(
         save_carry(plan, folder, rate=rate, simulation=simulation)
     if as_json:
         seen = {} if simulation is None else {"held": simulation.verdict.held, "reason": simulation.verdict.reason}
-        typer.echo(json.dumps({**plan.summary(), **seen, "folder": str(folder.path)}, allow_nan=False))
+        tell_json({**plan.summary(), **seen, "folder": str(folder.path)})
     else:
-        typer.echo(plan.describe())
-        if simulation is not None:
-            typer.echo(f"{'HELD' if simulation.verdict.held else 'LOST'}: {simulation.verdict.reason}")
-            for cause in simulation.verdict.causes:
-                typer.echo(f"  {cause}")
-        typer.echo(f"written to {folder.path}: report.html, view.html, trajectory.csv, trajectory.json and figures")
+        _print(plan, simulation, folder.path)
     if simulation is not None and not simulation.verdict.held:
         raise typer.Exit(3)
+
+
+def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path) -> None:
+    """What binds where, and at the end how fast and how hard."""
+    verbose = given["verbose"]
+    stretches = [
+        ("binds", f"{plan.times[first]:.3g} to {plan.times[last + 1]:.3g} s: {what}")
+        for what, first, last in plan.stretches()
+    ]
+    if not verbose and len(stretches) > _SHOWN:
+        shares = [("binds", f"{100 * share:.0f} % of the time: {what}") for what, share in plan.shares()]
+        stretches = shares[:_SHOWN]
+    remarks = [*(("caution", one) for one in plan.cautions), *(("note", one) for one in plan.notes)]
+    if not verbose and len(remarks) > _REMARKS:
+        left = len(remarks) - _REMARKS
+        remarks = [*remarks[:_REMARKS], ("remarks", f"{left} more, in the report")]
+    peak = int(plan.squeeze.argmax())
+    least, most, when = plan.squeeze.min(), plan.squeeze[peak], plan.instants[peak]
+    kept = f"{100 * plan.reserve:g} % of all limits kept free"
+    if plan.fastest is None:
+        fast = f"{plan.duration:.4g} s as given, and could {plan.factor:.3g} times as fast, {kept}"
+    else:
+        fast = f"{plan.duration:.4g} s; no timing of this path takes less than {plan.lower_bound:.4g} s, {kept}"
+    answers = [
+        ("How fast?", fast),
+        (
+            "How hard?",
+            f"{least:.3g} to {most:.3g} N in all, most at {when:.3g} s; bears {plan.disturbance[0]:.3g} N in any "
+            "direction besides",
+        ),
+    ]
+    level = "caution" if plan.cautions else "yes"
+    if simulation is not None:
+        verdict = simulation.verdict
+        told = "; ".join([verdict.reason, *verdict.causes])
+        answers.append(("Did it hold?", f"{'HELD' if verdict.held else 'LOST'}: {told}"))
+        level = level if verdict.held else "no"
+    answers.append(("Results", f"{folder / 'report.html'}, beside it view.html, trajectory.csv, .json and .xml"))
+    then = [
+        (f"xdg-open {shlex.quote(str(folder / 'view.html'))}", "see arm and hand move"),
+        (command("export", folder, "--ros2", "goal.json", "--goal"), "a goal for the robot"),
+    ]
+    more = "" if verbose else "more: in the report, or with -v"
+    show([*stretches, *remarks], answers, then, title=f"{plan.robot.name} carries it", level=level, more=more)
 
 
 def _grasp(text: str, as_json: bool) -> GraspPlan:

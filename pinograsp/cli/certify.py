@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from pinograsp.cli import completion
 from pinograsp.cli.app import (
     Arguments,
     Exclude,
@@ -24,10 +24,11 @@ from pinograsp.cli.app import (
     Verbose,
     app,
     bar,
-    console,
     loading,
     pairs,
+    tell_json,
 )
+from pinograsp.cli.screen import console, listed, show
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -40,10 +41,21 @@ _SHOWN = 5  # faults
 @app.command()
 def certify(
     files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files of grasps, or folders of them.")],
-    hand: Annotated[str, typer.Option(help="The hand: a name of 'pinograsp hands', or a URDF, xacro or MJCF file.")],
+    hand: Annotated[
+        str,
+        typer.Option(
+            help="The hand: a name of 'pinograsp hands', or a URDF, xacro or MJCF file.",
+            autocompletion=completion.hands,
+        ),
+    ],
     objects: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the objects that the files name.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the rows, as Parquet files.")],
-    format: Annotated[str, typer.Option(help="Of the files: auto, or a name that the documentation lists.")] = "auto",
+    format: Annotated[
+        str,
+        typer.Option(
+            help="Of the files: auto, or a name that the documentation lists.", autocompletion=completion.formats
+        ),
+    ] = "auto",
     mass: Annotated[float | None, typer.Option(help="Of each object \\[kg].")] = None,
     density: Annotated[float | None, typer.Option(help="Of each object \\[kg/m^3], where --mass is not given.")] = None,
     mu: Mu = 0.6,
@@ -64,7 +76,11 @@ def certify(
         str | None, typer.Option(metavar="LINK", help="Link of the hand whose frame the files tell the place of.")
     ] = None,
     convention: Annotated[
-        str | None, typer.Option(help="What the files mean by their hand: a name that the documentation lists.")
+        str | None,
+        typer.Option(
+            help="What the files mean by their hand: a name that the documentation lists.",
+            autocompletion=completion.conventions,
+        ),
     ] = None,
     original: Annotated[
         str | None, typer.Option(metavar="FILE", help="The data set's own description of the hand, to compare with.")
@@ -76,7 +92,13 @@ def certify(
         Path | None, typer.Option(metavar="FILE", help="Picture of what holds, why not, and the newtons: .png or .svg.")
     ] = None,
     jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = -1,
-    backend: Annotated[str, typer.Option(help="joblib: this machine, or dask: the cluster of --scheduler.")] = "joblib",
+    backend: Annotated[
+        str,
+        typer.Option(
+            help="joblib: this machine, or dask: the cluster of --scheduler.",
+            autocompletion=completion.one_of(completion.BACKENDS),
+        ),
+    ] = "joblib",
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
     ] = None,
@@ -97,9 +119,11 @@ def certify(
     interruption, the same command continues.
 
     Examples:
-      pinograsp certify grasps/*.npy --hand shadow.xml --objects meshes --density 300 --out certified
+      pinograsp certify mug.h5 --hand panda --objects meshes --mass 0.3 --out mugs
 
-      pinograsp certify mug.h5 --hand panda --objects meshes --mass 0.3 --out certified --mu 0.4 --back with_newtons
+      pinograsp certify grasps --hand hand.xml --objects meshes --mass 1 --out all
+
+    With your data set's files in place; --back DIR writes them again, with newtons.
     """
     import numpy as np
 
@@ -144,7 +168,7 @@ def certify(
         certified_picture(done.table().to_pydict(), picture)
     if as_json:
         more = {"written": [str(path) for path in written], "unwritten": unwritten}
-        typer.echo(json.dumps(done.summary() | more, allow_nan=False))
+        tell_json(done.summary() | more)
     else:
         _print(done, written, unwritten)
     if done.interrupted:
@@ -180,13 +204,19 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> N
         if reason in words:
             table.add_row(reason, str(count), f"{100 * count / done.rows:.1f} %", words[reason])
     screen.print(table)
-    for file, message in list(done.faults.items())[:_SHOWN]:
-        screen.print(f"not used: {file}: {message}", style="yellow", soft_wrap=True, highlight=False)
+    facts = [("not used", f"{file}: {message}") for file, message in list(done.faults.items())[:_SHOWN]]
     if len(done.faults) > _SHOWN:
-        screen.print(f"... and {len(done.faults) - _SHOWN} more files that could not be used, see the rows 'refused'")
+        facts.append(("not used", f"{len(done.faults) - _SHOWN} more files, see the rows 'refused'"))
+    facts += [("not written", f"{file}: {message}") for file, message in list(unwritten.items())[:_SHOWN]]
+    for line in listed(facts, 3):
+        screen.print(line, style="yellow", soft_wrap=True)
+    holding = done.counts.get("held", 0)
     left = "; some are left: the same command continues" if done.interrupted else ""
-    screen.print(f"\n{done.rows} grasps in {done.folder}, {done.elapsed:.1f} s{left}", soft_wrap=True)
+    answers = [
+        ("What holds?", f"{holding} of {done.rows} grasps, {done.elapsed:.1f} s{left}"),
+        ("Results", f"{done.folder}, rows as Parquet files"),
+        ("Next", f"in Python: pinograsp.sweep.read_certified({str(done.folder)!r})"),
+    ]
     if written:
-        screen.print(f"{len(written)} files with newtons in {written[0].parent}", soft_wrap=True)
-    for file, message in list(unwritten.items())[:_SHOWN]:
-        screen.print(f"not written: {file}: {message}", style="yellow", soft_wrap=True, highlight=False)
+        answers.insert(2, ("With newtons", f"{len(written)} files in {written[0].parent}"))
+    show([], answers, level="yes" if holding else "no")

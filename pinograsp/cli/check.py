@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, new_folder
+from pinograsp.cli import completion
+from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, given, new_folder, tell_json
+from pinograsp.cli.screen import command, needs, show, tell
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.hands import HandModel
+    from pinograsp.plan import Simulation
     from pinograsp.planner import GraspPlan
     from pinograsp.referee import Disturbance, Errors, Servo, WhatHolds
     from pinograsp.referee.monte_carlo import MonteCarlo
@@ -28,11 +31,12 @@ if TYPE_CHECKING:
     from pinograsp.writing import NewFolder
 
 _MOST_TRIALS = 100_000  # of each error
+_SHOWN = 9  # lines of measurements, and of a study, on the first screen
 
 
 @app.command()
 def check(
-    run: Annotated[Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.")],
+    run: Run,
     hold: Annotated[float, typer.Option(help="How long the object is held after it was let go \\[s].")] = 1.0,
     push: Annotated[
         list[str] | None,
@@ -81,7 +85,8 @@ def check(
         str,
         typer.Option(
             help="Of the joints: position+torque (servos, with the plan's torques as feed-forward), position (servos "
-            "alone), torque (the plan's torques alone)."
+            "alone), torque (the plan's torques alone).",
+            autocompletion=completion.one_of(completion.CONTROLS),
         ),
     ] = "position+torque",
     kp: Annotated[
@@ -90,7 +95,13 @@ def check(
             metavar="K[,K...]", help="Stiffness of all servos, or of each \\[N m/rad, N/mm]; default: 50, 55.6."
         ),
     ] = None,
-    engine: Annotated[str, typer.Option(help="mujoco (extra sim), or pinocchio: slower, needs no extra.")] = "mujoco",
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="mujoco (extra sim), or pinocchio: slower, needs no extra.",
+            autocompletion=completion.one_of(completion.ENGINES),
+        ),
+    ] = "mujoco",
     prescribed: Annotated[
         bool, typer.Option("--prescribed", help="Joints follow the commands exactly, instead of by servos.")
     ] = False,
@@ -98,7 +109,8 @@ def check(
         str,
         typer.Option(
             help="Of the object until the hand carries it: fixed (until the grasp is complete), table (it stands there "
-            "freely: a hit on the way moves it), none (from the impact time on)."
+            "freely: a hit on the way moves it), none (from the impact time on).",
+            autocompletion=completion.one_of(completion.SUPPORTS),
         ),
     ] = "fixed",
     time_step: Annotated[float, typer.Option(help="Of the simulation \\[s].")] = 2.5e-4,
@@ -141,11 +153,15 @@ def check(
     Examples:
       pinograsp check runs/paper
 
-      pinograsp check runs/paper --hold 10 --push 0,0,-2@0.5+0.2 --mu 0.6
+      pinograsp check runs/paper --push 0,0,-2@0.5+0.2
 
-      pinograsp check runs/paper --monte-carlo 100
+      pinograsp check runs/paper --mass 1.05 --shake 0.1,0,0@5
 
-      pinograsp check runs/paper --control torque --stiffness 20 --joint-friction 0.01
+      pinograsp check runs/paper --monte-carlo 5
+
+      pinograsp check runs/paper --kp 100 --joint-friction 0.01
+
+    Runs are written by 'pinograsp plan'.
     """
     from pinograsp.checks import one_of
     from pinograsp.planner import load_run
@@ -191,7 +207,7 @@ def check(
         studies = _Studies(monte_carlo, _errors(errors), seed, thresholds, what_holds, trials)
         summary = _check(plan, run, folder, settings, differences, studies, as_json)
     if as_json:
-        typer.echo(json.dumps({**summary, "folder": str(folder.path)}, allow_nan=False))
+        tell_json({**summary, "folder": str(folder.path)})
     if summary.get("monte_carlo", {}).get("interrupted"):
         raise typer.Exit(130)
     if not summary["held"]:
@@ -252,14 +268,14 @@ def _check(
         raise InvalidInput("--monte-carlo: expected no other disturbances, it draws its own")
     simulation = simulate(task, disturbance=disturbance, **settings)
     if not as_json:
-        typer.echo(simulation.describe())
+        _print_measured(simulation)
     tried, texts = {}, []
     lost = not simulation.verdict.held
     for name, study in _studies(run, plan, task, studies, disturbance, settings, lost, as_json):
         tried[name] = study.summary()
         texts.append(study.describe())
         if not as_json:
-            typer.echo(texts[-1])
+            _print_study(name, texts[-1])
 
     def fill(path: Path) -> None:
         write_simulation(simulation, path, tried)
@@ -269,8 +285,51 @@ def _check(
     list_in(run, f"{folder.place}/")  # so that a folder within the run counts as part of it
     folder.write(fill)
     if not as_json:
-        typer.echo(f"\nwritten to {folder.path}: check.md, check.json, check.npz and figures")
+        _print_verdict(simulation, run, folder.path)
     return {**simulation.summary(), **tried}
+
+
+def _print_measured(simulation: Simulation) -> None:
+    """What was measured; where that is much, or the object lost, some of it."""
+    lines, notes = simulation.measured(), [f"note: {note}" for note in simulation.notes]
+    if given["verbose"]:
+        lines += notes
+    elif not simulation.verdict.held:
+        lines = [lines[0], lines[-1]]
+    else:
+        if len(lines) > _SHOWN:
+            lines = [
+                *lines[: _SHOWN - 2],
+                f"... {len(lines) - _SHOWN + 1} more lines: in check.md, or with -v",
+                lines[-1],
+            ]
+        lines += [f"notes: {len(notes)}, in check.md, or with -v"] if notes else []
+    tell("\n".join(lines))
+
+
+def _print_study(name: str, text: str) -> None:
+    """A study; of one that nobody asked for, not all."""
+    lines = text.splitlines()
+    if name == "what_holds" and len(lines) > _SHOWN and not given["verbose"]:
+        lines = [*lines[: _SHOWN - 1], "  ... more: in check.md, or with -v"]
+    tell("\n".join(["", *lines]))
+
+
+def _print_verdict(simulation: Simulation, run: Path, folder: Path) -> None:
+    verdict = simulation.verdict
+    reasons = {"Why?": "; ".join(verdict.causes), "What helps?": "; ".join(verdict.remedies)}
+    commands = [
+        (command("view", run), f"see it move{needs('viz', 'viser')}"),
+        (command("report", run), "update the report"),
+    ]
+    if verdict.held:
+        commands.append((command("check", run, "--monte-carlo", "20"), "how sure is it?"))
+    answers = [
+        ("Did it hold?", f"{'HELD' if verdict.held else 'LOST'}: {verdict.reason}"),
+        *((what, text) for what, text in reasons.items() if text),
+        ("Results", f"{folder / 'check.md'}, beside it check.json, check.npz, figures"),
+    ]
+    show([], answers, commands, level="yes" if verdict.held else "no")
 
 
 def _studies(
@@ -294,8 +353,8 @@ def _studies(
         errors = Errors() if studies.errors is None else studies.errors
         if not as_json:
             kinds = errors.kinds
-            typer.echo(
-                f"{count} trials with each of {', '.join(kinds)}, and {count} with all together: "
+            tell(
+                f"\n{count} trials with each of {', '.join(kinds)}, and {count} with all together: "
                 f"{count * (len(kinds) + 1)} trials"
             )
         # Trials are kept as they come, so that the same command can continue.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
+from pinograsp.cli import completion
 from pinograsp.cli.app import (
     Arguments,
     Exclude,
@@ -22,19 +22,25 @@ from pinograsp.cli.app import (
     Trusted,
     Verbose,
     app,
-    console,
     loading,
     posture_of,
+    tell_json,
 )
+from pinograsp.cli.screen import command, console, show, tell
 from pinograsp.errors import InvalidInput
 
+_BALL = "sphere:radius=0.03,mass=0.1"
 _WIDE = 120  # columns of a terminal that are enough for titles and names of fingers
 
 
 @app.command()
 def hands(
     name: Annotated[
-        str | None, typer.Argument(help="A hand of the catalogue, or a URDF, xacro or MJCF file; none: the catalogue.")
+        str | None,
+        typer.Argument(
+            help="A hand of the catalogue, or a URDF, xacro or MJCF file; none: the catalogue.",
+            autocompletion=completion.hands,
+        ),
     ] = None,
     root: Root = None,
     palm: Palm = None,
@@ -57,11 +63,12 @@ def hands(
 
       pinograsp hands psyonic_left
 
-      pinograsp hands my_robot.urdf --root palm_link --json
+      pinograsp hands humanoid --root index_proximal --json
 
-      pinograsp hands gripper.urdf.xacro --package robotiq_description=~/ws/src/robotiq_description --arg name=gripper
+    A file of your own: its path, with --root, --package and --arg where it needs them.
     """
     from pinograsp.hands import load_hand
+    from pinograsp.hands.catalogue import CATALOGUE
     from pinograsp.hands.summary import record
 
     told = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
@@ -77,7 +84,13 @@ def hands(
         _list_hands(as_json)
         return
     hand = load_hand(name, **settings)
-    typer.echo(json.dumps(record(hand), allow_nan=False) if as_json else hand.describe())
+    if as_json:
+        tell_json(record(hand))
+        return
+    answer, *details = hand.describe().splitlines()
+    tell("\n".join(line.removeprefix("  ") for line in details))
+    trying = [(command("plan", "--hand", name, "--object", _BALL), "hold a ball")]
+    show([], [("What is it?", answer)], trying if name in CATALOGUE else [])
 
 
 def _list_hands(as_json: bool) -> None:
@@ -85,7 +98,7 @@ def _list_hands(as_json: bool) -> None:
 
     rows, problems = overview()
     if as_json:
-        typer.echo(json.dumps({"hands": rows, "problems": problems}, allow_nan=False))
+        tell_json({"hands": rows, "problems": problems})
         raise typer.Exit(2 if problems else 0)
     from rich.table import Table
 
@@ -105,5 +118,7 @@ def _list_hands(as_json: bool) -> None:
             shown[list(columns).index("fingers")] = str(len(row["fingers"]))
         table.add_row(*shown)
     screen.print(table)
+    # No empty line before it, and as much as fits: with it the list fills a terminal of 24 lines.
+    screen.print(f" Next: {command('hands', rows[0]['name'])} tells all of one", style="bold")
     if problems:
         raise InvalidInput("; ".join(problems))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from pinograsp.cli import completion
 from pinograsp.cli.app import (
     Arguments,
     At,
@@ -35,23 +35,27 @@ from pinograsp.cli.app import (
     Wrap,
     app,
     bar,
-    console,
+    given,
     loading,
     new_folder,
     posture_of,
     refuse_with_case,
+    tell_json,
 )
+from pinograsp.cli.screen import command, console, needs, show, tell
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 
 if TYPE_CHECKING:
     from pinograsp.cases import Case
     from pinograsp.cases.object_case import ObjectCase
+    from pinograsp.contacts import Closure
     from pinograsp.planner import GraspPlan
     from pinograsp.synthesis import GraspSearch
     from pinograsp.writing import NewFolder
 
 _SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 (all shapes: below)"
-_WIDE = 120  # columns of a terminal that are enough for the notes
+_WIDE = 120  # columns of a terminal that are enough for the notes of the comparison
+_SOME = 6  # contacts that are named one by one
 
 
 class _WithObjects(TyperCommand):
@@ -70,15 +74,22 @@ class _WithObjects(TyperCommand):
 def plan(
     context: typer.Context,
     case: Annotated[
-        str | None, typer.Argument(help="A built-in case ('paper') or a case file (YAML); none: --hand and --object.")
+        str | None,
+        typer.Argument(
+            help="A built-in case ('paper') or a case file ('pinograsp new' writes one); none: --hand and --object.",
+            autocompletion=completion.cases,
+        ),
     ] = None,
     hand: Annotated[
         str | None,
-        typer.Option(help="With --object: a hand of the catalogue, or its file; --root to --wrap go with it."),
+        typer.Option(
+            help="With --object: a hand of the catalogue, or its file; --root to --wrap go with it.",
+            autocompletion=completion.hands,
+        ),
     ] = None,
     object: Annotated[
         str | None,
-        typer.Option(help=f"With --hand: what to hold, as {_SPECS}."),
+        typer.Option(help=f"With --hand: what to hold, as {_SPECS}.", autocompletion=completion.objects),
     ] = None,
     root: Root = None,
     at: At = None,
@@ -106,24 +117,51 @@ def plan(
         Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
     ] = None,
     search: Annotated[
-        str | None, typer.Option(help="hybrid, paper, paper+qp (grids) or convex (certified optimum).")
+        str | None,
+        typer.Option(
+            help="hybrid, paper, paper+qp (grids) or convex (certified optimum).",
+            autocompletion=completion.one_of(completion.SEARCHES),
+        ),
     ] = None,
-    balance: Annotated[str | None, typer.Option(help="force (the paper) or wrench (forces and moments).")] = None,
-    measure: Annotated[str | None, typer.Option(help="impulse \\[N s] or work \\[J].")] = None,
+    balance: Annotated[
+        str | None,
+        typer.Option(
+            help="force (the paper) or wrench (forces and moments).",
+            autocompletion=completion.one_of(completion.BALANCES),
+        ),
+    ] = None,
+    measure: Annotated[
+        str | None,
+        typer.Option(help="impulse \\[N s] or work \\[J].", autocompletion=completion.one_of(completion.MEASURES)),
+    ] = None,
     reserve: Annotated[
         str | None,
         typer.Option(
             help="With --hand and --object, what to bear besides the weight: none, default, or some of disturbance, "
             "moment_arm, mass, friction, normal_force, torque, softer, stiffer: disturbance=0.5,mass=0.2 (shares; "
-            "moment_arm \\[m]; softer, stiffer: factors on the contacts' stiffness)."
+            "moment_arm \\[m]; softer, stiffer: factors on the contacts' stiffness).",
+            autocompletion=completion.one_of(completion.RESERVES),
         ),
     ] = None,
     solver: Annotated[
-        str | None, typer.Option(help="auto, newton, interior, or a QP solver that is there: daqp, clarabel, osqp...")
+        str | None,
+        typer.Option(
+            help="auto, newton, interior, or a QP solver that is there: daqp, clarabel, osqp...",
+            autocompletion=completion.one_of(completion.SOLVERS),
+        ),
     ] = None,
     changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the case; repeatable.")
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a value of the case; repeatable.",
+            autocompletion=completion.keys,
+        ),
     ] = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="With the case 'paper': print the table against the paper's figures, too.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier run in --out.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -134,23 +172,33 @@ def plan(
     Examples:
       pinograsp plan paper
 
-      pinograsp plan paper --search convex --balance wrench --measure work --out runs/wrench
+      pinograsp plan paper --compare
+
+      pinograsp plan paper --search convex --measure work --out runs/work
 
       pinograsp plan paper --set object.mass=1.1 --set friction.mu=0.8 --json
 
-      pinograsp plan --hand allegro_right --object cylinder:radius=0.02,height=0.12,mass=0.2
+      pinograsp plan --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
 
-      pinograsp plan --hand allegro_right --object sphere:radius=0.035,mass=0.1 --wrap --reserve mass=0.5
+      pinograsp plan --hand g1_right --object sphere:radius=0.04,mass=0.1 --wrap
+
+    A case of your own: pinograsp new case.yaml && pinograsp plan case.yaml
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     if case is not None and hand is None and object is None:
         refuse_with_case(context, case)
         if reserve not in (None, "none"):
             raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
-        _plan(case, out, options, changes, force, as_json)
+        if compare and case != "paper":
+            raise InvalidInput(
+                f"--compare: expected with the case 'paper', whose figures are published, got '{case:.200}'"
+            )
+        _plan(case, out, options, changes, force, as_json, compare)
     elif case is None and hand is not None and object is not None:
         if changes:
             raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
+        if compare:
+            raise InvalidInput("--compare: expected with the case 'paper', got --hand and --object")
         placing = {
             "mu": mu,
             "friction": friction,
@@ -171,7 +219,13 @@ def plan(
 
 
 def _plan(
-    case: str, out: Path | None, options: dict[str, Any], changes: list[str] | None, force: bool, as_json: bool
+    case: str,
+    out: Path | None,
+    options: dict[str, Any],
+    changes: list[str] | None,
+    force: bool,
+    as_json: bool,
+    compare: bool,
 ) -> None:
     from pinograsp.cases import load_case
 
@@ -185,7 +239,7 @@ def _plan(
             if error.solution.search == "convex":
                 _keep_proof(error, loaded, folder)
             raise
-        _finish(_with_comparison(planned, loaded) if case == "paper" else planned, folder, as_json)
+        _finish(_with_comparison(planned, loaded) if case == "paper" else planned, folder, as_json, compare)
 
 
 def _with_comparison(plan: GraspPlan, case: Case) -> GraspPlan:
@@ -243,8 +297,11 @@ def _plan_object(case: ObjectCase, out: Path | None, force: bool, as_json: bool)
 
 @app.command(cls=_WithObjects)
 def close(
-    hand: Annotated[str, typer.Option(help="A hand of the catalogue, or its URDF, xacro or MJCF file.")],
-    object: Annotated[str, typer.Option(help=f"What to close on, as {_SPECS}.")],
+    hand: Annotated[
+        str,
+        typer.Option(help="A hand of the catalogue, or its URDF, xacro or MJCF file.", autocompletion=completion.hands),
+    ],
+    object: Annotated[str, typer.Option(help=f"What to close on, as {_SPECS}.", autocompletion=completion.objects)],
     root: Root = None,
     at: At = None,
     mu: Mu = 0.7,
@@ -271,9 +328,9 @@ def close(
     """Close a hand on an object: which links touch it where, and what stops each joint.
 
     Examples:
-      pinograsp close --hand allegro_right --object sphere:radius=0.03,mass=0.2 --at 0.08,0,0.07
+      pinograsp close --hand panda --object sphere:radius=0.03,mass=0.2
 
-      pinograsp close --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
+      pinograsp close --hand panda --object sphere:radius=0.03,mass=0.2 --at 0,0,0.1
     """
     placing = {
         "mu": mu,
@@ -290,12 +347,15 @@ def close(
     case = _object_case(hand, object, root, at, **placing)
     found = _found(case, as_json)
     closure = case.closure() if found is None else found.best.closure
-    typer.echo(json.dumps(closure.summary(), allow_nan=False) if as_json else closure.describe())
+    if as_json:
+        tell_json(closure.summary())
+    else:
+        _print_closure(closure)
     if not closure.touches:
         raise typer.Exit(3)
 
 
-def _finish(plan: GraspPlan, folder: NewFolder, as_json: bool) -> None:
+def _finish(plan: GraspPlan, folder: NewFolder, as_json: bool, compare: bool = False) -> None:
     """Save a plan with its report and figures, print it, and exit with its code."""
     from pinograsp.planner import save_run
 
@@ -308,9 +368,11 @@ def _finish(plan: GraspPlan, folder: NewFolder, as_json: bool) -> None:
 
     save_run(plan, folder, extras=extras)
     if as_json:
-        typer.echo(json.dumps({**plan.summary(), "folder": str(folder.path)}, allow_nan=False))
+        tell_json({**plan.summary(), "folder": str(folder.path)})
     else:
-        _print(plan, folder.path)
+        if compare and plan.comparison:
+            _print_comparison(plan)
+        print_plan(plan, folder.path)
     if plan.status.exit_code:
         raise typer.Exit(plan.status.exit_code)
 
@@ -324,41 +386,84 @@ def _keep_proof(error: GraspInfeasible, case: Case, folder: NewFolder) -> None:
     typer.echo(f"the proof is written to {folder.path}: report.html, report.md, plan.json", err=True)
 
 
-def _print(plan: GraspPlan, folder: Path) -> None:
-    """Print a plan; the answer comes last, where it stays visible below a long table."""
+def _print_comparison(plan: GraspPlan) -> None:
     from rich.table import Table
 
-    from pinograsp.report import comparison_rows, details, summary
+    from pinograsp.report import comparison_rows
 
     screen = console()
-    if plan.comparison:
-        title = "Comparison with the paper (planned with the paper's choices: balance of forces only)"
-        beside = Table(title=title, title_justify="left", box=None, header_style="bold", padding=(0, 1, 0, 0))
-        beside.add_column("quantity")
-        beside.add_column("unit", no_wrap=True)
-        for name in ("paper", "ours", "difference"):
-            beside.add_column(name, justify="right", no_wrap=True)
-        shown = None if screen.width >= _WIDE else -1  # without the notes, which the report has
-        if shown is None:
-            beside.add_column("note")
-        for row in comparison_rows(plan.comparison):
-            beside.add_row(*row[:shown])
-        screen.print(beside)
-        screen.print()
-    for note in plan.notes:
-        screen.print(f"note: {note}")
-    for caution in plan.cautions:
-        screen.print(f"caution: {caution}")
-    table = Table(
-        title=f"Grasp plan '{plan.name}'",
-        show_header=False,
-        box=None,
-        title_justify="left",
-        padding=(0, 1, 0, 0),
-    )
-    for row in (*details(plan), *summary(plan)):
-        table.add_row(*row)
-    screen.print(table)
-    if plan.remedy:
-        screen.print(f"{plan.status}: {plan.remedy}")
-    screen.print(f"written to {folder}: report.html, report.md, plan.json, plan.npz and figures", soft_wrap=True)
+    title = "Comparison with the paper (planned with the paper's choices: balance of forces only)"
+    beside = Table(title=title, title_justify="left", box=None, header_style="bold", padding=(0, 1, 0, 0))
+    beside.add_column("quantity")
+    beside.add_column("unit", no_wrap=True)
+    for name in ("paper", "ours", "difference"):
+        beside.add_column(name, justify="right", no_wrap=True)
+    shown = None if screen.width >= _WIDE else -1  # without the notes, which the report has
+    if shown is None:
+        beside.add_column("note")
+    for row in comparison_rows(plan.comparison):
+        beside.add_row(*row[:shown])
+    screen.print(beside)
+    screen.print()
+
+
+def print_plan(plan: GraspPlan, folder: Path) -> None:
+    """Print a plan: what was planned, and at the end the answer."""
+    from pinograsp.plan.answer import bears, does_it_hold, friction_used, shares
+    from pinograsp.report import details, summary
+
+    remarks = [("caution", text) for text in plan.cautions]
+    if given["verbose"]:
+        facts = [*(("note", text) for text in plan.notes), *details(plan), *summary(plan), *remarks]
+    else:
+        known = dict(details(plan))
+        facts = [("search", known["search"]), ("friction", known["friction"]), ("it bears", bears(plan)), *remarks[:2]]
+        if left := len(remarks[2:]) + len(plan.notes):
+            facts.append(("remarks", f"{left} more, in the report"))
+        uses = friction_used(plan)[0][1]
+        used = shares(uses) if len(uses) <= _SOME else f"at most {shares({'': max(uses.values())}).strip()}"
+        facts.append(("friction used", f"{used} of mu F_n"))
+        facts += [(name, known[name]) for name in ("impact time t_I", "largest penetration", "planning time")]
+    answer = does_it_hold(plan)
+    answers = [
+        ("Does it hold?", answer.text),
+        ("How hard?", f"{_presses(plan)}; joints bear at most {_peaks(plan)}"),
+        ("Results", f"{folder / 'report.html'}, beside it report.md, plan.json, plan.npz, figures"),
+    ]
+    then = [
+        (command("check", folder), f"try it in simulation{needs('sim', 'mujoco')}"),
+        (command("view", folder), f"look at it in a browser{needs('viz', 'viser')}"),
+    ]
+    more = "" if given["verbose"] else "more: in the report, or with -v"
+    show(facts, answers, then, title=f"Grasp plan '{plan.name}'", level=answer.level, more=more)
+
+
+def _presses(plan: GraspPlan) -> str:
+    """The normal force of each contact, or of each finger's contacts together where there are many."""
+    forces: dict[str, list[float]] = {}
+    names, links = plan.contacts.names, plan.contacts.links or ("",) * len(plan.contacts.names)
+    for name, link, force in zip(names, links, plan.forces.normal_forces.tolist()):
+        finger = name.partition(f"/{link}")[0] if link and len(names) > _SOME else name
+        forces.setdefault(finger, []).append(force)
+    told = []
+    for finger, each in forces.items():
+        several = f" at {len(each)} contacts" if len(each) > 1 else ""
+        told.append(f"{finger} {sum(each):.2f} N{several}")
+    return ", ".join(told)
+
+
+def _peaks(plan: GraspPlan) -> str:
+    """The largest torque, and the largest force of joints that slide."""
+    import numpy as np
+
+    largest, slides = np.abs(plan.motion.torques).max(axis=0), plan.hand.slides
+    kinds = ((largest[~slides], "N m"), (largest[slides], "N"))
+    return " and ".join(f"{values.max():.3g} {unit}" for values, unit in kinds if values.size)
+
+
+def _print_closure(closure: Closure) -> None:
+    """What touches and stops, and at the end how many contacts there are."""
+    answer, *others = closure.describe().splitlines()
+    tell("\n".join(line.removeprefix("  ") for line in others))
+    touching = [("Next", "move the object (--at), or let a place be searched (no --at)")]
+    show([], [("Does it touch?", answer), *([] if closure.touches else touching)])

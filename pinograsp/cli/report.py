@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli.app import Quiet, Verbose, app
+from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, tell_json
+from pinograsp.cli.screen import command, needs, show
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -16,10 +17,11 @@ if TYPE_CHECKING:
 
 @app.command()
 def report(
-    run: Annotated[Path, typer.Argument(help="Folder of a run, as `pinograsp plan` writes it.")],
+    run: Run,
     check: Annotated[
         Path | None, typer.Option(help="Folder of a simulation to include; default: the newest in the run.")
     ] = None,
+    as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -31,7 +33,7 @@ def report(
       pinograsp check runs/paper && pinograsp report runs/paper
     """
     from pinograsp.plan import PlanFailure
-    from pinograsp.plan.answer import does_it_hold
+    from pinograsp.plan.answer import Answer, does_it_hold
     from pinograsp.report import write_report
     from pinograsp.storage import newest_check, read_check, read_run
     from pinograsp.viz.figures import save_figures
@@ -39,23 +41,27 @@ def report(
 
     read_run(run, with_scene=False)  # raises its errors before anything is written
 
-    answers = []
+    answers: list[Answer] = []
 
     def fill(path: Path) -> None:
         # Read again, now that the folder is locked: it may have been replaced.
         loaded = _read(run)
         if isinstance(loaded, PlanFailure):
             write_report(loaded, path)
-            answers.append(f"No grasp ({loaded.status}).")
+            answers.append(Answer("no", f"No grasp ({loaded.status})."))
             return
         found = check if check is not None else newest_check(run)
         simulation = None if found is None else read_check(found)
         write_report(loaded, path, [figure.name for figure in save_figures(loaded, path)], simulation)
-        answers.append(does_it_hold(loaded, simulation).text)
+        answers.append(does_it_hold(loaded, simulation))
 
     add_files(run, fill)
-    typer.echo(f"Does it hold? {answers[-1]}")
-    typer.echo(f"written to {run}: report.html, report.md and figures")
+    answer = answers[-1]
+    if as_json:
+        tell_json({"level": answer.level, "answer": answer.text, "folder": str(run)})
+        return
+    told = [("Does it hold?", answer.text), ("Results", f"{run / 'report.html'}, beside it report.md and figures")]
+    show([], told, [(command("view", run), f"look at it in a browser{needs('viz', 'viser')}")], level=answer.level)
 
 
 def _read(run: Path) -> PlanRecord | PlanFailure:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, console
+from pinograsp.cli import completion
+from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, tell_json
+from pinograsp.cli.screen import command, console, show
 from pinograsp.errors import Status
 
 if TYPE_CHECKING:
@@ -19,11 +20,20 @@ if TYPE_CHECKING:
 def sweep(
     file: Annotated[
         Path,
-        typer.Argument(metavar="SWEEP.yaml", help="Case, fixed inputs (set), grid (over), random draws (samples)."),
+        typer.Argument(
+            metavar="SWEEP.yaml",
+            help="Case, fixed inputs (set), grid (over), random draws (samples); 'pinograsp new' writes one.",
+        ),
     ],
     out: Annotated[Path | None, typer.Option(help="Folder for the rows; default: runs/ and the file's name.")] = None,
     jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = -1,
-    backend: Annotated[str, typer.Option(help="joblib: this machine, or dask: the cluster of --scheduler.")] = "joblib",
+    backend: Annotated[
+        str,
+        typer.Option(
+            help="joblib: this machine, or dask: the cluster of --scheduler.",
+            autocompletion=completion.one_of(completion.BACKENDS),
+        ),
+    ] = "joblib",
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
     ] = None,
@@ -35,11 +45,13 @@ def sweep(
     same command continues.
 
     Examples:
+      pinograsp new friction.yaml --sweep
+
       pinograsp sweep friction.yaml
 
-      pinograsp sweep friction.yaml --out runs/friction --jobs 8
+      pinograsp sweep friction.yaml --out runs/again --jobs 2
 
-      pinograsp sweep friction.yaml --backend dask --scheduler tcp://10.0.0.1:8786
+    On a cluster of Dask: --backend dask --scheduler tcp://ADDRESS:8786.
     """
     from pinograsp.checks import one_of
     from pinograsp.sweep import sweep
@@ -56,25 +68,34 @@ def sweep(
         progress=bar(as_json),
     )
     if as_json:
-        typer.echo(json.dumps(done.summary(), allow_nan=False))
+        tell_json(done.summary())
     else:
-        _print(done)
+        _print(done, file)
     if done.interrupted:
         raise typer.Exit(130)
     if not any(done.counts.get(status) for status in Status if status.exit_code == 0):
         raise typer.Exit(3)
 
 
-def _print(done: Sweep) -> None:
+def _print(done: Sweep, file: Path) -> None:
     from rich.table import Table
 
     screen = console()
-    table = Table(box=None, header_style="bold")
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
     table.add_column("status")
     for name in ("rows", "share"):
         table.add_column(name, justify="right")
     for status, count in sorted(done.counts.items(), key=lambda one: -one[1]):
         table.add_row(status, str(count), f"{100 * count / done.done:.1f} %")
     screen.print(table)
-    left = f"; {done.rows - done.done} of {done.rows} are left: the same command continues" if done.interrupted else ""
-    screen.print(f"\n{done.done} rows in {done.folder}{left}", soft_wrap=True)
+    good = sum(done.counts.get(status, 0) for status in Status if status.exit_code == 0)
+    answer = f"{good} of {done.done} rows are plans that hold, {done.elapsed:.1f} s"
+    if done.interrupted:
+        answer += f"; {done.rows - done.done} of {done.rows} are left: the same command continues"
+    answers = [("What holds?", answer), ("Results", f"{done.folder}, rows as Parquet files")]
+    then = []
+    if done.interrupted:
+        then.append((command("sweep", file, "--out", done.folder), "go on"))
+    else:
+        answers.append(("Next", f"in Python: pinograsp.sweep.read_sweep({str(done.folder)!r})"))
+    show([], answers, then, level="yes" if good else "no")

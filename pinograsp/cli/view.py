@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli.app import Quiet, Verbose, app, bar
+from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, tell_json
+from pinograsp.cli.screen import tell
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ _FILMS = (".gif", ".mp4")
 
 @app.command()
 def view(
-    run: Annotated[Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.")],
+    run: Run,
     html: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write a page that needs no server and no network."),
@@ -47,6 +48,7 @@ def view(
     port: Annotated[int, typer.Option(help="Port of the live page; the next free one is used.")] = 8080,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the live page in a browser.")] = True,
     force: Annotated[bool, typer.Option("--force", help="Overwrite FILE.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -75,12 +77,12 @@ def view(
             raise ResultsNotWritten(f"'{path}' already exists: choose another {option}, or overwrite it with --force")
     loaded = load_run(run)
     if png is not None:
-        _told(_picture(loaded, png, side))
+        _told(_picture(loaded, png, side, as_json), as_json)
     found = check if check is not None else newest_check(run)
     if html is not None:
         from pinograsp.viz.viewer import save_html
 
-        _told(save_html(loaded, html, simulation=None if found is None else read_check(found)))
+        _told(save_html(loaded, html, simulation=None if found is None else read_check(found)), as_json)
     if png is not None or html is not None:
         return
     if not 0 <= port < 65536:
@@ -90,14 +92,17 @@ def view(
     simulation = None if found is None else read_check(found)
     with show(loaded, simulation=simulation, port=port, open_browser=browser) as viewer:
         try:
-            beside = "" if found is None else f", with the simulation in {found}"
-            typer.echo(f"{run} at {viewer.url}{beside}; Ctrl-C ends it")
+            if as_json:
+                tell_json({"url": viewer.url, "check": None if found is None else str(found)})
+            else:
+                beside = "" if found is None else f", with the simulation in {found}"
+                tell(f"{run} at {viewer.url}{beside}; Ctrl-C ends it")
             viewer.wait()
         except KeyboardInterrupt:
-            typer.echo("")
+            typer.echo("", err=True)
 
 
-def _picture(plan: GraspPlan, path: Path, side: str | None) -> Path:
+def _picture(plan: GraspPlan, path: Path, side: str | None, as_json: bool) -> Path:
     """A still or a film, by the file's suffix."""
     where: str | list[float] | None = side
     if side is not None and "," in side:
@@ -106,12 +111,15 @@ def _picture(plan: GraspPlan, path: Path, side: str | None) -> Path:
         except ValueError:
             raise InvalidInput(f"--from: expected front, back, side, top, or X,Y,Z, got '{side:.100}'") from None
     if path.suffix.lower() in _FILMS:
-        return plan.film(path, view=where, progress=bar(as_json=False))
+        return plan.film(path, view=where, progress=bar(as_json))
     return plan.picture(path, view=where)
 
 
-def _told(path: Path) -> None:
+def _told(path: Path, as_json: bool) -> None:
     from pinograsp.writing import list_in
 
     list_in(path.parent, path)  # so that it counts as one of a run's files
-    typer.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
+    if as_json:
+        tell_json({"file": str(path), "bytes": path.stat().st_size})
+    else:
+        tell(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")

@@ -197,20 +197,28 @@ class Simulation:
         return {name: getattr(self, name) for name in names} | {f"energy_{k}": v for k, v in self.energies.items()}
 
     def describe(self) -> str:
-        """The verdict as readable text."""
+        """The verdict as readable text, and what was measured."""
         v = self.verdict
         lines = [
             f"{'HELD' if v.held else 'LOST'}: {v.reason}",
             *(f"  why: {cause}" for cause in v.causes),
             *(f"  what helps: {remedy}" for remedy in v.remedies),
-            f"  drift {1e3 * v.drift:.3f} mm, tilt {v.tilt:.3f} deg, turn {v.turn:.3f} deg",
-            f"  largest force error {100 * v.force_error:.2f} %, penetration error {1e3 * v.penetration_error:.4f} mm",
+            *(f"  {line}" for line in self.measured()),
+        ]
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def measured(self) -> list[str]:
+        """Motions, forces and limits, a line each, without the verdict."""
+        v = self.verdict
+        lines = [
+            f"drift {1e3 * v.drift:.3f} mm, tilt {v.tilt:.3f} deg, turn {v.turn:.3f} deg",
+            f"largest force error {100 * v.force_error:.2f} %, penetration error {1e3 * v.penetration_error:.4f} mm",
         ]
         if v.settled_error is not None and v.settled_error < 0.5 * v.force_error:
-            lines.append(f"  {100 * v.settled_error:.2f} % off what the plan foresees once the object is let go")
+            lines.append(f"{100 * v.settled_error:.2f} % off what the plan foresees once the object is let go")
         for i, part in enumerate(self.parts):
             lines.append(
-                f"  {part}: F_n {self.normal_forces[-1, i]:.3f} N (planned {self.planned_forces[i]:.3f} N), "
+                f"{part}: F_n {self.normal_forces[-1, i]:.3f} N (planned {self.planned_forces[i]:.3f} N), "
                 f"slipped {1e3 * self.slips[-1, i]:.3f} mm"
             )
         for what, which in (
@@ -219,10 +227,10 @@ class Simulation:
             ("at their torque limit", v.saturated),
         ):
             if which:
-                lines.append(f"  {what}: {', '.join(which)}")
+                lines.append(f"{what}: {', '.join(which)}")
         audit = "not made (the hand was shaken)" if v.energy_error is None else f"closes to {v.energy_error:.1e}"
         control = self.servo.get("control", self.mode)
         lines.append(
-            f"  energy audit {audit}; {self.engine}, {control}, step {1e3 * self.time_step:g} ms, {self.elapsed:.2f} s"
+            f"energy audit {audit}; {self.engine}, {control}, step {1e3 * self.time_step:g} ms, {self.elapsed:.2f} s"
         )
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+        return lines

@@ -30,6 +30,8 @@ STARTS = [
     ["report", "run"],
     ["view", "run", "--html", "page.html"],
     ["sweep", "sweep.yaml", "--jobs", "1"],
+    ["export", "run", "--csv", "out.csv", "--ros2", "out.json", "--rate", "100"],
+    ["new", "new.yaml"],
     ["--version"],
     ["--help"],
     ["--quiet", "hands", "panda"],
@@ -37,6 +39,14 @@ STARTS = [
 ]
 OPTIONS = [
     "--json",
+    "--csv",
+    "--ros2",
+    "--mujoco",
+    "--start",
+    "--lead",
+    "--goal",
+    "--compare",
+    "--sweep",
     "--quiet",
     "-q",
     "--verbose",

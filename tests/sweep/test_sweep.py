@@ -838,13 +838,13 @@ def test_the_command_prints_a_table_and_goes_on(command, tmp_path):
     write(tmp_path, {**BASE, "over": {"object.mass": [0.5, 1.0, 30.0]}})
     code, out, err = command("sweep", "sweep.yaml", "--jobs", "2")
     assert code == 0 and err == ""
-    assert [line.split() for line in out.splitlines()] == [
+    assert [line.split() for line in out.splitlines()[:4]] == [
         ["status", "rows", "share"],
         ["ok", "2", "66.7", "%"],
         ["infeasible", "1", "33.3", "%"],
         [],
-        ["3", "rows", "in", "runs/sweep"],
     ]
+    assert "2 of 3 rows are plans that hold" in out and "runs/sweep" in out
     code, out, err = command("sweep", "sweep.yaml", "--json")
     document = json.loads(out)
     assert code == 0 and err == "" and document["folder"] == os.path.join("runs", "sweep")

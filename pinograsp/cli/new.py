@@ -1,0 +1,49 @@
+"""``pinograsp new``."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pinograsp.cli.app import Json, Quiet, Verbose, app, tell_json
+from pinograsp.cli.screen import command, show
+from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.words import printable
+
+_ENDINGS = (".yaml", ".yml")
+
+
+@app.command()
+def new(
+    file: Annotated[Path, typer.Argument(help="What to write: a name that ends in .yaml.")],
+    sweep: Annotated[bool, typer.Option("--sweep", help="A sweep instead of a case.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite FILE.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Write a case file, or a sweep file, to start from: it runs as it is, and explains each key.
+
+    Examples:
+      pinograsp new case.yaml && pinograsp plan case.yaml
+
+      pinograsp new sweep.yaml --sweep && pinograsp sweep sweep.yaml
+    """
+    from pinograsp.writing import write_file
+
+    if file.suffix not in _ENDINGS:
+        raise InvalidInput(f"FILE: expected a name that ends in {' or '.join(_ENDINGS)}, got '{file.name:.100}'")
+    if os.path.lexists(file) and not force:
+        raise ResultsNotWritten(f"'{file}' already exists: choose another name, or overwrite it with --force")
+    kind = "sweep" if sweep else "case"
+    text = (Path(__file__).parent / f"new_{kind}.yaml").read_text(encoding="utf-8")
+    write_file(file, text.replace("FILE", printable(shlex.quote(str(file))), 1).encode())
+    if as_json:
+        tell_json({"file": str(file), "kind": kind})
+        return
+    running = [(command("sweep" if sweep else "plan", file), "runs as it is: make it yours")]
+    show([], [("Written", f"{file}: a {kind} with all its keys explained")], running)
