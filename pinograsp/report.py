@@ -21,6 +21,7 @@ from pinograsp.plan.answer import (
     load_factor,
     planned_reserve,
     shares,
+    where_the_hand_is,
     work,
     work_in_words,
 )
@@ -65,6 +66,8 @@ def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str
             lines.append(("Why lost?", f"{'; '.join(verdict.causes)}."))
         if verdict.remedies:
             lines.append(("What helps?", f"{'; '.join(verdict.remedies)}."))
+    if placed := where_the_hand_is(plan):
+        lines.append(("Where is the hand?", f"{placed[0].upper()}{placed[1:]}."))
     return [f"**{what}** {escaped(text)}" for what, text in lines]
 
 
@@ -98,6 +101,7 @@ def details(plan: PlanRecord) -> list[tuple[str, str]]:
     lines = [
         ("search", solved),
         ("friction", friction_model(plan.friction)),
+        ("hand", where_the_hand_is(plan) or "placed as the plan's poses tell"),
         ("impact time t_I", f"{forces.impact_time:g} s"),
         ("multipliers k1, k2", multipliers),
         ("grasp energy (work)", work(plan)),

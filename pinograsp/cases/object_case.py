@@ -26,7 +26,7 @@ from pinograsp.hands.load import Masses
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
 from pinograsp.planner import GraspPlan, Search, plan_best, plan_grasp_on
-from pinograsp.spatial import pose_of, rotation_rpy
+from pinograsp.spatial import Array, pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
 _OF_THE_HAND = {
@@ -87,7 +87,9 @@ class ObjectCase(Section):
     optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used. ``within``: where to hold it, lower
     and upper corner of a box in its own frame [m]. ``friction``: None: as
     :class:`~pinograsp.forces.GraspConditions` choose it. ``reserve``: ``"none"``, ``"default"``, its fields, or a text
-    of them; not given: the default one, and none where the search or the objective knows none. ``posture``: of joints
+    of them; not given: the default one, and none where the search or the objective knows none. ``torque_limit``: of
+    every joint [N m or N], where it is below its effort limit. ``check``: simulate grasps that were found, and take one
+    that is held. ``posture``: of joints
     of no finger, as of an arm, by name [rad or m]. Relative paths start at
     ``folder``.
     """
@@ -120,6 +122,8 @@ class ObjectCase(Section):
     objective: Objective | dict[Objective, NotNegative] | None = None
     solver: Solver = "auto"
     reserve: Annotated[ReserveSection | None, BeforeValidator(_reserve)] = Field(default_factory=ReserveSection)
+    torque_limit: Annotated[float, Field(gt=0)] | None = None
+    check: bool = False
     folder: Path = Field(Path("."), exclude=True)
 
     @model_validator(mode="after")
@@ -172,7 +176,9 @@ class ObjectCase(Section):
         return find_grasps(
             self.load_hand(),
             self.make_object(),
-            GraspConditions(mu=self.mu, friction=self._friction(), table=self.table),
+            GraspConditions(
+                mu=self.mu, friction=self._friction(), table=self.table, torque_limit=self._searched_torque()
+            ),
             count=self.samples,
             seed=self.seed,
             wrap=self.wrap,
@@ -203,7 +209,13 @@ class ObjectCase(Section):
         if self.at is None:
             found = self._found() if found is None else found
             plan = plan_best(
-                found, conditions, search=self.search, solver=self.solver, objective=objective, progress=progress
+                found,
+                conditions,
+                search=self.search,
+                solver=self.solver,
+                objective=objective,
+                progress=progress,
+                check=self.check,
             )
         else:
             closure = self.closure()
@@ -231,10 +243,22 @@ class ObjectCase(Section):
             friction=self._friction(),
             balance=self.balance,
             measure=self.measure,
-            torque_limit="effort" if self.search == "convex" else None,
+            torque_limit=self._torque_limit(),
             reserve=self._kept_reserve(),
             table=self.table,
         )
+
+    def _searched_torque(self) -> Array | Literal["effort"]:
+        """Grasps are searched with torque limits, whatever the forces are planned with."""
+        limit = self._torque_limit()
+        return "effort" if limit is None else limit
+
+    def _torque_limit(self) -> Array | Literal["effort"] | None:
+        if self.torque_limit is None:
+            return "effort" if self.search == "convex" else None
+        if self.search != "convex":
+            raise InvalidInput(f"torque_limit: expected with search='convex', got search='{self.search}'")
+        return np.minimum(self.load_hand().effort_or_infinity, self.torque_limit)
 
     def _friction(self) -> Friction | None:
         if self.friction is None:

@@ -138,8 +138,11 @@ def check(
     ] = False,
     what_holds: Annotated[
         bool,
-        typer.Option(help="Where the object is lost: simulate again, with one change at a time, what would have held."),
-    ] = True,
+        typer.Option(
+            "--what-holds",
+            help="Where the object is lost: 10 to 25 more simulations, one change each, for what would have held.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; default: RUN/check, RUN/check-2, ...")
     ] = None,
@@ -255,10 +258,11 @@ def _check(
     as_json: bool,
 ) -> dict[str, Any]:
     """Simulate the plan, run the studies, and write the results; returns their summary."""
+    from pinograsp.cli.report import refresh
     from pinograsp.referee import simulate
     from pinograsp.referee.task import Task
     from pinograsp.report import checked
-    from pinograsp.storage import write_simulation
+    from pinograsp.storage import newest_check, write_simulation
     from pinograsp.viz.checks import save_check_figures
     from pinograsp.writing import list_in
 
@@ -284,6 +288,8 @@ def _check(
 
     list_in(run, f"{folder.place}/")  # so that a folder within the run counts as part of it
     folder.write(fill)
+    if newest_check(run) == folder.path:
+        refresh(run)
     if not as_json:
         _print_verdict(simulation, run, folder.path)
     return {**simulation.summary(), **tried}
@@ -318,16 +324,15 @@ def _print_study(name: str, text: str) -> None:
 def _print_verdict(simulation: Simulation, run: Path, folder: Path) -> None:
     verdict = simulation.verdict
     reasons = {"Why?": "; ".join(verdict.causes), "What helps?": "; ".join(verdict.remedies)}
-    commands = [
-        (command("view", run), f"see it move{needs('viz', 'viser')}"),
-        (command("report", run), "update the report"),
-    ]
+    commands = [(command("view", run), f"see it move{needs('viz', 'viser')}")]
     if verdict.held:
         commands.append((command("check", run, "--monte-carlo", "20"), "how sure is it?"))
+    else:
+        commands.append((command("check", run, "--what-holds"), "what would have held (minutes)"))
     answers = [
         ("Did it hold?", f"{'HELD' if verdict.held else 'LOST'}: {verdict.reason}"),
         *((what, text) for what, text in reasons.items() if text),
-        ("Results", f"{folder / 'check.md'}, beside it check.json, check.npz, figures"),
+        ("Results", f"{folder / 'check.md'}, beside it check.json, check.npz, figures; and in the run's report.html"),
     ]
     show([], answers, commands, level="yes" if verdict.held else "no")
 

@@ -143,6 +143,21 @@ def plan(
             autocompletion=completion.one_of(completion.RESERVES),
         ),
     ] = None,
+    torque_limit: Annotated[
+        float | None,
+        typer.Option(
+            help="With --hand and --object: of every joint \\[N m or N], where it is below the effort limit of the "
+            "hand's file, which may be far too generous."
+        ),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="With --hand and --object: simulate the grasps that were found, at rest and shaken, and take one that "
+            "is held.",
+        ),
+    ] = False,
     solver: Annotated[
         str | None,
         typer.Option(
@@ -180,6 +195,8 @@ def plan(
 
       pinograsp plan --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
 
+      pinograsp plan --hand allegro_right --object sphere:radius=0.03,mass=0.2 --torque-limit 0.7 --check
+
       pinograsp plan --hand g1_right --object sphere:radius=0.04,mass=0.1 --wrap
 
     A case of your own: pinograsp new case.yaml && pinograsp plan case.yaml
@@ -189,6 +206,8 @@ def plan(
         refuse_with_case(context, case)
         if reserve not in (None, "none"):
             raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
+        if check or torque_limit is not None:
+            raise InvalidInput("--check, --torque-limit: expected --hand and --object, got CASE")
         if compare and case != "paper":
             raise InvalidInput(
                 f"--compare: expected with the case 'paper', whose figures are published, got '{case:.200}'"
@@ -208,6 +227,8 @@ def plan(
             "wrap": wrap,
             "within": _numbers("--within", "x,y,z,x,y,z [m]", within),
             "table": table,
+            "torque_limit": torque_limit,
+            "check": check,
             "hulls": hulls,
             "posture": posture_of(posture),
             **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),

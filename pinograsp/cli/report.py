@@ -13,6 +13,7 @@ from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.plan import PlanFailure, PlanRecord
+    from pinograsp.plan.answer import Answer
 
 
 @app.command()
@@ -30,8 +31,18 @@ def report(
     Examples:
       pinograsp report runs/paper
 
-      pinograsp check runs/paper && pinograsp report runs/paper
+      pinograsp report runs/paper --check runs/paper/check
     """
+    answer = refresh(run, check)
+    if as_json:
+        tell_json({"level": answer.level, "answer": answer.text, "folder": str(run)})
+        return
+    told = [("Does it hold?", answer.text), ("Results", f"{run / 'report.html'}, beside it report.md and figures")]
+    show([], told, [(command("view", run), f"look at it in a browser{needs('viz', 'viser')}")], level=answer.level)
+
+
+def refresh(run: Path, check: Path | None = None) -> Answer:
+    """Rewrite the report and the figures of a run, with a simulation of it; None: the newest; returns the answer."""
     from pinograsp.plan import PlanFailure
     from pinograsp.plan.answer import Answer, does_it_hold
     from pinograsp.report import write_report
@@ -40,7 +51,6 @@ def report(
     from pinograsp.writing import add_files
 
     read_run(run, with_scene=False)  # raises its errors before anything is written
-
     answers: list[Answer] = []
 
     def fill(path: Path) -> None:
@@ -56,12 +66,7 @@ def report(
         answers.append(does_it_hold(loaded, simulation))
 
     add_files(run, fill)
-    answer = answers[-1]
-    if as_json:
-        tell_json({"level": answer.level, "answer": answer.text, "folder": str(run)})
-        return
-    told = [("Does it hold?", answer.text), ("Results", f"{run / 'report.html'}, beside it report.md and figures")]
-    show([], told, [(command("view", run), f"look at it in a browser{needs('viz', 'viser')}")], level=answer.level)
+    return answers[-1]
 
 
 def _read(run: Path) -> PlanRecord | PlanFailure:

@@ -45,7 +45,7 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
             text = f"Not with what it was tried with: lost in simulation under disturbances; {reason}."
             return Answer("caution", text)
         return Answer("no", f"No. Lost in simulation: {reason}.")
-    tried = "" if simulation is None else " Held in simulation."
+    tried = " Not simulated yet." if simulation is None else " Held in simulation."
     if status is Status.NOT_TRACKED:
         text = f"Not certain: {_LOAD}, but the hand cannot follow their paths. {plan.remedy}{tried}"
         return Answer("caution", text)
@@ -63,6 +63,20 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     if plan.cautions:
         return Answer("caution", f"Yes, with cautions: {_LOAD}, forces and moments in balance.{tried}")
     return Answer("yes", f"Yes. {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
+
+
+def where_the_hand_is(plan: PlanRecord) -> str:
+    """Where the hand's root is in the object's own frame, of a mesh that of its file; empty where it is not known."""
+    placed = plan.hand_in_object
+    if placed is None:
+        return ""
+    (x, y, z), R = 1e3 * placed[:3, 3], placed[:3, :3]
+    angles = (np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(np.clip(R[2, 0], -1.0, 1.0)), np.arctan2(R[1, 0], R[0, 0]))
+    roll, pitch, yaw = np.degrees(angles)
+    return (
+        f"its root at x {x:.1f}, y {y:.1f}, z {z:.1f} mm, roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} deg in the "
+        "object's own frame, of a mesh that of its file"
+    )
 
 
 def friction_model(friction: PlanFriction) -> str:

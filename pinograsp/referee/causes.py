@@ -163,8 +163,8 @@ def _remedies(
     elif servo is not None and any(event.kind == "joint" for event in events):
         remedies.append("stiffer servos, higher kp: they keep the fingers in place")
     if any(event.kind in ("slipped", "opened") for event in events) or not remedies:
-        parts = ["disturbance=..."]
-        parts += ["mass=..."] if disturbance.mass_factor != 1.0 else []
-        parts += ["friction=..."] if disturbance.mu is not None and disturbance.mu < task.mu.min() else []
-        remedies.append(f"more squeeze: Reserve({', '.join(parts)})")
+        parts = ["disturbance=1"]
+        parts += ["mass=0.4"] if disturbance.mass_factor != 1.0 else []
+        parts += ["friction=0.4"] if disturbance.mu is not None and disturbance.mu < task.mu.min() else []
+        remedies.append(f"more squeeze: plan with --reserve {','.join(parts)} (Reserve({', '.join(parts)}))")
     return remedies

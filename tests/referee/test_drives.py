@@ -347,9 +347,13 @@ def test_the_contact_that_slips_first_is_a_cause(task, undisturbed, slippery):
     verdict = slippery.verdict
     assert not verdict.held
     assert verdict.causes and all("slipped from" in cause for cause in verdict.causes)
-    assert verdict.remedies == ("more squeeze: Reserve(disturbance=..., friction=...)",)
+    assert verdict.remedies == (
+        "more squeeze: plan with --reserve disturbance=1,friction=0.4 (Reserve(disturbance=1, friction=0.4))",
+    )
     heavy = simulate(task, disturbance=Disturbance(mass_factor=2.0), **FREE).verdict
-    assert heavy.remedies == ("more squeeze: Reserve(disturbance=..., mass=...)",)
+    assert heavy.remedies == (
+        "more squeeze: plan with --reserve disturbance=1,mass=0.4 (Reserve(disturbance=1, mass=0.4))",
+    )
     assert undisturbed.verdict.causes == undisturbed.verdict.remedies == ()
 
 
@@ -468,14 +472,14 @@ def test_trials_that_are_lost_say_why(task):
 @pytest.mark.slow
 def test_causes_are_in_records_reports_and_on_the_command_line(command, plan, tmp_path):
     folder = pg.save_run(plan, tmp_path / "run")
-    code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "1e-3", "--mu", "0.2")
+    code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "1e-3", "--mu", "0.2", "--what-holds")
     assert code == 3 and "why: contact '" in out and "what helps: more squeeze" in out
     assert "what would have held, each change alone:" in out and "without mu: held" in out
     assert "the plan's own margins: it holds with mu from 0.4 on, and up to 1.5 times its load" in out
     told = (folder / "check" / "check.md").read_text(encoding="utf-8")
     assert "what would have held" in told
     assert json.loads((folder / "check" / "check.json").read_text())["what_holds"]["changes"]["without mu"]
-    code, out, _ = command("check", str(folder), "--hold", "0.3", "--mu", "0.2", "--no-what-holds")
+    code, out, _ = command("check", str(folder), "--hold", "0.3", "--mu", "0.2")
     assert code == 3 and "would have held" not in out
     assert "## Why" in told and "## What helps" in told and "slipped from" in told
     kept = read_check(folder / "check")
@@ -540,7 +544,7 @@ def test_check_takes_control_and_errors_of_drives(command, plan, tmp_path, no_re
     (tmp_path / "base.csv").write_text("0,0.1,0,0\n0.1,0,0,0.2\n", encoding="utf-8")
     options = (
         f"--control position --kp 40 --stiffness 2 --joint-friction 0.1,0,0.2 --joint-offset 0.01 --servo-gain 1.1 "
-        f"--base-motion {tmp_path / 'base.csv'} --hold 0.02 --time-step 1e-3 --no-what-holds --json"
+        f"--base-motion {tmp_path / 'base.csv'} --hold 0.02 --time-step 1e-3 --json"
     )
     code, out, _ = command("check", str(folder), *options.split())
     assert code in (0, 3)
@@ -553,7 +557,7 @@ def test_check_takes_control_and_errors_of_drives(command, plan, tmp_path, no_re
         "joint_offset": pytest.approx([1e-5] * 3),
         "joint_friction": [0.1, 0.0, 0.2],
     }
-    path = ("--base-path", str(tmp_path / "base.csv"), "--hold", "0.05", "--time-step", "1e-3", "--no-what-holds")
+    path = ("--base-path", str(tmp_path / "base.csv"), "--hold", "0.05", "--time-step", "1e-3")
     code, out, _ = command("check", str(folder), *path, "--json")
     motion = BaseMotion.through([0.0, 0.1], [[0.1, 0, 0], [0, 0, 0.2]])
     assert json.loads(out)["disturbance"]["base_motion"]["m_s2"] == motion.accelerations.tolist()
