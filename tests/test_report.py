@@ -75,6 +75,7 @@ def test_the_answer_comes_first(run, simulated):
         "How much energy?",
         "Which margin?",
         "Simulated?",
+        "Where is the hand?",
     ]
     assert "Yes" in lines[0] and f"{run.forces.normal_forces.sum():.2f} N" in lines[2]
     push, planned = run.margins.disturbance_force, "none: planned for the load alone"
@@ -141,7 +142,7 @@ def test_report_again_with_the_newest_check(run, tmp_path, monkeypatch):
     assert result.exit_code in (0, 3)
     assert newest_check(folder) == folder / "check"
     result = CliRunner().invoke(app, ["report", str(folder)])
-    assert result.exit_code == 0 and re.search(r"^Does it hold\? (Yes|No)", result.output)
+    assert result.exit_code == 0 and re.search(r"^Does it hold\?\s+(Yes|No)", result.output, re.M)
     assert re.search(r"Simulated\?\*\* (Held|Lost) \(mujoco\)", (folder / "report.md").read_text())
     assert not list(folder.glob(".new-*"))
 

@@ -148,7 +148,8 @@ _IN_CASES = {
     "mu": "friction.mu",
     "friction": "friction.model",
     "safety": "friction.safety",
-    **dict.fromkeys(("within", "samples", "seed", "wrap", "table"), "contacts"),
+    **dict.fromkeys(("within", "samples", "seed", "wrap", "table", "check"), "contacts"),
+    "torque_limit": "limits.torque_limit",
 }
 
 

@@ -195,7 +195,7 @@ def plan(
 
       pinograsp plan --hand panda --object box:size=0.03x0.03x0.08,mass=0.1
 
-      pinograsp plan --hand allegro_right --object sphere:radius=0.03,mass=0.2 --torque-limit 0.7 --check
+      pinograsp plan --hand panda --object sphere:radius=0.02,mass=0.1 --check
 
       pinograsp plan --hand g1_right --object sphere:radius=0.04,mass=0.1 --wrap
 
@@ -206,8 +206,6 @@ def plan(
         refuse_with_case(context, case)
         if reserve not in (None, "none"):
             raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
-        if check or torque_limit is not None:
-            raise InvalidInput("--check, --torque-limit: expected --hand and --object, got CASE")
         if compare and case != "paper":
             raise InvalidInput(
                 f"--compare: expected with the case 'paper', whose figures are published, got '{case:.200}'"

@@ -330,7 +330,7 @@ def test_comparison_rows_are_text(rows):
 
 def test_figures_show_what_was_planned(run, tmp_path):
     figure = joint_angles(run)
-    assert [axes.get_title() for axes in figure.axes] == ["thumb", "index", "middle"]
+    assert [axes.get_legend().get_title().get_text() for axes in figure.axes] == ["thumb", "index", "middle"]
     drawn = figure.axes[0].lines[0].get_ydata()
     assert drawn[-1] == pytest.approx(130) and len(figure.axes[0].lines) == 5  # four joints and the impact
     torques = joint_torques(run, "index")
