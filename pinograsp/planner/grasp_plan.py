@@ -248,6 +248,12 @@ class GraspPlan(PlanRecord):
 
         return view(self.with_margins(), simulation=simulation, port=port, open_browser=open_browser)
 
+    def save_html(self, path: str | Path, *, simulation: Simulation | None = None) -> Path:
+        """Write the viewer as one page that needs no server: see :func:`~pinograsp.viz.page.save_html`."""
+        from pinograsp.viz.page import save_html
+
+        return save_html(self, path, simulation=simulation)
+
     def picture(
         self,
         path: str | Path,
