@@ -284,59 +284,82 @@ class _Method:
         second = (right[1] - ratio * right[0]) / (self.own[1] - ratio * self.across)
         return np.stack([(right[0] - self.across * second) / self.own[0], second])
 
-    def step(self, aim: Array, corrections: list[Array | float]) -> None:
+    def step(self, aim: Array, corrections: list[Array | float], *, refined: bool) -> None:
         """The Newton step towards products ``aim`` of slacks and multipliers."""
-        N, m, forces = self.N, len(self.R), self.d * self.k
         pull = self.sides.pull(aim, corrections[0])
         # Rows that are eliminated with A pull there.
-        forth = pull.copy()
+        forth, right = pull.copy(), -self.off
         if not self.many:
             forth[self.first : self.last] = 0.0
+            rows = self.give * (pull[self.at["below"]] - pull[self.at["above"]])
+            right = np.concatenate([right, rows])
         r = (self.G.T @ forth[: self.last]).reshape(self.x.shape) - self.weights * self.x
         if self.cones is not None:
             r[: len(self.cones.s)] += self.cones.pull(aim, corrections[-1])
-        scaled, right = np.einsum("ijkn,jkn->ikn", self.Q, r).reshape(forces, N), -self.off
-        if self.rows is not None:
-            scaled = self.rows.transposed(scaled)
-        else:
-            scaled = np.concatenate([scaled, np.zeros((m, N))])
-            right = np.concatenate([right, self.give * (pull[self.at["below"]] - pull[self.at["above"]])])
-        ready = self.factors.across(scaled) - self.factors.transposed(right)
-        self.dy = np.zeros(self.y.shape)
-        own = ready
+        pairs = np.einsum("rn,rjn->jn", forth[self.first :], self.S) - self.slope
+        nodes = np.zeros(self.y.shape)
         if self.ends is not None:
-            pairs = np.stack([np.einsum("rn,rn->n", one, ready) for one in self.through]) - self.slope
-            pairs += np.einsum("rn,rjn->jn", forth[self.first :], self.S)
-            if self.rows is not None:
-                pairs -= np.einsum("jin,in->jn", self.rows.across, scaled)
             to_ends = self.ends.pull(aim, corrections[1])
-            nodes = self._gathered(pairs) + to_ends[0] - to_ends[1]
-            nodes += 0.0 if self.gain is None else self.gain
-            self.dy = self._speeds(np.where(self.free, nodes, 0.0))
-            dp = self._pairs(self.dy)
-            own = ready - self.through[0] * dp[0] - self.through[1] * dp[1]
+            nodes = to_ends[0] - to_ends[1] + (0.0 if self.gain is None else self.gain)
+        self.dx, self.dy, self.new_multipliers = self._solved_for(r, right, pairs, nodes)
+        self._move_slacks(aim, corrections)
+        if not refined:
+            return
+        # Slacks of the cones are far apart in size: what that leaves of the multipliers' equations is solved for again.
+        left = self.A.T @ self.new_multipliers - self.G.T @ (self.sides.z + self.sides.dz)[: self.last]
+        left = left.reshape(self.x.shape) + self.weights * (self.x + self.dx)
+        if self.cones is not None:
+            left[: len(self.cones.s)] -= self.cones.z + self.cones.dz
+        dx, dy, more = self._solved_for(-left, np.zeros(right.shape), np.zeros(pairs.shape), np.zeros(nodes.shape))
+        if np.isfinite(dx).all() and np.isfinite(dy).all():
+            self.dx, self.dy = self.dx + dx, self.dy + dy
+            self.new_multipliers = self.new_multipliers + more
+            self._move_slacks(aim, corrections)
+
+    def _move_slacks(self, aim: Array, corrections: list[Array | float]) -> None:
+        if self.ends is not None:
             self.ends.move(np.stack([self.dy, -self.dy]), aim, corrections[1])
-        left = (scaled - self.factors.along(own))[:forces]
-        if self.rows is not None:
-            dp = self._pairs(self.dy)
-            left = self.rows.divided(left - self.rows.across[0] * dp[0] - self.rows.across[1] * dp[1])
-        self.dx = np.einsum("jikn,jkn->ikn", self.Q, left.reshape(self.x.shape))
-        self.new_multipliers = self.factors.divided(own)[: len(self.A)]
         self.sides.move(self._changes(self.dx, self._pairs(self.dy)), aim, corrections[0])
         if self.cones is not None:
             self.cones.move(self.dx[: len(self.cones.s)])
+
+    def _solved_for(self, r: Array, right: Array, pairs: Array, nodes: Array) -> tuple[Array, Array, Array]:
+        """Changes of x and y, and the multipliers of A, for right-hand sides: of the forces (d, k, N), of the rows
+        (m, N), of the ends of the intervals (2, N) and of y.
+        """
+        forces = self.d * self.k
+        scaled = np.einsum("ijkn,jkn->ikn", self.Q, r).reshape(forces, self.N)
+        if self.rows is not None:
+            scaled = self.rows.transposed(scaled)
+        else:
+            scaled = np.concatenate([scaled, np.zeros((len(self.R), self.N))])
+        ready = self.factors.across(scaled) - self.factors.transposed(right)
+        dy, own = np.zeros(self.y.shape), ready
+        if self.ends is not None:
+            pairs = pairs + np.stack([np.einsum("rn,rn->n", one, ready) for one in self.through])
+            if self.rows is not None:
+                pairs -= np.einsum("jin,in->jn", self.rows.across, scaled)
+            dy = self._speeds(np.where(self.free, self._gathered(pairs) + nodes, 0.0))
+            dp = self._pairs(dy)
+            own = ready - self.through[0] * dp[0] - self.through[1] * dp[1]
+        left = (scaled - self.factors.along(own))[:forces]
+        if self.rows is not None:
+            dp = self._pairs(dy)
+            left = self.rows.divided(left - self.rows.across[0] * dp[0] - self.rows.across[1] * dp[1])
+        dx = np.einsum("jikn,jkn->ikn", self.Q, left.reshape(self.x.shape))
+        return dx, dy, self.factors.divided(own)[: len(self.A)]
 
     def _round(self) -> Array:
         """A predictor, a corrector and a share of their step, not a number where digits are used up."""
         self.factorise()
         gap = self.gap()
         none: list[Array | float] = [0.0, 0.0, 0.0]
-        self.step(np.zeros_like(gap), none)
+        self.step(np.zeros_like(gap), none, refined=False)
         share = np.minimum(1.0, self._longest())
         after = np.maximum(self.gap(share), 0.0)
         corrections = [0.0 if one is None else one.second_order for one in (self.sides, self.ends, self.cones)]
         aim = np.maximum((after / gap) ** 3 * gap, _HEED * self.model_error(share)) / self.degree
-        self.step(aim, corrections)
+        self.step(aim, corrections, refined=True)
         share = np.minimum(1.0, _BACK * self._longest())
         if self.program.step is not None:
             # The cost's model is of use as long as speeds do not fall by much.
