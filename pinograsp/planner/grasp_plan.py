@@ -68,8 +68,8 @@ class GraspPlan(PlanRecord):
     def searched(self) -> ForceSolution:
         """The force search's own record.
 
-        Of a plan that was read back: the stored forces with a problem that they solve. Its caps of normal forces and
-        torque limits are not stored: depths are limited as anywhere, torques by the hand's efforts.
+        Of a plan that was read back: the stored forces with a problem that they solve, torque limits, what is kept free
+        of them, and least forces included. Caps of normal forces are not stored: depths are limited as anywhere.
         """
         return stored_solution(self.hand, self) if self.solution is None else self.solution
 

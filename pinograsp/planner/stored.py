@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pinograsp.contacts import Compliance, Contact, ContactSet, Friction
 from pinograsp.contacts.clearance import PALM
 from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions
 from pinograsp.hands import HandModel
-from pinograsp.motion import effort_of, torque_limits
+from pinograsp.motion import torque_limits
 from pinograsp.motion.torques import torques_matter
 from pinograsp.plan import PlanRecord
 
@@ -16,8 +18,8 @@ from pinograsp.plan import PlanRecord
 def stored_solution(hand: HandModel, plan: PlanRecord) -> ForceSolution:
     """The forces of a plan with a problem that they solve.
 
-    Caps of the normal forces and torque limits are not stored: contacts may become as deep as anywhere, or as the
-    plan's deepest, and joints bear the effort limits of the hand.
+    With the plan's torque limits, the share of them that is kept free, and its least forces. Caps of the normal forces
+    are not stored: contacts may become as deep as anywhere, or as the plan's deepest.
     """
     own, law, friction, forces = plan.contacts, plan.law, plan.friction, plan.forces
     contacts = ContactSet(
@@ -34,10 +36,11 @@ def stored_solution(hand: HandModel, plan: PlanRecord) -> ForceSolution:
         ),
         com_o=own.com_o,
     )
-    torques, effort = None, effort_of(hand, "effort")
-    if torques_matter(hand, effort):
-        q = np.array(plan.motion.q[-1])
-        torques = torque_limits(hand, contacts, q, depth=forces.final_depths, limit=effort, gravity_o=plan.gravity_o)
+    torques, limit, reserve = None, np.array(plan.torque_limit), plan.reserve
+    if torques_matter(hand, limit):
+        q, kept = np.array(plan.motion.q[-1]), 0.0 if reserve is None else reserve.torque
+        torques = torque_limits(hand, contacts, q, depth=forces.final_depths, limit=limit, gravity_o=plan.gravity_o)
+        torques = replace(torques, reserve=kept)
     problem = ForceProblem(
         contacts=contacts,
         load=plan.load,
@@ -52,6 +55,7 @@ def stored_solution(hand: HandModel, plan: PlanRecord) -> ForceSolution:
         gravity_o=plan.gravity_o,
         object=plan.body,
         torques=torques,
+        min_normal_force=reserve.normal_force if reserve is not None and reserve.normal_force > 0 else None,
     )
     return ForceSolution(
         status=forces.status,

@@ -15,6 +15,8 @@ import pinograsp
 from pinograsp.cases import load_case
 from pinograsp.cases.published import compare
 from pinograsp.errors import ContactNotReached, GraspInfeasible, InvalidInput, ResultsNotWritten, Status
+from pinograsp.forces import GraspConditions
+from pinograsp.objects import Sphere
 from pinograsp.planner import GraspPlan, load_run, save_run
 from pinograsp.report import comparison_rows, markdown, number
 from pinograsp.storage import runs
@@ -164,6 +166,23 @@ def test_fresh_and_stored_plans_do_the_same(plan, tmp_path, no_rendering):
     np.testing.assert_allclose(told[1][0], told[0][0], atol=1e-9)
     assert told[0][2] is told[1][2] is Status.OK
     assert back.to_core(tmp_path / "grasp.hpp").is_file()
+
+
+def test_a_stored_plan_keeps_its_limits(tmp_path):
+    """Torque limits, what is kept free of them, and least forces: a loop must not exceed what was planned with."""
+    at = np.eye(4)
+    at[2, 3] = 0.1034
+    jaws = pinograsp.load_hand("panda")
+    ball = Sphere(radius=0.02, mass=0.1).placed(jaws.frame_placements(jaws.resting, [jaws.palm])[0] @ at)
+    plan = pinograsp.plan_grasp_on(jaws, ball, GraspConditions(mu=0.7, torque_limit=5.0))
+    back = pinograsp.load_run(save_run(plan, tmp_path / "run"))
+    fresh, stored = plan.problem, back.problem
+    np.testing.assert_allclose(stored.torques.limit, fresh.torques.limit)
+    assert stored.torques.reserve == pytest.approx(fresh.torques.reserve) and stored.torques.reserve > 0
+    np.testing.assert_allclose(stored.min_normal_force, fresh.min_normal_force)
+    heavy = [pinograsp.OnlineForces(one.problem, hand=one.hand, q=one.motion.q[-1]) for one in (plan, back)]
+    told = [loop.step(15 * plan.load) for loop in heavy]
+    assert told[0][2] is told[1][2] and np.abs(told[1][1]).max() <= 5.0 * (1 + 1e-6)
 
 
 def test_only_plans_are_saved(run, tmp_path):
