@@ -172,8 +172,8 @@ def referee(count: int, seed: int, jobs: int, hands: list[str], noise: float) ->
         body = objects(width(hand))[shape]
         search = searched(hand, body, seed, 32)
         q, roots = perturbed(search, 4 * (count // len(pairs) + 1), noise, rng)
-        found = pg.certification.certify(hand, body, q, pg.GraspConditions(mu=MU), roots=roots)
-        rough = pg.certification.certify(hand, body, q, pg.GraspConditions(mu=ROUGH), roots=roots)
+        found = pg.certify(hand, body, q, pg.GraspConditions(mu=MU), roots=roots)
+        rough = pg.certify(hand, body, q, pg.GraspConditions(mu=ROUGH), roots=roots)
         touching = [i for i in range(len(q)) if Reason(found.reason[i]) not in GEOMETRIC]
         tasks += [delayed(trial)(found, rough, i) for i in touching[: count // len(pairs) + 1]]
     done = Parallel(jobs, return_as="generator")(tasks)

@@ -52,6 +52,7 @@ os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "M
 
 import argparse
 import importlib
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -138,7 +139,7 @@ def round_contacts(angles, radius: float, heights) -> ContactSet:
 def held(problem: pg.ForceProblem, direction: np.ndarray) -> float | None:
     """The largest multiple of a direction (6,) that is held; None where a little of it is not."""
     little = 1e-2 * direction
-    factor = pg.load_factor(problem.with_load(little), impact_time=T_I)
+    factor = pg.forces.load_factor(problem.with_load(little), impact_time=T_I)
     return 1e-2 * factor if factor > 1.0 and np.isfinite(factor) else None
 
 
@@ -209,7 +210,7 @@ def barely(rng, share: float):
                 case = forces.grasp(rng, int(rng.integers(3, 7)))
                 load = case.loads[0]
                 problem = replace(case.base.with_load(load), torques=None)
-                largest = pg.load_factor(problem, impact_time=T_I)
+                largest = pg.forces.load_factor(problem, impact_time=T_I)
                 if 1.0 < largest < 1e3:
                     break
             off = 10.0 ** -(3 + i % 4)
@@ -575,6 +576,7 @@ def added(text: str) -> tuple[str, Callable]:
     """Name and function of mine=module:function."""
     name, _, place = text.partition("=")
     module, _, function = place.partition(":")
+    sys.path.append(os.getcwd())  # yours may lie where the command is typed
     try:
         return name, getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
@@ -582,7 +584,7 @@ def added(text: str) -> tuple[str, Callable]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--share", type=float, default=1.0, help="of the problems of each set")
     parser.add_argument("--solver", type=added, action="append", default=[], help="mine=module:function, of a QP")

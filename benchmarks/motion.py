@@ -24,6 +24,7 @@ from results import header, table, write_rows
 import pinograsp as pg
 from pinograsp.forces import optimize_grasp
 from pinograsp.motion import MotionSpec, plan_motion, surfaces
+from pinograsp.plan import Motion
 from pinograsp.planner import plan_best, planning
 
 HERE = Path(__file__).resolve().parent
@@ -37,9 +38,9 @@ SAMPLES, SEED = 16, 7
 POINTS = {"thumb": (-2.6e-3, -9.6e-3, 61.5e-3), "index": (4.7e-3, 8.8e-3, 71.0e-3), "middle": (1.7e-3, 9.7e-3, 50.0e-3)}
 
 
-def last_motion(plan: Callable[[], object]) -> Callable[[], pg.Motion]:
+def last_motion(plan: Callable[[], object]) -> Callable[[], Motion]:
     """The last call of ``plan_motion`` that a planner makes, to be made again."""
-    calls: list[Callable[[], pg.Motion]] = []
+    calls: list[Callable[[], Motion]] = []
 
     def noted(*values, **options):
         calls.append(lambda: plan_motion(*values, **options))
@@ -50,11 +51,11 @@ def last_motion(plan: Callable[[], object]) -> Callable[[], pg.Motion]:
     return calls[-1]
 
 
-def paper() -> Callable[[], pg.Motion]:
+def paper() -> Callable[[], Motion]:
     return last_motion(pg.load_case("paper", {"forces.search": "convex", "forces.balance": "wrench"}).plan)
 
 
-def points() -> Callable[[], pg.Motion]:
+def points() -> Callable[[], Motion]:
     """The paper's points without the posture of a closed hand: every posture that reaches them is tried."""
     case = pg.load_case("paper")
     hand, plan = case.load_hand(), case.plan()
@@ -66,7 +67,7 @@ def points() -> Callable[[], pg.Motion]:
     return lambda: plan_motion(hand, forces, spec)
 
 
-def closed(name: str, shape: str) -> Callable[[], pg.Motion]:
+def closed(name: str, shape: str) -> Callable[[], Motion]:
     """A hand of the catalogue on an object of its size."""
     hand = pg.load_hand(name)
     body, conditions = objects(width(hand))[shape], pg.GraspConditions(mu=MU)
@@ -74,7 +75,7 @@ def closed(name: str, shape: str) -> Callable[[], pg.Motion]:
     return last_motion(lambda: plan_best(search, conditions))
 
 
-def presses(call: Callable[[], pg.Motion]) -> int:
+def presses(call: Callable[[], Motion]) -> int:
     with patch.object(surfaces, "_press", wraps=surfaces._press) as counted:
         call()
     return counted.call_count

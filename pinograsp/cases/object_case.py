@@ -261,6 +261,8 @@ class ObjectCase(Section):
         return np.minimum(self.load_hand().effort_or_infinity, self.torque_limit)
 
     def _friction(self) -> Friction | None:
+        if self.friction is None and self.search != "convex":
+            return Friction(safety=self.safety)  # grids know the paper's pyramid alone
         if self.friction is None:
             if self.safety != 1:
                 raise InvalidInput(

@@ -8,16 +8,15 @@ import numpy as np
 
 from pinograsp.cases.case import Case, with_changes
 from pinograsp.cases.changes import CaseChanges
-from pinograsp.checks import one_of
 from pinograsp.contacts import ContactSet, Measure
 from pinograsp.contacts.quality import Balance
 from pinograsp.forces import (
-    SOLVERS,
     ForceProblem,
     GridSpec,
     SolverName,
     grid_search,
     optimize_grasp,
+    qp_solvers,
     refine_multipliers,
 )
 from pinograsp.hands import HandModel
@@ -75,7 +74,8 @@ def compare(case: Case) -> list[ComparisonRow]:
     """
     case = with_changes(case, AS_PUBLISHED)
     plan = case.plan(progress=False)
-    solver = one_of("solver", "daqp" if case.forces.solver == "auto" else case.forces.solver, SOLVERS)
+    own = case.forces.solver
+    solver = own if own in qp_solvers() else "daqp"  # of the grids and QPs beside
     problem = plan.problem
     return [
         *_forces(plan),

@@ -442,7 +442,9 @@ def print_plan(plan: GraspPlan, folder: Path) -> None:
         uses = friction_used(plan)[0][1]
         used = shares(uses) if len(uses) <= _SOME else f"at most {shares({'': max(uses.values())}).strip()}"
         facts.append(("friction used", f"{used} of mu F_n"))
-        facts += [(name, known[name]) for name in ("impact time t_I", "largest penetration", "planning time")]
+        facts.append(("largest penetration", f"{known['largest penetration']}, planned in {known['planning time']}"))
+        if plan.hand_in_object is not None:
+            facts.append(("hand", known["hand"]))
     answer = does_it_hold(plan)
     answers = [
         ("Does it hold?", answer.text),

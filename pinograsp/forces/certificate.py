@@ -137,7 +137,8 @@ class Certificate:
     def __str__(self) -> str:
         proven = "optimal" if self.is_optimal() else "not proven optimal"
         bound = f"no forces cost less than {self.lower_bound:.6g} (gap {self.relative_gap:.1e})"
-        return f"{proven}: objective {self.objective:.6g}, {bound}; violation {self.violation:.1e} N"
+        missed = f"balance missed by {self.residual_norm:.1e} N, limits by {self.violation:.1e} N"
+        return f"{proven}: objective {self.objective:.6g}, {bound}; {missed}"
 
     @property
     def gap(self) -> float:

@@ -258,8 +258,8 @@ class OnlineForces:
         """A contact (name or number) is gained or lost.
 
         Gained, the limits of its force rise from nothing in the time of ``ramp``. Lost, its force falls from what it is
-        to nothing in that time, or as fast as ``max_rate`` lets it where that takes longer. The others take over as fast
-        as ``max_rate`` lets them: give them time by a longer ``ramp``.
+        to nothing in that time, or as fast as ``max_rate`` lets it where that takes longer. The others take over as
+        fast as ``max_rate`` lets them: give them time by a longer ``ramp``.
         ``at_once`` is for a finger that has slipped off: no force from the next tick on.
         """
         if isinstance(contact, str):

@@ -17,6 +17,7 @@ from pinograsp.words import number, printable
 
 _GRAVITY = 9.80665  # [m/s^2]: one g
 _LOAD = "the contact forces hold the load"
+SIMULATED = "simulated ("  # how notes and cautions begin that tell of a simulation
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,9 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
             text = f"Not with what it was tried with: lost in simulation under disturbances; {reason}."
             return Answer("caution", text)
         return Answer("no", f"No. Lost in simulation: {reason}.")
-    tried = " Not simulated yet." if simulation is None else " Held in simulation."
+    tried = f" {_seen(plan)}" if simulation is None else " Held in simulation."
     if status is Status.NOT_TRACKED:
-        text = f"Not certain: {_LOAD}, but the hand cannot follow their paths. {plan.remedy}{tried}"
+        text = f"Not certain: {_LOAD}, but the hand cannot follow their paths. {plan.remedy.rstrip('.')}.{tried}"
         return Answer("caution", text)
     if status is Status.DOUBTFUL:
         return Answer("caution", f"Not certain: {_LOAD}, but {plan.remedy}.{tried}")
@@ -65,6 +66,12 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     return Answer("yes", f"Yes. {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
 
 
+def _seen(plan: PlanRecord) -> str:
+    """What was simulated as the plan was chosen."""
+    told = [one for one in (*plan.cautions, *plan.notes) if one.startswith(SIMULATED)]
+    return f"{told[0][0].upper()}{told[0][1:]}." if told else "Not simulated yet."
+
+
 def where_the_hand_is(plan: PlanRecord) -> str:
     """Where the hand's root is in the object's own frame, of a mesh that of its file; empty where it is not known."""
     placed = plan.hand_in_object
@@ -74,8 +81,8 @@ def where_the_hand_is(plan: PlanRecord) -> str:
     angles = (np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(np.clip(R[2, 0], -1.0, 1.0)), np.arctan2(R[1, 0], R[0, 0]))
     roll, pitch, yaw = np.degrees(angles)
     return (
-        f"its root at x {x:.1f}, y {y:.1f}, z {z:.1f} mm, roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} deg in the "
-        "object's own frame, of a mesh that of its file"
+        f"its root at x {x:.1f}, y {y:.1f}, z {z:.1f} mm, roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} deg (about "
+        "fixed x, y, z) in the object's own frame, of a mesh that of its file"
     )
 
 

@@ -14,6 +14,7 @@ from pinograsp.contacts.quality import past_edges
 from pinograsp.errors import NoGrasp, SimulationDiverged, Status
 from pinograsp.forces import BackendName, GraspConditions, Objective
 from pinograsp.hands import servo_gains
+from pinograsp.plan.answer import SIMULATED
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
@@ -99,7 +100,10 @@ def plan_best(
         if tried == _TRIES or (best.status is Status.OK and grasp.sound < SOUND):
             break
     if best is not None:
-        return _checked(best)[0] if check and best.status is Status.DOUBTFUL else best
+        if best.status is not Status.OK:
+            best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
+        told = any(one.startswith(SIMULATED) for one in (*best.cautions, *best.notes))
+        return _checked(best)[0] if check and not told else best
     raise failure or NoGrasp("no grasp of the search could be planned")
 
 
@@ -116,7 +120,7 @@ def _checked(plan: GraspPlan) -> tuple[GraspPlan, bool]:
         held, reason = verdict.held, verdict.reason
     except SimulationDiverged as error:
         held, reason = False, str(error)
-    told = f"simulated ({engine}, shaken with {_SHAKEN * bears:.2g} m/s^2): {'held' if held else 'lost'}, {reason}"
+    told = f"{SIMULATED}{engine}, shaken with {_SHAKEN * bears:.2g} m/s^2): {'held' if held else 'lost'}, {reason}"
     if held:
         return replace(plan, notes=(*plan.notes, told)), True
     return replace(plan, cautions=(told, *plan.cautions)), False

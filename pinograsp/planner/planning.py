@@ -15,7 +15,6 @@ from pinograsp.contacts.support_plane import SupportPlane
 from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchInterrupted, Status
 from pinograsp.forces import (
     SEARCHES,
-    SOLVERS,
     BackendName,
     ConvexSolution,
     ForceProblem,
@@ -33,6 +32,7 @@ from pinograsp.forces import (
     optimize_grasp,
     parts_in_the_way,
     producible_reserve,
+    qp_solvers,
     reserve_along,
     search_reserve,
 )
@@ -232,7 +232,7 @@ Stages = tuple[ForceSolution, Motion, dict[str, float]]
 
 def _by_grid(hand: HandModel, problem: ForceProblem, choices: _Choices) -> Stages:
     started = time.perf_counter()
-    solver = one_of("solver", "daqp" if choices.solver == "auto" else choices.solver, SOLVERS)
+    solver = one_of("solver of a grid", "daqp" if choices.solver == "auto" else choices.solver, qp_solvers())
     kind = one_of("search", choices.search, SEARCHES)
     forces = grid_search(problem, choices.grid, search=kind, solver=solver, progress=choices.progress)
     _refuse_failure(forces, _rejections)

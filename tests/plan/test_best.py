@@ -13,6 +13,7 @@ from pinograsp.errors import GraspInfeasible, GraspNotFound, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import load_hand
 from pinograsp.objects import Sphere
+from pinograsp.plan.answer import does_it_hold
 from pinograsp.planner import plan_best
 from pinograsp.synthesis import find_grasps
 
@@ -55,3 +56,11 @@ def test_links_that_press_without_a_contact_are_told(found):
     left = replace(contacts, contacts=tuple(one for one in contacts if one.link == links[0]))
     assert meeting(plan.hand, plan.body, left, q, allowed=1e-5) == (links[1],)
     assert meeting(plan.hand, plan.body, left, plan.closure.q, allowed=1e-5) == ()
+
+
+def test_what_is_taken_was_simulated_where_asked(found):
+    plain, checked = (plan_best(found, CONDITIONS, progress=False, check=check) for check in (False, True))
+    assert not any(note.startswith("simulated (") for note in plain.notes)
+    (told,) = (note for note in checked.notes if note.startswith("simulated ("))
+    assert ": held, " in told and checked.status is plain.status
+    assert "Not simulated yet" in does_it_hold(plain).text and "held" in does_it_hold(checked).text
