@@ -1,5 +1,5 @@
 # The version of pyproject.toml. Before 1.0 a minor version may change what it offers.
-set(PACKAGE_VERSION 0.1.0)
+set(PACKAGE_VERSION 0.2.0)
 string(REGEX MATCH "^[0-9]+\\.[0-9]+" offered "${PACKAGE_VERSION}")
 string(REGEX MATCH "^[0-9]+(\\.[0-9]+)?" wanted "${PACKAGE_FIND_VERSION}")
 if(PACKAGE_FIND_VERSION VERSION_EQUAL PACKAGE_VERSION)
