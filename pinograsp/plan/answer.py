@@ -81,8 +81,8 @@ def where_the_hand_is(plan: PlanRecord) -> str:
     angles = (np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(np.clip(R[2, 0], -1.0, 1.0)), np.arctan2(R[1, 0], R[0, 0]))
     roll, pitch, yaw = np.degrees(angles)
     return (
-        f"its root at x {x:.1f}, y {y:.1f}, z {z:.1f} mm, roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} deg (about "
-        "fixed x, y, z) in the object's own frame, of a mesh that of its file"
+        f"root at {x:.1f}, {y:.1f}, {z:.1f} mm, roll, pitch, yaw {roll:.1f}, {pitch:.1f}, {yaw:.1f} deg in the "
+        "object's frame (a mesh's: its file's)"
     )
 
 
