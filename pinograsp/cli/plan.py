@@ -442,7 +442,10 @@ def print_plan(plan: GraspPlan, folder: Path) -> None:
         uses = friction_used(plan)[0][1]
         used = shares(uses) if len(uses) <= _SOME else f"at most {shares({'': max(uses.values())}).strip()}"
         facts.append(("friction used", f"{used} of mu F_n"))
-        facts.append(("largest penetration", f"{known['largest penetration']}, planned in {known['planning time']}"))
+        deepest, took = known["largest penetration"], known["planning time"]
+        facts.append(
+            ("impact time t_I", f"{known['impact time t_I']}, largest penetration {deepest}, planned in {took}")
+        )
         if plan.hand_in_object is not None:
             facts.append(("hand", known["hand"]))
     answer = does_it_hold(plan)

@@ -9,6 +9,7 @@ import numpy as np
 from pinograsp.contacts import Compliance, Contact, ContactSet, Friction
 from pinograsp.contacts.clearance import PALM
 from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions
+from pinograsp.forces.reserve import LEAST_FORCE
 from pinograsp.hands import HandModel
 from pinograsp.motion import torque_limits
 from pinograsp.motion.torques import torques_matter
@@ -55,7 +56,9 @@ def stored_solution(hand: HandModel, plan: PlanRecord) -> ForceSolution:
         gravity_o=plan.gravity_o,
         object=plan.body,
         torques=torques,
-        min_normal_force=reserve.normal_force if reserve is not None and reserve.normal_force > 0 else None,
+        min_normal_force=max(reserve.normal_force, LEAST_FORCE)
+        if reserve is not None and reserve.normal_force > 0
+        else None,
     )
     return ForceSolution(
         status=forces.status,
