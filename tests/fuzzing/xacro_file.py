@@ -227,7 +227,7 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
 def run(case: dict) -> str:
     """As for URDF; and nothing of it may have run."""
     try:
-        return urdf.run({**case, "options": {**case["options"], **case["arguments"]}})
+        return urdf.run({**case, "options": {**case["options"], "xacro_args": case["arguments"]}})
     finally:
         assert not (Path(case["hand"]).parent / "ran").exists(), "a command ran"
 

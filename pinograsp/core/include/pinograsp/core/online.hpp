@@ -90,6 +90,7 @@ public:
     void reset() {
         started = false;
         std::fill_n(multipliers, 6, 0.0);
+        std::fill_n(fading_, setup_.contacts, infinity);
     }
 
     bool started = false;  // there was a tick
@@ -116,7 +117,7 @@ protected:
 
     // The largest F_n of a contact in this tick, its share moved on.
     double cap(int i, double rate) {
-        const double F = forces[3 * i + 2];
+        const double F = started ? forces[3 * i + 2] : 0.0;
         if (target[i] >= 1.0 && fading_[i] < infinity) {  // on its way out, and back: from the force that it has
             if (largest[i] > 0.0) share[i] = min(share[i], F / largest[i]);
             fading_[i] = infinity;
