@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -308,27 +309,40 @@ def sweep_map(columns: Mapping[str, Iterable[object]], value: str, x: str, y: st
     return figure
 
 
-def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
-    """Write all figures of a plan as PNG files, and a picture of it where it has its hand; returns their paths."""
+def _figures(plan: PlanRecord) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure of a plan, by the names of their files."""
     from pinograsp.viz.still import picture
 
     touching = {name.split("/")[0] for name in plan.contacts.names}
-    figures = {} if plan.hand is None else {"grasp": picture(plan)}
-    figures |= {"joint_angles": joint_angles(plan), "joint_rates": joint_rates(plan)} if _moving(plan) else {}
-    figures |= {f"torques_{name}": joint_torques(plan, name) for name in plan.layout.fingers if name in touching}
-    figures["contact_forces"] = contact_forces(plan)
-    figures["grasp_energy"] = grasp_energy(plan)
-    figures["friction_use"] = friction_use(plan)
+    named: dict[str, Callable[[], Figure]] = {}
+    if plan.hand is not None:
+        named["grasp"] = partial(picture, plan)
+    if _moving(plan):
+        named |= {"joint_angles": partial(joint_angles, plan), "joint_rates": partial(joint_rates, plan)}
+    named |= {f"torques_{name}": partial(joint_torques, plan, name) for name in plan.layout.fingers if name in touching}
+    for figure in (contact_forces, grasp_energy, friction_use):
+        named[figure.__name__] = partial(figure, plan)
     if plan.reach is not None:
-        figures["wrench_margin"] = wrench_margin(plan)
+        named["wrench_margin"] = partial(wrench_margin, plan)
     if plan.forces.certificate is not None and len(plan.forces.certificate.branches):
-        figures["search_over_time"] = search_over_time(plan)
-    paths: list[Path] = []
-    for name, figure in figures.items():
+        named["search_over_time"] = partial(search_over_time, plan)
+    files: dict[str, Callable[[], Figure]] = {}
+    for name, drawn in named.items():
         # Names of fingers come from the hand's file and may hold any characters.
-        path = Path(folder) / f"{re.sub(r'[^A-Za-z0-9_]', '_', name)[:80]}.png"
-        if path in paths:
-            path = path.with_stem(f"{path.stem}_{len(paths)}")
-        paths.append(path)
-        figure.savefig(path, dpi=130)
+        stem = re.sub(r"[^A-Za-z0-9_]", "_", name)[:80]
+        files[f"{stem}_{len(files)}.png" if f"{stem}.png" in files else f"{stem}.png"] = drawn
+    return files
+
+
+def figure_files(plan: PlanRecord) -> list[str]:
+    """Names of the files that :func:`save_figures` writes."""
+    return list(_figures(plan))
+
+
+def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
+    """Write all figures of a plan as PNG files, and a picture of it where it has its hand; returns their paths."""
+    paths = []
+    for name, drawn in _figures(plan).items():
+        paths.append(Path(folder) / name)
+        drawn().savefig(paths[-1], dpi=130)
     return paths

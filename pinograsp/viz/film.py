@@ -73,7 +73,7 @@ def write_film(
     frames = shown(scene, round(rate * seconds))
     seen = frames[np.linspace(0, len(frames) - 1, _SEEN).astype(int)]
     camera = camera_of(scene, view, np.unique(seen).tolist(), sheet)
-    figure = Figure(figsize=(sheet.width / sheet.dpi, sheet.height / sheet.dpi), dpi=sheet.dpi)
+    figure = sheet.figure()
     bar = tqdm(total=len(frames), desc=path.name, unit="picture", disable=None if progress is None else not progress)
 
     def drawn() -> Iterator[Figure]:

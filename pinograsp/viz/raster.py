@@ -77,6 +77,43 @@ class Layer(NamedTuple):
         return drawn
 
 
+def fitted(cloud: Array, axes: Array, slope: float, room: tuple[float, float], size: tuple[int, int]) -> Camera:
+    """A camera with these axes (3, 3) that sees all of a cloud (n, 3) [m].
+
+    Args:
+        cloud: what is to be seen.
+        axes: to the right, upwards, and backwards, in rows.
+        slope: of half the field of view, upwards.
+        room: how much more than the cloud is seen across and up, over it.
+        size: pixels across and down.
+    """
+    seen = cloud @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    centre, half = (low + high) / 2, (high - low) / 2
+    width, height = size
+    distance = max(room[1] * half[1], room[0] * half[0] * height / width) / slope + half[2]
+    return Camera(centre @ axes + distance * axes[2], axes, height / 2 / slope, width, height)
+
+
+def overlaid(image: Array, hand: Layer, thing: Layer, forces: Layer, clear: float, hidden: float) -> None:
+    """Draw a translucent object and forces into a picture (h, w, 3) of the hand.
+
+    ``clear``: opacity of the object where it faces the camera; ``hidden``: of forces behind the hand.
+    """
+    before = thing.drawn & (thing.near > hand.near)
+    opacity = (clear + (1 - clear) * 0.6 * (1 - thing.facing) ** 2)[before, None]
+    image[before] = (1 - opacity) * image[before] + opacity * thing.colour[before]
+    opacity = np.where(forces.near >= hand.near, 1.0, hidden)[forces.drawn, None]
+    image[forces.drawn] = (1 - opacity) * image[forces.drawn] + opacity * forces.colour[forces.drawn]
+
+
+def averaged(image: Array, finer: int) -> Array:
+    """Blocks of ``finer`` pixels along either side as one, of a picture (h, w, 3)."""
+    h, w, _ = image.shape
+    smooth: Array = image.reshape(h // finer, finer, w // finer, finer, 3).mean(axis=(1, 3))
+    return smooth
+
+
 def rendered(surfaces: Sequence[Surface], camera: Camera, up: Array) -> Layer:
     """The nearest surface at every pixel, shaded; ``up``: against gravity (3,)."""
     size = camera.shape[0] * camera.shape[1]

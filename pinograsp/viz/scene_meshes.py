@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.visuals import simplified
 from pinograsp.spatial import Array, IntArray
+from pinograsp.viz.raster import Surface
 from pinograsp.viz.style import COLOURS
 
 # Greys for the hand; for the object yellow, the Okabe-Ito colour that the figures do not use.
@@ -86,6 +87,22 @@ def arrow() -> tuple[Triangles, Triangles]:
     shaft = creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]))
     head = creased(*_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
     return shaft, head
+
+
+def arrow_along(start: Array, along: Array, width: float, colour: Array) -> list[Surface]:
+    """Shaft and head of an arrow from ``start`` (3,) [m] as far as ``along`` (3,) [m]; none where that is nothing."""
+    length = float(np.linalg.norm(along))
+    if length < 1e-5:
+        return []
+    z = along / length
+    x = np.cross([1.0, 0.0, 0.0] if abs(z[0]) < 0.8 else [0.0, 1.0, 0.0], z)
+    axes = np.stack([x / np.linalg.norm(x), np.cross(z, x / np.linalg.norm(x)), z])
+    tip = min(5 * width, 0.6 * length)
+    sizes = ((width, length - tip, 0.0), (2.3 * width, tip, length - tip))
+    return [
+        Surface((vertices * [radius, radius, high]) @ axes + start + base * z, faces, colour)
+        for (vertices, faces), (radius, high, base) in zip(arrow(), sizes)
+    ]
 
 
 def ball() -> Triangles:

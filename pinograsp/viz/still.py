@@ -19,9 +19,9 @@ from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, BoolArray
 from pinograsp.viz.outlines import draw_arrow, draw_ball
-from pinograsp.viz.raster import Camera, Layer, Surface, rendered
+from pinograsp.viz.raster import Camera, Layer, Surface, averaged, fitted, overlaid, rendered
 from pinograsp.viz.scene import ViewScene, scene_of
-from pinograsp.viz.scene_meshes import LOAD, arrow, ball, rgb
+from pinograsp.viz.scene_meshes import LOAD, arrow_along, ball, rgb
 from pinograsp.viz.solids import cloud_of, placed
 from pinograsp.viz.style import label_of
 from pinograsp.writing import write_file
@@ -53,6 +53,10 @@ class Sheet(NamedTuple):
     dpi: int = 130
     vector: bool = False
     fading: bool = True
+
+    def figure(self) -> Figure:
+        """Empty, of this size."""
+        return Figure(figsize=(self.width / self.dpi, self.height / self.dpi), dpi=self.dpi)
 
 
 def picture(
@@ -95,7 +99,7 @@ def picture_of(
     sheet = Sheet(vector=flag("vector", vector), fading=not vector)
     frame = scene.frame_at(number("time", time, unit="s"))
     camera = camera_of(scene, view, [frame], sheet)
-    figure = Figure(figsize=(sheet.width / sheet.dpi, sheet.height / sheet.dpi), dpi=sheet.dpi)
+    figure = sheet.figure()
     draw(figure, scene, frame, camera, sheet, collision_shapes=collision_shapes)
     return figure
 
@@ -198,20 +202,21 @@ def camera_of(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int], s
         np.concatenate(
             [
                 cloud_of(scene.solids, scene.link_poses[frame], scene.object_at(frame)),
-                scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame).reshape(-1, 3),
+                _arrows(scene, frame).reshape(-1, 3),
             ]
         )
         for frame in frames
     ]
-    seen = np.concatenate(clouds) @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    centre, half = (low + high) / 2, (high - low) / 2
-    # Room on either side for the labels.
-    slope = np.tan(_FOV / 2)
-    distance = max(1.12 * half[1], 1.45 * half[0] * sheet.height / sheet.width) / slope + half[2]
     finer = _finer(sheet)
-    width, height = finer * sheet.width, finer * sheet.height
-    return Camera(centre @ axes + distance * view, axes, height / 2 / slope, width, height)
+    # Room on either side for the labels.
+    return fitted(
+        np.concatenate(clouds), axes, np.tan(_FOV / 2), (1.45, 1.12), (finer * sheet.width, finer * sheet.height)
+    )
+
+
+def _arrows(scene: ViewScene, frame: int) -> Array:
+    """Ends of the forces' arrows and, last, of the load's (k + 1, 2, 3) [m], where they are at an instant."""
+    return scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame)
 
 
 def _finer(sheet: Sheet) -> int:
@@ -220,7 +225,7 @@ def _finer(sheet: Sheet) -> int:
 
 def _outlined(axes: Axes, scene: ViewScene, frame: int, camera: Camera, near: Array, sheet: Sheet) -> None:
     """Contact points and forces as vector graphics, the farthest first; pale where the hand hides them."""
-    arrows = scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame)
+    arrows = _arrows(scene, frame)
     points, finer = scene.moved(scene.points_o, frame), _finer(sheet)
 
     def project(places: Array) -> Array:
@@ -248,25 +253,9 @@ def _forces(scene: ViewScene, frame: int) -> list[Surface]:
         Surface(1.7 * width * vertices + point, faces, rgb(colour) / 255)
         for point, colour in zip(scene.moved(scene.points_o, frame), scene.colours)
     ]
-    arrows = scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame)
-    for (start, end), colour in zip(arrows, [*scene.colours, LOAD]):
-        surfaces += _arrow(start, end - start, width, rgb(colour) / 255)
+    for (start, end), colour in zip(_arrows(scene, frame), [*scene.colours, LOAD]):
+        surfaces += arrow_along(start, end - start, width, rgb(colour) / 255)
     return surfaces
-
-
-def _arrow(start: Array, along: Array, width: float, colour: Array) -> list[Surface]:
-    length = float(np.linalg.norm(along))
-    if length < 1e-5:
-        return []
-    z = along / length
-    x = np.cross([1.0, 0.0, 0.0] if abs(z[0]) < 0.8 else [0.0, 1.0, 0.0], z)
-    axes = np.stack([x / np.linalg.norm(x), np.cross(z, x / np.linalg.norm(x)), z])
-    tip = min(5 * width, 0.6 * length)
-    sizes = ((width, length - tip, 0.0), (2.3 * width, tip, length - tip))
-    return [
-        Surface((vertices * [radius, radius, high]) @ axes + start + base * z, faces, colour)
-        for (vertices, faces), (radius, high, base) in zip(arrow(), sizes)
-    ]
 
 
 def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Array:
@@ -316,14 +305,8 @@ def _composed(hand: Layer, thing: Layer, forces: Layer, shadow: Array, rows: Arr
     drawn = hand.drawn
     image[drawn] = hand.colour[drawn]
     image *= 1 - _OUTLINE * _edges(hand)[..., None]
-    before = thing.drawn & (thing.near > hand.near)
-    opacity = (_CLEAR + (1 - _CLEAR) * 0.6 * (1 - thing.facing) ** 2)[before, None]
-    image[before] = (1 - opacity) * image[before] + opacity * thing.colour[before]
-    opacity = np.where(forces.near >= hand.near, 1.0, _HIDDEN)[forces.drawn, None]
-    image[forces.drawn] = (1 - opacity) * image[forces.drawn] + opacity * forces.colour[forces.drawn]
-    h, w = shadow.shape
-    smooth: Array = image.reshape(h // _FINER, _FINER, w // _FINER, _FINER, 3).mean(axis=(1, 3))
-    return smooth
+    overlaid(image, hand, thing, forces, _CLEAR, _HIDDEN)
+    return averaged(image, _FINER)
 
 
 def _edges(layer: Layer) -> Array:

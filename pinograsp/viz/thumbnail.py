@@ -11,9 +11,9 @@ from matplotlib.image import imsave
 from pinograsp.checks import brief
 from pinograsp.hands.model import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.spatial import Array, tangent_frame
-from pinograsp.viz.raster import Camera, Layer, Surface, rendered
-from pinograsp.viz.scene_meshes import LOAD, arrow, ball, rgb
+from pinograsp.spatial import Array
+from pinograsp.viz.raster import Camera, Layer, Surface, averaged, fitted, overlaid, rendered
+from pinograsp.viz.scene_meshes import LOAD, arrow_along, ball, rgb
 from pinograsp.viz.solids import Links, Solid, cloud_of, placed, sevens, solids_of
 from pinograsp.viz.stage import Held, Stage, scale_of
 from pinograsp.viz.style import COLOURS
@@ -72,7 +72,9 @@ def thumbnail(seen: Seen) -> bytes:
     forces = [
         Surface(1.7 * width * vertices + point, faces, _painted(colour_of(i))) for i, point in enumerate(seen.points_o)
     ]
-    forces += [surface for ends, colour in arrows for surface in _arrow(ends, width, colour)]
+    for (start, end), colour in arrows:
+        if np.linalg.norm(end - start) >= width:
+            forces += arrow_along(start, end - start, width, _painted(colour))
     hand = [
         Surface(placed(one, poses[one.link]), one.faces, _painted(one.colour)) for one in solids if one.link is not None
     ]
@@ -119,12 +121,8 @@ def _camera(cloud: Array, up: Array, view: Array) -> Camera:
     """A camera that sees all of a cloud."""
     right = np.cross(up, view) / np.linalg.norm(np.cross(up, view))
     axes = np.stack([right, np.cross(view, right), view])
-    seen = cloud @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    centre, half = (low + high) / 2, (high - low) / 2
     across, down = _SIZE
-    distance = 1.06 * max(half[1], half[0] * down / across) / _SLOPE + half[2]
-    return Camera(centre @ axes + distance * view, axes, _FINER * down / 2 / _SLOPE, _FINER * across, _FINER * down)
+    return fitted(cloud, axes, _SLOPE, (1.06, 1.06), (_FINER * across, _FINER * down))
 
 
 def _arrows(seen: Seen, size: float) -> list[tuple[Array, str]]:
@@ -143,30 +141,9 @@ def _arrows(seen: Seen, size: float) -> list[tuple[Array, str]]:
     return ends
 
 
-def _arrow(ends: Array, width: float, colour: str) -> list[Surface]:
-    along = ends[1] - ends[0]
-    length = float(np.linalg.norm(along))
-    if length < width:
-        return []
-    axes = tangent_frame(along / length, np.zeros(3)).T
-    tip = min(5 * width, 0.6 * length)
-    return [
-        Surface((vertices * [radius, radius, high]) @ axes + ends[0] + base * axes[2], faces, _painted(colour))
-        for (vertices, faces), (radius, high, base) in zip(
-            arrow(), ((width, length - tip, 0.0), (2.3 * width, tip, length - tip))
-        )
-    ]
-
-
 def _composed(hand: Layer, held: Layer, forces: Layer) -> Array:
     """The picture (h, w, 3), from 0 to 1."""
     image = np.tile(np.array(_PAPER), (*hand.near.shape, 1))
     image[hand.drawn] = hand.colour[hand.drawn]
-    before = held.drawn & (held.near > hand.near)
-    opacity = (_OPACITY + (1 - _OPACITY) * 0.6 * (1 - held.facing) ** 2)[before, None]
-    image[before] = (1 - opacity) * image[before] + opacity * held.colour[before]
-    opacity = np.where(forces.near >= hand.near, 1.0, _HIDDEN)[forces.drawn, None]
-    image[forces.drawn] = (1 - opacity) * image[forces.drawn] + opacity * forces.colour[forces.drawn]
-    across, down = _SIZE
-    smooth: Array = image.reshape(down, _FINER, across, _FINER, 3).mean(axis=(1, 3))
-    return smooth
+    overlaid(image, hand, held, forces, _OPACITY, _HIDDEN)
+    return averaged(image, _FINER)
