@@ -11,10 +11,10 @@ from pinograsp.hands import servo_gains
 from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.planner.assemble import pressing_too
-from pinograsp.planner.compliance import instability, stiffness_of
+from pinograsp.planner.best import FAR
+from pinograsp.planner.compliance import gives_way, stiffness_of
 from pinograsp.spatial import Array
 
-_FAR = 0.02  # slip of a contact while the hand closes, relative to the object's size
 # [m, rad] under loads that come slowly, half of what counts as lost: those that come at once give twice as much.
 _SWAYS = (2.5e-3, np.radians(5.0))
 _SERVOS = "with servos of"
@@ -53,17 +53,18 @@ def doubts_of_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, 
         doubts += [
             f"{names[i]} slides {1e3 * closing.slip[i]:.2g} mm across its normal as the hand closes to the way's "
             "squeeze"
-            for i in np.flatnonzero(np.asarray(closing.slip) > _FAR * body.bounding_radius)
+            for i in np.flatnonzero(np.asarray(closing.slip) > FAR * body.bounding_radius)
         ]
     doubts += [
         f"{name} meets the object as the hand closes to the way's squeeze, where no contact is planned"
         for name in pressing_too(grasp.hand, first, closing.q[-1])
     ]
-    if leaves := instability(grasp.hand, first, closing.q[-1], servo_gains(grasp.hand)):
+    gains = servo_gains(grasp.hand)
+    held = stiffness_of(grasp.hand, first, closing.q[-1], gains)
+    if leaves := gives_way(grasp.hand, held, gains):
         doubts.append(f"squeezed as at the beginning of the way, {leaves}")
         return doubts
-    stiffness = np.array(stiffness_of(grasp.hand, first, closing.q[-1], servo_gains(grasp.hand)).matrix)
-    swayed = np.linalg.solve(stiffness, (loads - loads[0]).T).T
+    swayed = np.linalg.solve(np.array(held.matrix), (loads - loads[0]).T).T
     shift, turn = (float(np.linalg.norm(part, axis=1).max()) for part in (swayed[:, :3], swayed[:, 3:]))
     if shift > _SWAYS[0] or turn > _SWAYS[1]:
         doubts.append(

@@ -83,7 +83,7 @@ class _Method:
         self.given, self.highest = (self._of_nodes(one) for one in (program.given, program.top))
         self.gain = None if program.gain is None else self._of_nodes(program.gain)
         self.free = np.isnan(self.given)
-        self.A, self.R = self._columns(program.A), self._columns(program.R)
+        self.A, self.R = program.normal_first(program.A), program.normal_first(program.R)
         # Rows of R are eliminated before those of A where they are many, else with them: the smaller matrices.
         self.many = 0 < len(self.R) > self.k * self.d - len(self.A)
         E, B, C = (np.ascontiguousarray(one.transpose(1, 2, 0)) for one in (program.E, program.B, program.C))
@@ -92,18 +92,13 @@ class _Method:
         self.S = np.concatenate([B, -B, -C])
         self.squares = C[:, [0, 0, 1]] * C[:, [0, 1, 1]]
         weights = np.zeros(self.k * self.d) if program.weights is None else program.weights
-        self.weights = self._columns(weights).reshape(self.d, self.k, 1)
+        self.weights = program.normal_first(weights).reshape(self.d, self.k, 1)
         self.size = max(float(np.abs(program.e).max(initial=0.0)), float(program.least.max()), 1e-6)
         self._sides()
         self._start()
 
     def _of_nodes(self, values: Array) -> Array:
         return values if self.coupled else values[self.program.nodes.T]
-
-    def _columns(self, rows: Array) -> Array:
-        """Rows (m, k d) over forces as in the program, over (d, k) with the normal force first."""
-        own = rows.reshape(-1, self.k, self.d)[:, :, [self.d - 1, *range(self.d - 1)]]
-        return np.asarray(own.transpose(0, 2, 1).reshape(-1, self.k * self.d))
 
     def _sides(self) -> None:
         """Limits of each interval, G x + S p + g > 0 one below the other; those of normal forces have no S."""
@@ -291,8 +286,7 @@ class _Method:
         forth, right = pull.copy(), -self.off
         if not self.many:
             forth[self.first : self.last] = 0.0
-            rows = self.give * (pull[self.at["below"]] - pull[self.at["above"]])
-            right = np.concatenate([right, rows])
+            right = np.concatenate([right, self.give * (pull[self.at["below"]] - pull[self.at["above"]])])
         r = (self.G.T @ forth[: self.last]).reshape(self.x.shape) - self.weights * self.x
         if self.cones is not None:
             r[: len(self.cones.s)] += self.cones.pull(aim, corrections[-1])
@@ -306,15 +300,21 @@ class _Method:
         if not refined:
             return
         # Slacks of the cones are far apart in size: what that leaves of the multipliers' equations is solved for again.
-        left = self.A.T @ self.new_multipliers - self.G.T @ (self.sides.z + self.sides.dz)[: self.last]
-        left = left.reshape(self.x.shape) + self.weights * (self.x + self.dx)
-        if self.cones is not None:
-            left[: len(self.cones.s)] -= self.cones.z + self.cones.dz
+        left = self._left_over(self.new_multipliers, share=1.0)
         dx, dy, more = self._solved_for(-left, np.zeros(right.shape), np.zeros(pairs.shape), np.zeros(nodes.shape))
         if np.isfinite(dx).all() and np.isfinite(dy).all():
             self.dx, self.dy = self.dx + dx, self.dy + dy
             self.new_multipliers = self.new_multipliers + more
             self._move_slacks(aim, corrections)
+
+    def _left_over(self, multipliers: Array, share: float = 0.0) -> Array:
+        """What the multipliers' equations of the forces leave (d, k, N), after a share of the step."""
+        sides = (self.sides.z + share * self.sides.dz)[: self.last]
+        left = (self.A.T @ multipliers - self.G.T @ sides).reshape(self.x.shape)
+        left += self.weights * (self.x + share * self.dx)
+        if self.cones is not None:
+            left[: len(self.cones.s)] -= self.cones.z + share * self.cones.dz
+        return np.asarray(left)
 
     def _move_slacks(self, aim: Array, corrections: list[Array | float]) -> None:
         if self.ends is not None:
@@ -340,11 +340,11 @@ class _Method:
             if self.rows is not None:
                 pairs -= np.einsum("jin,in->jn", self.rows.across, scaled)
             dy = self._speeds(np.where(self.free, self._gathered(pairs) + nodes, 0.0))
-            dp = self._pairs(dy)
+        dp = self._pairs(dy)
+        if self.ends is not None:
             own = ready - self.through[0] * dp[0] - self.through[1] * dp[1]
         left = (scaled - self.factors.along(own))[:forces]
         if self.rows is not None:
-            dp = self._pairs(dy)
             left = self.rows.divided(left - self.rows.across[0] * dp[0] - self.rows.across[1] * dp[1])
         dx = np.einsum("jikn,jkn->ikn", self.Q, left.reshape(self.x.shape))
         return dx, dy, self.factors.divided(own)[: len(self.A)]
@@ -397,10 +397,7 @@ class _Method:
         is convex: it is above its tangent, and near the solution by its curvature.
         """
         program, sides, most = self.program, self.sides, self.program.most[:, None]
-        r = self.A.T @ self.multipliers - self.G.T @ sides.z[: self.last]
-        r = r.reshape(self.x.shape) + self.weights * self.x
-        if self.cones is not None:
-            r[: len(self.cones.s)] -= self.cones.z
+        r = self._left_over(self.multipliers)
         sums = [
             summed(self.multipliers * self.off) - summed(sides.off * sides.z) - summed(r * self.x),
             summed(np.minimum(r[0] * program.least[:, None], r[0] * most)) - summed(np.abs(r[1:]) * most),

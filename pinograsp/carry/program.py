@@ -84,6 +84,12 @@ class Program:
         padded = np.concatenate([each[:1], each, each[-1:]])
         return np.asarray(np.minimum(padded[:-1], padded[1:]))
 
+    def normal_first(self, rows: Array) -> Array:
+        """Rows (m, k d) over forces as they are here, over (d, k) with the normal force first."""
+        d = self.friction.d
+        own = rows.reshape(-1, self.k, d)[:, :, [d - 1, *range(d - 1)]]
+        return np.asarray(own.transpose(0, 2, 1).reshape(-1, self.k * d))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solved:
