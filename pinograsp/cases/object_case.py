@@ -130,6 +130,8 @@ class ObjectCase(Section):
     def _searched(self) -> ObjectCase:
         if self.within is not None and self.at is not None:
             raise ValueError("within says where a search holds the object: expected it without at")
+        if self.torque_limit is not None and self.search != "convex":
+            raise ValueError(f"torque_limit: expected with search='convex', got search='{self.search}'")
         return self
 
     @classmethod
@@ -176,9 +178,7 @@ class ObjectCase(Section):
         return find_grasps(
             self.load_hand(),
             self.make_object(),
-            GraspConditions(
-                mu=self.mu, friction=self._friction(), table=self.table, torque_limit=self._searched_torque()
-            ),
+            GraspConditions(mu=self.mu, friction=self._friction(), table=self.table, torque_limit=self._torque_limit()),
             count=self.samples,
             seed=self.seed,
             wrap=self.wrap,
@@ -243,21 +243,15 @@ class ObjectCase(Section):
             friction=self._friction(),
             balance=self.balance,
             measure=self.measure,
-            torque_limit=self._torque_limit(),
+            torque_limit=self._torque_limit() if self.search == "convex" else None,
             reserve=self._kept_reserve(),
             table=self.table,
         )
 
-    def _searched_torque(self) -> Array | Literal["effort"]:
-        """Grasps are searched with torque limits, whatever the forces are planned with."""
-        limit = self._torque_limit()
-        return "effort" if limit is None else limit
-
-    def _torque_limit(self) -> Array | Literal["effort"] | None:
+    def _torque_limit(self) -> Array | Literal["effort"]:
+        """Of each joint (n,) [N m or N]."""
         if self.torque_limit is None:
-            return "effort" if self.search == "convex" else None
-        if self.search != "convex":
-            raise InvalidInput(f"torque_limit: expected with search='convex', got search='{self.search}'")
+            return "effort"
         return np.minimum(self.load_hand().effort_or_infinity, self.torque_limit)
 
     def _friction(self) -> Friction | None:

@@ -241,6 +241,14 @@ def bar(as_json: bool) -> bool | None:
     return False if as_json or given["quiet"] else None
 
 
+def refuse_existing(option: str, file: Path, force: bool) -> None:
+    """:class:`ResultsNotWritten` where a file is in the way of what ``option`` is to write."""
+    from pinograsp.errors import ResultsNotWritten
+
+    if os.path.lexists(file) and not force:
+        raise ResultsNotWritten(f"{option}: '{file}' already exists: choose another name, or overwrite it with --force")
+
+
 def new_folder(out: Path | None, force: bool, name: str, beside: Path = Path("runs")) -> NewFolder:
     """``--out``, or a new folder, NAME, NAME-2, ...; reserved for this process."""
     from pinograsp.writing import NewFolder

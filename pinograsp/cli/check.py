@@ -289,7 +289,7 @@ def _check(
     list_in(run, f"{folder.place}/")  # so that a folder within the run counts as part of it
     folder.write(fill)
     if newest_check(run) == folder.path:
-        refresh(run)
+        refresh(run, redraw=False)
     if not as_json:
         _print_verdict(simulation, run, folder.path)
     return {**simulation.summary(), **tried}

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pinograsp.cli import completion
-from pinograsp.cli.app import Json, Quiet, Verbose, app, given, tell_json
+from pinograsp.cli.app import Json, Quiet, Verbose, app, given, refuse_existing, tell_json
 from pinograsp.cli.screen import Fact, show
-from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.handover import JointTrajectory
@@ -101,10 +100,7 @@ def export(
     wanted = {option: file for option, file in files.items() if file is not None}
     _refuse_useless(wanted, followers=followers, goal=goal, effort=effort, scene=scene)
     for option, file in wanted.items():
-        if os.path.lexists(file) and not force:
-            raise ResultsNotWritten(
-                f"{option}: '{file}' already exists: choose another name, or overwrite it with --force"
-            )
+        refuse_existing(option, file, force)
     if command == "jaw" and mujoco is not None:
         raise InvalidInput("--mujoco: expected with --command torque, position or impedance, got jaw")
     asked: dict[str, Any] = {

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Verbose, app, tell_json
+from pinograsp.cli.app import Json, Quiet, Verbose, app, refuse_existing, tell_json
 from pinograsp.cli.screen import command, show
-from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.errors import InvalidInput
 from pinograsp.words import printable
 
 _ENDINGS = (".yaml", ".yml")
@@ -37,8 +36,7 @@ def new(
 
     if file.suffix not in _ENDINGS:
         raise InvalidInput(f"FILE: expected a name that ends in {' or '.join(_ENDINGS)}, got '{file.name:.100}'")
-    if os.path.lexists(file) and not force:
-        raise ResultsNotWritten(f"'{file}' already exists: choose another name, or overwrite it with --force")
+    refuse_existing("FILE", file, force)
     kind = "sweep" if sweep else "case"
     text = (Path(__file__).parent / f"new_{kind}.yaml").read_text(encoding="utf-8")
     write_file(file, text.replace("FILE", printable(shlex.quote(str(file))), 1).encode())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,13 +42,16 @@ def report(
     show([], told, [(command("view", run), f"look at it in a browser{needs('viz', 'viser')}")], level=answer.level)
 
 
-def refresh(run: Path, check: Path | None = None) -> Answer:
-    """Rewrite the report and the figures of a run, with a simulation of it; None: the newest; returns the answer."""
+def refresh(run: Path, check: Path | None = None, *, redraw: bool = True) -> Answer:
+    """Rewrite the report and the figures of a run, with a simulation of it; None: the newest; returns the answer.
+
+    Figures show the plan alone: without ``redraw`` those that are there are taken.
+    """
     from pinograsp.plan import PlanFailure
     from pinograsp.plan.answer import Answer, does_it_hold
     from pinograsp.report import write_report
     from pinograsp.storage import newest_check, read_check, read_run
-    from pinograsp.viz.figures import save_figures
+    from pinograsp.viz.figures import figure_files, save_figures
     from pinograsp.writing import add_files
 
     read_run(run, with_scene=False)  # raises its errors before anything is written
@@ -62,7 +66,13 @@ def refresh(run: Path, check: Path | None = None) -> Answer:
             return
         found = check if check is not None else newest_check(run)
         simulation = None if found is None else read_check(found)
-        write_report(loaded, path, [figure.name for figure in save_figures(loaded, path)], simulation)
+        names = figure_files(loaded)
+        if redraw or not all((run / name).is_file() for name in names):
+            save_figures(loaded, path)
+        else:
+            for name in names:
+                shutil.copyfile(run / name, path / name)
+        write_report(loaded, path, names, simulation)
         answers.append(does_it_hold(loaded, simulation))
 
     add_files(run, fill)

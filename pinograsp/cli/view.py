@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, tell_json
+from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, refuse_existing, tell_json
 from pinograsp.cli.screen import tell
-from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.planner import GraspPlan
@@ -73,8 +72,8 @@ def view(
     if side is not None and png is None:
         raise InvalidInput("--from: expected with --png, got it without")
     for option, path in (("--html", html), ("--png", png)):
-        if path is not None and os.path.lexists(path) and not force:
-            raise ResultsNotWritten(f"'{path}' already exists: choose another {option}, or overwrite it with --force")
+        if path is not None:
+            refuse_existing(option, path, force)
     loaded = load_run(run)
     if png is not None:
         _told(_picture(loaded, png, side, as_json), as_json)

@@ -24,7 +24,7 @@ from pinograsp.referee.simulate import EngineName
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
-_FAR = 0.02  # slip of a contact while it presses, relative to the object's size
+FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
 _TRIES = 4  # plans that are not firm, before the firmest of them is taken
 _SHAKEN = 0.5  # of the acceleration that the reserve's force stands for
@@ -102,8 +102,8 @@ def plan_best(
     if best is not None:
         if best.status is not Status.OK:
             best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
-        told = any(one.startswith(SIMULATED) for one in (*best.cautions, *best.notes))
-        return _checked(best)[0] if check and not told else best
+            best = _checked(best)[0] if check else best
+        return best
     raise failure or NoGrasp("no grasp of the search could be planned")
 
 
@@ -134,7 +134,7 @@ def _faults(plan: GraspPlan, closure: Closure) -> int:
     planned, push = plan.forces.normal_forces, 0.0 if plan.reserve is None else plan.reserve.force
     return sum(
         (
-            bool(slip.size) and float(slip.max()) > _FAR * closure.object.bounding_radius,
+            bool(slip.size) and float(slip.max()) > FAR * closure.object.bounding_radius,
             doubtful_share(plan.hand, closure.object, solution.problem.contacts, planned) > 0,
             float(np.abs(plan.motion.settled_forces / planned - 1.0).max()) > _OTHER,
             bool(past_edges(closure.object, solution.problem.contacts, plan.forces.final_depths).any()),

@@ -112,7 +112,11 @@ def instability(hand: HandModel, solution: ForceSolution, q: Array, gains: Array
     """How the object would leave by itself, or how far it would give way to a ``push`` [N], in words; None where
     servos of ``gains`` (n,) keep it.
     """
-    held = stiffness_of(hand, solution, q, gains)
+    return gives_way(hand, stiffness_of(hand, solution, q, gains), gains, push)
+
+
+def gives_way(hand: HandModel, held: ObjectStiffness, gains: Array, push: float = 0.0) -> str | None:
+    """The same of a stiffness that is known."""
     if held.is_stable():
         away = push * float(np.linalg.norm(np.linalg.pinv(held.matrix)[:3, :3], 2))
         if away <= _AWAY:
