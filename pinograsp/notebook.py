@@ -25,7 +25,8 @@ from pinograsp.plan.answer import bears, does_it_hold, friction_model
 from pinograsp.spatial import Array
 from pinograsp.synthesis import FoundGrasp, GraspSearch
 from pinograsp.viz.scene import friction_of, in_words
-from pinograsp.viz.thumbnail import Seen, colour_of, thumbnail
+from pinograsp.viz.style import contact_colours
+from pinograsp.viz.thumbnail import Seen, thumbnail
 from pinograsp.words import number, printable
 
 Level = Literal["yes", "caution", "no"]
@@ -50,9 +51,9 @@ class _Page:
         title: in bold.
         badge: a word or two beside it, and how to take it.
         lead: the answer, in a sentence.
-        columns: of the table; the first may be coloured as the picture's contacts are.
+        columns: of the table.
         rows: its rows.
-        coloured: whether.
+        colours: of the first column's dots, those of the picture's contacts.
         facts: name and value.
         remarks: cautions, notes.
         seen: the picture's content, found when it is drawn; None: no picture.
@@ -63,7 +64,7 @@ class _Page:
     lead: str = ""
     columns: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
-    coloured: bool = False
+    colours: Sequence[str] = ()
     facts: Iterable[tuple[str, str]] = ()
     remarks: Sequence[str] = field(default_factory=tuple)
     seen: Callable[[], Seen] | None = None
@@ -115,7 +116,7 @@ def _table(page: _Page) -> str:
     head = "".join(f'<th style="{_CELL};opacity:.7;font-weight:normal">{_text(name)}</th>' for name in page.columns)
     rows = []
     for i, row in enumerate(page.rows[:_MANY]):
-        dot = f'<span style="{_DOT};background:{colour_of(i)}"></span>' if page.coloured else ""
+        dot = f'<span style="{_DOT};background:{page.colours[i]}"></span>' if page.colours else ""
         cells = "".join(f'<td style="{_CELL}">{dot * (j == 0)}{_text(cell)}</td>' for j, cell in enumerate(row))
         rows.append(f"<tr>{cells}</tr>")
     if (more := len(page.rows) - _MANY) > 0:
@@ -159,6 +160,7 @@ def _(hand: HandModel) -> _Page:
 @_page_of.register
 def _(plan: PlanRecord) -> _Page:
     answer, contacts, forces = does_it_hold(plan), plan.contacts, plan.forces
+    colours = contact_colours(contacts.names, plan.layout.fingers)
     _, _, used = friction_of(contacts.rotations_oc, plan.friction.mu, plan.motion.forces_o[-1:])
     rows = [
         (name, f"{normal:.3g}", _share(share), number(1e3 * depth, 3))
@@ -172,7 +174,7 @@ def _(plan: PlanRecord) -> _Page:
         lead=answer.text,
         columns=("contact", "F_n [N]", "friction used", "depth [mm]"),
         rows=rows,
-        coloured=True,
+        colours=colours,
         facts=(
             ("peak joint torque", f"{number(plan.motion.peak_torque, 3)} N m"),
             ("it bears", "" if plan.margins is None else bears(plan)),
@@ -189,6 +191,7 @@ def _(plan: PlanRecord) -> _Page:
             points_o=contacts.points_o,
             normals_o=contacts.rotations_oc[:, :, 2],
             forces_o=plan.motion.forces_o[-1],
+            colours=colours,
             load_o=plan.load[:3],
             gravity_o=plan.gravity_o,
         ),
@@ -197,10 +200,14 @@ def _(plan: PlanRecord) -> _Page:
 
 @_page_of.register
 def _(closure: Closure) -> _Page:
+    colours = contact_colours([touch.finger for touch in closure.touches], [one.name for one in closure.hand.fingers])
+
     def seen() -> Seen:
         points = np.array([touch.point_o for touch in closure.touches]).reshape(-1, 3)
         normals = np.array([touch.normal_o for touch in closure.touches]).reshape(-1, 3)
-        return Seen(hand=closure.hand, q=closure.q, body=closure.object, points_o=points, normals_o=normals)
+        return Seen(
+            hand=closure.hand, q=closure.q, body=closure.object, points_o=points, normals_o=normals, colours=colours
+        )
 
     rows = [
         (touch.finger or "(no finger)", touch.link, _millimetres(touch.point_o), f"{100 * touch.at:.0f} %")
@@ -212,7 +219,7 @@ def _(closure: Closure) -> _Page:
         badge=(f"{len(closure.touches)} contacts", "yes" if touching > 1 else "caution"),
         columns=("finger", "link", "point [mm]", "of the way"),
         rows=rows,
-        coloured=True,
+        colours=colours,
         remarks=[*(f"self-collision: {one} and {two}" for one, two in closure.self_collisions), *_notes(closure.notes)],
         seen=seen,
     )
@@ -233,7 +240,7 @@ def _(problem: ForceProblem) -> _Page:
         lead=f"{problem.k} contacts, {balance} in balance",
         columns=("contact", "link", "point [mm]", "mu"),
         rows=rows,
-        coloured=True,
+        colours=contact_colours(contacts.names),
         facts=(
             ("load", f"{_numbers(problem.load[:3])} N, {_numbers(problem.load[3:])} N m"),
             ("friction", f"{model}, safety factor {friction.safety:g}"),
@@ -271,7 +278,7 @@ def _(solution: ForceSolution) -> _Page:
         lead="" if solution.status is Status.OK else solution.status.remedy,
         columns=("contact", "F_n [N]", "friction used"),
         rows=rows,
-        coloured=True,
+        colours=contact_colours(problem.contacts.names),
         facts=facts,
     )
 
@@ -321,6 +328,7 @@ def _(simulation: Simulation) -> _Page:
 
 @_page_of.register
 def _(plan: CarryPlan) -> _Page:
+    colours = contact_colours(plan.contacts, [one.name for one in plan.grasp.hand.fingers])
     peak = int(plan.squeeze.argmax())
 
     def seen() -> Seen:
@@ -334,6 +342,7 @@ def _(plan: CarryPlan) -> _Page:
             body=held.body.placed(now @ held.body.pose),
             points_o=contacts.points_o @ turn.T + shift,
             normals_o=contacts.rotations_oc[:, :, 2] @ turn.T,
+            colours=colours,
             gravity_o=plan.gravity_o,
         )
 
@@ -350,7 +359,7 @@ def _(plan: CarryPlan) -> _Page:
         badge=(str(plan.status), _level(plan.status)),
         columns=("contact", "F_n on the way [N]", "friction used at most"),
         rows=rows,
-        coloured=True,
+        colours=colours,
         facts=(
             ("no timing is faster than", bound),
             ("could be faster by", "" if plan.fastest is not None else f"{plan.factor:.3g} times"),

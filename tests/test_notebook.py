@@ -26,10 +26,12 @@ from pinograsp.forces import force_sensitivity
 from pinograsp.handover import jaw_commands, joint_trajectory
 from pinograsp.hands.catalogue import file_of
 from pinograsp.hands.humanoid import humanoid_hand
+from pinograsp.notebook import html_of
 from pinograsp.plan import PlanRecord
 from pinograsp.planner import plan_best
 from pinograsp.referee import Disturbance, Errors, Servo, monte_carlo
 from pinograsp.storage import read_run
+from pinograsp.viz.style import contact_colours
 
 LONGEST = 500  # characters of a repr
 DRAWN = {"HandModel", "GraspPlan", "Closure", "FoundGrasp", "GraspSearch", "CarryPlan"}
@@ -209,3 +211,12 @@ def test_showing_never_fails(paper_plan, monkeypatch):
 
 def test_the_version_is_that_of_the_package():
     assert re.fullmatch(r"\d+\.\d+\.\d+.*", pg.__version__)
+
+
+def test_a_finger_has_the_colour_that_it_has_in_figures():
+    plan = pg.load_case("paper").plan()
+    told = html_of(plan)
+    colours = contact_colours(plan.contacts.names, plan.layout.fingers)
+    assert len(set(colours)) == 3
+    places = [told.index(f"background:{colour}") for colour in colours]
+    assert places == sorted(places)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,6 @@ from pinograsp.viz.raster import Camera, Layer, Surface, averaged, fitted, overl
 from pinograsp.viz.scene_meshes import LOAD, arrow_along, ball, rgb
 from pinograsp.viz.solids import Links, Solid, cloud_of, placed, sevens, solids_of
 from pinograsp.viz.stage import Held, Stage, scale_of
-from pinograsp.viz.style import COLOURS
 
 _SIZE = (380, 290)  # pixels
 _FINER = 2  # pixels that are drawn for each one of the picture, along either side
@@ -40,6 +40,7 @@ class Seen:
         normals_o: into the object (k, 3).
         forces_o: on the object (k, 3) [N].
         load_o: on the object, besides (3,) [N].
+        colours: of the contacts (k,), ``#rrggbb``.
         gravity_o: (3,) [m/s^2].
     """
 
@@ -50,6 +51,7 @@ class Seen:
     normals_o: Array = field(default_factory=lambda: np.zeros((0, 3)))
     forces_o: Array = field(default_factory=lambda: np.zeros((0, 3)))
     load_o: Array = field(default_factory=lambda: np.zeros(3))
+    colours: Sequence[str] = ()
     gravity_o: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
 
     __repr__ = brief()
@@ -70,7 +72,8 @@ def thumbnail(seen: Seen) -> bytes:
     camera = _camera(np.concatenate([cloud, *(ends for ends, _ in arrows)]), up, view)
     vertices, faces = ball()
     forces = [
-        Surface(1.7 * width * vertices + point, faces, _painted(colour_of(i))) for i, point in enumerate(seen.points_o)
+        Surface(1.7 * width * vertices + point, faces, _painted(colour))
+        for point, colour in zip(seen.points_o, seen.colours)
     ]
     for (start, end), colour in arrows:
         if np.linalg.norm(end - start) >= width:
@@ -87,11 +90,6 @@ def thumbnail(seen: Seen) -> bytes:
     content = io.BytesIO()
     imsave(content, np.round(image * _STEPS) / _STEPS, format="png", pil_kwargs={"optimize": True})
     return content.getvalue()
-
-
-def colour_of(contact: int) -> str:
-    """Colour of a contact, ``#rrggbb``."""
-    return COLOURS[contact % len(COLOURS)]
 
 
 def _painted(colour: str) -> Array:
@@ -132,8 +130,8 @@ def _arrows(seen: Seen, size: float) -> list[tuple[Array, str]]:
         return []
     scale = scale_of(size, largest)
     ends = [
-        (np.stack([point, point + scale * force]), colour_of(i))
-        for i, (point, force) in enumerate(zip(seen.points_o, seen.forces_o))
+        (np.stack([point, point + scale * force]), colour)
+        for point, force, colour in zip(seen.points_o, seen.forces_o, seen.colours)
     ]
     if seen.body is not None:
         com = seen.body.com_o
