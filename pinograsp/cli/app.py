@@ -85,6 +85,17 @@ Hulls = Annotated[
     bool,
     typer.Option("--hulls/--no-hulls", help="Take the convex hulls of the hand's meshes, as physics engines do."),
 ]
+Jobs = Annotated[int, typer.Option(help="Processes; -1: all cores.")]
+Backend = Annotated[
+    str,
+    typer.Option(
+        help="joblib: this machine, or dask: the cluster of --scheduler.",
+        autocompletion=completion.one_of(completion.BACKENDS),
+    ),
+]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else, errors included.")]
 Run = Annotated[
     Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.", autocompletion=completion.runs)

@@ -10,8 +10,10 @@ import typer
 from pinograsp.cli import completion
 from pinograsp.cli.app import (
     Arguments,
+    Backend,
     Exclude,
     Fingers,
+    Jobs,
     Json,
     Masses,
     Mu,
@@ -19,6 +21,7 @@ from pinograsp.cli.app import (
     Palm,
     Quiet,
     Root,
+    Scheduler,
     Srdf,
     Trusted,
     Verbose,
@@ -91,17 +94,9 @@ def certify(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Picture of what holds, why not, and the newtons: .png or .svg.")
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = -1,
-    backend: Annotated[
-        str,
-        typer.Option(
-            help="joblib: this machine, or dask: the cluster of --scheduler.",
-            autocompletion=completion.one_of(completion.BACKENDS),
-        ),
-    ] = "joblib",
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
-    ] = None,
+    jobs: Jobs = -1,
+    backend: Backend = "joblib",
+    scheduler: Scheduler = None,
     root: Root = None,
     palm: Palm = None,
     fingers: Fingers = None,

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli import completion
-from pinograsp.cli.app import Json, Quiet, Verbose, app, bar, tell_json
+from pinograsp.cli.app import Backend, Jobs, Json, Quiet, Scheduler, Verbose, app, bar, tell_json
 from pinograsp.cli.screen import command, console, show
 from pinograsp.errors import Status
 
@@ -26,17 +25,9 @@ def sweep(
         ),
     ],
     out: Annotated[Path | None, typer.Option(help="Folder for the rows; default: runs/ and the file's name.")] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = -1,
-    backend: Annotated[
-        str,
-        typer.Option(
-            help="joblib: this machine, or dask: the cluster of --scheduler.",
-            autocompletion=completion.one_of(completion.BACKENDS),
-        ),
-    ] = "joblib",
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
-    ] = None,
+    jobs: Jobs = -1,
+    backend: Backend = "joblib",
+    scheduler: Scheduler = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
