@@ -12,14 +12,13 @@ from matplotlib.figure import Figure
 
 from pinograsp.checks import path_of
 from pinograsp.errors import InvalidInput
-from pinograsp.viz.style import COLOURS
-from pinograsp.writing import write_errors
+from pinograsp.viz.style import COLOURS, SUFFIXES, content_of
+from pinograsp.writing import write_file
 
 _MOST = 20  # objects with a box of their own
 _LONGEST = 28  # characters of a name
 # The first is what holds.
 _COLOURS = ("#2a7f4f", *COLOURS[:2], *COLOURS[3:7], "#8c6d31", "#999999", "#7a0177", "#c7e9b4", "#fdd0a2")
-_ENDINGS = (".png", ".svg", ".pdf")
 
 
 def certified_picture(columns: Mapping[str, Sequence[Any]], path: str | Path) -> Path:
@@ -34,8 +33,9 @@ def certified_picture(columns: Mapping[str, Sequence[Any]], path: str | Path) ->
         ResultsNotWritten: the file cannot be written.
     """
     path = path_of("picture", path)
-    if path.suffix.lower() not in _ENDINGS:
-        raise InvalidInput(f"picture: expected a name that ends in {', '.join(_ENDINGS)}, got '{path.name}'")
+    kind = path.suffix.lower()
+    if kind not in SUFFIXES:
+        raise InvalidInput(f"picture: expected a name that ends in {', '.join(SUFFIXES)}, got '{path.name}'")
     rows = [
         (reason, name or "(no name)", forces)
         for reason, name, forces in zip(columns["reason"], columns["object"], columns["normal_forces_N"])
@@ -51,7 +51,7 @@ def certified_picture(columns: Mapping[str, Sequence[Any]], path: str | Path) ->
         name: [max(forces) for reason, own, forces in rows if own == name and reason == "held" and forces]
         for name in shown
     }
-    figure = Figure(figsize=(11.0, 1.8 + 0.32 * len(shown)), layout="constrained")
+    figure = Figure(figsize=(11.0, 1.8 + 0.32 * len(shown)), dpi=150, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1.6, 1.0])
     at, begin = np.arange(len(shown)), np.zeros(len(shown))
     totals = np.array([sum(counts[name, reason] for reason in reasons) for name in shown])
@@ -78,6 +78,4 @@ def certified_picture(columns: Mapping[str, Sequence[Any]], path: str | Path) ->
     held = sum(reason == "held" for reason, _, _ in rows)
     more = f"; the {_MOST} objects with the most of {len(names)}" if len(names) > _MOST else ""
     figure.suptitle(f"{held} of {len(rows)} grasps hold{more}", fontsize=11)
-    with write_errors(path):
-        figure.savefig(path, dpi=150)
-    return path
+    return write_file(path, content_of(figure, kind[1:]))

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -23,7 +21,7 @@ from pinograsp.viz.raster import Camera, Layer, Surface, averaged, fitted, overl
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import LOAD, arrow_along, ball, rgb
 from pinograsp.viz.solids import cloud_of, placed
-from pinograsp.viz.style import label_of
+from pinograsp.viz.style import SUFFIXES, content_of, label_of
 from pinograsp.writing import write_file
 
 _FINER = 2  # pixels that are drawn for each one of the picture, along either side
@@ -34,7 +32,6 @@ _HIDDEN = 0.3  # opacity of forces behind the hand
 _SOFT = 4  # how many times coarser shadows are drawn
 _OUTLINE = 0.45  # how much darker pixels are where one solid ends before another
 _LEVEL = 0.02  # of a direction: nearer to gravity's line it has no side of its own
-_SUFFIXES = (".png", ".svg", ".pdf")
 _VIEWS = ("front", "back", "side", "top")
 
 
@@ -120,23 +117,13 @@ def write_picture(
     """
     path = path_of("path", path)
     kind = path.suffix.lower()
-    if kind not in _SUFFIXES:
+    if kind not in SUFFIXES:
         raise InvalidInput(
-            f"picture: expected a name that ends in {', '.join(_SUFFIXES)} (moving pictures, .gif and .mp4, are made "
+            f"picture: expected a name that ends in {', '.join(SUFFIXES)} (moving pictures, .gif and .mp4, are made "
             f"by film), got '{path.name:.200}'"
         )
     figure = picture_of(scene, time, view=view, collision_shapes=collision_shapes, vector=kind != ".png")
     return write_file(path, content_of(figure, kind[1:]))
-
-
-def content_of(figure: Figure, kind: str = "png") -> bytes:
-    """A picture as the content of a file: png, svg or pdf, the same bytes for the same picture."""
-    content = io.BytesIO()
-    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-    # Type 42: letters stay letters, as journals ask for.
-    with mpl.rc_context({"pdf.fonttype": 42, "svg.hashsalt": "pinograsp"}):
-        figure.savefig(content, format=kind, dpi=figure.dpi, metadata=undated)
-    return content.getvalue()
 
 
 def draw(

@@ -1,13 +1,16 @@
-"""Colours and names as figures show them."""
+"""Colours and names as figures show them, and their files."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Sequence
 from itertools import cycle
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from pinograsp.words import printable
 
@@ -16,6 +19,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _FINGERS = COLOURS[:6]  # black is the load
 # Fingers of these names have the same colour in every figure of every hand.
 _KNOWN = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4, "pinky": 4, "palm": 5}
+
+SUFFIXES = (".png", ".svg", ".pdf")  # of pictures
 
 
 def label_of(name: str) -> str:
@@ -83,3 +88,13 @@ def legend_above(axes: Axes, columns: int, title: str | None = None, colour: str
         alignment="left",
     )
     legend.get_title().set(color=colour, fontweight="bold")
+
+
+def content_of(figure: Figure, kind: str = "png") -> bytes:
+    """A picture as the content of a file: png, svg or pdf, the same bytes for the same picture."""
+    content = io.BytesIO()
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+    # Type 42: letters stay letters, as journals ask for.
+    with mpl.rc_context({"pdf.fonttype": 42, "svg.hashsalt": "pinograsp"}):
+        figure.savefig(content, format=kind, dpi=figure.dpi, metadata=undated)
+    return content.getvalue()

@@ -20,8 +20,8 @@ from pinograsp.viz.outlines import draw_arrow
 from pinograsp.viz.raster import Camera, Surface, rendered
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import ball, rgb
-from pinograsp.viz.still import Sheet, camera_of, content_of, picture
-from pinograsp.viz.style import COLOURS, finger_colours, finger_of
+from pinograsp.viz.still import Sheet, camera_of, picture
+from pinograsp.viz.style import COLOURS, content_of, finger_colours, finger_of
 
 UP = np.array([0.0, 0.0, 1.0])
 CAMERA = Camera(np.array([0.0, -2.0, 0.0]), np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]), 200.0, 161, 121)

@@ -54,7 +54,8 @@ from pinograsp.viz.page import page_of as page_of_scene
 from pinograsp.viz.scene import scene_of
 from pinograsp.viz.scene_meshes import friction_cone, triangles_of
 from pinograsp.viz.solids import sevens
-from pinograsp.viz.still import content_of, picture_of
+from pinograsp.viz.still import picture_of
+from pinograsp.viz.style import content_of
 from pinograsp.viz.viewer import save_html, view
 
 
