@@ -35,11 +35,6 @@ _STORAGES = {
 _WRITTEN = {np.dtype(text): name for name, text in _STORAGES.items() if text != "bf16"}
 
 
-def is_torch(content: bytes) -> bool:
-    """Whether these bytes begin like a file of PyTorch's, of the layout that is read here."""
-    return content.startswith(b"PK")
-
-
 def read_torch(content: bytes) -> Any:
     """What a file holds, with arrays in the place of tensors.
 
