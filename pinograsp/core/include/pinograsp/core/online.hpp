@@ -70,7 +70,8 @@ public:
     int steps = 0;                  // Newton steps
 
     // The forces for the inputs. Converged: balanced; infeasible: the closest forces; stalled: the closest that were
-    // found within the steps; unusable: an input is not finite or a friction coefficient negative, nothing has changed.
+    // found within the steps; unusable, and nothing has changed: an input is not finite, a limit or a friction
+    // coefficient is negative, or a share is not from zero to one.
     Tick tick() {
         const Tick found = solve_tick(started ? setup_.most_rate : infinity);
         started = started || found != Tick::unusable;
@@ -175,13 +176,15 @@ private:
     double arm() const { return setup_.moments ? setup_.arm : infinity; }
     double slip(int i) const { return mu[i] / setup_.safety; }
 
+    static bool is_share(double one) { return one >= 0.0 && one <= 1.0; }
+
     bool unusable() const {
         const int k = setup_.contacts;
         bool usable = !not_finite(wrench, 6) && !not_finite(com, 3) && !not_finite(least, k) &&
                       !not_finite(largest, k) && !not_finite(share, k) && !not_finite(target, k) &&
                       (gravity == nullptr || !not_finite(gravity, setup_.joints));
         for (int i = 0; i < k; ++i)
-            usable &= least[i] >= 0.0 && largest[i] >= 0.0 && share[i] >= 0.0 && target[i] >= 0.0;
+            usable &= least[i] >= 0.0 && largest[i] >= 0.0 && is_share(share[i]) && is_share(target[i]);
         for (int j : setup_.limited) usable &= torque_limit[j] >= 0.0;
         for (const Link& link : setup_.links) usable &= !not_finite(jacobian + 6 * link.column, 6);
         if (!moved || !usable) return !usable;
