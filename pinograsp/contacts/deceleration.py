@@ -254,3 +254,31 @@ def _horner(coefficients: list[float], x: float) -> float:
 
 
 CONSTANT = DecelerationShape.constant()
+
+
+def bounds_of(
+    final_time: float,
+    impact_time_range: ArrayLike,
+    acceleration_range: ArrayLike,
+    max_speed: float,
+    max_depth: float,
+) -> dict[str, object]:
+    """Times and bounds of Eq. (13) and (14) by name, checked."""
+    final_time = number("final time t_F", final_time, above=0, unit="s")
+    low, high = _range("impact time range", impact_time_range, "s", above=0)
+    if high >= final_time:
+        raise InvalidInput(f"impact time range: expected below the final time {final_time:g} s, got {high:g} s")
+    return {
+        "final_time": final_time,
+        "impact_time_range": (low, high),
+        "acceleration_range": _range("acceleration range", acceleration_range, "m/s^2", above=0),
+        "max_speed": number("maximum speed", max_speed, above=0, unit="m/s"),
+        "max_depth": number("maximum depth", max_depth, above=0, unit="m"),
+    }
+
+
+def _range(name: str, value: ArrayLike, unit: str, above: float) -> tuple[float, float]:
+    low, high = array_of(name, value, (2,))
+    if not (above < low <= high):
+        raise InvalidInput(f"{name}: expected {above:g} < lower <= upper [{unit}], got {low:g} and {high:g}")
+    return float(low), float(high)

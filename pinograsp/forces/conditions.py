@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, instance_of, number, one_of
+from pinograsp.checks import array_of, brief, flag, floats_of, instance_of, number, one_of, shown
 from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction
 from pinograsp.contacts.compliance import MEASURES, Measure
+from pinograsp.contacts.deceleration import bounds_of
+from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.contacts.quality import BALANCES, Balance
+from pinograsp.errors import InvalidInput
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.reserve import Reserve
 from pinograsp.objects.body import Body
@@ -97,7 +100,7 @@ class GraspConditions:
     __repr__ = brief("mu", "friction", "balance", "measure", "torque_limit")
 
     def __post_init__(self) -> None:
-        number("mu", self.mu, at_least=0)
+        number("mu", self.mu, at_least=0, at_most=LARGEST_MU)
         for name, kind in (("compliance", Compliance), ("shape", DecelerationShape)):
             instance_of(name, getattr(self, name), kind)
         instance_of("friction", self.friction, Friction, type(None))
@@ -105,7 +108,18 @@ class GraspConditions:
         flag("table", self.table)
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
+        bounds = (self.final_time, self.impact_time_range, self.acceleration_range, self.max_speed, self.max_depth)
+        for name, value in bounds_of(*bounds).items():
+            object.__setattr__(self, name, value)
         object.__setattr__(self, "gravity_o", array_of("gravity", self.gravity_o, (3,)))
+        if self.max_normal_force is not None:
+            number("largest normal force", self.max_normal_force, above=0, unit="N")
+        if self.moment_length is not None:
+            number("moment length", self.moment_length, above=0, unit="m")
+        if isinstance(self.torque_limit, str):
+            one_of("torque limit", self.torque_limit, ("effort",))
+        elif self.torque_limit is not None and not np.all(floats_of("torque limit", self.torque_limit) > 0):
+            raise InvalidInput(f"torque limit: expected numbers > 0 [N m], got {shown(self.torque_limit)}")
 
     def problem(self, body: Body, contacts: ContactSet) -> ForceProblem:
         """The problem of holding ``body`` at these contacts, without torque limits and without the reserve.

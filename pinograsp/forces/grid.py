@@ -84,7 +84,7 @@ class GridSpec:
 
     def points(self, k: int) -> int:
         """Points of the full grid for k contacts."""
-        multipliers: int = self.multipliers.size ** (2 * integer("contacts", k))
+        multipliers: int = self.multipliers.size ** (2 * integer("contacts", k, at_least=0, at_most=1000))
         return self.cells(k) * multipliers
 
 

@@ -36,6 +36,7 @@ from pinograsp.contacts import (
     work_energy,
 )
 from pinograsp.contacts.compliance import MEASURES, Measure
+from pinograsp.contacts.deceleration import bounds_of
 from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput
@@ -288,16 +289,9 @@ class ForceProblem(StandardForms):
         put("mu", mu)
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)
-        put("final_time", number("final time t_F", self.final_time, above=0, unit="s"))
-        put("impact_time_range", _range("impact time range", self.impact_time_range, "s", above=0))
-        if self.impact_time_range[1] >= self.final_time:
-            raise InvalidInput(
-                f"impact time range: expected below the final time {self.final_time:g} s, got "
-                f"{self.impact_time_range[1]:g} s"
-            )
-        put("acceleration_range", _range("acceleration range", self.acceleration_range, "m/s^2", above=0))
-        put("max_speed", number("maximum speed", self.max_speed, above=0, unit="m/s"))
-        put("max_depth", number("maximum depth", self.max_depth, above=0, unit="m"))
+        bounds = (self.final_time, self.impact_time_range, self.acceleration_range, self.max_speed, self.max_depth)
+        for name, value in bounds_of(*bounds).items():
+            put(name, value)
         instance_of("compliance", self.compliance, Compliance)
         instance_of("friction", self.friction, Friction)
         instance_of("torques", self.torques, TorqueLimits, type(None))
@@ -501,7 +495,7 @@ class ForceProblem(StandardForms):
 
 
 def _load(value: ArrayLike) -> Array:
-    if type(value) is np.ndarray and value.shape == (6,) and value.dtype.char == "d":  # the quick way
+    if type(value) is np.ndarray and value.shape == (6,) and value.dtype == np.float64:  # the quick way
         load: Array = value.copy()
         if np.vdot(load, load) <= _STRONG**2:
             return frozen(load)
@@ -509,10 +503,3 @@ def _load(value: ArrayLike) -> Array:
     if not np.vdot(load, load) <= _STRONG**2:  # np.vdot overflows without a warning
         raise InvalidInput(f"load: expected at most {_STRONG:g} N and N m, got {load.tolist()}")
     return load
-
-
-def _range(name: str, value: ArrayLike, unit: str, above: float) -> tuple[float, float]:
-    low, high = array_of(name, value, (2,))
-    if not (above < low <= high):
-        raise InvalidInput(f"{name}: expected {above:g} < lower <= upper [{unit}], got {low:g} and {high:g}")
-    return float(low), float(high)

@@ -338,8 +338,8 @@ class OnlineForces:
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...], limit: float) -> Array:
-    """An array of finite numbers up to ``limit``; quick where it is one."""
-    if type(value) is np.ndarray and value.shape == shape and value.dtype.char == "d":
+    """A contiguous array of finite numbers up to ``limit``; quick where it is one."""
+    if type(value) is np.ndarray and value.shape == shape and value.dtype == np.float64 and value.flags.c_contiguous:
         array: Array = value
     else:
         array = array_of(name, value, shape)

@@ -23,11 +23,9 @@ from pinograsp.checks import (
     shown,
 )
 from pinograsp.errors import InvalidInput
-from pinograsp.hands import HandModel
+from pinograsp.hands import HandModel, servo_gains
 from pinograsp.spatial import Array
 
-# Stiffness of a small servo [N m/rad]; a sliding joint is as stiff as that servo 30 mm from its axis [N/m].
-_TURNING, _SLIDING = 50.0, 50.0 / 0.03**2
 _ROTOR = 1e-4  # [kg m^2]
 _MOST_MU = 1e6
 _STIFFNESSES = (1e-3, 1e4)  # ratios of real to planned contact stiffness: foam for plastic to steel for rubber
@@ -106,8 +104,7 @@ class Servo:
         model = instance_of("hand", hand, HandModel).model
         slides = hand.slides
         torque = one_of("servo control", control, CONTROLS) == "torque"
-        known = hand.servo_stiffness
-        chosen = np.where(np.isnan(known), np.where(slides, _SLIDING, _TURNING), known)
+        chosen = servo_gains(hand)
         if stiffness is not None and torque:
             raise InvalidInput(
                 f"servo stiffness: expected none with control='torque', got {shown(stiffness)}: leave it out, or take "

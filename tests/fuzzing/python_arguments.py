@@ -1203,9 +1203,10 @@ def _among(value, pool) -> bool:
 
 # The kind.
 
-# Where infinity stands for something; and the settings of a closure that has too few contacts for anything to be asked
-# of them.
+# Where infinity stands for something, or a number for a text; and the settings of a closure that has too few contacts
+# for anything to be asked of them.
 MEANT = {
+    ("GraspConditions", "torque_limit"),
     ("TorqueLimits", "limit"),
     ("torque_limits", "limit"),
     ("hold", "mu"),
@@ -1292,6 +1293,10 @@ def run(case: Case) -> str:
     return "accepted"
 
 
+# Where NaN stands for what is not known.
+UNKNOWN = {"servo_stiffness"}
+
+
 def _look(value, where: str, depth: int) -> None:
     """Numbers are numbers; what can be asked of a record can be asked."""
     if isinstance(value, (float, np.floating)):
@@ -1313,7 +1318,7 @@ def _look(value, where: str, depth: int) -> None:
             if not field.name.startswith("_"):
                 _look(getattr(value, field.name), f"{where}.{field.name}", depth - 1)
         for name, _kind in inspect.getmembers(type(value), lambda member: isinstance(member, property)):
-            if not name.startswith("_"):
+            if not name.startswith("_") and name not in UNKNOWN:
                 try:
                     _look(getattr(value, name), f"{where}.{name}", depth - 1)
                 except PinograspError:

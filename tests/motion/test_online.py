@@ -521,6 +521,36 @@ def test_bad_input_changes_nothing(plan, bad):
     )
 
 
+@pytest.mark.parametrize(
+    "laid_out",
+    [
+        lambda a: np.repeat(a[..., None], 3, axis=-1)[..., 1],  # a column of a table
+        lambda a: a.astype(">f8"),
+        lambda a: a.astype(np.float32),
+        np.asfortranarray,
+        lambda a: a.tolist(),
+    ],
+    ids=["strided", "big-endian", "float32", "fortran", "list"],
+)
+def test_arrays_may_be_laid_out_in_any_way(plan, laid_out):
+    load, contacts = plan.problem.load, plan.problem.contacts
+    poses = np.tile(np.eye(4), (plan.problem.k, 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = contacts.rotations_oc, contacts.points_o
+    given = {"load": load, "q": plan.motion.q[-1], "poses": poses, "mu": plan.problem.mu}
+    once = {name: laid_out(value) for name, value in given.items()}
+    for only in ({"load"}, set(given)):
+        expected, found = (
+            online_of(plan).step(**{name: value for name, value in one.items() if name in only})
+            for one in (given, once)
+        )
+        assert found[2] is expected[2] is Status.OK
+        assert np.asarray(found[0]) == pytest.approx(np.asarray(expected[0]), abs=1e-4)
+        assert found[1] == pytest.approx(expected[1], abs=1e-4)
+    solver = pg.ForceSolver(plan.problem, plan.solution.impact_time)
+    assert solver.solve(laid_out(load)).normal_forces == pytest.approx(solver.solve(load).normal_forces, abs=1e-4)
+    assert plan.problem.with_load(laid_out(load)).load == pytest.approx(load, rel=1e-6)
+
+
 def test_bad_input_can_keep_the_last_command(plan):
     """A NaN of a sensor does not stop the loop: the last forces, torques and positions stay, and the status says so."""
     online = online_of(plan, invalid="keep", stiffness=10.0)
