@@ -252,12 +252,16 @@ def test_examples_are_understood_and_stay_in_a_line(command, name, line):
             get_command(app).commands[words[1]].make_context(words[1], words[2:], resilient_parsing=False)
 
 
+FIRST = (("plan",), ("check", "report", "view", "export"))
+
+
 @pytest.mark.slow
-def test_examples_of_the_help_work_when_typed(tmp_path):
-    """All but those that need a data set, or go on until they are ended."""
+@pytest.mark.parametrize("commands", [*FIRST, tuple(sorted({*COMMANDS} - {"certify"}.union(*FIRST)))], ids=" ".join)
+def test_examples_of_the_help_work_when_typed(tmp_path, often, commands):
+    """All but those that need a data set, or go on until they are ended; after a plan of the paper's case."""
     begin = f'pinograsp() {{ {shlex.quote(sys.executable)} -m pinograsp.cli "$@"; }}\n'
-    for name, line in examples():
-        if name == "certify" or (name == "view" and "--html" not in line):
-            continue
+    own = [line for name, line in examples() if name in commands and (name != "view" or "--html" in line)]
+    for line in own if commands == ("plan",) else ["pinograsp plan paper", *own]:
+        line = line.replace("--monte-carlo 5", f"--monte-carlo {often(5)}")
         done = subprocess.run(["bash", "-c", begin + line], cwd=tmp_path, capture_output=True, text=True, timeout=900)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
