@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import pinograsp as pg
 from pinograsp.cases import Case, CaseChanges
 
@@ -135,6 +137,7 @@ def script(
 """
 
 
+@pytest.mark.slow
 def test_a_type_checker_finds_what_is_wrong_and_nothing_else(tmp_path):
     """One run for both scripts: most of it goes into reading the package."""
     (tmp_path / "right.py").write_text(RIGHT, encoding="utf-8")

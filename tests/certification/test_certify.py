@@ -94,6 +94,7 @@ def test_contacts_are_those_of_the_exact_method(allegro, noise):
     assert agree(allegro.hand, allegro.object, q, roots) > 12
 
 
+@pytest.mark.slow
 def test_contacts_of_a_mesh_that_is_not_convex_are_its_own_and_not_its_parts(tmp_path):
     pytest.importorskip("coacd")
     body = mug(tmp_path)

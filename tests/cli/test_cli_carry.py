@@ -70,6 +70,7 @@ def _arm_only(run):
     return run / "timed.csv"
 
 
+@pytest.mark.slow
 def test_squeezes_scenarios_and_the_referee(command, run, no_rendering):
     code, out, err = command(
         *(
@@ -114,6 +115,7 @@ def test_a_hand_without_an_arm_is_told(command, run):
     assert code == 2 and "joints of the arm" in err
 
 
+@pytest.mark.slow
 def test_what_is_too_heavy_is_no_grasp(command, run):
     code, out, _ = command(
         *("carry", str(run / "run"), *ROBOT, "--path", str(run / "way.csv"), "--scenario", "mass=500", "--json")

@@ -102,6 +102,7 @@ def test_screens_end_with_an_answer(tmp_path, arguments):
     assert code == 0 and fits(lines) and "?  " in " ".join(lines[lines.index("") :])
 
 
+@pytest.mark.slow
 def test_the_catalogue_fits_and_a_wide_terminal_shows_more(tmp_path):
     code, lines = on_a_terminal(tmp_path, "hands")
     assert code == 0 and len(lines) <= 24 and max(map(len, lines)) <= 80 and "Next: pinograsp hands" in lines[-1]

@@ -129,6 +129,7 @@ print(json.dumps([core.load().__name__, core.load().width, found]))
 """
 
 
+@pytest.mark.slow
 def test_every_level_gives_the_same(tmp_path):
     best = core.load().__name__.rpartition("_")[2]
     known = ["base", "v3", "v4"]

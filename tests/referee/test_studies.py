@@ -382,6 +382,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_interrupted_and_nothing_lost(plan, tmp_path):
     run = tmp_path / "run"
     pg.save_run(plan, run)

@@ -427,7 +427,7 @@ def test_killed_twice_and_resumed_nothing_is_lost_or_doubled(tmp_path, often):
     assert not list((tmp_path / "out").glob(".part*"))
 
 
-@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.slow)])
 def test_ctrl_c_keeps_what_is_done(tmp_path, jobs):
     write(tmp_path, draws(2000))
     code, out, err = stopped_after(tmp_path, 5, signal.SIGINT, "--jobs", jobs)
@@ -968,6 +968,7 @@ def test_numbers_of_processes_that_cannot_be(tmp_path, jobs):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_missing_extras_are_named(tmp_path):
     """Without pyarrow, distributed or the core: one line that says what to install, from a process that cannot import
     them.

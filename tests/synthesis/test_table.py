@@ -91,6 +91,7 @@ def below(grasp, postures):
     return deepest_below(grasp.closure.hand, plane, postures)
 
 
+@pytest.mark.slow
 def test_hands_keep_above_the_table(found):
     """At every sample of the planned motion, which the search looked at in five places."""
     conditions = GraspConditions(mu=0.6, table=True)

@@ -48,6 +48,7 @@ def test_films_show_all_of_the_motion_and_most_of_the_squeeze(plan):
     assert 0.3 < (frames[frames < last] >= touch).mean() < 0.5
 
 
+@pytest.mark.slow
 def test_a_film_moves_and_its_arrows_grow(plan, film):
     with Image.open(film) as made:
         assert made.size == (480, 360) and made.info["loop"] == 0
@@ -98,6 +99,7 @@ def test_a_film_of_four_seconds_is_small(plan, tmp_path):
     assert plan.film(tmp_path / "grasp.gif", progress=False).stat().st_size < 2e6
 
 
+@pytest.mark.slow
 def test_view_writes_pictures_by_their_suffix(command, plan, tmp_path):
     save_run(plan.with_margins().with_reach(), tmp_path / "a")
     code, out, err = command("view", "a", "--png", "grasp.png", "--from", "side")

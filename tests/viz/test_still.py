@@ -123,6 +123,7 @@ def test_a_picture_shows_contacts_forces_and_object(plan, usual, printed, vector
     assert sorted(texts) == sorted(f"{name}  {force:.3g} N" for name, force in forces.items())
 
 
+@pytest.mark.slow
 def test_pictures_follow_time_and_view(plan, usual):
     usual = seen(usual)
     assert differing(usual, seen(picture(plan, time=0.0))) > 0.02
@@ -153,6 +154,7 @@ def test_views_have_names(plan):
     assert np.allclose(below.axes[2], -scene.up) and np.isfinite(below.eye).all()
 
 
+@pytest.mark.slow
 def test_pictures_for_print_are_vector_graphics(plan, printed, tmp_path):
     """Arrows are filled outlines in the colours of the contacts; the hand is one picture, fine enough for print."""
     written = content_of(printed, "svg")

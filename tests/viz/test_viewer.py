@@ -1042,6 +1042,7 @@ def test_a_plan_shows_itself(plan):
         assert viewer.url.startswith("http://localhost:") and viewer.time == 1.0
 
 
+@pytest.mark.slow
 def test_planning_does_not_need_the_viewer(tmp_path):
     """Neither does importing the page's writer need viser: it is looked for where the live page starts."""
     script = "import sys; import pinograsp.plan, pinograsp.viz.viewer; assert 'viser' not in sys.modules"
