@@ -123,6 +123,7 @@ def test_what_a_user_typed_is_text_in_the_page(run):
     assert "<script>" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_rendering")
 def test_report_again_with_the_newest_check(run, tmp_path, monkeypatch):
     from typer.testing import CliRunner

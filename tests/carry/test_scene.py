@@ -116,6 +116,7 @@ def test_a_grasp_planned_elsewhere_is_in_the_same_hand(arm, grasp, scene):
     assert np.linalg.norm(other.object_pose[:3] - scene.object_pose[:3]) > 0.3
 
 
+@pytest.mark.slow
 def test_plans_write_what_they_show(smoothed, tmp_path):
     page = smoothed.save_html(tmp_path / "deep" / "way.html")
     text = page.read_text(encoding="utf-8")

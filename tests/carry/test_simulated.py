@@ -34,6 +34,7 @@ def seen(slow):
     return simulate_carry(slow, time_step=STEP, hold=0.3)
 
 
+@pytest.mark.slow
 def test_a_slow_carry_is_held(arm, slow, seen):
     assert seen.verdict.held, seen.verdict.causes
     assert seen.verdict.drift < 2e-3 and seen.verdict.turn < 2.0

@@ -207,6 +207,7 @@ def test_interruptions_and_errors_of_our_own_are_json_too(command, monkeypatch, 
     assert told["status"] == "failed" and told["message"] == "a bug"
 
 
+@pytest.mark.slow
 def test_errors_wrap_on_a_terminal_alone(tmp_path):
     """Where they are searched, a message is a line."""
     script = (

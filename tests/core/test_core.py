@@ -90,6 +90,7 @@ def test_interior_points(model, limited, objective):
     assert compared
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("balance", ["wrench", "force"])
 def test_least_squares_in_a_box(balance):
     for seed in range(6):

@@ -138,6 +138,7 @@ def test_joints_without_limits_have_no_range(allegro):
     assert any("range" in note for note in drive_commands(allegro, "position", stiffness=0.1, **RATE).notes)
 
 
+@pytest.mark.slow
 def test_a_plan_read_back_sends_the_same(panda, tmp_path):
     again = load_run(save_run(panda, tmp_path / "run"))
     assert jaw_commands(again) == jaw_commands(panda)
@@ -361,6 +362,7 @@ def test_a_scene_with_a_tendon_and_springs(allegro, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_an_object_that_is_not_convex_holds_in_its_scene(tmp_path):
     """A tray by its wall, one jaw inside: in its convex hull there is no inside, and it falls."""
     outer, inner = trimesh.creation.box([0.12, 0.1, 0.05]), trimesh.creation.box([0.108, 0.088, 0.05])

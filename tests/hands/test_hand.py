@@ -627,6 +627,7 @@ def test_a_link_of_several_fingers_does_not_tell_them_apart(tmp_path):
         load_hand(path, fingers={"x": "shared"})
 
 
+@pytest.mark.slow
 def test_a_long_chain_needs_no_recursion(tmp_path):
     n = 1200
     parts = [link("l0"), *(link(f"l{i}", 0.1, "box 1 1 1") for i in range(1, n + 1))]

@@ -156,6 +156,7 @@ def test_bad_references_are_refused(hand, contacts):
         contact_postures(hand, contacts, samples=0)
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover
 def test_fingers_of_any_hand_reach_their_points(contact_set):
     """The Allegro: its fingers are planar (first joint about the finger's own axis), its thumb is not."""

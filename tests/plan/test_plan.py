@@ -347,6 +347,7 @@ def test_comparison_rows_are_text(rows):
     assert all(isinstance(cell, str) for row in comparison_rows(list(rows.values())) for cell in row)
 
 
+@pytest.mark.slow
 def test_figures_show_what_was_planned(run, tmp_path):
     figure = joint_angles(run)
     assert [axes.get_legend().get_title().get_text() for axes in figure.axes] == ["thumb", "index", "middle"]

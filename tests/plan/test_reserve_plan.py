@@ -96,6 +96,7 @@ def test_robust_forces_are_carried_out(closure, plan):
     assert normals == pytest.approx(squeeze.normal_forces, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_in_the_way_is_named(closure):
     """Two hard jaws on a ball bear no moment about their line; soft ones do, and a push along it, too."""
     jaws = closed("panda", "sphere:radius=0.02,mass=0.1", at=(0.0, 0.0, 0.11), wrap=False)

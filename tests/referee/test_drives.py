@@ -538,6 +538,7 @@ def test_a_study_of_drives_and_contacts(task):
 # -- commands, errors --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_check_takes_control_and_errors_of_drives(command, plan, tmp_path, no_rendering):
     folder = pg.save_run(plan, tmp_path / "run")
     (tmp_path / "base.csv").write_text("0,0.1,0,0\n0.1,0,0,0.2\n", encoding="utf-8")

@@ -639,6 +639,7 @@ def test_check_goes_on_with_trials_that_were_killed(command, plan, tmp_path):
     assert sorted(log.read_text().splitlines()[-3:]) == sorted(rows[-3:])
 
 
+@pytest.mark.slow
 def test_check_takes_every_disturbance(command, brisk, tmp_path):
     folder = pg.save_run(brisk, tmp_path / "run")
     options = "--push 0,0,-0.1@0.01+0.01 --shake 0.1,0,0@3 --mu 0.65 --mass 1.1 --offset 0.1,0,0 --turn 0,0,0.5"

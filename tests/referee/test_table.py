@@ -116,6 +116,7 @@ def test_supports_that_cannot_be(plan):
         simulate(plan, support="hook")
 
 
+@pytest.mark.slow
 def test_the_command_takes_it(command, plan, tmp_path):
     folder = pg.save_run(plan, tmp_path / "run")
     code, _, _ = command("check", str(folder), "--support", "table", "--hold", "0.2", "--time-step", "1e-3")

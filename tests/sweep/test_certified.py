@@ -257,6 +257,7 @@ def test_kill_minus_nine_loses_and_doubles_nothing(world, tmp_path):
     assert table["code"].to_pylist() == world["expected"].reason.tolist()
 
 
+@pytest.mark.slow
 def test_the_command_prints_counts_draws_and_speaks_json(world, command, tmp_path):
     out, picture = tmp_path / "out", tmp_path / "seen.png"
     more = ("--picture", str(picture), "--back", str(tmp_path / "back"))

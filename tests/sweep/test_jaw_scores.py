@@ -67,6 +67,7 @@ def slab(R, places):
     return np.where(inside, tangent * (WIDTH + 2 * TIP) / WIDTH, np.inf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "answer", "share"), [("ball", ball, 0.04), ("slab", slab, 0.1)])
 def test_scores_are_within_a_step_of_known_answers(tmp_path, name, answer, share):
     rng, objects = np.random.default_rng(6), tmp_path / "objects"

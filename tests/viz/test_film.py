@@ -70,6 +70,7 @@ def test_a_film_moves_and_its_arrows_grow(plan, film):
     assert border.min() > 0.6  # nothing is cut off
 
 
+@pytest.mark.slow
 def test_films_say_what_they_expect(plan, tmp_path, monkeypatch):
     with pytest.raises(InvalidInput, match=r"\.gif or \.mp4.*picture"):
         plan.film(tmp_path / "grasp.png")

@@ -468,6 +468,7 @@ def moved_by(scene, pose):
     return replace(scene, link_poses=links, carried=np.tile(sevens(pose), (len(links), 1)))
 
 
+@pytest.mark.slow
 def test_all_that_is_carried_is_drawn_where_it_is(run):
     """A camera that is carried along sees the same picture."""
     scene = scene_of(run)
@@ -550,6 +551,7 @@ def test_view_takes_the_latest_check(command, run, simulation, tmp_path):
     assert code == 2 and "pinograsp check" in err
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_live_page(run, tmp_path):
     pytest.importorskip("viser", reason="the live page needs viser: pip install 'pinograsp[viz]'")
     save_run(run, tmp_path / "a")
@@ -696,6 +698,7 @@ def test_every_layer_of_the_file_can_be_switched(offline):
         assert differing(everything, pixels(offline)) < 1e-3, layer
 
 
+@pytest.mark.slow
 def test_the_file_shows_collision_shapes_in_place_of_what_is_seen(chromium, tmp_path):
     path = save_html(run_with(load_hand("panda")), tmp_path / "panda.html")
     with page_of(chromium, path.as_uri()) as page:
@@ -710,6 +713,7 @@ def test_the_file_shows_collision_shapes_in_place_of_what_is_seen(chromium, tmp_
         assert differing(seen, pixels(canvas)) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_files_arrows_grow_with_the_force(offline, run):
     """With all else hidden, the thumb's arrow is as long on the screen as its force is large."""
     scene = scene_of(run)
@@ -769,6 +773,7 @@ def middle_of_the_object(page) -> np.ndarray:
     return np.argwhere(found).mean(axis=0)
 
 
+@pytest.mark.slow
 def test_the_file_shows_an_object_in_a_moving_hand(chromium, tmp_path):
     arm = load_hand(file_of("panda"), posture=dict(zip(JOINTS, START)))
     pose = arm.frame_placements(arm.resting, [arm.palm])[0] @ pose_of(np.array([0, 0, 0.1034]), np.eye(3))
@@ -802,6 +807,7 @@ def test_the_file_shows_an_object_in_a_moving_hand(chromium, tmp_path):
         assert float(page.locator("#panel p").first.inner_text().split("residual ")[1].split()[0]) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_file_shows_the_simulation(chromium, run, simulation, tmp_path):
     path = save_html(run, tmp_path / "both.html", simulation=simulation)
     assert path.stat().st_size < 5e6
@@ -863,6 +869,7 @@ def test_the_file_fits_a_phone(chromium, run, tmp_path):
         assert "thumb" in page.locator("#torques .group").first.inner_text()
 
 
+@pytest.mark.slow
 def test_the_report_shows_the_grasp_beside_the_answer(chromium, run, tmp_path):
     write_report(run, tmp_path, [path.name for path in save_figures(run, tmp_path)])
     url = (tmp_path / "report.html").as_uri()
