@@ -234,6 +234,8 @@ class GraspPlan(PlanRecord):
             InvalidInput: another suffix, unusable settings, or friction of other pyramids
                 than those of four edges. ResultsNotWritten.
         """
+        for name in settings:
+            one_of("setting of to_core", name, LoopSettings.__annotations__)
         problem, q = self.searched().problem, self.motion.q[-1]
         if problem.torques is None:
             problem = replace(problem, torques=torque_limits(self.hand, problem.contacts, q, limit=self.torque_limit))

@@ -61,6 +61,8 @@ def test_a_header_is_named_after_its_file(plan, tmp_path):
 def test_what_cannot_be_written(plan, tmp_path):
     with pytest.raises(InvalidInput, match=r"\.hpp or \.json"):
         plan.to_core(tmp_path / "grasp.yaml")
+    with pytest.raises(InvalidInput, match="expected one of normal_forces, .*, got 'stiffness'"):
+        plan.to_core(tmp_path / "grasp.hpp", stiffness=10.0)
     fine = pg.load_case("paper", {"forces.search": "convex", "friction.edges": 8}).plan()
     with pytest.raises(InvalidInput, match="4 edges"):
         fine.to_core(tmp_path / "grasp.hpp")
