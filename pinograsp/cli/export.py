@@ -58,8 +58,8 @@ def export(
         str | None,
         typer.Option(
             metavar="Q,Q,...",
-            help="Where the hand is, its joints in the order of 'pinograsp hands' \\[rad or m]: a straight way from "
-            "there, unchecked, comes first.",
+            help="Where the hand is, its joints in the order of q that 'pinograsp hands NAME' tells \\[rad or m]: a "
+            "straight way from there, unchecked, comes first.",
         ),
     ] = None,
     lead: Annotated[

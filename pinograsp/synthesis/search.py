@@ -45,7 +45,7 @@ from pinograsp.writing import write_errors
 _MOST = 100_000  # samples
 _ROUNDS = 4  # times ``count`` samples are tried, as long as no grasp is sound
 _BATCH = 4  # samples, of which the best is refined
-_MILLIMETRES = 100.0  # an object that many times too large or too small was drawn in other units
+_MILLIMETRES = 10.0  # an object that many times too large or too small was drawn in other units
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

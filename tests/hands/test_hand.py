@@ -489,6 +489,13 @@ def test_palm_joints_are_described_too(tmp_path):
     assert "note: no effort limit (none given, or 0): wrist, jb" in text
 
 
+def test_the_order_of_q_is_told_where_fingers_are_listed_in_another():
+    hand = load_hand("allegro_right")
+    told = next(line for line in hand.describe().splitlines() if line.strip().startswith("order of q"))
+    assert told.partition(": ")[2].split(", ") == list(hand.joint_names)
+    assert "order of q" not in load_hand("panda").describe()
+
+
 # -- limits and joints of every kind -----------------------------------------------------------------------------------
 
 
