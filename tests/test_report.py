@@ -77,7 +77,7 @@ def test_the_answer_comes_first(run, simulated):
         "Simulated?",
         "Where is the hand?",
     ]
-    assert "Yes" in lines[0] and f"{run.forces.normal_forces.sum():.2f} N" in lines[2]
+    assert "Barely: " in lines[0] and f"{run.forces.normal_forces.sum():.2f} N" in lines[2]
     push, planned = run.margins.disturbance_force, "none: planned for the load alone"
     assert f"A push of {number(push, 3)} N" in lines[1] and planned in lines[1] and "m/s2" in lines[1]
     assert (
@@ -143,13 +143,18 @@ def test_report_again_with_the_newest_check(run, tmp_path, monkeypatch):
     assert result.exit_code in (0, 3)
     assert newest_check(folder) == folder / "check"
     result = CliRunner().invoke(app, ["report", str(folder)])
-    assert result.exit_code == 0 and re.search(r"^Does it hold\?\s+(Yes|No)", result.output, re.M)
+    assert result.exit_code == 0 and re.search(r"^Does it hold\?\s+(Yes|No|Barely)", result.output, re.M)
     assert re.search(r"Simulated\?\*\* (Held|Lost) \(mujoco\)", (folder / "report.md").read_text())
     assert not list(folder.glob(".new-*"))
 
 
+def sure(plan):
+    """The plan as one that bears something besides its load, and has no cautions."""
+    return replace(plan, cautions=(), margins=replace(plan.margins, disturbance=1.0))
+
+
 def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run, simulated):
-    plain = replace(run, cautions=())
+    plain = sure(run)
     not_tracked = ended(plain, Status.NOT_TRACKED, "Smaller steps.")
     for changed, check, level, words in (
         (plain, None, "yes", "Yes. The"),
@@ -157,6 +162,8 @@ def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run, simula
         (plain, "lost", "no", "No. Lost in simulation: it fell."),
         (plain, "disturbed", "caution", "under disturbances"),
         (replace(plain, cautions=("thumb slides",)), None, "caution", "Yes, with cautions"),
+        (replace(plain, margins=run.margins), None, "caution", "Barely: "),
+        (replace(plain, margins=run.margins), "held", "caution", "besides. Held in simulation."),
         (replace(plain, balance="force"), None, "caution", "Not certain: moments are not balanced"),
         (replace(plain, balance="force"), "lost", "no", "No. Lost in simulation"),
         (ended(plain, Status.UNBALANCED), None, "caution", "Almost"),
@@ -183,7 +190,7 @@ def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run, simula
 
 def test_the_page_shows_the_answer_in_its_colour(run, simulated, tmp_path):
     for check, level in ((None, "yes"), ("held", "yes"), ("lost", "no")):
-        write_report(replace(run, cautions=()), tmp_path, (), simulated[check])
+        write_report(sure(run), tmp_path, (), simulated[check])
         text = (tmp_path / "report.html").read_text()
         assert re.search(rf'<h1>.*</h1>\s*<ul>\s*<li class="{level}">\s*<strong>Does it hold', text)
         assert text.count('<li class="no">') == (2 if level == "no" else 0)

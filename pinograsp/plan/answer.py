@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from pinograsp.errors import Status
-from pinograsp.plan.parts import PlanFriction, PlanMargins, PlanReserve
+from pinograsp.plan.parts import WEAK, PlanFriction, PlanMargins, PlanReserve
 from pinograsp.plan.record import PlanRecord
 from pinograsp.plan.simulation import Simulation
 from pinograsp.words import number, printable
@@ -61,6 +61,8 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     if plan.balance == "force":
         text = f"Not certain: moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}"
         return Answer("caution", text)
+    if plan.margins is not None and plan.margins.spares_nothing(plan.body_mass * float(np.linalg.norm(plan.gravity_o))):
+        return Answer("caution", f"Barely: {_LOAD}, and less than {100 * WEAK:g} % of the weight besides.{tried}")
     if plan.cautions:
         return Answer("caution", f"Yes, with cautions: {_LOAD}, forces and moments in balance.{tried}")
     return Answer("yes", f"Yes. {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")

@@ -320,6 +320,9 @@ class StiffnessBand:
         }
 
 
+WEAK = 0.02  # share of the weight: next to nothing
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanMargins:
     """What the grasp bears beyond its load with these normal forces, and its quality.
@@ -359,6 +362,10 @@ class PlanMargins:
     band: StiffnessBand | None = None
 
     __repr__ = brief("friction_used", "load_factor", "disturbance_force", "force_closure", "ferrari_canny")
+
+    def spares_nothing(self, weight: float) -> bool:
+        """Whether the weakest direction bears next to nothing of a weight [N] besides the load."""
+        return self.disturbance < WEAK * weight
 
     def summary(self, names: tuple[str, ...]) -> Plain:
         """As plain JSON values by the contacts' ``names``; None where a figure is infinite."""

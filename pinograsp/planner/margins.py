@@ -10,8 +10,8 @@ from pinograsp.checks import read_only
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
 from pinograsp.forces import ForceSolution, Reaction, disturbance_margin, force_closure, grasp_margins
 from pinograsp.plan import PlanMargins, Reach, StiffnessBand
+from pinograsp.plan.parts import WEAK
 
-_WEAK = 0.02  # share of the weight in the weakest direction: worth a caution
 _DIRECTIONS = 48  # around a plane, in which forces are looked for
 
 
@@ -53,8 +53,8 @@ def margin_cautions(margins: PlanMargins, weight: float) -> tuple[str, ...]:
     """What the margins warn of, in words; ``weight``: of the object [N]."""
     if not margins.force_closure:
         return ("no force closure: in some direction nothing is held, whatever the friction and the squeeze",)
-    if margins.disturbance < _WEAK * weight:
-        return (f"its weakest direction bears less than {100 * _WEAK:g} % of the weight besides the load",)
+    if margins.spares_nothing(weight):
+        return (f"its weakest direction bears less than {100 * WEAK:g} % of the weight besides the load",)
     return ()
 
 

@@ -76,7 +76,7 @@ def test_plan_paper_as_a_newcomer_types_it(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    for expected in ("impact time t_I", "Does it hold?  Yes", "thumb 11.71 N", "runs/paper/report.html"):
+    for expected in ("impact time t_I", "Does it hold?  Barely", "thumb 11.71 N", "runs/paper/report.html"):
         assert expected in done.stdout
     report = (tmp_path / "runs" / "paper" / "report.md").read_text()
     for expected in ("Comparison with the paper", "9.873", "55.90"):

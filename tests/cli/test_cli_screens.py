@@ -45,7 +45,7 @@ def test_the_first_screen_of_a_plan_is_its_answer(planned):
     plan = load_run(folder / "runs" / "paper")
     forces = ", ".join(f"{name} {force:.2f} N" for name, force in zip(plan.contacts.names, plan.forces.normal_forces))
     told = (
-        "Does it hold? Yes",
+        "Does it hold? Barely",
         f"How hard? {forces};",
         "Results runs/paper/report.html",
         "Next pinograsp check runs/paper",
