@@ -45,7 +45,7 @@ from pinograsp.writing import write_errors
 _MOST = 100_000  # samples
 _ROUNDS = 4  # times ``count`` samples are tried, as long as no grasp is sound
 _BATCH = 4  # samples, of which the best is refined
-_MILLIMETRES = 10.0  # an object that many times too large or too small was drawn in other units
+_TOO_LARGE, _TOO_SMALL = 10.0, 100.0  # times: such an object was drawn in other units; walls may be thin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,10 +93,10 @@ class GraspSearch:
         sizes = f"its opposed surfaces are {1e3 * self.width:.3g} mm apart or more, and this hand opens by"
         if self.width > largest:
             text += f". The object is too large: {sizes} {1e3 * largest:.3g} mm"
-        elif self.width < least / _MILLIMETRES:
+        elif self.width < least / _TOO_SMALL:
             text += f". The object is very small: {sizes} {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
         text = ". ".join([text, *self.remarks])
-        if not least / _MILLIMETRES < self.width < largest * _MILLIMETRES:
+        if not least / _TOO_SMALL < self.width < largest * _TOO_LARGE:
             text += "; millimetres read as metres, or metres as millimetres? (scale=0.001)"
         return text
 

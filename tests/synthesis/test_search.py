@@ -123,6 +123,10 @@ def test_sizes_that_no_hand_opens_to_are_named(allegro):
         _ = search.best
     search = find_grasps(allegro, Sphere(radius=0.25, density=1.0), count=2, jobs=1, **SETTINGS)
     assert not search.grasps and "too large" in search.explain() and "read as metres" not in search.explain()
+    least, largest = search.opening
+    assert least > 0
+    for width, units in ((17 * largest, True), (5 * largest, False), (least / 20, False), (least / 200, True)):
+        assert ("read as metres" in replace(search, width=width).explain()) == units
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box", "tube"])
