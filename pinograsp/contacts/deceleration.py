@@ -265,20 +265,20 @@ def bounds_of(
 ) -> dict[str, object]:
     """Times and bounds of Eq. (13) and (14) by name, checked."""
     final_time = number("final time t_F", final_time, above=0, unit="s")
-    low, high = _range("impact time range", impact_time_range, "s", above=0)
+    low, high = _range("impact time range", impact_time_range, "s")
     if high >= final_time:
         raise InvalidInput(f"impact time range: expected below the final time {final_time:g} s, got {high:g} s")
     return {
         "final_time": final_time,
         "impact_time_range": (low, high),
-        "acceleration_range": _range("acceleration range", acceleration_range, "m/s^2", above=0),
+        "acceleration_range": _range("acceleration range", acceleration_range, "m/s^2"),
         "max_speed": number("maximum speed", max_speed, above=0, unit="m/s"),
         "max_depth": number("maximum depth", max_depth, above=0, unit="m"),
     }
 
 
-def _range(name: str, value: ArrayLike, unit: str, above: float) -> tuple[float, float]:
+def _range(name: str, value: ArrayLike, unit: str) -> tuple[float, float]:
     low, high = array_of(name, value, (2,))
-    if not (above < low <= high):
-        raise InvalidInput(f"{name}: expected {above:g} < lower <= upper [{unit}], got {low:g} and {high:g}")
+    if not 0 < low <= high:
+        raise InvalidInput(f"{name}: expected 0 < lower <= upper [{unit}], got {low:g} and {high:g}")
     return float(low), float(high)

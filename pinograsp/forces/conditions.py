@@ -116,10 +116,7 @@ class GraspConditions:
             number("largest normal force", self.max_normal_force, above=0, unit="N")
         if self.moment_length is not None:
             number("moment length", self.moment_length, above=0, unit="m")
-        if isinstance(self.torque_limit, str):
-            one_of("torque limit", self.torque_limit, ("effort",))
-        elif self.torque_limit is not None and not np.all(floats_of("torque limit", self.torque_limit) > 0):
-            raise InvalidInput(f"torque limit: expected numbers > 0 [N m], got {shown(self.torque_limit)}")
+        given_limit(self.torque_limit)
 
     def problem(self, body: Body, contacts: ContactSet) -> ForceProblem:
         """The problem of holding ``body`` at these contacts, without torque limits and without the reserve.
@@ -131,3 +128,22 @@ class GraspConditions:
         if self.friction is None:
             own["friction"] = SOFT if len({one.finger for one in contacts}) <= 2 else CONE
         return ForceProblem.holding(body, contacts, **own)
+
+
+def given_limit(torque_limit: TorqueLimit) -> Literal["effort"] | Array | None:
+    """A ``torque_limit``, its numbers as an array [N m]; of how many joints is not looked at.
+
+    Raises:
+        InvalidInput: numbers that are not above 0, another text.
+    """
+    if torque_limit is None:
+        return None
+    if isinstance(torque_limit, str):
+        one_of("torque limit", torque_limit, ("effort",))
+        return "effort"
+    limit = floats_of("torque limit", torque_limit)
+    if not np.all(limit > 0):
+        raise InvalidInput(
+            f"torque limit: expected one number > 0 [N m], one for each joint, or 'effort', got {shown(torque_limit)}"
+        )
+    return limit

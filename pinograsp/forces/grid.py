@@ -78,14 +78,17 @@ class GridSpec:
 
     def cells(self, k: int) -> int:
         """Points in (t_I, A) for k contacts."""
-        k = integer("contacts", k, at_least=0, at_most=1000)
-        decelerations: int = self.accelerations.size**k
+        decelerations: int = self.accelerations.size ** _contacts(k)
         return self.impact_times.size * decelerations
 
     def points(self, k: int) -> int:
         """Points of the full grid for k contacts."""
-        multipliers: int = self.multipliers.size ** (2 * integer("contacts", k, at_least=0, at_most=1000))
+        multipliers: int = self.multipliers.size ** (2 * _contacts(k))
         return self.cells(k) * multipliers
+
+
+def _contacts(k: int) -> int:
+    return integer("contacts", k, at_least=0, at_most=1000)
 
 
 def grid_values(start: float, stop: float, step: float) -> Array:

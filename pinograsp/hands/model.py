@@ -388,7 +388,7 @@ class HandModel:
             lines += [f"    {name}: {self._bounds(j)}{stays.get(name, '')}" for j in others if (name := model.names[j])]
         listed = [name for finger in self.fingers for name in finger.joints if name in self.joint_names]
         if listed != [name for name in self.joint_names if name in listed]:
-            lines.append(f"  order of q and of columns in files: {', '.join(self.joint_names)}")
+            lines.append(f"  order of q: {', '.join(self.joint_names)}")
         slides = [self.is_prismatic(model.getJointId(spring.joint)) for spring in self.springs]
         lines += described(self.drives, self.springs, slides, self.direct_drive and self.n > 1)
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])

@@ -6,10 +6,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, each_of, floats_of, instance_of, one_of, shown
+from pinograsp.checks import array_of, each_of, instance_of, shown
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
+from pinograsp.forces.conditions import given_limit
 from pinograsp.hands import Finger, HandModel, ratios_of
 from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
 from pinograsp.spatial import Array
@@ -82,14 +83,13 @@ def effort_of(hand: HandModel, torque_limit: TorqueLimit) -> Array:
         hand: whose joints they are.
         torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, where a joint has one; None: none.
     """
-    if torque_limit is None:
+    limit = given_limit(torque_limit)
+    if limit is None:
         return np.full(hand.n, np.inf)
-    if isinstance(torque_limit, str):
-        one_of("torque limit", torque_limit, ("effort",))
+    if isinstance(limit, str):
         return drives_limit(hand)
-    limit = np.array(floats_of("torque limit", torque_limit))
     limit = np.full(hand.n, limit) if limit.ndim == 0 else limit
-    if limit.shape != (hand.n,) or not np.all(limit > 0):
+    if limit.shape != (hand.n,):
         raise InvalidInput(
             f"torque limit: expected one number > 0 or {hand.n} [N m], or 'effort', got {shown(torque_limit)}"
         )

@@ -61,7 +61,7 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     if plan.balance == "force":
         text = f"Not certain: moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}"
         return Answer("caution", text)
-    if plan.margins is not None and plan.margins.spares_nothing(plan.body_mass * float(np.linalg.norm(plan.gravity_o))):
+    if plan.margins is not None and plan.margins.spares_nothing(plan.weight):
         return Answer("caution", f"Barely: {_LOAD}, and less than {100 * WEAK:g} % of the weight besides.{tried}")
     if plan.cautions:
         return Answer("caution", f"Yes, with cautions: {_LOAD}, forces and moments in balance.{tried}")

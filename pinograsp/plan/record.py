@@ -128,6 +128,11 @@ class PlanRecord:
         return left
 
     @property
+    def weight(self) -> float:
+        """Of the object [N]; 0: it was not known."""
+        return self.body_mass * float(np.linalg.norm(self.gravity_o))
+
+    @property
     def hand_in_object(self) -> Array | None:
         """fMh (4, 4): the hand's root frame in the object's own frame, of a mesh that of its file [m].
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
@@ -83,8 +82,7 @@ class GraspPlan(PlanRecord):
             return self
         band = told_band(self.hand, self.searched(), self.motion.q[-1])
         margins = margins_of(self.searched(), self._reaction(), band)
-        weight = self.body_mass * float(np.linalg.norm(self.gravity_o))
-        return replace(self, margins=margins, cautions=(*self.cautions, *margin_cautions(margins, weight)))
+        return replace(self, margins=margins, cautions=(*self.cautions, *margin_cautions(margins, self.weight)))
 
     def with_reach(self) -> GraspPlan:
         """The same plan with the forces that may come on top of the load, by direction; a second or two."""

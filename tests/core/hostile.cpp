@@ -619,8 +619,11 @@ private:
             now.low[i] = std::min(std::max(low, F - rate), high);
             now.high[i] = std::max(std::min(high, F + rate), now.low[i]);
             const bool leaves = loop_->target[i] < 1.0;  // from what it was, as fast as the rate allows
-            if (leaves) now.high[i] = std::min(loop_->largest[i], std::max(now.high[i], F - rate));
-            size = std::max(size, leaves ? std::min(std::max(low, F - rate), now.high[i]) : now.low[i]);
+            if (leaves) {
+                now.high[i] = std::min(loop_->largest[i], std::max(now.high[i], F - rate));
+                now.low[i] = std::min(std::max(low, F - rate), now.high[i]);
+            }
+            size = std::max(size, now.low[i]);
             if (leaves) now.low[i] = 0.0;
         }
         check_limits(now, loop_->forces, loop_->moments, now.low.data(), now.high.data(), 1e-9 * size);
