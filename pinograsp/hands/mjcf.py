@@ -176,7 +176,8 @@ class Urdf:
         model = self.model
         if body and model.body_mass[body] > 0:
             at = placement(model.body_ipos[body], model.body_iquat[body])
-            inertia = at.rotation @ np.diag(model.body_inertia[body]) @ at.rotation.T
+            turned = at.rotation @ np.diag(model.body_inertia[body]) @ at.rotation.T
+            inertia = (turned + turned.T) / 2
             _put_inertial(link, pin.Inertia(float(model.body_mass[body]), at.translation, inertia))
         for geom in _of_body(model.body_geomadr, model.body_geomnum, body):
             self._geom(link, geom)

@@ -95,14 +95,23 @@ def compile_spec(name: str, spec: mujoco.MjSpec) -> Compiled:
     Raises:
         HandNotLoaded: what MuJoCo refuses it for.
     """
-    spec = spec.copy()
     notes: list[str] = []
-    return Compiled(_compile(name, spec, notes), _given_name(spec), notes=notes)
+    # Compiled first: the copy of a specification that is attached to another one would bring the process down.
+    model = _compile(name, spec, notes)
+    if spec.compiler.fusestatic or spec.compiler.discardvisual:
+        spec = spec.copy()
+        _keep_everything(spec)
+        model = _compile(name, spec, notes)
+    return Compiled(model, _given_name(spec), notes=list(dict.fromkeys(notes)))
+
+
+def _keep_everything(spec: mujoco.MjSpec) -> None:
+    """Let MuJoCo leave all bodies and shapes of a specification in the model."""
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
 
 
 def _compile(name: str, spec: mujoco.MjSpec, notes: list[str]) -> mujoco.MjModel:
-    """What MuJoCo makes of a specification, with all its bodies and shapes; its warnings are noted."""
-    spec.compiler.fusestatic = spec.compiler.discardvisual = False
+    """What MuJoCo makes of a specification; its warnings are noted."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         try:
@@ -298,6 +307,7 @@ def _floats(text: str) -> list[float]:
 def _compiled(name: str, spec: mujoco.MjSpec, notes: list[str]) -> Compiled:
     """Compile a specification in which files are named by whole paths, after these were read."""
     found = Compiled(None, _given_name(spec), notes=notes)
+    _keep_everything(spec)
     for texture in spec.textures:
         named = [one for one in (texture.file, *texture.cubefiles) if one]
         if named:
