@@ -36,6 +36,11 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     return path.read_bytes()
 
 
+def is_text(value: str) -> bool:
+    """Whether a text is that of an XML file, not the path of one."""
+    return value.lstrip("\ufeff \t\r\n").startswith("<")
+
+
 class _Builder(ElementTree.TreeBuilder):
     """Builds a tree of bounded size and depth, from XML without a document type."""
 

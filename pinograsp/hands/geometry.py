@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -24,6 +24,8 @@ _TOO_LARGE, _MILLI = 100.0, 1e-3  # times the distance of two joints, for a link
 _FLAT = 1e-6  # volume over the longest extent's cube, of a mesh that is flat up to rounding
 
 Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
+# Vertices (n, 3) [m] and faces (m, 3) of a mesh that comes from no file.
+Triangles: TypeAlias = tuple[Array, IntArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,9 +38,10 @@ class Shape:
         kind: which shape.
         size: edges of a box; radius of a sphere; radius and length (of the cylindrical part) of a cylinder or capsule;
             semi-axes of an ellipsoid [m]; scale of a mesh.
-        path: file of a mesh.
+        path: file of a mesh, or a name for one that comes from none.
         colour: ``#rrggbb`` of a shape that is seen; empty: its file's own, or none.
         texture: file of a picture on a shape that is seen, in which ``colour`` is a factor.
+        triangles: of a mesh that comes from no file.
     """
 
     link: str
@@ -48,6 +51,7 @@ class Shape:
     path: str = ""
     colour: str = ""
     texture: str = ""
+    triangles: Triangles | None = field(default=None, compare=False)
 
     __repr__ = brief()
 
@@ -80,13 +84,20 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
         frame, link = frames[shape.link]
         i = counts[shape.link] = counts.get(shape.link, -1) + 1
         one = pin.GeometryObject(f"{shape.link}_{i}", link.parentJoint, frame, link.placement * shape.placement, form)
-        if shape.kind == "mesh":
+        if shape.kind == "mesh" and shape.triangles is None:
             one.meshPath, one.meshScale = shape.path, np.array(shape.size)
         geometry.addGeometryObject(one)
     unit = _in_metres(model, geometry, notes)
     if broken:
         notes.append(f"meshes that cannot be read, so these links cannot touch anything: {', '.join(broken)}")
     return geometry, unit
+
+
+def form_of(shape: Shape) -> coal.CollisionGeometry:
+    """A shape for coal; ValueError, OSError: why its mesh cannot be used."""
+    if shape.triangles is not None:
+        return collision_model(*joined(*shape.triangles))
+    return read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
 
 
 class _Meshes:
@@ -98,6 +109,8 @@ class _Meshes:
 
     def read(self, shape: Shape) -> coal.BVHModelOBBRSS:
         """As :func:`read_mesh`."""
+        if shape.triangles is not None:
+            return form_of(shape)
         if shape.path in self.errors:
             raise ValueError(self.errors[shape.path])
         key = (shape.path, shape.size)

@@ -9,9 +9,9 @@ import os
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import TYPE_CHECKING, Literal, cast, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands import geometry, mjcf, urdf_drives
+from pinograsp.hands import geometry, urdf_drives
 from pinograsp.hands.catalogue import CATALOGUE, convex_parts_of, file_of
 from pinograsp.hands.drives import (
     ON_DRIVES,
@@ -33,18 +33,23 @@ from pinograsp.hands.drives import (
     remarks_on,
     springs_of,
 )
-from pinograsp.hands.elements import parse, read_bytes
+from pinograsp.hands.elements import is_text, parse, read_bytes
 from pinograsp.hands.finger_names import Labels, names_of
-from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
+from pinograsp.hands.geometry import Triangles, collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import LFS_POINTER
 from pinograsp.hands.model import Finger, HandModel
-from pinograsp.hands.ros_packages import packages_of
+from pinograsp.hands.ros_packages import Packages, packages_of
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of, with_followed
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
 from pinograsp.spatial import FARTHEST
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from pinograsp.hands.mjcf_source import Compiled
 
 Masses = Literal["estimate", "file"]
 
@@ -56,7 +61,7 @@ _ENCODINGS = r"utf-?8(-sig)?|utf-?16|us-ascii|ascii|latin-?1|iso-?8859-?\d+|(win
 
 
 def load_hand(
-    source: str | Path,
+    source: str | Path | mujoco.MjSpec,
     *,
     pose: ArrayLike | None = None,
     root: str | None = None,
@@ -80,8 +85,9 @@ def load_hand(
     actuated joints.
 
     Args:
-        source: a name of :data:`~pinograsp.hands.catalogue.CATALOGUE` (``pinograsp hands`` lists them), or the path of
-            a ``.urdf``, ``.xacro`` or MJCF ``.xml`` file.
+        source: a name of :data:`~pinograsp.hands.catalogue.CATALOGUE` (``pinograsp hands`` lists them), the path of a
+            ``.urdf``, ``.xacro`` or MJCF ``.xml`` file, the text of a URDF or MJCF, or a ``mujoco.MjSpec``, which
+            stays as it is. Files that a text names are looked for from the working folder on.
         pose: oMh (4, 4), the hand's root frame in the world; identity by default.
         root: link whose sub-tree is the hand, where it sits on an arm or a whole robot; its frame is the hand's root
             frame.
@@ -125,33 +131,24 @@ def load_hand(
             text_of("name of a finger", finger): text_of(f"link of finger '{finger}'", link)
             for finger, link in mapping_of("fingers", fingers, "{finger: link}").items()
         }
-    known: tuple[Drive, ...] | None = None
-    name = str(path_of("hand", source)) if not isinstance(source, str) else source
-    if name in CATALOGUE:
-        path, entry = file_of(name), CATALOGUE[name]
+    entry = CATALOGUE.get(source) if isinstance(source, str) else None
+    if entry is not None:
         root, palm, fingers = root or entry.root, palm or entry.palm, fingers or entry.fingers
-        known = entry.drives
-    else:
-        path = _file(name)
-    if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, arguments, trusted=trusted, packages=folders)
-    elif arguments:
-        raise HandNotLoaded(name, f"arguments {', '.join(arguments)} given, but only xacro files take arguments")
-    else:
-        text = _text(name, path)
-    folder = path.resolve().parent
-    robot = parse(name, text)
-    if name in CATALOGUE:
-        _in_convex_parts(robot, convex_parts_of(name))
-    if robot.tag == "mujoco":
-        robot, problems, notes, found, labels = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
-        prepared = prepare(name, robot, folder, None, problems, notes)
-    else:
-        problems, labels = [], {}
-        found = urdf_drives.actuation_of(robot, problems)
-        prepared = prepare(name, robot, folder, root, problems, packages=folders)
-    hand = _hand_model(name, prepared, palm, fingers, masses, exclude, {"motor": motors_at(found), **labels})
-    hand = _driven(hand, found, known, drives, springs)
+    description = _read(source, root, arguments, trusted, folders)
+    robot, found = description.robot, description.actuation
+    prepared = prepare(
+        description.name,
+        robot,
+        description.folder,
+        description.root,
+        description.problems,
+        description.notes,
+        packages=folders,
+        inline=description.inline,
+    )
+    labels = {"motor": motors_at(found), **description.labels}
+    hand = _hand_model(description.name, prepared, palm, fingers, masses, exclude, labels)
+    hand = _driven(hand, found, None if entry is None else entry.drives, drives, springs)
     pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
     if srdf is not None:
         pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
@@ -164,6 +161,80 @@ def load_hand(
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
     return hand if pose is None else hand.placed(pose)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Description:
+    """What a source says, as a URDF.
+
+    Attributes:
+        name: what to call it in errors.
+        robot: the URDF.
+        folder: its relative paths start there.
+        actuation: motors and springs.
+        root: link whose sub-tree is the hand, where that is still to be cut out.
+        labels: other names that tell what fingers are called.
+        inline: meshes that come from no file.
+        problems, notes: found so far.
+    """
+
+    name: str
+    robot: ElementTree.Element
+    folder: Path
+    actuation: Actuation
+    root: str | None = None
+    labels: Labels = field(default_factory=dict)
+    inline: Mapping[str, Triangles] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def _read(
+    source: object, root: str | None, arguments: dict[str, object], trusted: bool, packages: Packages
+) -> _Description:
+    """The description that a name, a path, a text or a specification of MuJoCo's stands for."""
+    if type(source).__name__ == "MjSpec":
+        from pinograsp.hands.mjcf_source import compile_spec
+
+        spec = cast("mujoco.MjSpec", source)
+        return _from_mjcf(spec.modelname, compile_spec(spec.modelname, spec), root, Path())
+    name = source if isinstance(source, str) else str(path_of("hand", source))
+    if is_text(name):
+        path, text, name = Path("text.xml"), name, "text"
+    else:
+        path = file_of(name) if name in CATALOGUE else _file(name)
+        text = "" if path.suffix.lower() == ".xacro" else _text(name, path)
+    if path.suffix.lower() == ".xacro":
+        text = expand_xacro(path, arguments, trusted=trusted, packages=packages)
+    elif arguments:
+        raise HandNotLoaded(name, f"arguments {', '.join(arguments)} given, but only xacro files take arguments")
+    robot = parse(name, text)
+    if robot.tag == "mujoco":
+        from pinograsp.hands.mjcf_source import compile_file
+
+        return _from_mjcf(name, compile_file(name, robot, path, trusted), root, path.resolve().parent)
+    if name in CATALOGUE:
+        _in_convex_parts(robot, convex_parts_of(name))
+    problems: list[str] = []
+    actuation = urdf_drives.actuation_of(robot, problems)
+    folder = path.resolve().parent
+    return _Description(name=name, robot=robot, folder=folder, actuation=actuation, root=root, problems=problems)
+
+
+def _from_mjcf(name: str, compiled: Compiled, root: str | None, folder: Path) -> _Description:
+    from pinograsp.hands.mjcf import Urdf
+
+    urdf = Urdf(name, compiled, root)
+    return _Description(
+        name=name,
+        robot=urdf.robot,
+        folder=folder,
+        actuation=urdf.actuation,
+        labels=urdf.labels,
+        inline=urdf.inline,
+        problems=urdf.problems,
+        notes=urdf.notes,
+    )
 
 
 def _in_convex_parts(robot: ElementTree.Element, parts: Mapping[str, list[Path]]) -> None:
@@ -182,8 +253,6 @@ def _in_convex_parts(robot: ElementTree.Element, parts: Mapping[str, list[Path]]
 
 def _file(name: str) -> Path:
     """The file called ``name``, which is no name of the catalogue."""
-    if "<" in name and "\n" in name:
-        raise HandNotLoaded(name[:40], "expected the path of a file, got the text of a description: write it to a file")
     try:
         path = Path(name).expanduser()
     except RuntimeError:  # of an unknown user: ~name

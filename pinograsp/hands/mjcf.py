@@ -6,383 +6,306 @@ link without mass per such joint, called ``body:joint``.
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import TypeAlias
+from collections.abc import Iterable, Iterator
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.coupling import Coupling
 from pinograsp.hands.drives import Actuation
 from pinograsp.hands.elements import drop, written
-from pinograsp.hands.finger_names import Labels
-from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh, solid
-from pinograsp.hands.mesh_mass import counted_mass
-from pinograsp.hands.mjcf_drives import actuation_of, couplings_of, effort_limits, rests_of
-from pinograsp.hands.mjcf_loops import Loop, close
-from pinograsp.hands.mjcf_paint import Paint
-from pinograsp.hands.mjcf_source import Source, turned_to
+from pinograsp.hands.geometry import Triangles
+from pinograsp.hands.mjcf_drives import find_couplings, find_effort_limits, read_actuation, read_rests
+from pinograsp.hands.mjcf_loops import close
+from pinograsp.hands.mjcf_source import Compiled, G, placement
+from pinograsp.hands.shapes import INLINE
 from pinograsp.spatial import Array
 
-_DENSITY = "1000"  # [kg/m^3], MuJoCo's
-_TYPES = {"hinge": "revolute", "slide": "prismatic", "free": "floating"}
-_MACROS = ("attach", "replicate", "composite", "flexcomp")
-_MOST = {"body": 2000, "joint": 2000, "geom": 10_000}
-# A body, its default class, its parent's link and its placement there.
-_Body: TypeAlias = tuple[ElementTree.Element, str | None, str, pin.SE3]
-_SHOWN = 2.0  # the last group of geoms that MuJoCo's viewer shows
-_HALF = {"box": 2.0, "cylinder": 2.0, "capsule": 2.0}  # MuJoCo gives half lengths
+_J = mujoco.mjtJoint
+_HINGE, _SLIDE, _MESH = int(_J.mjJNT_HINGE), int(_J.mjJNT_SLIDE), int(G.mjGEOM_MESH)
+_SHOWN = 2  # the last group of geoms that MuJoCo's viewer shows
+_KINDS = {
+    G.mjGEOM_SPHERE: "sphere",
+    G.mjGEOM_CAPSULE: "capsule",
+    G.mjGEOM_CYLINDER: "cylinder",
+    G.mjGEOM_BOX: "box",
+    G.mjGEOM_ELLIPSOID: "ellipsoid",
+    G.mjGEOM_MESH: "mesh",
+}
 
 
-def to_urdf(
-    name: str, element: ElementTree.Element, path: Path, root: str | None, trusted: bool = False
-) -> tuple[ElementTree.Element, list[str], list[str], Actuation, Labels]:
-    """URDF of an MJCF file, problems, notes, the motors and springs at its joints, and names of sites and geoms.
+class Urdf:
+    """The URDF of a compiled model, of all of it or of the body ``root`` and what it carries.
 
     Equality constraints between two joints become mimic joints, curves by the line nearest to them; force ranges of
-    actuators, and control ranges of motors, become effort limits. With ``root``, only that body and what it carries.
-    Files are included from the folder of ``path`` and those below it, with ``trusted`` from anywhere.
+    actuators, and control ranges of motors, become effort limits.
+
+    Attributes:
+        robot: the URDF.
+        notes: for the user.
+        problems: why it cannot be used.
+        actuation: the motors and springs at its joints.
+        labels: names of sites and geoms by link.
+        inline: meshes that come from no file, by the names that the URDF has for them.
 
     Raises:
-        HandNotLoaded: there is no worldbody, or no body called ``root``.
+        HandNotLoaded: there is no body called ``root``.
     """
-    reader = _Reader(Source(name, element, path, trusted), path)
-    reader.read(name, root)
-    return reader.robot, reader.source.problems, reader.notes, reader.actuation, reader.labels
 
-
-class _Reader:
-    def __init__(self, source: Source, path: Path):
-        self.source = source
-        self.notes: list[str] = []
-        self.robot = ElementTree.Element("robot", name=source.element.get("model") or path.stem)
-        self.joints: dict[str, dict[str, str]] = {}
-        self.joint_elements: dict[str, ElementTree.Element] = {}
-        self.links: list[str] = []
-        self.meshes: dict[str, dict[str, str]] = {}
-        for mesh in source.element.findall("asset/mesh"):
-            given = source.attributes(mesh)
-            self.meshes[given.get("name") or Path(given.get("file", "").replace("\\", "/")).stem] = given
-        self.paint = Paint(source)
-        self.left_out: list[str] = []
-        self.weightless: list[str] = []
-        self.actuation = Actuation()
+    def __init__(self, name: str, compiled: Compiled, root: str | None):
+        self.model, self.compiled = compiled.model, compiled
+        self.notes, self.problems = list(compiled.notes), list[str]()
+        model = self.model
+        self.names = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
+        self.robot = ElementTree.Element("robot", name=compiled.name or name)
+        self.inline: dict[str, Triangles] = {}
         self.labels: dict[str, dict[str, list[str]]] = {"site": {}, "geom": {}}
+        self.joints: dict[str, int] = {}
+        self._joint_elements: dict[str, ElementTree.Element] = {}
+        self._left_out: list[str] = []
+        self._read(name, root)
+        self.actuation: Actuation = read_actuation(model, self.joints)
 
-    def read(self, name: str, root: str | None) -> None:
-        worlds = self.source.element.findall("worldbody")
-        if not worlds:
-            raise HandNotLoaded(name, [*self.source.problems, "no <worldbody> found: expected a model with bodies"])
-        for tag, most in _MOST.items():
-            if (count := sum(1 for world in worlds for _ in world.iter(tag))) > most:
-                raise HandNotLoaded(name, f"expected at most {most} elements <{tag}>, got {count}")
-        if root is None:
-            ElementTree.SubElement(self.robot, "link", name="world")
-            bodies = [body for world in worlds for body in self._body(world, "world", world.get("childclass"))]
-        else:
-            bodies = self._sub_tree(name, worlds, root)
-        waiting = bodies[::-1]
-        while waiting:
-            body, childclass, parent, at = waiting.pop()
-            waiting += reversed(self._jointed_body(body, childclass, parent, at))
-        couplings, loops, opened = couplings_of(self.source, self.joints, self.links, self.notes)
-        if loops and not self.source.problems:
-            couplings, left = self._closed(couplings, loops)
+    def _read(self, name: str, root: str | None) -> None:
+        model = self.model
+        if root is not None and root not in self.names[1:]:
+            raise HandNotLoaded(name, f"root '{root}' is not a body; bodies: {', '.join(self.names[1:])}")
+        first = 0 if root is None else self.names.index(root)
+        inside = {first}
+        for body in range(first + 1, model.nbody):
+            if model.body_parentid[body] in inside:
+                inside.add(body)
+        if root is not None:
+            self.notes.append(f"the sub-tree of '{root}' is the hand: {len(inside)} bodies")
+        for body in sorted(inside):
+            self._body(body, self._link(self.names[body]) if body == first else self._jointed_link(body))
+        self._tell_shapes(inside)
+        self._couple()
+        for signature in model.exclude_signature.tolist():
+            ends = signature >> 16, signature & 0xFFFF
+            if inside.issuperset(ends):
+                pair = {f"link{i}": self.names[end] for i, end in enumerate(ends, 1)}
+                ElementTree.SubElement(self.robot, "disable_collisions", pair)
+
+    def _couple(self) -> None:
+        model, joints = self.model, self.joints
+        bodies = {body for body, name in enumerate(self.names) if self._has(name)}
+        couplings, loops, opened = find_couplings(model, joints, bodies, self.names, self.notes, self.problems)
+        if loops and not self.problems:
+            motors = read_actuation(model, joints).motors
+            rests = read_rests(model, joints)
+            driven = {joint for motor in motors for joint in motor.arms} & rests.keys()
+            closed, left = close(self.robot, loops, rests, couplings, driven, self.notes)
+            for joint in closed:  # its motor's limits bound it
+                drop(self._joint_elements[joint], "limit")
+            couplings = couplings | closed
             opened += [loop.name for loop in left]
         if opened:
             self.notes.append(f"constraints are left out, loops that they close move as if open: {', '.join(opened)}")
         for coupled, coupling in couplings.items():
-            mimic = ElementTree.SubElement(self.joint_elements[coupled], "mimic", joint=coupling.followed)
+            mimic = ElementTree.SubElement(self._joint_elements[coupled], "mimic", joint=coupling.followed)
             mimic.attrib.update(multiplier=repr(coupling.factor), offset=repr(coupling.offset))
-        for joint, limit in effort_limits(self.source, self.joints, couplings, self.notes).items():
-            if (element := self.joint_elements[joint].find("limit")) is not None:
+        for joint, limit in find_effort_limits(model, joints, couplings, self.notes).items():
+            if (element := self._joint_elements[joint].find("limit")) is not None:
                 element.set("effort", repr(limit))
-        for pair in self.source.element.findall("contact/exclude"):
-            ends = {"link1": pair.get("body1", ""), "link2": pair.get("body2", "")}
-            ElementTree.SubElement(self.robot, "disable_collisions", ends)
-        self.actuation = actuation_of(self.source, self.joints)
-        if self.left_out:
-            self.notes.append(f"geoms left out: {', '.join(self.left_out)}")
-        if self.weightless:
-            self.notes.append(f"geoms whose mass is not known count without: {', '.join(self.weightless)}")
-        for setting in ("settotalmass", "balanceinertia"):
-            if self.source.compiler.get(setting, "false") not in ("false", "-1"):
-                self.notes.append(f"the compiler's {setting} is not applied")
-
-    def _closed(self, couplings: dict[str, Coupling], loops: list[Loop]) -> tuple[dict[str, Coupling], list[Loop]]:
-        """The couplings with those that loops bring about, and the loops that stay open."""
-        driven = {joint for motor in actuation_of(self.source, self.joints).motors for joint in motor.arms}
-        rests = rests_of(self.source, self.joints)
-        found, left = close(self.robot, loops, rests, couplings, driven & rests.keys(), self.notes)
-        for joint in found:  # its motor's limits bound it
-            drop(self.joint_elements[joint], "limit")
-        return couplings | found, left
-
-    def _sub_tree(self, name: str, worlds: list[ElementTree.Element], root: str) -> list[_Body]:
-        """Read the body ``root``, its frame as the origin; its children are returned."""
-        waiting = [
-            (body, inherited)
-            for world in worlds
-            for body, inherited, _ in self.source.contents(world, world.get("childclass"))
-            if body.tag == "body"
-        ]
-        names = []
-        for body, inherited in waiting:
-            names.append(body.get("name", ""))
-            if body.get("name") == root:
-                below = self._body(body, self._link(root), body.get("childclass", inherited))
-                self.notes.append(f"the sub-tree of '{root}' is the hand: {len(list(body.iter('body')))} bodies")
-                return below
-            inner = self.source.contents(body, body.get("childclass", inherited))
-            waiting += [(child, own) for child, own, _ in inner if child.tag == "body"]
-        raise HandNotLoaded(name, f"root '{root}' is not a body; bodies: {', '.join(filter(None, names))}")
 
     # -- bodies and joints ---------------------------------------------------------------------------------------------
 
-    def _link(self, name: str) -> str:
-        ElementTree.SubElement(self.robot, "link", name=name)
-        self.links.append(name)
-        return name
+    def _link(self, name: str) -> ElementTree.Element:
+        return ElementTree.SubElement(self.robot, "link", name=name)
 
-    def _jointed_body(self, body: ElementTree.Element, childclass: str | None, parent: str, at: pin.SE3) -> list[_Body]:
-        """A body, with the joints by which its parent carries it; its children are returned."""
-        name = body.get("name") or f"body {len(self.links) + 1}"
-        childclass = body.get("childclass", childclass)
-        at = at * self.source.placement({"name": name, **body.attrib})
-        joints = [
-            (child, own, frame)
-            for child, own, frame in self.source.contents(body, childclass)
-            if child.tag in ("joint", "freejoint")
-        ]
-        for i, (joint, own, frame) in enumerate(joints):
-            given = self.source.attributes(joint, own)
-            if joint.tag == "freejoint":
-                given["type"] = "free"
-            given["name"] = given.get("name") or f"{name} joint" + (f" {i + 1}" if len(joints) > 1 else "")
-            before, after, axis = self._around(given, frame)
-            last = i + 1 == len(joints) and np.array_equal(after.homogeneous, np.eye(4))
-            child = self._link(name if last else f"{name}:{given['name']}")
+    def _has(self, name: str) -> bool:
+        return any(link.get("name") == name for link in self.robot.findall("link"))
+
+    def _jointed_link(self, body: int) -> ElementTree.Element:
+        """The link of a body, with the joints by which its parent carries it."""
+        model, name = self.model, self.names[body]
+        parent, at = self.names[model.body_parentid[body]], placement(model.body_pos[body], model.body_quat[body])
+        own = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        for i, joint in enumerate(own):
+            called = model.joint(joint).name or f"{name} joint" + (f" {i + 1}" if len(own) > 1 else "")
+            before, after = self._around(joint)
+            last = i + 1 == len(own) and np.array_equal(after.homogeneous, np.eye(4))
+            child = name if last else f"{name}:{called}"
+            link = self._link(child)
             if not last:
-                _inertial(self.robot[-1], pin.Inertia.Zero())
-            self._joint(given, parent, child, at * before, axis)
+                _put_inertial(link, pin.Inertia.Zero())
+            self._joint(joint, called, parent, child, at * before)
             parent, at = child, after
-        if parent != name:
-            self._link(name)
-            _joint(self.robot, f"fixed {name}", "fixed", parent, name, at)
-        return self._body(body, name, childclass)
+        if parent == name:
+            return link
+        _put_joint(self.robot, f"fixed {name}", "fixed", parent, name, at)
+        return self._link(name)
 
-    def _around(self, given: dict[str, str], frame: pin.SE3) -> tuple[pin.SE3, pin.SE3, Array]:
-        """Placements of the joint in the body before it and of the body in the joint after it, and the axis."""
-        axis = frame.rotation @ self.source.direction(given, self.source.numbers(given, "axis", "0 0 1", 3))
-        (ref,) = self.source.numbers(given, "ref", "0")
-        kind = given.get("type", "hinge")
-        if kind == "slide":
-            return pin.SE3(np.eye(3), -ref * axis), pin.SE3.Identity(), axis
-        if kind != "hinge":
-            return pin.SE3.Identity(), pin.SE3.Identity(), axis
-        anchor = frame.act(self.source.numbers(given, "pos", "0 0 0", 3))
-        turn = pin.AngleAxis(-float(ref) * self._unit(kind), axis).toRotationMatrix()
-        return pin.SE3(turn, anchor), pin.SE3(np.eye(3), -anchor), axis
+    def _around(self, joint: int) -> tuple[pin.SE3, pin.SE3]:
+        """Placements of a joint in the body before it, and of the body in the joint after it."""
+        model = self.model
+        axis, anchor = model.jnt_axis[joint], model.jnt_pos[joint]
+        if model.jnt_type[joint] == _SLIDE:
+            return pin.SE3(np.eye(3), -reference(model, joint) * axis), pin.SE3.Identity()
+        if model.jnt_type[joint] != _HINGE:
+            return pin.SE3.Identity(), pin.SE3.Identity()
+        turn = pin.AngleAxis(-reference(model, joint), axis).toRotationMatrix()
+        return pin.SE3(turn, anchor), pin.SE3(np.eye(3), -anchor)
 
-    def _unit(self, kind: str) -> float:
-        return math.pi / 180 if kind == "hinge" and self.source.degrees else 1.0
-
-    def _joint(self, given: dict[str, str], parent: str, child: str, at: pin.SE3, axis: Array) -> None:
-        name, kind = given["name"], given.get("type", "hinge")
-        limited = self.source.limited(given, "limited", "range")
-        endless = kind == "hinge" and not limited and "range" not in given
-        urdf_kind = "continuous" if endless else _TYPES.get(kind, f"a {kind} joint")
-        element = _joint(self.robot, name, urdf_kind, parent, child, at)
-        self.joints[name], self.joint_elements[name] = given, element
-        if kind not in ("hinge", "slide"):
+    def _joint(self, joint: int, name: str, parent: str, child: str, at: pin.SE3) -> None:
+        model, kind = self.model, int(self.model.jnt_type[joint])
+        limited = bool(model.jnt_limited[joint])
+        kinds = {_J.mjJNT_SLIDE: "prismatic", _J.mjJNT_FREE: "floating", _J.mjJNT_BALL: "a ball joint"}
+        urdf_kind = ("revolute" if limited else "continuous") if kind == _HINGE else kinds[_J(kind)]
+        element = _put_joint(self.robot, name, urdf_kind, parent, child, at)
+        self.joints[name], self._joint_elements[name] = joint, element
+        if kind not in (_HINGE, _SLIDE):
             return
-        ElementTree.SubElement(element, "axis", xyz=written(axis))
+        ElementTree.SubElement(element, "axis", xyz=written(model.jnt_axis[joint]))
         if limited:
-            low, high = self.source.numbers(given, "range", "0 0", 2) * self._unit(kind)
-            ElementTree.SubElement(element, "limit", lower=repr(float(low)), upper=repr(float(high)))
-        dynamics = {"damping": "damping", "friction": "frictionloss", "armature": "armature"}
-        values = {key: self.source.numbers(given, theirs, "0", 1, 3)[0] for key, theirs in dynamics.items()}
-        ElementTree.SubElement(element, "dynamics", {key: repr(float(value)) for key, value in values.items()})
+            low, high = model.jnt_range[joint].tolist()
+            ElementTree.SubElement(element, "limit", lower=repr(low), upper=repr(high))
+        dof = model.jnt_dofadr[joint]
+        values = {"damping": model.dof_damping, "friction": model.dof_frictionloss, "armature": model.dof_armature}
+        ElementTree.SubElement(
+            element, "dynamics", {key: repr(float(np.ravel(value[dof])[0])) for key, value in values.items()}
+        )
 
     # -- masses and shapes ---------------------------------------------------------------------------------------------
 
-    def _body(self, body: ElementTree.Element, link: str, childclass: str | None) -> list[_Body]:
-        """Fill the link of a body; its child bodies are returned."""
-        element = next(one for one in reversed(self.robot) if one.tag == "link" and one.get("name") == link)
-        children: list[_Body] = []
-        geoms, own = pin.Inertia.Zero(), None
-        low, high = self.source.numbers(self.source.compiler, "inertiagrouprange", "0 5", 2)
-        from_geoms = self.source.compiler.get("inertiafromgeom", "auto")
-        use_geoms = from_geoms == "true" or (from_geoms == "auto" and body.find("inertial") is None)
-        for child, inherited, at in self.source.contents(body, childclass):
-            if child.tag in self.labels and (label := child.get("name") or child.get("mesh")):
-                self.labels[child.tag].setdefault(link, []).append(label)
-            if child.tag == "body":
-                children.append((child, inherited, link, at))
-            elif child.tag == "inertial" and from_geoms != "true":
-                if own is not None:
-                    self.source.problem(f"body '{link}' has several <inertial>")
-                own = self._given_inertia(child, link, at)
-            elif child.tag == "geom":
-                given = self.source.attributes(child, inherited)
-                inertia = self._geom(element, given, at, use_geoms and body.tag == "body")
-                if inertia is not None and low <= self.source.numbers(given, "group", "0")[0] <= high:
-                    geoms = geoms + inertia
-            elif child.tag in _MACROS:
-                self.source.problem(f"body '{link}': <{child.tag}> is not supported; save what MuJoCo makes of it")
-        if own is None and use_geoms and geoms.mass > 0:
-            own = geoms
-        if own is not None:
-            _inertial(element, own)
-        return children
+    def _body(self, body: int, link: ElementTree.Element) -> None:
+        """Fill the link of a body."""
+        model = self.model
+        if body and model.body_mass[body] > 0:
+            at = placement(model.body_ipos[body], model.body_iquat[body])
+            turned = at.rotation @ np.diag(model.body_inertia[body]) @ at.rotation.T
+            inertia = (turned + turned.T) / 2
+            _put_inertial(link, pin.Inertia(float(model.body_mass[body]), at.translation, inertia))
+        for geom in _of_body(model.body_geomadr, model.body_geomnum, body):
+            self._geom(link, geom)
+        for kind, ids in (("geom", model.geom_bodyid), ("site", model.site_bodyid)):
+            named = [self._label(kind, int(i)) for i in np.flatnonzero(ids == body)]
+            if labels := [label for label in named if label]:
+                self.labels[kind][self.names[body]] = labels
 
-    def _given_inertia(self, element: ElementTree.Element, link: str, frame: pin.SE3) -> pin.Inertia | None:
-        given = {"name": link, **element.attrib}
-        at = frame * self.source.placement(given)
-        (mass,) = self.source.numbers(given, "mass", "0")
-        if "fullinertia" in given:
-            xx, yy, zz, xy, xz, yz = self.source.numbers(given, "fullinertia", "0 0 0 0 0 0", 6)
-            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        else:
-            inertia = np.diag(self.source.numbers(given, "diaginertia", "0 0 0", 3))
-        if mass < 0 or np.linalg.eigvalsh(inertia).min() < -1e-9 * max(np.abs(inertia).max(), 1e-12):
-            self.source.problem(f"body '{link}': mass must be >= 0 and the inertia positive, got mass {mass:g}")
-            return None
-        return at.act(pin.Inertia(float(mass), np.zeros(3), inertia))
+    def _label(self, kind: str, i: int) -> str:
+        model = self.model
+        if kind == "site":
+            return str(model.site(i).name)
+        mesh = int(model.geom_dataid[i]) if model.geom_type[i] == _MESH else -1
+        return str(model.geom(i).name or (model.mesh(mesh).name if mesh >= 0 else ""))
 
-    def _geom(
-        self, link: ElementTree.Element, given: dict[str, str], frame: pin.SE3, wants_mass: bool
-    ) -> pin.Inertia | None:
-        """Add a geom that collides to its link; its mass and inertia in the body's frame, where they are wanted."""
-        where = f"{link.get('name')} ({given.get('name', given.get('type', 'sphere'))})"
-        kind = given.get("type", "sphere")
-        collides = any(given.get(key, "1").strip() != "0" for key in ("contype", "conaffinity"))
-        if kind == "mesh":
-            at, kind, size, path = self._mesh(given)
-        elif kind in PRIMITIVES and "mesh" not in given:
-            at, size, path = *self._primitive(given, kind), ""
-        else:  # planes, height fields, primitives fitted to meshes...
+    def _geom(self, link: ElementTree.Element, geom: int) -> None:
+        """Add a geom that touches or is seen to its link."""
+        model = self.model
+        kind = _KINDS.get(G(int(model.geom_type[geom])))
+        collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        if kind is None:
             if collides:
-                self.left_out.append(where)
-            if wants_mass and kind not in ("plane", "hfield"):
-                self.weightless.append(where)
-            return None
-        at = frame * at
-        if not all(size) or (kind != "mesh" and min(size) <= 0):
-            self.source.problem(f"geom of {where}: size must be positive, got {' '.join(f'{one:g}' for one in size)}")
-            return None
-        if collides:
-            _shape(link, "collision", at, kind, size, path)
-        if self.source.numbers(given, "group", "0")[0] <= _SHOWN:
-            _shape(link, "visual", at, kind, size, path)
-            self.paint.put_on(link[-1], given)
-        return self._geom_inertia(given, where, at, kind, size, path) if wants_mass else None
-
-    def _geom_inertia(
-        self, given: dict[str, str], where: str, at: pin.SE3, kind: str, size: Sequence[float], path: str
-    ) -> pin.Inertia | None:
-        mass = self.source.numbers(given, "mass", "-1")[0]
-        (density,) = self.source.numbers(given, "density", _DENSITY)
-        if mass == 0 or (mass < 0 and density == 0):
-            return None
-        try:
-            inertia = self._weighed(given, kind, size, path, density if mass < 0 else 1.0)
-        except (ValueError, OSError):  # the note on collision geometry says why
-            inertia = None
-        if inertia is None:
-            self.weightless.append(where)
-            return None
-        if mass > 0:
-            inertia = pin.Inertia(float(mass), inertia.lever, inertia.inertia * float(mass) / inertia.mass)
-        return at.act(inertia)
-
-    def _weighed(
-        self, given: dict[str, str], kind: str, size: Sequence[float], path: str, density: float
-    ) -> pin.Inertia | None:
-        """Of a shape, None where it is not known; ValueError, OSError: a mesh that cannot be read."""
-        if kind != "mesh":
-            return solid(PRIMITIVES[kind](*size), density)
-        mesh, way = read_mesh(path, tuple(size)), self.meshes[given["mesh"]].get("inertia", "legacy").strip()
-        if way == "legacy":
-            return counted_mass(mesh, density)
-        if way == "convex":
-            hull = hull_of(mesh)
-            return None if hull is None else solid(hull, density)
-        return solid(mesh, density) if way == "exact" else None
-
-    def _primitive(self, given: dict[str, str], kind: str) -> tuple[pin.SE3, list[float]]:
-        size = [*self.source.numbers(given, "size", "0", 1, 3), 0.0, 0.0][:3]
-        if kind == "sphere" or "fromto" not in given:
-            at = self.source.placement(given)
+                self._left_out.append(f"{link.get('name')} ({model.geom(geom).name or 'plane'})")
+            return
+        at, size = placement(model.geom_pos[geom], model.geom_quat[geom]), model.geom_size[geom]
+        attributes: dict[str, str] = {}
+        if kind == "mesh":
+            at, attributes = self._mesh(at, int(model.geom_dataid[geom]))
+        elif kind in ("box", "ellipsoid"):
+            attributes = {"size": written(2 * size if kind == "box" else size)}
         else:
-            ends = self.source.numbers(given, "fromto", "0 0 0 0 0 1", 6)
-            along = ends[:3] - ends[3:]
-            at = pin.SE3(turned_to(self.source.direction(given, along)), 0.5 * (ends[3:] + ends[:3]))
-            half = 0.5 * float(np.linalg.norm(along))
-            size = [size[0], half] if kind in ("capsule", "cylinder") else [size[0], size[0], half]
-        if kind in ("capsule", "cylinder"):
-            return at, [float(size[0]), 2.0 * float(size[1])]
-        return at, [float(one) * _HALF.get(kind, 1.0) for one in size[: 1 if kind == "sphere" else 3]]
+            attributes = {"radius": repr(float(size[0]))}
+            if kind != "sphere":
+                attributes["length"] = repr(2 * float(size[1]))
+        for tag, wanted in (("collision", collides), ("visual", model.geom_group[geom] <= _SHOWN)):
+            if wanted:
+                shape = ElementTree.SubElement(link, tag)
+                _put_origin(shape, at)
+                ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), kind, attributes)
+                if tag == "visual":
+                    self._paint(shape, geom)
 
-    def _mesh(self, given: dict[str, str]) -> tuple[pin.SE3, str, list[float], str]:
-        """Placement, kind, scale and file of a mesh geom."""
-        mesh = self.meshes.get(given.get("mesh", ""), {})
-        if not mesh:
-            known = ", ".join(self.meshes) or "none"
-            self.source.problem(f"a geom names the unknown mesh '{given.get('mesh', '')}'; meshes: {known}")
-        file = mesh.get("file", "")
-        path = self.source.asset(file, "meshdir")
-        origin = self.source.placement({"pos": mesh.get("refpos", "0 0 0"), "quat": mesh.get("refquat", "1 0 0 0")})
-        scale = self.source.numbers(mesh, "scale", "1 1 1", 3)
-        turned = not np.allclose(origin.rotation, np.eye(3), atol=1e-12)
-        if turned and np.ptp(scale) > 0:
-            self.source.problem(
-                f"mesh '{given.get('mesh', '')}': refquat= works with one scale for all directions only"
+    def _mesh(self, at: pin.SE3, mesh: int) -> tuple[pin.SE3, dict[str, str]]:
+        """Placement and attributes of a mesh: of its file, or as MuJoCo has it where it comes from none."""
+        model, name = self.model, self.model.mesh(mesh).name
+        if name in self.compiled.placed:
+            path, inner = self.compiled.placed[name]
+            return at * inner, {"filename": str(path), "scale": written(model.mesh_scale[mesh])}
+        vertices, faces = (
+            np.array(values[first : first + count])
+            for values, first, count in (
+                (model.mesh_vert, model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]),
+                (model.mesh_face, model.mesh_faceadr[mesh], model.mesh_facenum[mesh]),
             )
-        # MuJoCo scales last: scale * R^T (v - p).
-        at = pin.SE3(origin.rotation.T, -scale * (origin.rotation.T @ origin.translation))
-        return self.source.placement(given) * at, "mesh", scale.tolist(), str(path) if file else ""
+        )
+        self.inline[INLINE + name] = vertices.astype(float), faces.astype(np.int64)
+        return at, {"filename": INLINE + name, "scale": "1 1 1"}
+
+    def _paint(self, visual: ElementTree.Element, geom: int) -> None:
+        """Give a geom that is seen its colour, and the texture of its material.
+
+        Patterns that MuJoCo makes itself become their mean colour.
+        """
+        model, material = self.model, int(self.model.geom_matid[geom])
+        rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        roles = [] if material < 0 else [int(i) for i in np.ravel(model.mat_texid[material]) if i >= 0]
+        file = next((self.compiled.textures.get(model.texture(i).name, "") for i in roles), "")
+        if roles and not file:
+            rgba = rgba * np.append(_mean_colour(model, roles[0]), 1.0)
+        paint = ElementTree.SubElement(visual, "material")
+        ElementTree.SubElement(paint, "color", rgba=written(rgba))
+        if file:
+            ElementTree.SubElement(paint, "texture", filename=file)
+
+    def _tell_shapes(self, inside: Iterable[int]) -> None:
+        links = {self.names[body] for body in inside}
+        gone = [(body or "world", why) for body, why in self.compiled.left_out]
+        missing = [f"{body} ({why})" for body, why in gone if body in links]
+        if self._left_out:
+            self.notes.append(f"geoms left out: {', '.join(self._left_out)}")
+        if missing:
+            self.notes.append(
+                "meshes not found or not readable, so these shapes are left out, and their masses, where no <inertial> "
+                f"gives them: {', '.join(missing)}"
+            )
+
+
+def _mean_colour(model: mujoco.MjModel, texture: int) -> Array:
+    """The mean colour (3,), 0 to 1, of a picture that MuJoCo has made."""
+    channels = int(model.tex_nchannel[texture])
+    count = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
+    first = int(model.tex_adr[texture])
+    pixels = model.tex_data[first : first + count].reshape(-1, channels)[:, :3]
+    return np.broadcast_to(pixels.mean(axis=0) / 255, 3).astype(float)
+
+
+def reference(model: mujoco.MjModel, joint: int) -> float:
+    """The position of a hinge or slide as the bodies are written down [rad or m]."""
+    return float(model.qpos0[model.jnt_qposadr[joint]])
+
+
+def _of_body(first: Array, count: Array, body: int) -> Iterator[int]:
+    yield from range(int(first[body]), int(first[body]) + int(count[body]))
 
 
 # -- URDF elements -----------------------------------------------------------------------------------------------------
 
 
-def _origin(element: ElementTree.Element, at: pin.SE3) -> None:
+def _put_origin(element: ElementTree.Element, at: pin.SE3) -> None:
     ElementTree.SubElement(
         element, "origin", xyz=written(at.translation), rpy=written(pin.rpy.matrixToRpy(at.rotation))
     )
 
 
-def _joint(
+def _put_joint(
     robot: ElementTree.Element, name: str, kind: str, parent: str, child: str, at: pin.SE3
 ) -> ElementTree.Element:
     element = ElementTree.SubElement(robot, "joint", name=name, type=kind)
-    _origin(element, at)
+    _put_origin(element, at)
     ElementTree.SubElement(element, "parent", link=parent)
     ElementTree.SubElement(element, "child", link=child)
     return element
 
 
-def _inertial(link: ElementTree.Element, inertia: pin.Inertia) -> None:
+def _put_inertial(link: ElementTree.Element, inertia: pin.Inertia) -> None:
     element = ElementTree.SubElement(link, "inertial")
-    _origin(element, pin.SE3(np.eye(3), inertia.lever))
+    _put_origin(element, pin.SE3(np.eye(3), inertia.lever))
     ElementTree.SubElement(element, "mass", value=repr(float(inertia.mass)))
     I = inertia.inertia
     values = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(I[i, j])) for i in range(3) for j in range(i, 3)}
     ElementTree.SubElement(element, "inertia", values)
-
-
-def _shape(link: ElementTree.Element, tag: str, at: pin.SE3, kind: str, size: Iterable[float], path: str) -> None:
-    element = ElementTree.SubElement(link, tag)
-    _origin(element, at)
-    shape = ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), kind)
-    if kind == "mesh":
-        shape.attrib.update(filename=path, scale=written(size))
-    elif kind in ("box", "ellipsoid"):
-        shape.set("size", written(size))
-    else:
-        shape.attrib.update(zip(("radius", "length"), map(repr, size)))

@@ -29,12 +29,10 @@ _STILL = 1e-3  # [rad or m] over the motor's range: a joint that moves less does
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loop:
-    """Two links that share a point, which is ``anchor`` (3,) in the frame of the first [m]; where all joints are at
-    their reference positions the point is at the same place in the second.
-    """
+    """Two links that share a point, which is at ``anchors`` (3,) in their frames [m]."""
 
     links: tuple[str, str]
-    anchor: Array
+    anchors: tuple[Array, Array]
     name: str
 
 
@@ -175,9 +173,8 @@ class _Linkage:
 
     def open(self, q: Mapping[str, float], loop: Loop) -> Array:
         """By how much a loop is open (3,) [m]."""
-        one, other = loop.links
-        shared = self.pose(other, {}).actInv(self.pose(one, {}).act(loop.anchor))
-        return np.asarray(self.pose(other, q).act(shared) - self.pose(one, q).act(loop.anchor))
+        one, other = (self.pose(link, q).act(anchor) for link, anchor in zip(loop.links, loop.anchors))
+        return np.asarray(other - one)
 
     def solved(self, motor: str, value: float, names: list[str], before: Array, loops: list[Loop]) -> Array:
         """Positions of joints (n,) that close the loops with the motor at ``value``, springs at least energy."""

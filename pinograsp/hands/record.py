@@ -20,9 +20,10 @@ from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, one_each
 from pinograsp.hands.elements import drop, named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
+from pinograsp.hands.mesh_file import collision_model
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.urdf import prepare
-from pinograsp.hands.visuals import visuals_from, visuals_record
+from pinograsp.hands.visuals import read_triangles, visuals_from, visuals_record, write_triangles
 from pinograsp.spatial import FARTHEST
 
 _Kind = TypeVar("_Kind")
@@ -40,7 +41,8 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
     None where the hand cannot be rebuilt from them: one that was built without a description, or whose
     geometry is neither a primitive nor the mesh of a file.
     """
-    geometry = [_shape(one) for one in hand.geometry.geometryObjects]
+    objects = hand.geometry.geometryObjects
+    geometry = [_shape(one, own) for one, own in zip(objects, hand.own_shapes or [one.geometry for one in objects])]
     if not hand.description or None in geometry:
         return None
     model = hand.model
@@ -314,8 +316,9 @@ def _springs(record: dict[str, Any], hand: HandModel) -> tuple[Spring, ...]:
 # -- collision geometry ------------------------------------------------------------------------------------------------
 
 
-def _shape(one: pin.GeometryObject) -> dict[str, Any] | None:
-    shape, path = one.geometry, ""
+def _shape(one: pin.GeometryObject, own: coal.CollisionGeometry) -> dict[str, Any] | None:
+    """A shape of a link; ``own``: as its description has it, where that is replaced by its hull."""
+    shape, path, inline = one.geometry, "", {}
     size: Iterable[float]
     if isinstance(shape, coal.Box):
         kind, size = "box", 2 * np.ravel(shape.halfSide)
@@ -325,10 +328,13 @@ def _shape(one: pin.GeometryObject) -> dict[str, Any] | None:
         kind, size = "ellipsoid", np.ravel(shape.radii)
     elif isinstance(shape, coal.Cylinder | coal.Capsule):
         kind, size = type(shape).__name__.lower(), [shape.radius, 2 * shape.halfLength]
-    elif isinstance(shape, coal.BVHModelBase) and one.meshPath:
-        kind, size, path = "mesh", np.ravel(one.meshScale), os.path.abspath(one.meshPath)
-    elif isinstance(shape, coal.ConvexBase) and one.meshPath:
-        kind, size, path = "hull", np.ravel(one.meshScale), os.path.abspath(one.meshPath)
+    elif isinstance(shape, coal.BVHModelBase | coal.ConvexBase) and isinstance(own, coal.BVHModelBase):
+        kind, size = "mesh" if isinstance(shape, coal.BVHModelBase) else "hull", np.ravel(one.meshScale)
+        if one.meshPath:
+            path = os.path.abspath(one.meshPath)
+        else:
+            faces = np.array([[t[0], t[1], t[2]] for t in map(own.tri_indices, range(own.num_tris))])
+            inline = {"triangles": write_triangles(np.array(own.vertices()), faces)}
     else:
         return None
     return {
@@ -339,6 +345,7 @@ def _shape(one: pin.GeometryObject) -> dict[str, Any] | None:
         "kind": kind,
         "size": [float(value) for value in size],
         "path": path,
+        **inline,
     }
 
 
@@ -371,7 +378,15 @@ def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> _Shapes:
             raise InvalidInput(f"hand record: {where}size: expected numbers above zero [m], got {size}")
         _near(f"{where}size", size)
         placement = _placement(one, where)
-        form = _mesh(_field(one, "path", str, where), size, problems) if from_file else PRIMITIVES[kind](*size)
+        if from_file and "triangles" in one:
+            from_file, form = (
+                False,
+                collision_model(*read_triangles(f"hand record: {where}triangles", one["triangles"])),
+            )
+        elif from_file:
+            form = _mesh(_field(one, "path", str, where), size, problems)
+        else:
+            form = PRIMITIVES[kind](*size)
         if form is not None:
             own.append(form)
             hulls |= kind == "hull"

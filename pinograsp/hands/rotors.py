@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from pinograsp.hands.elements import end_of, named, numbers
-from pinograsp.hands.geometry import PRIMITIVES, hull_points, read_mesh
+from pinograsp.hands.geometry import Triangles, form_of, hull_points
 from pinograsp.hands.ros_packages import Packages
 from pinograsp.hands.shapes import shapes_of
 from pinograsp.hands.tree import MOVING
@@ -18,7 +19,7 @@ from pinograsp.spatial import Array
 _EVEN = 0.7  # reach to the other side of the axis, at least, relative to the farthest
 
 
-def rotors(robot: ElementTree.Element, folder: Path, packages: Packages) -> list[str]:
+def rotors(robot: ElementTree.Element, folder: Path, packages: Packages, inline: Mapping[str, Triangles]) -> list[str]:
     """Names of joints that turn without end, carry nothing but one link, and whose shapes reach about as far to both
     sides of their axis; beside them at least two others that move start below the same link.
 
@@ -34,20 +35,22 @@ def rotors(robot: ElementTree.Element, folder: Path, packages: Packages) -> list
         if not alone or name in followed or joint.find("mimic") is not None:
             continue
         if len(free & joints_below(robot, end_of(joint, "parent"))) > 2:
-            points = _points(robot, child, folder, packages)
+            points = _points(robot, child, folder, packages, inline)
             if points is not None and _even(points, joint):
                 found.append(name)
     return found if len(free.difference(found)) > 1 else []
 
 
-def _points(robot: ElementTree.Element, link: str, folder: Path, packages: Packages) -> Array | None:
+def _points(
+    robot: ElementTree.Element, link: str, folder: Path, packages: Packages, inline: Mapping[str, Triangles]
+) -> Array | None:
     """Points (p, 3) of a link's shapes in its frame; None where it has none, or any that cannot be read."""
     alone = ElementTree.Element("robot")
     alone.extend(one for name, one in named(robot, "link") if name == link)
     points = []
-    for shape in shapes_of(alone, folder, packages, []):
+    for shape in shapes_of(alone, folder, packages, [], inline):
         try:
-            form = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
+            form = form_of(shape)
         except (ValueError, OSError):  # noted with the other shapes
             return None
         points.append(hull_points(form) @ shape.placement.rotation.T + shape.placement.translation)

@@ -5,19 +5,22 @@ from __future__ import annotations
 import os
 import urllib.parse
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import one_of
 from pinograsp.hands.elements import LEAST, as_rpy, drop, end_of, named, numbers, placement_of
-from pinograsp.hands.geometry import Kind, Shape, read_mesh
+from pinograsp.hands.geometry import Kind, Shape, Triangles, read_mesh
 from pinograsp.hands.ros_packages import Packages
 from pinograsp.spatial import FARTHEST
 
+INLINE = "inline:"  # how names of meshes begin that come from no file
+_NONE: Mapping[str, Triangles] = MappingProxyType({})
 _MOST_VISUALS = 2000
 _UNIT_SPHERE = "unit_sphere.stl"
 # Attributes that give the size of a shape, in the order coal takes them.
@@ -31,7 +34,13 @@ _SIZES: dict[Kind, dict[str, int]] = {
 }
 
 
-def shapes_of(robot: ElementTree.Element, folder: Path, packages: Packages, notes: list[str]) -> list[Shape]:
+def shapes_of(
+    robot: ElementTree.Element,
+    folder: Path,
+    packages: Packages,
+    notes: list[str],
+    inline: Mapping[str, Triangles] = _NONE,
+) -> list[Shape]:
     """Collision shapes; those without size and those whose file is missing are left out and noted.
 
     So are coarse shapes for a controller's own checks of self-collision: those of a link that is fixed to another and
@@ -47,7 +56,7 @@ def shapes_of(robot: ElementTree.Element, folder: Path, packages: Packages, note
             continue
         for collision in link.findall("collision"):
             try:
-                shapes.append(_shape(name, collision, folder, packages))
+                shapes.append(_shape(name, collision, folder, packages, inline))
             except FileNotFoundError as error:
                 missing.append(f"{name} ({error})")
             except ValueError as error:
@@ -76,7 +85,9 @@ def _coarse(robot: ElementTree.Element) -> list[str]:
     ]
 
 
-def take_visuals(robot: ElementTree.Element, folder: Path, packages: Packages) -> list[Shape]:
+def take_visuals(
+    robot: ElementTree.Element, folder: Path, packages: Packages, inline: Mapping[str, Triangles] = _NONE
+) -> list[Shape]:
     """Take out what is seen of the links, with the description's colours and textures; what cannot be read is left out.
 
     Meshes that are not found keep the name that the description gives them.
@@ -106,7 +117,7 @@ def take_visuals(robot: ElementTree.Element, folder: Path, packages: Packages) -
             if colour is None:
                 continue
             try:
-                shape = _shape(name, visual, folder, packages)
+                shape = _shape(name, visual, folder, packages, inline)
             except FileNotFoundError as error:
                 shape = Shape(link=name, placement=pin.SE3.Identity(), kind="mesh", size=(1, 1, 1), path=str(error))
             except ValueError:
@@ -139,7 +150,9 @@ def hex_of(rgb: Iterable[float]) -> str:
     return "#" + "".join(f"{round(255 * min(max(share, 0.0), 1.0)):02X}" for share in rgb)
 
 
-def _shape(link: str, element: ElementTree.Element, folder: Path, packages: Packages) -> Shape:
+def _shape(
+    link: str, element: ElementTree.Element, folder: Path, packages: Packages, inline: Mapping[str, Triangles]
+) -> Shape:
     """The shape of a <collision> or a <visual>.
 
     Raises:
@@ -158,8 +171,8 @@ def _shape(link: str, element: ElementTree.Element, folder: Path, packages: Pack
     written = " ".join(f"{value:g}" for value in size)
     if not all(value != 0 if kind == "mesh" else LEAST <= value <= FARTHEST for value in size):
         raise ValueError(f"<{kind}> of size {written}")
-    if kind == "mesh":
-        filename = found.get("filename", "")
+    filename = found.get("filename", "")
+    if kind == "mesh" and filename not in inline:
         file = mesh_path(filename, folder, packages)
         path = str(file or "")
         called = filename.replace("\\", "/").split("/")[-1]
@@ -169,7 +182,9 @@ def _shape(link: str, element: ElementTree.Element, folder: Path, packages: Pack
                 raise ValueError(f"<mesh> of scale {written}")
         elif file is None:
             raise FileNotFoundError(filename)
-    return Shape(link=link, placement=placement_of(element), kind=kind, size=size, path=path)
+    triangles = inline.get(filename)
+    path = filename if triangles else path
+    return Shape(link=link, placement=placement_of(element), kind=kind, size=size, path=path, triangles=triangles)
 
 
 def _is_unit_sphere(path: Path) -> bool:

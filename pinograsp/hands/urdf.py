@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,7 @@ from pinograsp.checks import one_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrowed, resolve
 from pinograsp.hands.elements import LARGEST, LEAST, as_rpy, drop, end_of, named, numbers, written
-from pinograsp.hands.geometry import Shape
+from pinograsp.hands.geometry import Shape, Triangles
 from pinograsp.hands.ros_packages import Packages
 from pinograsp.hands.rotors import rotors
 from pinograsp.hands.shapes import shapes_of, take_visuals
@@ -77,6 +77,7 @@ def prepare(
     problems: Iterable[str] = (),
     notes: Iterable[str] = (),
     packages: Packages = MappingProxyType({}),
+    inline: Mapping[str, Triangles] = MappingProxyType({}),
 ) -> Prepared:
     """Check and complete a URDF; ``robot`` is changed.
 
@@ -87,6 +88,7 @@ def prepare(
         root: link whose sub-tree is the hand; None: everything.
         problems, notes: found before, to be listed with the others.
         packages: folders of ROS packages, by name.
+        inline: meshes that come from no file, by the names that the URDF has for them.
 
     Raises:
         HandNotLoaded: with all problems found.
@@ -101,12 +103,12 @@ def prepare(
     for _, joint in named(robot, "joint"):
         if joint.get("type") == "fixed":  # it follows nothing and needs no axis
             drop(joint, "mimic", "limit", "axis")
-    visuals = take_visuals(robot, folder, packages)
+    visuals = take_visuals(robot, folder, packages, inline)
     unreadable = _number_problems(robot)
     _lock(robot, notes)
     broken = tree_problems(robot, root)
     if not (broken or unreadable):
-        _hold(robot, rotors(robot, folder, packages), notes)
+        _hold(robot, rotors(robot, folder, packages, inline), notes)
     limits, joint_problems = _limits(robot, notes)
     couplings, mimic_problems = _couplings(robot, outside, notes)
     unweighed, weightless = ([], []) if broken else unweighed_joints(robot)
@@ -131,7 +133,7 @@ def prepare(
     notes += [f"joint {joint.name} follows {couplings[joint.name]}" for joint in joints if joint.name in couplings]
     prepared = Prepared(name=robot.get("name") or Path(source).stem, joints=joints, followed=followed, notes=notes)
     prepared.links = [name for name, _ in named(robot, "link")]
-    prepared.shapes = shapes_of(robot, folder, packages, notes)
+    prepared.shapes = shapes_of(robot, folder, packages, notes, inline)
     prepared.visuals = visuals
     prepared.unweighed = unweighed
     prepared.armatures = _armatures(robot, couplings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import io
 import os
@@ -19,7 +20,7 @@ from scipy.spatial import cKDTree
 from pinograsp.checks import array_of, one_of, placement_of, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.elements import read_bytes
-from pinograsp.hands.geometry import PRIMITIVES, Kind, Shape
+from pinograsp.hands.geometry import PRIMITIVES, Kind, Shape, Triangles
 from pinograsp.hands.mesh_file import checked, joined, load
 from pinograsp.hands.shapes import hex_of
 from pinograsp.spatial import FARTHEST, Array, IntArray
@@ -55,7 +56,9 @@ def meshes_of(shapes: Iterable[Shape], most: int) -> tuple[dict[MeshKey, tuple[P
 
     All shapes together have about ``most`` triangles: meshes with more than their share are simplified.
     """
-    keys = [mesh_of(shape) for shape in shapes if shape.kind == "mesh"]
+    shapes = [shape for shape in shapes if shape.kind == "mesh"]
+    inline = {mesh_of(shape): shape.triangles for shape in shapes if shape.triangles is not None}
+    keys = [key for shape in shapes if (key := mesh_of(shape)) not in inline]
     files: dict[MeshKey, tuple[int, ...]] = {}
     problems: dict[str, None] = {}
     for key in dict.fromkeys(keys):
@@ -65,7 +68,12 @@ def meshes_of(shapes: Iterable[Shape], most: int) -> tuple[dict[MeshKey, tuple[P
             problems[f"mesh '{key[0]}' is not there"] = None
     counts = tuple(keys.count(key) for key in files)
     meshes, broken = _meshes(tuple(files.items()), counts, most)
-    return meshes, [*problems, *broken]
+    share_of_one = max(most // max(len(inline), 1), 1)
+    painted = {
+        key: _parts(*joined(*triangles), np.tile(_UNPAINTED, (len(triangles[1]), 1)), share_of_one)
+        for key, triangles in inline.items()
+    }
+    return meshes | painted, [*problems, *broken]
 
 
 @functools.lru_cache(maxsize=4)
@@ -300,9 +308,10 @@ def visuals_record(visuals: Iterable[Shape]) -> list[dict[str, Any]]:
             "placement": one.placement.homogeneous.tolist(),
             "kind": one.kind,
             "size": list(map(float, one.size)),
-            "path": os.path.abspath(one.path) if one.path else "",
+            "path": one.path if one.triangles or not one.path else os.path.abspath(one.path),
             "colour": one.colour,
             "texture": os.path.abspath(one.texture) if one.texture else "",
+            **({} if one.triangles is None else {"triangles": write_triangles(*one.triangles)}),
         }
         for one in visuals
     ]
@@ -327,6 +336,39 @@ def visuals_from(records: Sequence[Any], links: Sequence[str]) -> tuple[Shape, .
         if kind in PRIMITIVES and size.min() <= 0:
             raise InvalidInput(f"{where}size: expected numbers above zero [m], got {size.tolist()}")
         link = one_of(f"{where}link", one.get("link"), links)
-        at, sizes = pin.SE3(placement), tuple(size.tolist())
-        shapes.append(Shape(link=link, placement=at, kind=kind, size=sizes, path=path, colour=colour, texture=texture))
+        shapes.append(
+            Shape(
+                link=link,
+                placement=pin.SE3(placement),
+                kind=kind,
+                size=tuple(size.tolist()),
+                path=path,
+                colour=colour,
+                texture=texture,
+                triangles=read_triangles(f"{where}triangles", one["triangles"]) if "triangles" in one else None,
+            )
+        )
     return tuple(shapes)
+
+
+def write_triangles(vertices: Array, faces: IntArray) -> dict[str, str]:
+    """Vertices (n, 3), in single precision, and faces (m, 3) as texts."""
+    parts = {"vertices": vertices.astype("<f4"), "faces": faces.astype("<i4")}
+    return {key: base64.b64encode(values.tobytes()).decode() for key, values in parts.items()}
+
+
+def read_triangles(where: str, record: object) -> Triangles:
+    """What :func:`write_triangles` wrote down; :class:`InvalidInput` for anything else."""
+    if not isinstance(record, dict):
+        raise InvalidInput(f"{where}: expected a mapping, got {record!r:.60}")
+    try:
+        vertices, faces = (
+            np.frombuffer(base64.b64decode(text_of(f"{where}: {key}", record.get(key)), validate=True), dtype=kind)
+            for key, kind in (("vertices", "<f4"), ("faces", "<i4"))
+        )
+        triangles = checked(vertices.reshape(-1, 3), faces.reshape(-1, 3))
+    except ValueError as error:
+        raise InvalidInput(f"{where}: expected vertices and faces of a mesh: {error}") from None
+    if np.abs(triangles[0]).max() > FARTHEST:
+        raise InvalidInput(f"{where}: expected lengths up to {FARTHEST:g} m")
+    return triangles

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -13,7 +13,7 @@ import numpy as np
 from pinograsp.checks import shown
 from pinograsp.hands.elements import floats, numbers
 from pinograsp.hands.shapes import mesh_path
-from pinograsp.spatial import FARTHEST, Array, pose_of, rotation_rpy
+from pinograsp.spatial import FARTHEST, Array, IntArray, pose_of, rotation_rpy
 
 Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
 _MOST_SHAPES = 1000
@@ -40,13 +40,15 @@ class Part:
         kind: of shape.
         size: edges of a box, radius, radius and length, semi-axes, or the scale of a mesh [m, -].
         pose: of the shape in the file's frame (4, 4) [m].
-        path: of a mesh.
+        path: of a mesh that comes from a file.
+        triangles: of another mesh: vertices (n, 3) [m] and faces (m, 3).
     """
 
     kind: Kind
     size: tuple[float, ...]
     pose: Array
     path: Path | None = None
+    triangles: tuple[Array, IntArray] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

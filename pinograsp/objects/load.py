@@ -21,6 +21,8 @@ from pinograsp.objects.primitives import Box, Capsule, Cylinder, Sphere
 from pinograsp.spatial import Array, IntArray
 
 if TYPE_CHECKING:
+    import mujoco
+
     from pinograsp.objects.description import Description, Part
 
 _Solid = TypeVar("_Solid", bound=Body)
@@ -32,7 +34,7 @@ _DETAIL = ((30, 96, 4), (150, 48, 3), (1000, 24, 2))
 
 
 def load_object(
-    path: str | Path,
+    path: str | Path | mujoco.MjSpec,
     *,
     mass: float | None = None,
     density: float | None = None,
@@ -49,7 +51,8 @@ def load_object(
     a body belongs to it, shapes that touch nothing are left out, and shapes without a mass have MuJoCo's 1000 kg/m^3.
 
     Args:
-        path: ``.urdf``, ``.sdf`` or MuJoCo's ``.xml``.
+        path: ``.urdf``, ``.sdf`` or MuJoCo's ``.xml``; the text of such a file; or a ``mujoco.MjSpec``, which stays as
+            it is.
         mass: [kg], instead of the file's; centre of mass and the shape of the inertia stay.
         density: [kg/m^3], of a homogeneous solid instead of all that.
         hulls: take the convex hull of each mesh, as physics engines do; for meshes that are not closed.
@@ -65,18 +68,25 @@ def load_object(
         InvalidInput: no such file, several links or bodies, joints that move, a mesh that is missing or bounds no
             solid, no mass.
     """
-    from pinograsp.hands.ros_packages import packages_of  # with Pinocchio, slow to import
+    from pinograsp.hands.elements import is_text  # with Pinocchio, slow to import
+    from pinograsp.hands.ros_packages import packages_of
     from pinograsp.objects.object_file import read_description
 
-    path = path_of("object file", path)
+    if type(path).__name__ == "MjSpec":
+        name = "MjSpec"
+    elif isinstance(path, str) and is_text(path):
+        name = "text"
+    else:
+        path = path_of("object file", path)
+        name = str(path)
     flag("hulls", hulls)
     file_pose = np.eye(4) if file_pose is None else placement_of("file_pose", file_pose)
     instance_of("body", body, str, type(None))
-    found = read_description(path, packages_of(packages), body)
+    found = read_description(path, name, packages_of(packages), body)
     if mass is None and density is None:
         mass = found.mass
         if mass is None:
-            raise InvalidInput(f"object file '{path}': it gives no mass: give mass= [kg] or density= [kg/m^3]")
+            raise InvalidInput(f"object file '{name}': it gives no mass: give mass= [kg] or density= [kg/m^3]")
     elif mass is not None:
         mass = number("mass", mass, above=0, unit="kg")
     weight: dict[str, Any] = {"mass": mass} if density is None else {"mass": mass, "density": density}
@@ -88,7 +98,7 @@ def load_object(
     try:
         solid = _solid(found, com, inertia, weight, hulls, file_pose)
     except InvalidInput as error:
-        raise InvalidInput(f"object file '{path}': {error}".replace("convex=True", "hulls=True")) from None
+        raise InvalidInput(f"object file '{name}': {error}".replace("convex=True", "hulls=True")) from None
     if found.notes:
         solid._set(notes=(*solid.notes, *found.notes))
     return solid
@@ -156,7 +166,9 @@ def _surfaces(parts: Sequence[Part], hulls: bool) -> dict[str, tuple[Array, IntA
     total = 0
     _, sections, subdivisions = next(one for one in _DETAIL if len(parts) <= one[0])
     for place, part in enumerate(parts, 1):
-        if part.path is None:
+        if part.triangles is not None:
+            vertices, faces = convex_surface(*part.triangles) if hulls else part.triangles
+        elif part.path is None:
             vertices, faces = _round_or_box(part, sections, subdivisions)
         else:
             if part.path not in read:

@@ -68,11 +68,90 @@ GEOMS = [
     '<geom type="mesh" mesh="m0"/>',
     '<geom type="ellipsoid" size="0.01 0.008 0.02"/>',
     '<geom class="pad" pos="0 0 0.02"/>',
-    '<geom type="plane" size="1 1 1"/>',
     '<geom type="mesh" mesh="m1" mass="0.01"/>',
     '<geom type="box" size="0.01 0.01 0.02" euler="10 20 30"/>',
     '<geom type="capsule" size="0.01 0.01" xyaxes="1 0 0 0 1 0"/>',
 ]
+
+
+# Their numbers N are drawn.
+MACROS = [
+    '<replicate count="N" offset="0 N 0" euler="N 0 0"><body><joint range="0 1"/><geom size="0.01"/></body></replicate>',
+    '<replicate count="9" sep="-"><replicate count="N"><geom size="0.01"/></replicate></replicate>',
+    '<composite type="cable" curve="s" count="N 1 1" size="1"><geom type="capsule" size="0.01"/></composite>',
+    '<flexcomp type="grid" count="N N 3" spacing="0.1 0.1 0.1" name="soft"/>',
+    '<attach model="part" body="f00" prefix="a_"/>',
+    '<geom type="hfield" hfield="h"/>',
+    '<geom type="mesh" mesh="inline"/>',
+    '<geom type="mesh" mesh="made"/>',
+    '<geom type="box" mesh="m0"/>',
+    '<geom type="sdf" mesh="m0"/>',
+    '<geom type="capsule" mesh="inline" fitscale="N"/>',
+    '<geom type="box" size="0.01 0.01 0.01" material="paint"/>',
+    '<plugin plugin="mujoco.elasticity.cable"/>',
+    '<body mocap="true"><geom size="0.01"/></body>',
+    '<body name="ball" pos="0 0 N"><freejoint/><geom size="0.01" mass="N"/></body>',
+]
+SECTIONS = {
+    "asset": [
+        '<mesh name="inline" vertex="0 0 0 N 0 0 0 0.1 0 0 0 0.1"/>',
+        '<mesh name="inline" vertex="0 0 0 0.1 0 0 0 0.1 0 0 0 0.1" face="0 1 2 N 2 1"/>',
+        '<mesh name="made" builtin="sphere" params="N"/>',
+        '<mesh name="made" builtin="supertorus" params="N 0.5 1 1"/>',
+        '<mesh name="made" builtin="wedge" params="N N 10 10 0"/>',
+        '<hfield name="h" nrow="N" ncol="N" size="1 1 1 1"/>',
+        '<hfield name="h" file="box.stl" size="1 1 1 1"/>',
+        '<texture name="t" type="2d" builtin="checker" width="N" height="9"/>',
+        '<texture name="t" type="cube" file="box.stl"/>',
+        '<texture name="t" type="2d" file="/dev/zero"/>',
+        '<material name="paint" texture="t" rgba="N 1 1 1"/>',
+        '<model name="part" file="part.xml"/>',
+        '<model file="hand.xml"/>',
+        '<skin name="s" file="box.stl"/>',
+    ],
+    "size": ['<memory size="N"/>'],
+    "equality": [
+        '<connect body1="f00" body2="palm" anchor="N 0 0"/>',
+        '<connect site1="s" site2="s"/>',
+        '<weld body1="f00" body2="palm" relpose="N 0 0 1 0 0 0"/>',
+        '<tendon tendon1="t0" polycoef="N 0 0 0 0"/>',
+    ],
+    "tendon": [
+        '<fixed name="narrow" range="0 N"><joint joint="j00" coef="1"/><joint joint="j10" coef="-1"/></fixed>',
+        '<spatial name="rope"><site site="s"/><site site="s"/></spatial>',
+    ],
+    "actuator": [
+        '<muscle joint="j00" force="N"/>',
+        '<general joint="j00" dyntype="filter" dynprm="N" actdim="N"/>',
+        '<cylinder joint="j00" area="N"/>',
+        '<adhesion body="f00" ctrlrange="0 N"/>',
+        '<dcmotor joint="j00" motorconst="N N" resistance="1"/>',
+        '<plugin plugin="mujoco.pid" joint="j00"/>',
+        '<position joint="j00" kp="3" delay="N" nsample="9"/>',
+    ],
+    "keyframe": ['<key qpos="N"/>'],
+    "deformable": ['<flex name="x" dim="1" body="palm palm" element="0 1"/>'],
+    "extension": ['<plugin plugin="mujoco.elasticity.cable"/>'],
+    "custom": ['<numeric name="n" size="N"/>'],
+    "sensor": ['<user dim="N"/>'],
+}
+
+
+def prepare() -> None:
+    import pinograsp
+    import pinograsp.hands.mjcf  # MuJoCo starts a process as it is imported, where its viewer is installed
+
+    pinograsp.load_hand  # noqa: B018 - imports what it needs
+
+
+def _element(rng, texts: list[str]) -> ElementTree.Element:
+    """One of the texts, with numbers in the place of N."""
+    counts = ["0", "1", "3", "9", "-1", "200", "1000", "100000", "1000000000", "0.1", "nan", "1e300", ""]
+    text = pick(rng, texts)
+    while " N" in text or '"N' in text:
+        place = min(i for i in (text.find(" N"), text.find('"N')) if i >= 0)
+        text = text[: place + 1] + pick(rng, counts) + text[place + 2 :]
+    return ElementTree.fromstring(text)
 
 
 def make(rng: np.random.Generator, folder: Path) -> dict:
@@ -115,10 +194,10 @@ run = urdf.run
 
 def _base(rng) -> str:
     """A palm with a few fingers, described in one of the many ways that MJCF has."""
-    fingers, actuators, ties = [], [], []
+    fingers, actuators, ties, tendons = [], [], [], []
     for i in range(rng.integers(1, 4)):
-        chain = ""
-        for k in reversed(range(rng.integers(1, 4))):
+        chain, length = "", int(rng.integers(1, 4))
+        for k in reversed(range(length)):
             kind = pick(rng, ["", 'type="hinge"', 'type="slide"', 'ref="0.1"', 'pos="0 0 0.01"', 'class="soft"'])
             inertial = (
                 '<inertial pos="0 0 0.01" mass="0.02" diaginertia="1e-5 1e-5 1e-5"/>' if rng.random() < 0.4 else ""
@@ -148,6 +227,11 @@ def _base(rng) -> str:
             if k and rng.random() < 0.4:
                 ties.append(f'<joint joint1="j{i}{k}" joint2="j{i}0" polycoef="0.1 {rng.uniform(-2, 2):.2f} 0 0 0"/>')
         fingers.append(chain)
+        tendons.append(
+            f'<fixed name="t{i}"><joint joint="j{i}0" coef="0.5"/>'
+            + (f'<joint joint="j{i}1" coef="-0.2"/>' if length > 1 else "")
+            + "</fixed>"
+        )
     angle = pick(
         rng,
         [
@@ -169,16 +253,23 @@ def _base(rng) -> str:
         f'<mujoco model="hand"><compiler {angle}/>{defaults}<asset>{meshes}</asset><worldbody><body name="palm">'
         '<geom type="box" size="0.03 0.03 0.01" '
         f'mass="0.1"/>{"".join(fingers)}</body></worldbody><actuator>{"".join(actuators)}</actuator>'
-        f'<equality>{"".join(ties)}</equality><tendon><fixed name="t0"><joint joint="j00" '
-        'coef="0.5"/><joint joint="j01" coef="-0.2"/></fixed></tendon></mujoco>'
+        f"<equality>{''.join(ties)}</equality><tendon>{''.join(tendons)}</tendon></mujoco>"
     )
 
 
 def _mutate(rng, root) -> None:
     elements = list(root.iter())
     one = pick(rng, elements)
-    kind = int(rng.integers(6))
-    if kind == 0:
+    kind = int(rng.integers(8))
+    if kind == 6:
+        worlds = [element for element in elements if element.tag in ("body", "worldbody")] or elements
+        pick(rng, worlds).append(_element(rng, MACROS))
+    elif kind == 7:
+        place, texts = pick(rng, list(SECTIONS.items()))
+        section = root.find(place)
+        section = ElementTree.SubElement(root, place) if section is None else section
+        section.append(_element(rng, texts))
+    elif kind == 0:
         for _ in range(pick(rng, [1, 1, 3, 100])):
             one.insert(0, ElementTree.Element("include", {"file": pick(rng, INCLUDES)}))
     elif kind == 1:

@@ -105,6 +105,7 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
 def prepare() -> None:
     """Imports, and what the first call of a command compiles."""
     import pinograsp
+    import pinograsp.objects.mjcf_object  # MuJoCo starts a process as it is imported, where its viewer is installed
 
     for name in pinograsp.__all__:
         getattr(pinograsp, name)

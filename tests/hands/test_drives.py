@@ -118,7 +118,7 @@ def test_forces_of_the_servos_are_mujocos(actuated):
     controls = [drive.control for drive in hand.drives]
     assert controls == ["torque", "position", "position", "position", "position", "torque", "torque"]
     assert [drive.stiffness is None for drive in hand.drives] == [control == "torque" for control in controls]
-    assert any(note.endswith("of kind velocity, taken as torque motors: velocity") for note in hand.notes)
+    assert any(note.endswith("taken as torque motors: velocity") for note in hand.notes)
 
 
 def test_limits_are_mujocos_force_ranges(actuated):

@@ -425,8 +425,7 @@ def test_what_is_no_robot_is_said(tmp_path):
     ):
         with pytest.raises(HandNotLoaded, match=message):
             load_hand(write(tmp_path, text))
-    with pytest.raises(HandNotLoaded, match="got the text of a description"):
-        load_hand(urdf())
+    assert load_hand(urdf()).joint_names == load_hand(write(tmp_path, urdf())).joint_names
     for name in ("x" * 5000, "nul\0byte", "~nobody_at_all/hand.urdf", str(tmp_path), ""):
         with pytest.raises(HandNotLoaded, match="no such file"):
             load_hand(name)

@@ -245,9 +245,9 @@ def test_limits_without_autolimits(tmp_path):
     text = """<mujoco><compiler autolimits="false"/><worldbody><body><geom size="0.1"/>
       <joint name="j" range="-30 60" {}/></body></worldbody></mujoco>"""
     assert load_hand(write(tmp_path, text.format('limited="true"'))).upper[0] == pytest.approx(np.pi / 3)
-    for left_open in ("", 'limited="false"'):
-        with pytest.raises(HandNotLoaded, match=r"no position limits.*range="):
-            load_hand(write(tmp_path, text.format(left_open)))
+    with pytest.raises(HandNotLoaded, match="`range` but not `limited`"):
+        load_hand(write(tmp_path, text.format("")))
+    assert load_hand(write(tmp_path, text.format('limited="false"'))).upper[0] == pytest.approx(np.pi)
 
 
 def test_hinges_without_a_range_turn_without_end(tmp_path):
@@ -304,15 +304,9 @@ def test_meshes_are_found_placed_and_weighed(tmp_path, scale, reference):
       <joint name="j" range="0 1" axis="0 1 0"/><geom type="mesh" mesh="block" pos="0 0.01 0" euler="0.1 0.2 0.3"/>
       </body></body></worldbody></mujoco>""",
     )
-    if "refquat" in reference and len(set(scale.split())) > 1:
-        with pytest.raises(HandNotLoaded, match="mesh 'block': refquat="):
-            load_hand(path)
-        return
     hand = load_hand(path)
     volume = abs(np.prod([float(value) for value in scale.split()])) * 0.02 * 0.03 * 0.05
     assert hand.finger_mass("f") == pytest.approx(1000 * volume, rel=1e-6)
-    if scale.startswith("-"):  # MuJoCo turns mirrored meshes around as well; its inertia is the same, its frame not
-        return
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_path(str(path))
     state = mujoco.MjData(model)
@@ -354,16 +348,15 @@ def test_hollow_meshes_weigh_what_mujoco_says(tmp_path, way):
     assert np.linalg.eigvalsh(ours.inertia) == pytest.approx(np.sort(model.body_inertia[2]), rel=1e-5)
 
 
-@pytest.mark.parametrize("file", ["gone.stl", "x" * 3000, ""])
+@pytest.mark.parametrize("file", ["gone.stl", "x" * 3000])
 def test_missing_meshes_are_noted(tmp_path, file):
     text = """<mujoco><asset><mesh name="m" file="FILE"/></asset><worldbody><body name="palm"><geom size="0.03"/>
       <body name="f"><joint name="j" range="0 60"/><geom type="mesh" mesh="{}"/><geom size="0.01"/></body></body>
       </worldbody></mujoco>"""
     text = text.replace("FILE", file)
     hand = load_hand(write(tmp_path, text.format("m")))
-    assert any("meshes not found" in note and f"{file})" in note for note in hand.notes)
-    assert any("mass is not known" in note for note in hand.notes)
-    with pytest.raises(HandNotLoaded, match="unknown mesh 'n'; meshes: m"):
+    assert any("meshes not found" in note and f"f ({file}: no such file)" in note for note in hand.notes)
+    with pytest.raises(HandNotLoaded, match="mesh 'n' not found"):
         load_hand(write(tmp_path, text.format("n")))
 
 
@@ -524,13 +517,13 @@ def test_linear_couplings(tmp_path, equality, driven, free, effort):
     [
         ('<joint joint1="m" polycoef="0.2 0 0 0 0"/>', "'m' is held still"),
         ('<joint joint1="m" joint2="p" polycoef="0.2 0 0 0 0"/>', "'m' is held still"),
-        ('<joint joint1="m" joint2="ghost"/>', "'m' follows 'ghost', which is no joint of the hand"),
-        ('<joint joint1="m" joint2="p" polycoef="a b"/>', "polycoef= expects 1 to 5 finite numbers"),
+        ('<joint joint1="m" joint2="ghost"/>', "'ghost'"),
+        ('<joint joint1="m" joint2="p" polycoef="a b"/>', "'polycoef'"),
         (
             '<joint joint1="m" joint2="p"/><joint joint1="p" joint2="d"/><joint joint1="d" joint2="m" polycoef="0 2"/>',
             "equality constraints contradict each other at joint 'd'",
         ),
-        ('<joint joint1="m" joint2="m"/><joint joint1="p" joint2="p" polycoef="0 2"/>', "contradict each other"),
+        ('<joint joint1="m" joint2="m"/>', "element 'm' is repeated"),
     ],
 )
 def test_couplings_that_cannot_be(tmp_path, equality, message):
@@ -597,7 +590,7 @@ def test_underactuated_tendons_springs_and_totals_are_noted(tmp_path):
     assert "effort limits are without actuators that pull several joints at once: pull (a, b)" in notes
     assert hand.effort.tolist() == [0, 0]
     assert "springs: torques are without those at a" in notes
-    assert "settotalmass is not applied" in notes
+    assert hand.mass == pytest.approx(3) and "settotalmass" in notes
 
 
 def world(*inside):
@@ -611,18 +604,27 @@ def body(*inside, name="b", joint="<joint name='j' range='0 1'/>", geom="<geom n
 BROKEN = {
     "no worldbody": ("<mujoco/>", "no <worldbody> found"),
     "nothing moves": (world(body(joint="")), "expected a hand that moves"),
-    "no mass": (world(body(geom="")), "link 'b' moves but has no <inertial>"),
+    "no mass": (world(body(geom="")), "mass and inertia of moving bodies must be larger"),
     "include": (world("<include file='" + "x" * 3000 + "'/>"), "no such file"),
-    "class": (world(body(more="childclass='x'")), "unknown default class 'x'"),
-    "numbers": (world(body(more="pos='1 2'")), "'b': pos= expects 3 finite numbers, got '1 2'"),
-    "no number": (world(body(geom="<geom name='g' size='nan'/>")), "'g': size= expects 1 to 3 finite numbers"),
-    "axis": (world(body(joint="<joint name='j' axis='0 0 0' range='0 1'/>")), "'j': an axis is zero"),
-    "size": (world(body(geom="<geom name='g' size='0'/>")), "geom of b (g): size must be positive"),
-    "twice": (world(body(body())), "joint 'j' is defined 2 times"),
-    "macro": (world(body("<replicate count='2'/>")), "<replicate> is not supported"),
-    "inertia": (world(body("<inertial mass='-1' pos='0 0 0' diaginertia='1 1 1'/>")), "mass must be >= 0"),
-    "two inertias": (world(body("<inertial mass='1' pos='0 0 0' diaginertia='1 1 1'/>" * 2)), "several <inertial>"),
-    "group": (world(body(geom="<geom name='g' size='1' group='two'/>")), "'g': group= expects 1 finite numbers"),
+    "class": (world(body(more="childclass='x'")), "unknown default childclass"),
+    "numbers": (world(body(more="pos='1 2'")), "'pos' does not have enough data"),
+    "no number": (world(body(geom="<geom name='g' size='nan'/>")), "nan size in geom"),
+    "axis": (world(body(joint="<joint name='j' axis='0 0 0' range='0 1'/>")), "axis too small in joint"),
+    "size": (world(body(geom="<geom name='g' size='0'/>")), "size 0 must be positive in geom"),
+    "twice": (world(body(body())), "repeated name 'b' in body"),
+    "copies": (
+        world(body("<replicate count='99999'><geom size='1'/></replicate>")),
+        "with those that <replicate> makes",
+    ),
+    "inertia": (
+        world(body("<inertial mass='-1' pos='0 0 0' diaginertia='1 1 1'/>")),
+        "mass and inertia of moving bodies",
+    ),
+    "two inertias": (
+        world(body("<inertial mass='1' pos='0 0 0' diaginertia='1 1 1'/>" * 2)),
+        "unique element 'inertial' found 2 times",
+    ),
+    "group": (world(body(geom="<geom name='g' size='1' group='two'/>")), "bad format in attribute 'group'"),
 }
 
 
@@ -634,17 +636,14 @@ def test_broken_files_are_refused_with_the_reason(tmp_path, name):
     assert message in str(caught.value)
 
 
-def test_all_problems_come_at_once(tmp_path):
-    text = COUPLED.format(equality='<joint joint1="m" joint2="ghost"/>', driven="p")
-    text = text.replace('<joint name="t"/>', '<joint name="t" type="ball"/>').replace(
-        'name="d" ref="-0.2"', 'name="d" range="0 0"'
-    )
-    text = text.replace('pos="0.03 0 0"', 'pos="0.03 0"')
+def test_problems_of_what_mujoco_takes_come_at_once(tmp_path):
+    text = COUPLED.format(equality='<joint joint1="m"/>', driven="p")
+    text = text.replace('<joint name="t"/>', '<joint name="t" type="ball" range="0 1"/>')
     with pytest.raises(HandNotLoaded) as caught:
-        load_hand(write(tmp_path, text))
+        load_hand(write(tmp_path, text.replace('name="d" ref="-0.2"', 'name="d" type="slide" limited="false"')))
     problems = "; ".join(caught.value.problems)
-    assert len(caught.value.problems) == 4
-    for words in ("pos= expects 3", "follows 'ghost'", "'t' is a ball joint", "'d' has no position limits"):
+    assert len(caught.value.problems) == 3
+    for words in ("'m' is held still", "'t' is a ball joint", "'d' has no position limits"):
         assert words in problems
 
 
@@ -764,13 +763,13 @@ def test_includes_that_fan_out_come_to_an_end(tmp_path):
             + "".join(f"<default class='{i}'>" for i in range(900))
             + "</default>" * 900
             + "<worldbody/></mujoco>",
-            "no revolute",
+            "nesting is too deep",
         ),
         (
             "<mujoco><default>"
             + "".join(f"<default class='{i}'/>" for i in range(3000))
             + "</default><worldbody/></mujoco>",
-            "at most 2000 default classes",
+            "at most 2000 elements <default>",
         ),
         (
             "<mujoco><worldbody>" + "<body>" * 900 + "</body>" * 900 + "<body/>" * 1200 + "</worldbody></mujoco>",
@@ -788,7 +787,7 @@ def test_includes_that_fan_out_come_to_an_end(tmp_path):
         ("<mujoco " + " ".join(f"a{i}=''" for i in range(2000)) + "/>", "at most 1000 attributes"),
         (
             f"<mujoco><worldbody><body pos='{'1 ' * 100_000}'/></worldbody></mujoco>",
-            r"3 finite numbers, got '1 1 .*\.\.\..* 1 '",
+            "'pos' has too much data",
         ),
     ],
 )
