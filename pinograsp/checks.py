@@ -143,6 +143,7 @@ def array_of(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
 
 
 _FLOAT, _EYE = np.dtype(float), np.eye(3)
+_BOTTOM = np.array([0.0, 0.0, 0.0, 1.0])  # last row of a homogeneous placement
 _FEW = 1000  # numbers: looked at one by one, as many take no longer
 _MOST_JOBS = 1000
 
@@ -204,6 +205,11 @@ def _words(shape: tuple[int | None, ...]) -> str:
 def placement_of(name: str, value: object) -> Array:
     """``value`` as a placement (4, 4) with an orthonormal right-handed rotation, or :class:`InvalidInput`."""
     pose = array_of(name, value, (4, 4))
+    if not np.array_equal(pose[3], _BOTTOM):
+        raise InvalidInput(
+            f"{name}: expected the last row 0 0 0 1, got {pose[3].tolist()}"
+            + (": transpose it, its translation is in the last row" if np.array_equal(pose[:, 3], _BOTTOM) else "")
+        )
     if not are_rotations(pose[:3, :3]):
         raise InvalidInput(f"{name}: expected a homogeneous placement with an orthonormal right-handed rotation")
     return pose
@@ -212,7 +218,7 @@ def placement_of(name: str, value: object) -> Array:
 def placements_of(name: str, value: object, count: int) -> Array:
     """``value`` as that many placements (N, 4, 4), or :class:`InvalidInput`."""
     poses = array_of(name, value, (count, 4, 4))
-    off = ~are_rotations(poses[:, :3, :3]) | np.any(poses[:, 3] != [0.0, 0.0, 0.0, 1.0], axis=1)
+    off = ~are_rotations(poses[:, :3, :3]) | np.any(poses[:, 3] != _BOTTOM, axis=1)
     if off.any():
         raise InvalidInput(
             f"{name}: expected homogeneous placements with orthonormal right-handed rotations, number "

@@ -111,7 +111,7 @@ class BulkScene:
         """
         # The hand stays where it is, and the object is seen from there.
         there = self.hand.pose @ inverse_of(roots)
-        objects = there @ self.body.pose
+        objects = there @ self.body.shape_pose
         oMi = self._kinematics(q)
         placed = oMi[:, self.joints] @ self.placements
         touching = self._touching(q, placed, objects, tolerance)
@@ -154,7 +154,7 @@ class BulkScene:
 
         Arguments as for :meth:`contacts`.
         """
-        objects = self.hand.pose @ inverse_of(roots) @ self.body.pose
+        objects = self.hand.pose @ inverse_of(roots) @ self.body.shape_pose
         placed = self._kinematics(q)[:, self.joints] @ self.placements
         found = np.full(len(q), reach)
         request, result = self.distances.request, self.distances.result
@@ -338,7 +338,7 @@ class _Touching:
 
 
 def _solids(body: Body) -> list[coal.CollisionGeometry]:
-    """Convex geometry in the object's frame that together is about the object."""
+    """Convex geometry in the shape's own frame that together is about the object."""
     if not isinstance(body, Mesh) or body.convex:
         return [body.collision_geometry]
     return [_hull(corners) for corners in body.convex_parts.corners]

@@ -115,7 +115,7 @@ class Reserve:
         size = CIRCUMSCRIBED * self.disturbance * weight
         if size == 0:
             return LoadSet(loads=np.unique(masses, axis=0))
-        directions = _icosahedron(weight_o / weight, body.pose[:3, :3])
+        directions = _icosahedron(weight_o / weight, body.shape_pose[:3, :3])
         forces = np.zeros((12, 6))
         forces[:, :3] = size * directions
         # Of the loads along the weight the least and the largest are enough: the others lie between them.
