@@ -37,7 +37,7 @@ class BodyArguments(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """A solid, homogeneous unless said otherwise. Its body frame b is that in which its shape was given, as in its file.
+    """A solid, homogeneous unless said otherwise; its body frame b is that in which its shape was given, of its file.
 
     Attributes:
         mass: [kg].
@@ -177,7 +177,7 @@ class Body:
         return moved
 
     def moved(self: _Solid, shift_o: ArrayLike, turn_o: ArrayLike) -> _Solid:
-        """The same solid turned by ``turn_o`` (3, 3) about its centre of mass, which then moves by ``shift_o`` (3,) [m].
+        """The same solid turned by ``turn_o`` (3, 3) about its centre of mass, which moves by ``shift_o`` (3,) [m].
 
         Both are in the world's axes.
         """

@@ -99,7 +99,7 @@ def by_part(touches: Touches, pressing: Pressing, parts: int) -> PartSums:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class History:
-    """The samples of a simulation, with the fields of :class:`~pinograsp.plan.Simulation`; the poses are the shape's."""
+    """The samples of a simulation, as :class:`~pinograsp.plan.Simulation` has them; the poses are the shape's."""
 
     complete: int
     times: Array
