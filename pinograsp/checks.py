@@ -205,13 +205,11 @@ def _words(shape: tuple[int | None, ...]) -> str:
 def placement_of(name: str, value: object) -> Array:
     """``value`` as a placement (4, 4) with an orthonormal right-handed rotation, or :class:`InvalidInput`."""
     pose = array_of(name, value, (4, 4))
-    if not np.array_equal(pose[3], _BOTTOM):
-        raise InvalidInput(
-            f"{name}: expected the last row 0 0 0 1, got {pose[3].tolist()}"
-            + (": transpose it, its translation is in the last row" if np.array_equal(pose[:, 3], _BOTTOM) else "")
-        )
     if not are_rotations(pose[:3, :3]):
         raise InvalidInput(f"{name}: expected a homogeneous placement with an orthonormal right-handed rotation")
+    if not np.array_equal(pose[3], _BOTTOM):
+        transposed = ": transpose it, its translation is in the last row" if (pose[:, 3] == _BOTTOM).all() else ""
+        raise InvalidInput(f"{name}: expected the last row 0 0 0 1, got {pose[3].tolist()}{transposed}")
     return pose
 
 
