@@ -207,10 +207,10 @@ def placement_of(name: str, value: object) -> Array:
     pose = array_of(name, value, (4, 4))
     if not are_rotations(pose[:3, :3]):
         raise InvalidInput(f"{name}: expected a homogeneous placement with an orthonormal right-handed rotation")
-    if not np.array_equal(pose[3], _BOTTOM):
+    if not np.abs(pose[3] - _BOTTOM).max() <= 1e-9:  # rounding of products and inverses
         transposed = ": transpose it, its translation is in the last row" if (pose[:, 3] == _BOTTOM).all() else ""
         raise InvalidInput(f"{name}: expected the last row 0 0 0 1, got {pose[3].tolist()}{transposed}")
-    return pose
+    return pose if np.array_equal(pose[3], _BOTTOM) else read_only(np.vstack([pose[:3], _BOTTOM]))
 
 
 def placements_of(name: str, value: object, count: int) -> Array:

@@ -28,7 +28,7 @@ from pinograsp.plan.parts import (
     Reach,
 )
 from pinograsp.showing import in_notebook
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, inverse_of
 from pinograsp.words import by_name, lines_of
 
 
@@ -140,7 +140,7 @@ class PlanRecord:
         """
         if self.hand is None or self.body is None:
             return None
-        return np.asarray(np.linalg.inv(self.body.pose) @ self.hand.pose)
+        return np.asarray(inverse_of(self.body.pose) @ self.hand.pose)
 
     def require_hand(self) -> HandModel:
         """The hand, or :class:`InvalidInput` where the record has none."""

@@ -21,7 +21,7 @@ from pinograsp.referee.settings import SUPPORTS, BaseMotion, Disturbance, Servo,
 from pinograsp.referee.stepping import Engine, Schedule, Trial
 from pinograsp.referee.task import Task
 from pinograsp.referee.verdict import verdict_of
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, inverse_of
 
 EngineName = Literal["mujoco", "pinocchio"]
 Mode = Literal["servo", "prescribed"]
@@ -344,7 +344,7 @@ def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float)
         exponent=task.law[2],
         com_b=task.body.com_b,
         **{one.name: getattr(history, one.name) for one in fields(History)}
-        | {"object_poses": read_only(history.object_poses @ np.linalg.inv(task.body.shape_b))},
+        | {"object_poses": read_only(history.object_poses @ inverse_of(task.body.shape_b))},
     )
 
 

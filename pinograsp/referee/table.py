@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull, QhullError
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.geometry import hull_of, hull_points
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, inverse_of
 
 _SINK = 1e-4  # [m] by which the object sinks in under its weight
 _NEAR = 1e-3  # [m] above its lowest point that still bear it
@@ -29,7 +29,7 @@ class Table:
         if size == 0:
             raise InvalidInput("support 'table': expected gravity, got none: nothing lies on a table then")
         self.up: Array = -gravity_o / size
-        self.body = body.placed(np.linalg.inv(body.shape_b))
+        self.body = body.placed(inverse_of(body.shape_b))
         self.corners, self.below = _corners(body), _below(body, self.up)
         arms = self._arms(pose)
         heights = (arms + pose[:3, 3]) @ self.up

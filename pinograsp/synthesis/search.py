@@ -127,7 +127,7 @@ def find_grasps(
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
         within: where to hold it, a handle for example: lower and upper corner (2, 3) of a box along the axes of the
-            object's own frame [m], of a mesh that of its file (after ``scale``); the hand touches it nowhere else,
+            object's frame, that of its file (after ``scale``) [m]; the hand touches it nowhere else,
             fingers that would stay open.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.

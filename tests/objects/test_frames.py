@@ -179,6 +179,12 @@ def test_poses_with_their_translation_in_the_last_row_are_refused(place, tmp_pat
         place(tmp_path)
 
 
+def test_the_last_row_may_be_rounded():
+    rounded = np.array(PLACE)
+    rounded[3] = [1e-17, -2e-16, 0.0, 1.0 + 4e-15]
+    assert np.array_equal(pg.Box(size=SIZE, mass=MASS, pose=rounded).pose, PLACE)
+
+
 def test_meshes_that_version_0_2_wrote_are_read_in_their_files_frame():
     """It counted vertices, pose and centre of mass from the centre of mass, and told where the file's frame is."""
     made = block(TURNED)
