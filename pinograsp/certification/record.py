@@ -265,7 +265,7 @@ def placement_hint(reasons: ArrayLike, depths: ArrayLike, what: str = "the objec
         return ""
     parts = []
     if inside.any():
-        parts.append(f"{inside.sum()} are in {what}, {1e3 * np.median(depth[inside]):.3g} mm too deep in the median")
+        parts.append(f"{inside.sum()} are in {what}, {1e3 * np.median(depth[inside]):.3g} mm deep in the median")
     if off.any():
         gaps = -depth[off & (depth < 0)]
         gap = float(np.median(gaps)) if len(gaps) else 0.0

@@ -158,7 +158,7 @@ def grasps(plan, count=8):
 @pytest.mark.parametrize(
     "mistake, figure",
     [
-        (lambda q, roots: (q, roots @ pose_of([0, 0, 0.03])), "are in the object, [0-9.]+ mm too deep in the median"),
+        (lambda q, roots: (q, roots @ pose_of([0, 0, 0.03])), "are in the object, [0-9.]+ mm deep in the median"),
         (
             lambda q, roots: (q, roots @ pose_of([0, 0, -0.09])),
             "do not touch the object.*, [0-9.]+ mm off in the median",
