@@ -80,7 +80,7 @@ def perturbed(
         q.append(np.clip(closure.q + noise * scale * rng.normal(size=hand.n), hand.lower, hand.upper))
         change = np.eye(4)
         change[:3, :3], change[:3, 3] = pin.exp3(noise / 2 * rng.normal(size=3)), noise / 20 * rng.normal(size=3)
-        roots.append(body.pose @ change @ np.linalg.inv(body.pose) @ hand.pose)
+        roots.append(body.shape_pose @ change @ np.linalg.inv(body.shape_pose) @ hand.pose)
     return np.array(q), np.array(roots)
 
 

@@ -143,6 +143,7 @@ def array_of(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
 
 
 _FLOAT, _EYE = np.dtype(float), np.eye(3)
+_BOTTOM = np.array([0.0, 0.0, 0.0, 1.0])  # last row of a homogeneous placement
 _FEW = 1000  # numbers: looked at one by one, as many take no longer
 _MOST_JOBS = 1000
 
@@ -206,13 +207,16 @@ def placement_of(name: str, value: object) -> Array:
     pose = array_of(name, value, (4, 4))
     if not are_rotations(pose[:3, :3]):
         raise InvalidInput(f"{name}: expected a homogeneous placement with an orthonormal right-handed rotation")
-    return pose
+    if not np.abs(pose[3] - _BOTTOM).max() <= 1e-9:  # rounding of products and inverses
+        transposed = ": transpose it, its translation is in the last row" if (pose[:, 3] == _BOTTOM).all() else ""
+        raise InvalidInput(f"{name}: expected the last row 0 0 0 1, got {pose[3].tolist()}{transposed}")
+    return pose if np.array_equal(pose[3], _BOTTOM) else read_only(np.vstack([pose[:3], _BOTTOM]))
 
 
 def placements_of(name: str, value: object, count: int) -> Array:
     """``value`` as that many placements (N, 4, 4), or :class:`InvalidInput`."""
     poses = array_of(name, value, (count, 4, 4))
-    off = ~are_rotations(poses[:, :3, :3]) | np.any(poses[:, 3] != [0.0, 0.0, 0.0, 1.0], axis=1)
+    off = ~are_rotations(poses[:, :3, :3]) | np.any(poses[:, 3] != _BOTTOM, axis=1)
     if off.any():
         raise InvalidInput(
             f"{name}: expected homogeneous placements with orthonormal right-handed rotations, number "

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pinograsp.certification.elastic import Reactions, factors
-from pinograsp.certification.record import Certificates, Reason
+from pinograsp.certification.record import FAR_OFF, Certificates, Reason
 from pinograsp.certification.squeeze import (
     Forces,
     Grips,
@@ -123,6 +123,9 @@ class Block:
             found = own.scene.contacts(self.q, self.roots, tolerance=own.tolerance, gravity_o=own.conditions.gravity_o)
             self.depth, self.failed = found.depth, found.failed
             self.collision, self.gravity_torques = found.collision, found.gravity_torques
+            off = ~self.beyond & (self.depth == 0) & (np.bincount(found.grasp, minlength=len(self.q)) == 0)
+            every = np.arange(len(own.scene.parts))
+            self.depth[off] = -own.scene.gaps(self.q[off], self.roots[off], every, FAR_OFF)
             self._pack(found)
 
     def _pack(self, found: BulkContacts) -> None:

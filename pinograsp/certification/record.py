@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import brief, read_only
 from pinograsp.contacts import PALM, Contact, ContactSet
@@ -59,6 +59,13 @@ _WORDS = {
 }
 
 
+_FEWEST, _NEARLY_ALL = 5, 0.9  # grasps, and the share of them from which on chance does not explain it
+_FRAMES = (
+    "are frames, units and the order of the joints as meant? The object's frame is that of its file (a root in it is "
+    "at body.pose @ root in the world), in metres: millimetres take scale=0.001; joints are in the order of "
+    "hand.joint_names, in radians. Where all that is right, they are rougher than the tolerance"
+)
+FAR_OFF = 0.1  # [m] farther off the object nobody asks how far
 # Arrays with an entry for each contact.
 _PADDED = ("links", "points_o", "normals_o", "gaps", "forces_o", "torsion")
 
@@ -100,7 +107,8 @@ class Certificates:
         producible: whether there are forces that the hand's drives can make, within its torque limits (N,).
         unproducible: share of the depths pressed that the hand's joints cannot choose (N,) [-].
         residual: of the balance (N,) [N, moments over the contacts' mean distance].
-        depth: of the deepest link beyond the tolerance (N,) [m]; 0: none.
+        depth: of the deepest link beyond the tolerance (N,) [m]; negative where no link touches: how far the nearest
+            one is off, up to 0.1 m; 0: neither.
         elapsed: computing time by stage [s].
     """
 
@@ -165,16 +173,36 @@ class Certificates:
         forces: Array = np.einsum("nkx,nkx->nk", self.forces_o, self.normals_o)
         return forces
 
+    @property
+    def hint(self) -> str:
+        """What to look at where nearly all grasps are misplaced; empty where they are not: :func:`placement_hint`."""
+        return placement_hint(self.reason, self.depth)
+
+    def describe(self) -> str:
+        """How many hold, why the others do not, and the hint."""
+        reasons, counts = np.unique(self.reason, return_counts=True)
+        lines = [f"{self.held.sum()} of {len(self)} grasps hold"]
+        lines += [f"  {counts[i]}: {Reason(reasons[i]).words}" for i in np.argsort(-counts, kind="stable")]
+        return "\n".join([*lines, *([f"  hint: {self.hint}"] if self.hint else [])])
+
+    def __str__(self) -> str:
+        return self.describe()
+
     def words(self, i: int) -> str:
         """Why grasp i does not hold, or that it does, with its figures."""
         reason = Reason(self.reason[i])
         figure = {
             Reason.PENETRATES: f"{1e3 * self.depth[i]:.2g} mm",
+            Reason.NO_CONTACT: self._off(-float(self.depth[i])),
             Reason.FRICTION: f"mu = {self.conditions.mu:g}, {self.least_mu[i]:.2g} is needed",
             Reason.TORQUE: f"{self.effort[i]:.2g} times a joint's limit",
             Reason.DRIVES: self._drives() if reason is Reason.DRIVES else "",
         }.get(reason, "")
         return f"{reason.words} ({figure})" if figure else reason.words
+
+    def _off(self, gap: float) -> str:
+        """How far off the nearest link is."""
+        return f"the nearest is {1e3 * gap:.2g} mm off{' or more' * (gap >= FAR_OFF)}" if gap > 0 else ""
 
     def _drives(self) -> str:
         """What keeps the drives from making any forces."""
@@ -216,3 +244,34 @@ class Certificates:
     def problem(self, i: int) -> ForceProblem:
         """The force problem of grasp i, without the reserve, as :func:`~pinograsp.forces.optimize_grasp` takes it."""
         return self.conditions.problem(self.object, self.contacts(i))
+
+
+def placement_hint(reasons: ArrayLike, depths: ArrayLike, what: str = "the object") -> str:
+    """What to look at where nearly all grasps of an object are in it, off it, or beyond the joints' limits.
+
+    Args:
+        reasons: a :class:`Reason` each (N,).
+        depths: likewise, as in :class:`Certificates` (N,) [m].
+        what: the object, in words.
+
+    Returns:
+        A sentence; empty where too many are neither, or there are fewer than five.
+    """
+    reason, depth = np.asarray(reasons), np.asarray(depths, dtype=float)
+    inside = reason == Reason.PENETRATES
+    off = reason == Reason.NO_CONTACT
+    beyond = reason == Reason.JOINT_LIMIT
+    if len(reason) < _FEWEST or (inside | off | beyond).mean() < _NEARLY_ALL:
+        return ""
+    parts = []
+    if inside.any():
+        parts.append(f"{inside.sum()} are in {what}, {1e3 * np.median(depth[inside]):.3g} mm deep in the median")
+    if off.any():
+        gaps = -depth[off & (depth < 0)]
+        gap = float(np.median(gaps)) if len(gaps) else 0.0
+        least = " or more" * (gap >= FAR_OFF)
+        by = f", {1e3 * gap:.3g} mm{least} off in the median" * (gap > 0)
+        parts.append(f"{off.sum()} do not touch {what} with two links{by}")
+    if beyond.any():
+        parts.append(f"{beyond.sum()} have joints beyond their limits")
+    return f"of {len(reason)} grasps, {'; '.join(parts)}: {_FRAMES}"

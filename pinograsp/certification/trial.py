@@ -50,8 +50,6 @@ def trial_of(certificates: Certificates, i: int) -> Task:
     deeper = certificates.gaps[i, :count] + depths
     pressed, shift = _moved_by(rates, shifts, deeper, q, hand.lower, hand.upper)
     opened, _ = _moved_by(rates, shifts * 0.0, np.full(count, -_OPEN), pressed, hand.lower, hand.upper)
-    pose = np.array(body.pose)
-    pose[:3, :3], pose[:3, 3] = pin.exp3(shift[3:]) @ pose[:3, :3], pose[:3, 3] + shift[:3]
     times = np.linspace(0.0, _FINAL, _SAMPLES)
     resting = np.zeros((2, hand.n))
     path, speed, _ = between(np.array([0.0, _FINAL]), [np.array([opened, pressed]), resting, resting], times)
@@ -60,7 +58,7 @@ def trial_of(certificates: Certificates, i: int) -> Task:
     torques = own_weight + way * (certificates.torques[i] - own_weight)
     return Task(
         hand=hand,
-        body=body.placed(pose),
+        body=body.moved(shift[:3], pin.exp3(shift[3:])),
         times=read_only(times),
         q=read_only(path),
         dq=read_only(speed),

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from pinograsp.sweep import Certified
 
 _SHOWN = 5  # faults
+_MEANT = "What the files mean is said by --convention, --frame, --joint or --original"
 
 
 # An option per thing that files of grasps do not say.
@@ -202,6 +203,9 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> N
     facts = [("not used", f"{file}: {message}") for file, message in list(done.faults.items())[:_SHOWN]]
     if len(done.faults) > _SHOWN:
         facts.append(("not used", f"{len(done.faults) - _SHOWN} more files, see the rows 'refused'"))
+    facts += [("look at", f"{hint}. {_MEANT}") for hint in list(done.hints.values())[:_SHOWN]]
+    if len(done.hints) > _SHOWN:
+        facts.append(("look at", f"{len(done.hints) - _SHOWN} more objects whose grasps are misplaced like this"))
     facts += [("not written", f"{file}: {message}") for file, message in list(unwritten.items())[:_SHOWN]]
     for line in listed(facts, 3):
         screen.print(line, style="yellow", soft_wrap=True)

@@ -111,7 +111,7 @@ class BulkScene:
         """
         # The hand stays where it is, and the object is seen from there.
         there = self.hand.pose @ inverse_of(roots)
-        objects = there @ self.body.pose
+        objects = there @ self.body.shape_pose
         oMi = self._kinematics(q)
         placed = oMi[:, self.joints] @ self.placements
         touching = self._touching(q, placed, objects, tolerance)
@@ -154,13 +154,16 @@ class BulkScene:
 
         Arguments as for :meth:`contacts`.
         """
-        objects = self.hand.pose @ inverse_of(roots) @ self.body.pose
+        objects = self.hand.pose @ inverse_of(roots) @ self.body.shape_pose
         placed = self._kinematics(q)[:, self.joints] @ self.placements
         found = np.full(len(q), reach)
         request, result = self.distances.request, self.distances.result
         near = self._near(placed, objects, reach)
-        wanted = np.isin(near[1], parts)
-        for i, part, solid in zip(*(one[wanted].tolist() for one in near)):
+        wanted = np.lexsort((near[3], near[0]))  # nearest first: most need not be looked at
+        wanted = wanted[np.isin(near[1][wanted], parts)]
+        for i, part, solid, least in zip(*(one[wanted].tolist() for one in near)):
+            if least >= found[i]:
+                continue
             pose = coal.Transform3s(placed[i, part, :3, :3], placed[i, part, :3, 3])
             here = coal.Transform3s(objects[i, :3, :3], objects[i, :3, 3])
             result.clear()
@@ -190,8 +193,11 @@ class BulkScene:
             model.gravity.linear = before
         return found
 
-    def _near(self, placed: Array, objects: Array, reach: float) -> tuple[IntArray, IntArray, IntArray]:
-        """Grasp, part of the hand and part of the object of all pairs whose bounding volumes are nearer than that."""
+    def _near(self, placed: Array, objects: Array, reach: float) -> tuple[IntArray, IntArray, IntArray, Array]:
+        """Grasp, part of the hand and of the object of all pairs whose bounding volumes are nearer than that.
+
+        Last, how near they are at least [m].
+        """
         low, high, centres, radii = self._bounds
         own, own_radii, halves = self._spheres
         seen = inverse_of(objects)[:, None] @ placed  # hand's parts in the object's frame
@@ -203,11 +209,12 @@ class BulkScene:
         local = np.einsum("pji,pj->pi", seen[grasp, part, :3, :3], centres[solid] - middle[grasp, part])
         outside = np.maximum(np.abs(local) - halves[part], 0.0)
         near = np.einsum("px,px->p", outside, outside) <= (radii[solid] + reach) ** 2
-        return grasp[near], part[near], solid[near]
+        grasp, part, solid = grasp[near], part[near], solid[near]
+        return grasp, part, solid, np.sqrt(squared[grasp, part, solid]) - own_radii[part]
 
     def _touching(self, q: Array, placed: Array, objects: Array, tolerance: float) -> _Touching:
         """The nearest part of each link, where it is within the tolerance or deeper, in the hand's own world."""
-        grasps, parts, solids = self._near(placed, objects, tolerance)
+        grasps, parts, solids, _ = self._near(placed, objects, tolerance)
         request, result = self.distances.request, self.distances.result
         rows: list[_Row] = []
         failed = np.zeros(len(q), dtype=bool)
@@ -338,7 +345,7 @@ class _Touching:
 
 
 def _solids(body: Body) -> list[coal.CollisionGeometry]:
-    """Convex geometry in the object's frame that together is about the object."""
+    """Convex geometry in the shape's own frame that together is about the object."""
     if not isinstance(body, Mesh) or body.convex:
         return [body.collision_geometry]
     return [_hull(corners) for corners in body.convex_parts.corners]

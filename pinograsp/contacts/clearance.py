@@ -106,7 +106,7 @@ class Distances:
 
     def put_object(self, body: Body) -> None:
         """Move the object to where ``body``, the same solid, is."""
-        self.body, pose = body, body.pose
+        self.body, pose = body, body.shape_pose
         self.pose = coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
 
     def of(self, part: HandPart) -> tuple[float, Array]:
@@ -169,7 +169,7 @@ class Distances:
         Those may touch whose boxes' spans reach the object's box. No point of a part moves further (m - 1, p) [m].
         """
         self.shape.computeLocalAABB()
-        box, pose = self.shape.aabb_local, self.body.pose
+        box, pose = self.shape.aabb_local, self.body.shape_pose
         joints = sorted({part.joint for part in parts})
         column = np.array([joints.index(part.joint) for part in parts], dtype=int)
         placed = np.empty((len(postures), len(joints), 4, 4))
@@ -201,7 +201,7 @@ class Distances:
         """
         x, y = tangents(normal[None])[0].T
         corners = [point]
-        pose = np.array(self.body.pose)
+        pose = np.array(self.body.shape_pose)
         # Askew, since along an edge any of its points is as near; two rounds, the second where the first found corners.
         for i, turn in enumerate(0.3 + np.array([0, 2, 4, 6, 1, 3, 5, 7]) * np.pi / 4):
             if i == 4 and len(corners) == 1:

@@ -366,10 +366,7 @@ class _Closing:
                 gaps -= np.linalg.norm(new[:3] - motion[:3]) + np.linalg.norm(new[3:] - motion[3:]) * radius / arm
                 exact[:] = False
                 motion = new
-                pose = np.array(given.pose)
-                pose[:3, :3] = pin.exp3(motion[3:] / arm) @ pose[:3, :3]
-                pose[:3, 3] += motion[:3]
-                body = given.placed(pose)
+                body = given.moved(motion[:3], pin.exp3(motion[3:] / arm))
             self.distances.put(q, body)
             while True:
                 worst = int(np.argmin(gaps))

@@ -101,7 +101,8 @@ class Reserve:
         The disturbances are the convex hull of a ball of forces (radius ``disturbance`` times the weight) and a ball of
         moments (that times the arm). Both balls lie inside icosahedra with vertices :data:`CIRCUMSCRIBED` = 1.26 times
         as far out, one vertex along the weight and the others turned with the body, so that nothing depends on the
-        world's axes. Loads that lie between others are left out.
+        world's axes; forces change by a percent where the file has other axes. Loads that lie between others are left
+        out.
 
         Args:
             body: what is held.
@@ -115,7 +116,7 @@ class Reserve:
         size = CIRCUMSCRIBED * self.disturbance * weight
         if size == 0:
             return LoadSet(loads=np.unique(masses, axis=0))
-        directions = _icosahedron(weight_o / weight, body.pose[:3, :3])
+        directions = _icosahedron(weight_o / weight, body.shape_pose[:3, :3])
         forces = np.zeros((12, 6))
         forces[:, :3] = size * directions
         # Of the loads along the weight the least and the largest are enough: the others lie between them.

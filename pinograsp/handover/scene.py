@@ -232,8 +232,8 @@ def _add_drives(
 def _add_support(spec: mujoco.MjSpec, body: Body, gravity_o: Array) -> None:
     """Springs and dampers between the object and its place, which carry its weight; their control scales them."""
     here = spec.body("object")
-    here.add_site(name="object", group=4)
-    spec.worldbody.add_site(name="place", pos=here.pos, quat=here.quat, group=4)
+    here.add_site(name="object", pos=body.com_b, group=4)
+    spec.worldbody.add_site(name="place", pos=body.com_o, quat=here.quat, group=4)
     inertia = float(np.linalg.eigvalsh(body.inertia_b)[0])
     weight = np.concatenate([-body.mass * body.pose[:3, :3].T @ gravity_o, np.zeros(3)])
     for i, (axis, mass) in enumerate(zip(_AXES, np.repeat([body.mass, inertia], 3))):

@@ -268,8 +268,6 @@ class HandModel:
     def placed(self, pose: ArrayLike) -> HandModel:
         """The same hand with its root frame at ``pose`` = oMh (4, 4)."""
         pose = placement_of("hand pose", pose)
-        if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
-            raise InvalidInput(f"hand pose: expected the last row 0 0 0 1, got {pose[3].tolist()}")
         if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-12:
             U, _, V = np.linalg.svd(pose[:3, :3])  # given with few digits: the nearest rotation
             pose = read_only(pose_of(pose[:3, 3], U @ V))

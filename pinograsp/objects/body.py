@@ -37,7 +37,7 @@ class BodyArguments(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """A solid, homogeneous unless said otherwise; its body frame b sits at the centre of mass.
+    """A solid, homogeneous unless said otherwise; its body frame b is that in which its shape was given, of its file.
 
     Attributes:
         mass: [kg].
@@ -47,6 +47,8 @@ class Body:
         inertia: rotational inertia (3, 3) about the centre of mass, body axes [kg m^2], where it was measured; None:
             that of a homogeneous solid.
         notes: what was changed in what was given.
+        shape_pose: oMs (4, 4), the shape's own frame s in the world [m], in which ``collision_geometry`` is: at the
+            centre of mass, with the body's axes, or those of a primitive that its file turned.
     """
 
     mass: float = None  # type: ignore[assignment]  # a number once the constructor is done
@@ -54,12 +56,13 @@ class Body:
     pose: Array = field(default_factory=lambda: np.eye(4))
     inertia: Array | None = field(default=None, repr=False)
     notes: tuple[str, ...] = field(default=(), repr=False)
+    shape_pose: Array = field(init=False, repr=False)
 
     __repr__ = brief()
 
     def __post_init__(self) -> None:
-        self._set(pose=placement_of("pose", self.pose))
         self._check_shape()
+        self._put(self.pose)
         name, mass, density = self._name, self.mass, self.density
         if mass is None and density is None:
             raise InvalidInput(f"{name}: expected mass= [kg] or density= [kg/m^3], got neither: give one of them")
@@ -91,6 +94,10 @@ class Body:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    def _put(self, pose: ArrayLike) -> None:
+        pose = placement_of("pose", pose)
+        self._set(pose=pose, shape_pose=read_only(pose @ self.shape_b))
+
     def _check_lengths(self, *names: str) -> None:
         self._set(**{name: number(f"{self._name} {name}", getattr(self, name), above=0, unit="m") for name in names})
 
@@ -105,13 +112,18 @@ class Body:
         raise NotImplementedError
 
     @property
+    def shape_b(self) -> Array:
+        """bMs (4, 4): the shape's own frame s, which is at the centre of mass, in the body frame [m]."""
+        raise NotImplementedError
+
+    @property
     def volume(self) -> float:
         """[m^3]."""
         raise NotImplementedError
 
     @property
     def _inertia_per_mass(self) -> Array:
-        """Rotational inertia (3, 3) of one kilogram about the centre of mass, body axes [m^2]."""
+        """Rotational inertia (3, 3) of one kilogram about the centre of mass, axes of s [m^2]."""
         raise NotImplementedError
 
     @property
@@ -121,39 +133,59 @@ class Body:
 
     @property
     def collision_geometry(self) -> coal.CollisionGeometry:
-        """Coal's geometry in the body frame."""
+        """Coal's geometry in the shape's frame s."""
         raise NotImplementedError
 
-    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
-        """Nearest surface points (k, 3) [m], outward unit normals (k, 3), signed distances (k,) [m], body frame."""
+    def _nearest_s(self, local: Array) -> tuple[Array, Array, Array]:
+        """Nearest surface points (k, 3) [m], outward unit normals (k, 3), signed distances (k,) [m], in s."""
         raise NotImplementedError
 
-    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
-        """Principal curvatures (k, 2) [1/m], smaller first, and the direction (k, 3) of the first, body frame."""
+    def _curvature_s(self, surface: Array, outward: Array) -> tuple[Array, Array]:
+        """Principal curvatures (k, 2) [1/m], smaller first, and the direction (k, 3) of the first, in s."""
         raise NotImplementedError
 
     # -- what follows from it
 
     @property
-    def com_o(self) -> Array:
-        """Centre of mass (3,) in the world [m]."""
-        return self.pose[:3, 3]
+    def com_b(self) -> Array:
+        """Centre of mass (3,) in the body frame [m]."""
+        return self.shape_b[:3, 3]
 
     @property
-    def file_pose(self) -> Array:
-        """oMf (4, 4): of the frame in which the shape was given, that of a mesh's file; else the body frame."""
-        return self.pose
+    def com_o(self) -> Array:
+        """Centre of mass (3,) in the world [m]."""
+        return self.shape_pose[:3, 3]
 
     @property
     def inertia_b(self) -> Array:
         """Rotational inertia (3, 3) about the centre of mass, body axes [kg m^2]."""
-        return read_only(self.mass * self._inertia_per_mass) if self.inertia is None else self.inertia
+        if self.inertia is not None:
+            return self.inertia
+        turn = self.shape_b[:3, :3]
+        return read_only(self.mass * turn @ self._inertia_per_mass @ turn.T)
+
+    @property
+    def inertia_s(self) -> Array:
+        """Rotational inertia (3, 3) about the centre of mass, axes of the shape's own frame s [kg m^2]."""
+        turn = self.shape_b[:3, :3]
+        return read_only(turn.T @ self.inertia_b @ turn)
 
     def placed(self: _Solid, pose: ArrayLike) -> _Solid:
         """The same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
         moved = copy.copy(self)
-        moved._set(pose=placement_of("pose", pose))
+        moved._put(pose)
         return moved
+
+    def moved(self: _Solid, shift_o: ArrayLike, turn_o: ArrayLike) -> _Solid:
+        """The same solid turned by ``turn_o`` (3, 3) about its centre of mass, which moves by ``shift_o`` (3,) [m].
+
+        Both are in the world's axes.
+        """
+        turn = array_of("turn", turn_o, (3, 3))
+        pose = np.array(self.pose)
+        pose[:3, :3] = turn @ pose[:3, :3]
+        pose[:3, 3] = self.com_o + array_of("shift", shift_o, (3,)) + turn @ (pose[:3, 3] - self.com_o)
+        return self.placed(pose)
 
     def project(self, points_o: ArrayLike) -> tuple[Array, Array, Array]:
         """Nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].
@@ -166,8 +198,8 @@ class Body:
             InvalidInput: a point without a nearest surface point, within 1e-9 m of a centre, an axis or a mid-plane,
                 where the nearest ones lie in opposite directions.
         """
-        surface, outward, distance = self._nearest_b(self._local(points_o))
-        return surface @ self.pose[:3, :3].T + self.com_o, -outward @ self.pose[:3, :3].T, distance
+        surface, outward, distance = self._nearest_s(self._local(points_o))
+        return surface @ self.shape_pose[:3, :3].T + self.com_o, -outward @ self.shape_pose[:3, :3].T, distance
 
     def curvature(self, points_o: ArrayLike) -> tuple[Array, Array]:
         """Principal curvatures (k, 2) [1/m], smaller first, and the direction (k, 3) of the first, in the world.
@@ -179,22 +211,46 @@ class Body:
             InvalidInput: as in :meth:`project`, or a point on an edge, a rim or a corner, where the curvature is
                 infinite.
         """
-        surface, outward, _ = self._nearest_b(self._local(points_o))
-        curvatures, first = self._curvature_b(surface, outward)
-        return curvatures, first @ self.pose[:3, :3].T
+        surface, outward, _ = self._nearest_s(self._local(points_o))
+        curvatures, first = self._curvature_s(surface, outward)
+        return curvatures, first @ self.shape_pose[:3, :3].T
 
     def _local(self, points_o: ArrayLike) -> Array:
         points = array_of("points", points_o, (None, 3))
         if np.abs(points).max(initial=0.0) > _FAR:
             raise InvalidInput(f"points: expected them within {_FAR:g} m of the origin, got {shown(points.tolist())}")
-        local: Array = (points - self.com_o) @ self.pose[:3, :3]
+        local: Array = (points - self.com_o) @ self.shape_pose[:3, :3]
         return local
 
-    def _refuse(self, where: BoolArray, points_b: Array, complaint: str) -> None:
+    def _refuse(self, where: BoolArray, points_s: Array, complaint: str) -> None:
         """Raise the complaint about the first of the points (k, 3) for which ``where`` (k,) holds."""
         if np.any(where):
-            point = points_b[np.argmax(where)] @ self.pose[:3, :3].T + self.com_o
+            point = points_s[np.argmax(where)] @ self.shape_pose[:3, :3].T + self.com_o
             raise InvalidInput(f"{complaint} (at {(1e3 * point).round(3).tolist()} mm in the world)")
+
+
+class PrimitiveArguments(BodyArguments, total=False):
+    """What a primitive's constructor takes besides its size, see :class:`Primitive`."""
+
+    shape_b: ArrayLike
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Primitive(Body):
+    """A solid with a middle and axes of its own: the body frame, unless its file puts it elsewhere in a link's frame.
+
+    Attributes:
+        mass, density, pose, inertia, notes, shape_pose: see :class:`Body`.
+        shape_b: bMs (4, 4), the middle and the axes of the primitive in the body frame [m].
+    """
+
+    shape_b: Array = field(default_factory=lambda: np.eye(4), repr=False)
+
+    __repr__ = brief()
+
+    def __post_init__(self) -> None:
+        self._set(shape_b=placement_of("shape_b", self.shape_b))
+        Body.__post_init__(self)
 
 
 class InertiaImpossible(InvalidInput):

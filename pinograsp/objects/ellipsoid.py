@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinograsp.checks import brief
-from pinograsp.objects.body import NO_DIRECTION, Body, tangents
+from pinograsp.objects.body import NO_DIRECTION, Primitive, tangents
 from pinograsp.objects.primitives import positive_lengths
 from pinograsp.spatial import Array, BoolArray
 
@@ -18,26 +18,26 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from typing_extensions import Unpack
 
-    from pinograsp.objects.body import BodyArguments
+    from pinograsp.objects.body import PrimitiveArguments
 
 # Newton's method converges from one side on every input; the slowest ones seen need about 40 steps.
 _MOST_STEPS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ellipsoid(Body):
+class Ellipsoid(Primitive):
     """A solid ellipsoid along the body axes.
 
     Attributes:
         semi_axes: (3,) along the body's x, y and z [m].
-        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+        mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`.
     """
 
     semi_axes: Array
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
 
-        def __init__(self, *, semi_axes: ArrayLike, **body: Unpack[BodyArguments]) -> None: ...
+        def __init__(self, *, semi_axes: ArrayLike, **body: Unpack[PrimitiveArguments]) -> None: ...
 
     __repr__ = brief()
 
@@ -61,12 +61,12 @@ class Ellipsoid(Body):
 
     @property
     def collision_geometry(self) -> coal.Ellipsoid:
-        """A ``coal.Ellipsoid`` in the body frame."""
+        """A ``coal.Ellipsoid`` in the shape's own frame."""
         import coal
 
         return coal.Ellipsoid(*self.semi_axes)
 
-    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
+    def _nearest_s(self, local: Array) -> tuple[Array, Array, Array]:
         """The nearest point is x_i = e_i^2 y_i / (e_i^2 + t), where t > -e_min^2 puts it on the surface.
 
         After D. Eberly, Distance from a Point to an Ellipse, an Ellipsoid, or a Hyperellipsoid (Geometric Tools, 2013).
@@ -111,7 +111,7 @@ class Ellipsoid(Body):
             between: BoolArray = on_plane & (np.linalg.norm(off / focal, axis=1) <= 1)
         return between
 
-    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
+    def _curvature_s(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         across = tangents(outward)
         steepness = np.linalg.norm(surface / self.semi_axes**2, axis=1)
         form = np.einsum("kia,i,kib->kab", across, 1 / self.semi_axes**2, across) / steepness[:, None, None]

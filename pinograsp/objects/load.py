@@ -40,7 +40,7 @@ def load_object(
     density: float | None = None,
     hulls: bool = False,
     packages: Mapping[str, str | Path] | None = None,
-    file_pose: ArrayLike | None = None,
+    pose: ArrayLike | None = None,
     body: str | None = None,
 ) -> Body:
     """The object in a URDF, SDF or MJCF file: its collision shapes where they are, as one solid, with the file's mass.
@@ -57,12 +57,12 @@ def load_object(
         density: [kg/m^3], of a homogeneous solid instead of all that.
         hulls: take the convex hull of each mesh, as physics engines do; for meshes that are not closed.
         packages: folders of ROS packages, ``{name: folder}``, for ``package://name/``.
-        file_pose: oMf (4, 4), the frame of the file (of the link in URDF, of the model in SDF, of the body in MJCF) in
-            the world [m]; default: the world's.
+        pose: oMb (4, 4), the frame of the file (of the link in URDF, of the model in SDF, of the body in MJCF) in the
+            world [m]; default: the world's.
         body: of an MJCF file's bodies, the one that is meant; default: the only free one, or the only one.
 
     Returns:
-        The object; its body frame sits at its centre of mass, with the file's axes or those of a single primitive.
+        The object; its body frame is that of the file.
 
     Raises:
         InvalidInput: no such file, several links or bodies, joints that move, a mesh that is missing or bounds no
@@ -80,7 +80,7 @@ def load_object(
         path = path_of("object file", path)
         name = str(path)
     flag("hulls", hulls)
-    file_pose = np.eye(4) if file_pose is None else placement_of("file_pose", file_pose)
+    pose = np.eye(4) if pose is None else placement_of("pose", pose)
     instance_of("body", body, str, type(None))
     found = read_description(path, name, packages_of(packages), body)
     if mass is None and density is None:
@@ -89,14 +89,14 @@ def load_object(
             raise InvalidInput(f"object file '{name}': it gives no mass: give mass= [kg] or density= [kg/m^3]")
     elif mass is not None:
         mass = number("mass", mass, above=0, unit="kg")
-    weight: dict[str, Any] = {"mass": mass} if density is None else {"mass": mass, "density": density}
+    given: dict[str, Any] = {"pose": pose, "mass": mass} | ({} if density is None else {"density": density})
     com, inertia = found.com, found.inertia
     if density is not None:
         com = inertia = None
     elif inertia is not None and mass is not None and found.mass is not None:
         inertia = inertia * (mass / found.mass)
     try:
-        solid = _solid(found, com, inertia, weight, hulls, file_pose)
+        solid = _solid(found, com, inertia, given, hulls)
     except InvalidInput as error:
         raise InvalidInput(f"object file '{name}': {error}".replace("convex=True", "hulls=True")) from None
     if found.notes:
@@ -108,28 +108,21 @@ def _solid(
     found: Description,
     com: Array | None,
     inertia: Array | None,
-    weight: dict[str, Any],
+    given: dict[str, Any],
     hulls: bool,
-    file_pose: Array,
 ) -> Body:
     part = found.parts[0]
     alone = len(found.parts) == 1
     if alone and part.kind != "mesh" and (com is None or np.linalg.norm(com - part.pose[:3, 3]) < _CENTRED):
-        turn = part.pose[:3, :3]
-        inertia = None if inertia is None else turn.T @ inertia @ turn
-        return _with_inertia(
-            lambda **more: _primitive(part, {"pose": file_pose @ part.pose, **weight, **more}), inertia
-        )
+        return _with_inertia(lambda **more: _primitive(part, {"shape_b": part.pose, **given, **more}), inertia)
     notes: tuple[str, ...] = ()
     surfaces = _surfaces(found.parts, hulls)
     if alone:
         ((vertices, faces),) = surfaces.values()
     else:
         vertices, faces, notes = one_of_several(surfaces)
-    given: dict[str, Any] = {"vertices": vertices, "faces": faces, "com": com, "notes": notes, **weight}
-    given["convex"] = alone and hulls
-    mesh = _with_inertia(lambda **more: Mesh(**{**given, **more}), inertia)
-    return mesh.placed(file_pose @ np.linalg.inv(mesh.file_frame_b))
+    given = {"vertices": vertices, "faces": faces, "com": com, "notes": notes, "convex": alone and hulls, **given}
+    return _with_inertia(lambda **more: Mesh(**given, **more), inertia)
 
 
 def _with_inertia(make: Callable[..., _Solid], inertia: Array | None) -> _Solid:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
 from pinograsp.checks import number, path_of, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
@@ -73,8 +71,7 @@ def object_in(
     scale = number("scale of the object", scale, above=0)
     files = find_object(folder, name)
     if files[0].suffix.lower() in _MESHES:
-        mesh = Mesh.load(files, scale=scale, mass=mass, density=density)
-        return mesh.placed(np.linalg.inv(mesh.file_frame_b))
+        return Mesh.load(files, scale=scale, mass=mass, density=density)
     if scale != 1.0:
         raise InvalidInput(
             f"object '{name}': expected a mesh, since the grasps are of one enlarged {scale:g} times, got '{files[0]}'"

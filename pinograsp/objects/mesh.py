@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, frozen, number, one_line, read_only
+from pinograsp.checks import array_of, brief, flag, number, one_line, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.decomposition import ConvexParts, convex_parts
@@ -18,7 +18,7 @@ from pinograsp.objects.mesh_checks import convex_surface
 from pinograsp.objects.mesh_files import mesh_files, read_surface
 from pinograsp.objects.mesh_union import concatenated, convex_pieces, one_of_several, one_solid
 from pinograsp.objects.triangles import TriangleSurface
-from pinograsp.spatial import Array, IntArray
+from pinograsp.spatial import Array, IntArray, pose_of
 
 if TYPE_CHECKING:
     import coal
@@ -34,8 +34,13 @@ _OUTSIDE = 1e-3  # [m] by which a centre of mass may lie outside the bounding bo
 
 @dataclass(slots=True)
 class _Derived:
-    """What follows from a mesh's surface and is kept with it; None until it is asked for."""
+    """What follows from a mesh's surface and is kept with it; None until it is asked for.
 
+    Vertices count from the centre of mass here, since far from the origin integrals and distances would lose digits.
+    """
+
+    shape_b: Array = field(default_factory=lambda: np.eye(4))
+    vertices_s: Array = field(default_factory=lambda: np.zeros((0, 3)))
     volume: float = 0.0
     inertia_per_mass: Array = field(default_factory=lambda: np.zeros((3, 3)))
     surface: TriangleSurface | None = None
@@ -48,8 +53,7 @@ class _Derived:
 class Mesh(Body):
     """A solid bounded by a closed surface of triangles, or the convex hull of one.
 
-    The body frame is moved to the centre of mass and keeps the axes in which the vertices were given. To put the frame
-    of the file at oMf: ``mesh.placed(oMf @ np.linalg.inv(mesh.file_frame_b))``.
+    The body frame is that in which the vertices are given, the file's.
 
     Vertices within 1e-8 m are merged; small holes, as scans have them (at most 0.2 % of the surface), are closed, and a
     mesh that is inside out is turned round, which ``notes`` say. Parts that meet, as those of a convex decomposition,
@@ -61,21 +65,18 @@ class Mesh(Body):
     by their angles).
 
     Attributes:
-        vertices: (n, 3) in the body frame [m]; given in any frame.
+        vertices: (n, 3) in the body frame [m].
         faces: (m, 3) indices into the vertices, counter-clockwise seen from outside.
         convex: whether to take the convex hull.
-        com: the centre of mass (3,) in the frame in which the vertices are given [m], where it was measured; None:
-            that of a homogeneous solid.
-        file_frame_b: bMf (4, 4), the frame in which the vertices were given, in the body frame [m].
-        mass, density, pose, inertia, notes: see :class:`~pinograsp.objects.body.Body`.
+        com: the centre of mass (3,) in the body frame [m], where it was measured; None: that of a homogeneous solid,
+            which :attr:`com_b` tells.
+        mass, density, pose, inertia, notes, shape_pose: see :class:`~pinograsp.objects.body.Body`.
     """
 
     vertices: Array
     faces: IntArray
     convex: bool = False
-    # Given again when a record is copied with changes: the vertices are then in the body frame already.
     com: Array | None = field(default=None, repr=False)
-    file_frame_b: Array = field(default_factory=lambda: np.eye(4))
     _derived: _Derived = field(init=False, repr=False, default_factory=lambda: _Derived())
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
@@ -87,7 +88,6 @@ class Mesh(Body):
             faces: ArrayLike,
             convex: bool = ...,
             com: ArrayLike | None = ...,
-            file_frame_b: ArrayLike = ...,
             **body: Unpack[BodyArguments],
         ) -> None: ...
 
@@ -134,14 +134,13 @@ class Mesh(Body):
             rest = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
             raise InvalidInput(f"mesh file '{paths[0]}'{rest}: {error}") from None
         if not convex and (pieces := convex_pieces(surfaces.values())):
-            moved = mesh.file_frame_b[:3, 3]
-            mesh._derived.parts = ConvexParts(tuple(read_only(corners + moved) for corners in pieces), 0.0)
+            mesh._derived.parts = ConvexParts(tuple(read_only(corners - mesh.com_b) for corners in pieces), 0.0)
         return mesh
 
     @property
-    def file_pose(self) -> Array:
-        """oMf (4, 4): of the frame in which the vertices were given, that of the mesh's file."""
-        return read_only(self.pose @ self.file_frame_b)
+    def shape_b(self) -> Array:
+        """bMs (4, 4): the body's axes at the centre of mass, in the body frame [m]."""
+        return self._derived.shape_b
 
     def _check_shape(self) -> None:
         from trimesh.triangles import mass_properties
@@ -165,18 +164,17 @@ class Mesh(Body):
                     f"{high.round(4).tolist()} m, got {centre.round(4).tolist()}: are frame and units right? With "
                     "density= alone it is that of a homogeneous solid"
                 )
-            self._set(com=np.zeros(3))
-        vertices = vertices - centre
-        properties = mass_properties(vertices[faces], center_mass=np.zeros(3))
-        file_frame_b = np.array(array_of("file frame", self.file_frame_b, (4, 4)))
-        file_frame_b[:3, 3] -= centre
+            self._set(com=centre)
+        vertices_s = vertices - centre
+        properties = mass_properties(vertices_s[faces], center_mass=np.zeros(3))
+        self._derived.shape_b = read_only(pose_of(centre))
+        self._derived.vertices_s = read_only(vertices_s)
         self._derived.volume = float(properties.volume)
         self._derived.inertia_per_mass = np.asarray(properties.inertia) / properties.volume
         self._set(
             vertices=read_only(vertices),
             faces=read_only(faces),
             convex=bool(self.convex),
-            file_frame_b=frozen(file_frame_b),
             notes=(*self.notes, *notes),
         )
 
@@ -192,11 +190,11 @@ class Mesh(Body):
     @property
     def bounding_radius(self) -> float:
         """Largest distance of a surface point from the centre of mass [m]."""
-        return float(np.linalg.norm(self.vertices, axis=1).max())
+        return float(np.linalg.norm(self._derived.vertices_s, axis=1).max())
 
     @property
     def collision_geometry(self) -> coal.CollisionGeometry:
-        """A ``coal.Convex`` of a convex hull, otherwise a ``coal.BVHModelOBBRSS``, in the body frame.
+        """A ``coal.Convex`` of a convex hull, otherwise a ``coal.BVHModelOBBRSS``, in the shape's own frame.
 
         The latter is a surface: a body inside it does not collide.
         """
@@ -204,7 +202,7 @@ class Mesh(Body):
             from pinograsp.hands.mesh_file import collision_model  # with coal and Pinocchio, slow to import
 
             try:
-                model = collision_model(self.vertices, self.faces)
+                model = collision_model(self._derived.vertices_s, self.faces)
                 if self.convex:
                     model.buildConvexRepresentation(False)
                     model = model.convex
@@ -218,7 +216,7 @@ class Mesh(Body):
 
     @property
     def convex_parts(self) -> ConvexParts:
-        """Convex parts that together are about the solid, in the body frame, and their error.
+        """Convex parts that together are about the solid, in the shape's own frame, and their error.
 
         Those of the files, where these are convex each, as in a decomposition. Otherwise the same mesh has the same
         parts; they take seconds, once, or a minute where the surface crosses itself, and need the extra ``mesh``.
@@ -228,14 +226,15 @@ class Mesh(Body):
             InvalidInput: the surface crosses itself over much of its area.
         """
         if self._derived.parts is None:
-            one = ConvexParts((self.vertices,), 0.0)
-            self._derived.parts = one if self.convex else convex_parts(self.vertices, self.faces, self._surface)
+            vertices = self._derived.vertices_s
+            one = ConvexParts((vertices,), 0.0)
+            self._derived.parts = one if self.convex else convex_parts(vertices, self.faces, self._surface)
         return self._derived.parts
 
     @property
     def _surface(self) -> TriangleSurface:
         if self._derived.surface is None:
-            self._derived.surface = TriangleSurface(self.vertices, self.faces)
+            self._derived.surface = TriangleSurface(self._derived.vertices_s, self.faces)
         return self._derived.surface
 
     def curvature(self, points_o: ArrayLike, radius: float | None = None) -> tuple[Array, Array]:
@@ -258,16 +257,16 @@ class Mesh(Body):
                 self._derived.fit_radius = float(_FIT_HEIGHTS * heights[order[min(median, len(order) - 1)]])
             radius = self._derived.fit_radius
         radius = number("radius of the curvature fit", radius, above=0, unit="m")
-        surface, outward, _ = self._nearest_b(self._local(points_o))
+        surface, outward, _ = self._nearest_s(self._local(points_o))
         curvatures, first = self._surface.curvature(surface, outward, radius)
         self._refuse(
             np.isnan(curvatures[:, 0]),
             surface,
             "a sharp edge or tip of the mesh has no tangent plane, so no curvature: move the point off it",
         )
-        return curvatures, first @ self.pose[:3, :3].T
+        return curvatures, first @ self.shape_pose[:3, :3].T
 
-    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
+    def _nearest_s(self, local: Array) -> tuple[Array, Array, Array]:
         surface, outward, distance, opposite = self._surface.nearest(local)
         self._refuse(
             opposite,

@@ -1,4 +1,4 @@
-"""Spheres, cylinders, capsules and boxes. Axes of revolution are the body's z axis."""
+"""Spheres, cylinders, capsules and boxes. Their frame is in their middle; axes of revolution are its z axis."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from pinograsp.checks import array_of, brief
 from pinograsp.errors import InvalidInput
-from pinograsp.objects.body import NO_DIRECTION, Body, tangents
+from pinograsp.objects.body import NO_DIRECTION, Primitive, tangents
 from pinograsp.spatial import Array
 
 if TYPE_CHECKING:
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from typing_extensions import Unpack
 
-    from pinograsp.objects.body import BodyArguments
+    from pinograsp.objects.body import PrimitiveArguments
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sphere(Body):
+class Sphere(Primitive):
     """A solid sphere.
 
     Attributes:
         radius: [m].
-        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+        mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`.
     """
 
     radius: float
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
 
-        def __init__(self, *, radius: float, **body: Unpack[BodyArguments]) -> None: ...
+        def __init__(self, *, radius: float, **body: Unpack[PrimitiveArguments]) -> None: ...
 
     __repr__ = brief()
 
@@ -57,12 +57,12 @@ class Sphere(Body):
 
     @property
     def collision_geometry(self) -> coal.Sphere:
-        """A ``coal.Sphere`` in the body frame."""
+        """A ``coal.Sphere`` in the shape's own frame."""
         import coal
 
         return coal.Sphere(self.radius)
 
-    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
+    def _nearest_s(self, local: Array) -> tuple[Array, Array, Array]:
         radial = np.linalg.norm(local, axis=1)
         self._refuse(
             radial < NO_DIRECTION,
@@ -72,18 +72,19 @@ class Sphere(Body):
         outward = local / radial[:, None]
         return self.radius * outward, outward, radial - self.radius
 
-    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
+    def _curvature_s(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         return np.full((len(surface), 2), 1 / self.radius), tangents(outward)[:, :, 0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cylinder(Body):
+class Cylinder(Primitive):
     """A solid cylinder about its body z axis.
 
     Attributes:
         radius: [m].
         height: [m].
-        mass, density, pose: see :class:`~pinograsp.objects.body.Body`; the body frame is half-way up.
+        mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`; the body
+            frame is half-way up.
     """
 
     radius: float
@@ -91,7 +92,7 @@ class Cylinder(Body):
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
 
-        def __init__(self, *, radius: float, height: float, **body: Unpack[BodyArguments]) -> None: ...
+        def __init__(self, *, radius: float, height: float, **body: Unpack[PrimitiveArguments]) -> None: ...
 
     __repr__ = brief()
 
@@ -115,12 +116,12 @@ class Cylinder(Body):
 
     @property
     def collision_geometry(self) -> coal.Cylinder:
-        """A ``coal.Cylinder`` in the body frame."""
+        """A ``coal.Cylinder`` in the shape's own frame."""
         import coal
 
         return coal.Cylinder(self.radius, self.height)
 
-    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
+    def _nearest_s(self, local: Array) -> tuple[Array, Array, Array]:
         radial = np.linalg.norm(local[:, :2], axis=1)
         beyond_side, beyond_cap = radial - self.radius, np.abs(local[:, 2]) - self.height / 2
         on_side = beyond_side >= beyond_cap
@@ -147,7 +148,7 @@ class Cylinder(Body):
         normal = np.where(at_rim[:, None], (outward + cap) / np.sqrt(2), normal)
         return local - distance[:, None] * normal, normal, distance
 
-    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
+    def _curvature_s(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         beyond_side = np.linalg.norm(surface[:, :2], axis=1) - self.radius
         beyond_cap = np.abs(surface[:, 2]) - self.height / 2
         self._refuse(
@@ -162,13 +163,13 @@ class Cylinder(Body):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Capsule(Body):
+class Capsule(Primitive):
     """A solid cylinder about its body z axis with a half-sphere on each end.
 
     Attributes:
         radius: [m].
         length: of the cylindrical part, between the centres of the half-spheres [m].
-        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+        mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`.
     """
 
     radius: float
@@ -176,7 +177,7 @@ class Capsule(Body):
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
 
-        def __init__(self, *, radius: float, length: float, **body: Unpack[BodyArguments]) -> None: ...
+        def __init__(self, *, radius: float, length: float, **body: Unpack[PrimitiveArguments]) -> None: ...
 
     __repr__ = brief()
 
@@ -202,12 +203,12 @@ class Capsule(Body):
 
     @property
     def collision_geometry(self) -> coal.Capsule:
-        """A ``coal.Capsule`` in the body frame."""
+        """A ``coal.Capsule`` in the shape's own frame."""
         import coal
 
         return coal.Capsule(self.radius, self.length)
 
-    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
+    def _nearest_s(self, local: Array) -> tuple[Array, Array, Array]:
         axis = np.zeros_like(local)
         axis[:, 2] = np.clip(local[:, 2], -self.length / 2, self.length / 2)
         radial = np.linalg.norm(local - axis, axis=1)
@@ -219,7 +220,7 @@ class Capsule(Body):
         outward = (local - axis) / radial[:, None]
         return axis + self.radius * outward, outward, radial - self.radius
 
-    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
+    def _curvature_s(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         side = np.abs(surface[:, 2]) <= self.length / 2
         curvatures = np.full((len(surface), 2), 1 / self.radius)
         curvatures[side, 0] = 0.0
@@ -227,19 +228,19 @@ class Capsule(Body):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Box(Body):
+class Box(Primitive):
     """A solid box along the body axes.
 
     Attributes:
         size: full edge lengths (3,) [m].
-        mass, density, pose: see :class:`~pinograsp.objects.body.Body`.
+        mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`.
     """
 
     size: Array
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
 
-        def __init__(self, *, size: ArrayLike, **body: Unpack[BodyArguments]) -> None: ...
+        def __init__(self, *, size: ArrayLike, **body: Unpack[PrimitiveArguments]) -> None: ...
 
     __repr__ = brief()
 
@@ -263,12 +264,12 @@ class Box(Body):
 
     @property
     def collision_geometry(self) -> coal.Box:
-        """A ``coal.Box`` in the body frame."""
+        """A ``coal.Box`` in the shape's own frame."""
         import coal
 
         return coal.Box(*self.size)
 
-    def _nearest_b(self, local: Array) -> tuple[Array, Array, Array]:
+    def _nearest_s(self, local: Array) -> tuple[Array, Array, Array]:
         half, each = self.size / 2, np.arange(len(local))
         beyond = np.abs(local) - half
         axis = beyond.argmax(axis=1)
@@ -292,7 +293,7 @@ class Box(Body):
         surface[each[inside], axis[inside]] = (face * half)[inside, axis[inside]]
         return surface, outward, distance
 
-    def _curvature_b(self, surface: Array, outward: Array) -> tuple[Array, Array]:
+    def _curvature_s(self, surface: Array, outward: Array) -> tuple[Array, Array]:
         on_faces = np.abs(surface) > self.size / 2 - NO_DIRECTION
         self._refuse(
             on_faces.sum(axis=1) > 1,

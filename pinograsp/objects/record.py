@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import one_of
+from pinograsp.checks import one_of, placement_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.ellipsoid import Ellipsoid
@@ -22,11 +22,15 @@ _SHAPES: dict[str, tuple[type[Body], tuple[str, ...]]] = {
     "capsule": (Capsule, ("radius", "length")),
     "box": (Box, ("size",)),
     "ellipsoid": (Ellipsoid, ("semi_axes",)),
-    "mesh": (Mesh, ("vertices", "faces", "convex", "file_frame_b")),
+    "mesh": (Mesh, ("vertices", "faces", "convex")),
 }
 _ALL = ("mass", "density", "pose")
-_MEASURED = ("inertia", "com", "notes")  # left out where there are none
-_ARRAYS = ("size", "semi_axes", "vertices", "faces", "file_frame_b", "pose", "inertia", "com")
+_OPTIONAL = ("inertia", "notes")  # left out where they say nothing, as is what one kind alone has
+_ARRAYS = ("size", "semi_axes", "vertices", "faces", "shape_b", "pose", "inertia", "com")
+
+
+def _optional(kind: type[Body]) -> tuple[str, ...]:
+    return (*_OPTIONAL, "com" if kind is Mesh else "shape_b")
 
 
 def object_record(body: Body) -> dict[str, Any] | None:
@@ -34,9 +38,11 @@ def object_record(body: Body) -> dict[str, Any] | None:
     for shape, (kind, names) in _SHAPES.items():
         if type(body) is kind:
             values = {name: getattr(body, name) for name in (*_ALL, *names)}
-            measured = {name: getattr(body, name, None) for name in _MEASURED}
-            values |= {name: value for name, value in measured.items() if value is not None and len(value)}
-            return {"shape": shape, **{name: _plain(value) for name, value in values.items()}}
+            more = {name: getattr(body, name) for name in _optional(kind)}
+            more = {name: value for name, value in more.items() if value is not None and len(value)}
+            if np.array_equal(more.get("shape_b", ()), np.eye(4)):
+                del more["shape_b"]
+            return {"shape": shape, **{name: _plain(value) for name, value in (values | more).items()}}
     return None
 
 
@@ -54,7 +60,9 @@ def object_of(record: dict[str, Any]) -> Body:
         raise InvalidInput(f"object record: expected a mapping with shape and sizes, got {record!r:.60}")
     kind, names = _SHAPES[one_of("object record: shape", record.get("shape"), _SHAPES)]
     wanted = (*_ALL, *names)
-    known = {"shape", *wanted, *(name for name in _MEASURED if name != "com" or kind is Mesh)}
+    known = {"shape", *wanted, *_optional(kind)}
+    if kind is Mesh and "file_frame_b" in record:
+        record = _in_the_files_frame(record)
     if not {"shape", *wanted} <= set(record) <= known:
         raise InvalidInput(f"object record: expected shape, {', '.join(wanted)}, got {', '.join(map(str, record))}")
     values: dict[str, Any] = {
@@ -68,6 +76,25 @@ def object_of(record: dict[str, Any]) -> Body:
         return kind(**values)
     except OverflowError as error:
         raise InvalidInput(f"object record: expected numbers that a float can hold, got {error}") from None
+
+
+def _in_the_files_frame(record: dict[str, Any]) -> dict[str, Any]:
+    """The record of a mesh by version 0.2, whose body frame was at the centre of mass, in today's."""
+    names = ("file_frame_b", "vertices", "pose", *(name for name in ("com", "inertia") if name in record))
+    arrays = {name: _array(name, record[name]) for name in names if name in record}
+    frame = placement_of("object record: file_frame_b", arrays.pop("file_frame_b"))
+    turn, moved = frame[:3, :3], {}
+    for name, array in arrays.items():
+        try:
+            if name == "pose":
+                moved[name] = array @ frame
+            elif name == "inertia":
+                moved[name] = turn.T @ array @ turn
+            else:
+                moved[name] = (array - frame[:3, 3]) @ turn
+        except ValueError:
+            raise InvalidInput(f"object record: {name}: expected points, got an array of {array.shape}") from None
+    return {name: value for name, value in record.items() if name != "file_frame_b"} | moved
 
 
 def _array(name: str, value: ArrayLike) -> Array:

@@ -75,7 +75,7 @@ def _seen(plan: PlanRecord) -> str:
 
 
 def where_the_hand_is(plan: PlanRecord) -> str:
-    """Where the hand's root is in the object's own frame, of a mesh that of its file; empty where it is not known."""
+    """Where the hand's root is in the object's frame, that of its file; empty where it is not known."""
     placed = plan.hand_in_object
     if placed is None:
         return ""
@@ -84,7 +84,7 @@ def where_the_hand_is(plan: PlanRecord) -> str:
     roll, pitch, yaw = np.degrees(angles)
     return (
         f"root at {x:.1f}, {y:.1f}, {z:.1f} mm, roll, pitch, yaw {roll:.1f}, {pitch:.1f}, {yaw:.1f} deg in the "
-        "object's frame (a mesh's: its file's)"
+        "object's frame (its file's)"
     )
 
 

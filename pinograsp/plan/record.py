@@ -28,7 +28,7 @@ from pinograsp.plan.parts import (
     Reach,
 )
 from pinograsp.showing import in_notebook
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, inverse_of
 from pinograsp.words import by_name, lines_of
 
 
@@ -134,13 +134,13 @@ class PlanRecord:
 
     @property
     def hand_in_object(self) -> Array | None:
-        """fMh (4, 4): the hand's root frame in the object's own frame, of a mesh that of its file [m].
+        """bMh (4, 4): the hand's root frame in the object's, that of its file [m].
 
         Where a robot has to bring the hand; None where one of the two was not kept.
         """
         if self.hand is None or self.body is None:
             return None
-        return np.asarray(np.linalg.inv(self.body.file_pose) @ self.hand.pose)
+        return np.asarray(inverse_of(self.body.pose) @ self.hand.pose)
 
     def require_hand(self) -> HandModel:
         """The hand, or :class:`InvalidInput` where the record has none."""

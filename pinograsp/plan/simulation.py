@@ -97,7 +97,8 @@ class Simulation:
         q: joint positions (s, n) [rad; m where joints slide].
         dq: joint velocities (s, n) [rad/s or m/s].
         torques: of the motors (s, n) [N m or N].
-        object_poses: (s, 4, 4).
+        object_poses: oMb of the object's frame, that of its file (s, 4, 4).
+        com_b: the object's centre of mass in that frame (3,) [m].
         parts: names of the parts of the hand that touch or should (p).
         forces_o: on the object by part, sums over its points (s, p, 3) [N].
         normal_forces: likewise (s, p) [N].
@@ -125,6 +126,7 @@ class Simulation:
     dq: Array
     torques: Array
     object_poses: Array
+    com_b: Array
     parts: tuple[str, ...]
     forces_o: Array
     normal_forces: Array
@@ -151,9 +153,14 @@ class Simulation:
         return (self.exponent + 1) * float(self.energies["normal_work"][self.complete])
 
     @property
+    def com_o(self) -> Array:
+        """Places of the object's centre of mass (s, 3) [m]."""
+        return np.asarray(self.object_poses[:, :3, :3] @ self.com_b + self.object_poses[:, :3, 3])
+
+    @property
     def drift(self) -> Array:
         """Distance of the object's centre of mass from where it was when the grasp was complete (s,) [m]; 0 before."""
-        position = self.object_poses[:, :3, 3]
+        position = self.com_o
         moved: Array = np.linalg.norm(position - position[self.complete], axis=1)
         moved[: self.complete] = 0.0
         return moved
@@ -187,6 +194,7 @@ class Simulation:
             "dq",
             "torques",
             "object_poses",
+            "com_b",
             "forces_o",
             "normal_forces",
             "tangential_forces",

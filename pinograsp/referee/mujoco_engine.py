@@ -263,7 +263,7 @@ class MujocoEngine:
 
     @property
     def object_pose(self) -> Array:
-        """Pose oMb (4, 4) of the object."""
+        """Pose oMs (4, 4) of the object's shape, at its centre of mass."""
         pose = np.eye(4)
         i = self.object_q
         pose[:3, 3] = self.data.qpos[i : i + 3]

@@ -47,15 +47,15 @@ class PinocchioEngine:
             self.pushed.append(pin.Force.Zero())
         self.collider = Collider(hand, body)
         self.notes = tuple(self.collider.notes)
-        self.mass, self.inertia = mass_factor * body.mass, mass_factor * np.array(body.inertia_b)
+        self.mass, self.inertia = mass_factor * body.mass, mass_factor * np.array(body.inertia_s)
         self.inverse = np.linalg.inv(self.inertia)
         self.q: Array = np.zeros(hand.n)
         self.dq: Array = np.zeros(hand.n)
         self.torques: Array = np.zeros(hand.n)
         self.friction: Array = np.zeros(hand.n)
         self.most_friction: Array = np.zeros(hand.n) if joint_friction is None else np.array(joint_friction)
-        self.rotation: Array = np.array(body.pose[:3, :3])
-        self.position: Array = np.array(body.pose[:3, 3])
+        self.rotation: Array = np.array(body.shape_pose[:3, :3])
+        self.position: Array = np.array(body.shape_pose[:3, 3])
         self.velocity: Array = np.zeros(3)  # of the centre of mass, world axes
         self.turning: Array = np.zeros(3)  # angular velocity, axes of the object
         self.set_gravity(task.gravity_o)
@@ -184,7 +184,7 @@ class PinocchioEngine:
 
     @property
     def object_pose(self) -> Array:
-        """Pose oMb (4, 4) of the object."""
+        """Pose oMs (4, 4) of the object's shape, at its centre of mass."""
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = self.rotation, self.position
         return pose

@@ -44,7 +44,7 @@ class Sample:
         q: joint positions (n,) [rad or m].
         dq: joint velocities (n,) [rad/s or m/s].
         torques: of the motors during the step that begins at this instant (n,) [N m or N].
-        object_pose: oMb (4, 4).
+        object_pose: oMs (4, 4), of the object's shape, at its centre of mass.
         forces_o: on the object (p, 3) [N].
         normal_forces: (p,) [N].
         tangential_forces: (p,) [N].
@@ -99,7 +99,7 @@ def by_part(touches: Touches, pressing: Pressing, parts: int) -> PartSums:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class History:
-    """The samples of a simulation, with the fields of :class:`~pinograsp.plan.Simulation`."""
+    """The samples of a simulation, as :class:`~pinograsp.plan.Simulation` has them; the poses are the shape's."""
 
     complete: int
     times: Array

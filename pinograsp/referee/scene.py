@@ -90,7 +90,8 @@ def outline(
     Args:
         hand, body, time_step, gravity_o, mass_factor, flat: as for :func:`build`.
         rotor: inertias of the motors at the joints (n,) [kg m^2 or kg].
-        presses: whether MuJoCo's own contacts exert forces; an object that is not convex is then convex parts.
+        presses: whether MuJoCo's own contacts exert forces; an object that is not convex is then convex parts. The
+            frame of the object's body is then its own, that of its file; else it is in the centre of mass.
     """
     spec = mujoco.MjSpec()
     _set_options(spec, time_step, gravity_o, coupled=bool(hand.couplings), flat=flat)
@@ -107,15 +108,19 @@ def outline(
         shape = convex(one.geometry, one.name, notes)
         if shape is not None:
             _add_geom(spec, bodies[one.parentJoint], shape, one.placement, one.name, found | _HAND)
-    free = spec.worldbody.add_body(name="object", pos=body.pose[:3, 3], quat=_quaternion(body.pose[:3, :3]))
+    # MuJoCo integrates the velocity of a body's origin: in the centre of mass, far from it turns would lose digits.
+    pose = body.pose if presses else body.shape_pose
+    placement = pin.SE3(np.linalg.inv(pose) @ body.shape_pose)
+    free = spec.worldbody.add_body(name="object", pos=pose[:3, 3], quat=_quaternion(pose[:3, :3]))
     free.add_freejoint()
-    changed = _set_inertia(free, mass_factor * body.mass, np.zeros(3), mass_factor * body.inertia_b)
+    inertia = body.inertia_b if presses else body.inertia_s
+    changed = _set_inertia(free, mass_factor * body.mass, placement.translation, mass_factor * inertia)
     notes += [f"the object has {text}" for text in changed]
     shapes = convex_shapes(body, notes) if presses else [object_shape(body, notes)]
     for number, shape in enumerate(shapes, 1):
         if not isinstance(shape, Surface):  # MuJoCo would take its convex hull
             name = "object" if len(shapes) == 1 else f"object {number}"
-            _add_geom(spec, free, shape, pin.SE3.Identity(), name, found | _OBJECT)
+            _add_geom(spec, free, shape, placement, name, found | _OBJECT)
     return spec, notes
 
 

@@ -21,7 +21,7 @@ from pinograsp.referee.settings import SUPPORTS, BaseMotion, Disturbance, Servo,
 from pinograsp.referee.stepping import Engine, Schedule, Trial
 from pinograsp.referee.task import Task
 from pinograsp.referee.verdict import verdict_of
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, inverse_of
 
 EngineName = Literal["mujoco", "pinocchio"]
 Mode = Literal["servo", "prescribed"]
@@ -270,7 +270,7 @@ def _law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
     # At one force F, the normal stiffness rho K^(1/rho) F^(1 - 1/rho) grows with factor^(1/rho), and the damping
     # coefficient lambda F / K is to grow with its root.
     tangential, damping = TANGENTIAL * factor ** (1 / rho), damping * factor ** (1 + 1 / (2 * rho))
-    inverse = np.linalg.inv(task.body.pose)
+    inverse = np.linalg.inv(task.body.shape_pose)
     points = task.points_o @ inverse[:3, :3].T + inverse[:3, 3]
     places = [points[joints == joint] for joint in range(parts)]
     return ContactLaw(factor * K, damping, rho, each, task.torsion, tangential, counts, places)
@@ -342,7 +342,9 @@ def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float)
         notes=(*trial.engine.notes, *_SUPPORTED[schedule.support], *([light] if schedule.shortened else [])),
         elapsed=elapsed,
         exponent=task.law[2],
-        **{one.name: getattr(history, one.name) for one in fields(History)},
+        com_b=task.body.com_b,
+        **{one.name: getattr(history, one.name) for one in fields(History)}
+        | {"object_poses": read_only(history.object_poses @ inverse_of(task.body.shape_b))},
     )
 
 

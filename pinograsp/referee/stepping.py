@@ -177,7 +177,7 @@ class Trial:
     def __init__(self, task: Task, engine: Engine, law: ContactLaw, schedule: Schedule):
         self.task, self.engine, self.law, self.schedule = task, engine, law, schedule
         self.course, disturbance = _Course(task, schedule), schedule.disturbance
-        self.pose = np.array(task.body.pose)
+        self.pose = np.array(task.body.shape_pose)
         self.pose[:3, 3] += disturbance.object_offset
         self.pose[:3, :3] = pin.exp3(np.array(disturbance.object_turn)) @ self.pose[:3, :3]
         self.fixture = _Fixture(task, self.pose, disturbance.mass_factor, schedule.letting_go)

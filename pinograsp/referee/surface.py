@@ -84,10 +84,10 @@ class Face(NamedTuple):
 
 
 class Surface:
-    """The triangles of an object that is not convex, in its own frame."""
+    """The triangles of an object that is not convex, in the shape's own frame."""
 
     def __init__(self, mesh: Mesh):
-        self.vertices, self.triangles = np.array(mesh.vertices), np.array(mesh.faces)
+        self.vertices, self.triangles = mesh.vertices - mesh.com_b, np.array(mesh.faces)
         self.model = _model(self.vertices, self.triangles)
         self.model.computeLocalAABB()
         a, b, c = (self.vertices[self.triangles[:, i]] for i in range(3))

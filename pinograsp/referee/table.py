@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull, QhullError
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.geometry import hull_of, hull_points
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, inverse_of
 
 _SINK = 1e-4  # [m] by which the object sinks in under its weight
 _NEAR = 1e-3  # [m] above its lowest point that still bear it
@@ -24,12 +24,13 @@ class Table:
     """
 
     def __init__(self, body: Body, pose: Array, gravity_o: Array, mass: float, mu: float, time_step: float):
-        """The table under an object at a pose (4, 4); :class:`InvalidInput` where it would not stand."""
+        """The table under an object, its shape at a pose oMs (4, 4); :class:`InvalidInput` where it would not stand."""
         size = float(np.linalg.norm(gravity_o))
         if size == 0:
             raise InvalidInput("support 'table': expected gravity, got none: nothing lies on a table then")
         self.up: Array = -gravity_o / size
-        self.body, self.corners, self.below = body.placed(np.eye(4)), _corners(body), _below(body, self.up)
+        self.body = body.placed(inverse_of(body.shape_b))
+        self.corners, self.below = _corners(body), _below(body, self.up)
         arms = self._arms(pose)
         heights = (arms + pose[:3, 3]) @ self.up
         self.height = float(heights.min()) + _SINK
@@ -40,7 +41,7 @@ class Table:
         self.mu, self.creep = mu, max(_CREEP, 4 * mu * size * time_step)
 
     def wrench(self, pose: Array, twist: Array) -> Array:
-        """On the object (6,) about its centre of mass [N, N m], at a pose (4, 4) and a twist (6,)."""
+        """On the object (6,) about its centre of mass [N, N m], at a pose oMs (4, 4) and a twist (6,)."""
         arms = self._arms(pose)
         depth = self.height - (arms + pose[:3, 3]) @ self.up
         arms, depth = arms[depth > 0], depth[depth > 0]
@@ -53,7 +54,7 @@ class Table:
         return np.concatenate([forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)])
 
     def _arms(self, pose: Array) -> Array:
-        """Points (p, 3) that may bear the object at a pose (4, 4), from its centre of mass, world axes."""
+        """Points (p, 3) that may bear the object at a pose oMs (4, 4), from its centre of mass, world axes."""
         corners = self.corners
         if corners is None:
             corners = np.unique(self.body.project(self.below @ pose[:3, :3])[0].round(9), axis=0)
@@ -62,7 +63,7 @@ class Table:
 
 
 def _corners(body: Body) -> Array | None:
-    """The corners (p, 3) of a mesh's hull in the body's frame; None for other shapes."""
+    """The corners (p, 3) of a mesh's hull in the shape's own frame; None for other shapes."""
     geometry = body.collision_geometry
     return None if hull_of(geometry) is None else hull_points(geometry)
 

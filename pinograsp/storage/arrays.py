@@ -54,7 +54,7 @@ def sizes_of(file: str, arrays: Arrays, shapes: dict[str, str], known: dict[str,
     for name, letters in shapes.items():
         if name not in arrays:
             raise InvalidInput(
-                f"{file}: expected an array '{name}', got none: written by another version? Plan it again"
+                f"{file}: expected an array '{name}', got none: written by another version? Plan or simulate it again"
             )
         array = arrays[name]
         if array.ndim == len(letters):

@@ -22,6 +22,7 @@ _SHAPES = {
     "dq": "mn",
     "torques": "mn",
     "object_poses": "m44",
+    "com_b": "3",
     "forces_o": "mp3",
     "normal_forces": "mp",
     "tangential_forces": "mp",

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from tqdm import tqdm
 
-from pinograsp.certification import Reason
+from pinograsp.certification import Reason, placement_hint
 from pinograsp.checks import brief, flag, instance_of, number, one_of, path_of, processes
 from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
 from pinograsp.errors import GraspsNotRead, InvalidInput, PinograspError
@@ -36,6 +36,7 @@ _MEANT = ("joints", "frame", "convention", "original", "palm_in_root")
 _WORK = Work("pinograsp.certified/1", "certification", "certify")
 # Labels that are written back, and the largest number that 32 bits hold.
 _WRITTEN, _MOST = ("reserve", "least_mu", "largest_load_N"), 3.4e38
+_COUNTED = ("file", "row", "reason", "message", "object", "code", "depth_m")
 _SAVED_EVERY = 2.0  # [s] between writes: what may have to be computed again when the process is killed
 _BLOCK = 512  # grasps at once: half a second of work
 
@@ -49,6 +50,7 @@ class Certified:
         rows: number of grasps in the folder, those of earlier runs included.
         counts: number of grasps by reason, and of faults.
         faults: what could not be read or used, ``{file: message}``.
+        hints: objects whose grasps are nearly all misplaced, and what to look at, ``{object: hint}``.
         interrupted: whether Ctrl-C stopped it; the same call continues it.
         elapsed: of this run [s].
     """
@@ -57,6 +59,7 @@ class Certified:
     rows: int
     counts: dict[str, int]
     faults: dict[str, str]
+    hints: dict[str, str]
     interrupted: bool
     elapsed: float
 
@@ -72,6 +75,7 @@ class Certified:
             "rows": self.rows,
             "counts": dict(self.counts),
             "faults": dict(self.faults),
+            "hints": dict(self.hints),
             "interrupted": self.interrupted,
             "elapsed_s": self.elapsed,
             "folder": str(self.folder),
@@ -199,6 +203,7 @@ def certify_files(
             rows=sum(run.counts.values()) - run.counts[REFUSED],
             counts=dict(run.counts),
             faults=run.faults,
+            hints=run.hints,
             interrupted=interrupted,
             elapsed=time.perf_counter() - started,
         )
@@ -273,17 +278,29 @@ class _Run:
         self.counts: Counter[str] = Counter()
         self.faults: dict[str, str] = {}
         self.done: set[tuple[str, int]] = set()
+        self.placing: dict[str, list[tuple[int, float]]] = {}
         self.kept: list[pa.Table] = []
         for one in parts.live:
-            self._count(read_part(one, ["file", "row", "reason", "message"]))
+            self._count(read_part(one, list(_COUNTED)))
 
     def _count(self, table: pa.Table) -> None:
-        columns = (table[name].to_pylist() for name in ("file", "row", "reason", "message"))
-        for file, row, reason, message in zip(*columns):
+        columns = (table[name].to_pylist() for name in _COUNTED)
+        for file, row, reason, message, name, code, depth in zip(*columns):
             self.counts[reason] += 1
             if reason == REFUSED:
                 self.faults[file] = message
+            else:
+                self.placing.setdefault(name, []).append((code, depth))
             self.done.add((file, row))
+
+    @property
+    def hints(self) -> dict[str, str]:
+        """What to look at, by the objects whose grasps are nearly all misplaced."""
+        found = {
+            name: placement_hint([code for code, _ in rows], [depth for _, depth in rows], f"'{name}'")
+            for name, rows in self.placing.items()
+        }
+        return {name: hint for name, hint in found.items() if hint}
 
     def work(self, payload: bytes) -> Iterator[tuple[object, ...]]:
         """The blocks that are left, in the order of the files."""

@@ -127,7 +127,7 @@ def find_grasps(
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
         within: where to hold it, a handle for example: lower and upper corner (2, 3) of a box along the axes of the
-            object's own frame [m], of a mesh that of its file (after ``scale``); the hand touches it nowhere else,
+            object's frame, that of its file (after ``scale``) [m]; the hand touches it nowhere else,
             fingers that would stay open.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
@@ -225,7 +225,7 @@ def _check(hand: HandModel, body: Body, conditions: GraspConditions, impact_time
     instance_of("hand", hand, HandModel)
     instance_of("body", body, Body)
     instance_of("conditions", conditions, GraspConditions)
-    at = body.pose[:3, 3]
+    at = body.com_o
     contact = Contact(finger="any", link="", point_o=at, rotation_oc=np.eye(3), length=None, distance=0.0)
     problem = conditions.problem(body, ContactSet(contacts=(contact,), com_o=at + [0.0, 0.0, 1.0]))
     problem.checked_impact_time(impact_time)
@@ -237,10 +237,9 @@ def _region(within: ArrayLike, body: Body) -> Region:
     if not (lower < upper).all():
         raise InvalidInput(f"within: expected lower corner < upper corner, got {lower.tolist()} and {upper.tolist()}")
     # No further than the object may reach: points are drawn inside.
-    pose = body.file_pose
-    com, radius = (body.com_o - pose[:3, 3]) @ pose[:3, :3], body.bounding_radius
+    com, radius = body.com_b, body.bounding_radius
     lower, upper = (np.clip(corner, com - radius, com + radius) for corner in (lower, upper))
-    return Region(lower=lower, upper=upper, pose=pose)
+    return Region(lower=lower, upper=upper, pose=body.pose)
 
 
 def _in_a_file(case: SearchCase, path: Path) -> str:

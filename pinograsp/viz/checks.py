@@ -46,9 +46,9 @@ def object_motion(simulation: Simulation) -> Figure:
     instance_of("simulation", simulation, Simulation)
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     drift, slip = figure.subplots(1, 2)
-    times, poses = simulation.times, simulation.object_poses
+    times, places = simulation.times, simulation.com_o
     start = simulation.complete
-    moved = 1e3 * (poses[start:, :3, 3] - poses[start, :3, 3])
+    moved = 1e3 * (places[start:] - places[start])
     for i, (axis, style) in enumerate(zip("xyz", ("-", "--", ":"))):
         drift.plot(times[start:], moved[:, i], style, color="0.45", linewidth=1.4, label=axis)
     drift.plot(times[start:], np.linalg.norm(moved, axis=1), color="black", linewidth=1.6, label="distance")

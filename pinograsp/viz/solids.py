@@ -95,6 +95,7 @@ def solids_of(
     solids = _each_once(visuals, [*_collision_shapes(hand, links, touching, shown)])
     if body is not None:
         vertices, faces = triangles_of(body.collision_geometry)
+        vertices = vertices @ body.shape_b[:3, :3].T + body.com_b
         solids.append(Solid(name="object", link=None, vertices=vertices, faces=faces, colour=OBJECT))
     cautions = (
         [f"collision shapes are shown where there is nothing else: {'; '.join(problems[:5])}"] if problems else []

@@ -167,7 +167,7 @@ def look_at(body) -> None:
     except PinograspError:
         pass  # an edge, or a point too far away
     geometry, ball = body.collision_geometry, coal.Sphere(max(radius / 10, 1e-6))
-    here, there = coal.Transform3s(body.pose[:3, :3], body.com_o), coal.Transform3s(np.eye(3), points[0])
+    here, there = coal.Transform3s(body.shape_pose[:3, :3], body.com_o), coal.Transform3s(np.eye(3), points[0])
     coal.distance(geometry, here, ball, there, coal.DistanceRequest(), coal.DistanceResult())
     repr(body)
 

@@ -119,7 +119,7 @@ def run(case: dict) -> str:
     weight, hulls = case["weight"], case["hulls"]
     try:
         if case["use"] == "call":
-            given = {"packages": case["packages"], "file_pose": case["pose"]}
+            given = {"packages": case["packages"], "pose": case["pose"]}
             body = load_object(case["path"], hulls=hulls, **weight, **given)
         else:
             fields = {"path": case["path"], "hulls": str(hulls).lower(), **weight}

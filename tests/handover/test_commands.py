@@ -372,7 +372,7 @@ def test_an_object_that_is_not_convex_holds_in_its_scene(tmp_path):
     down = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.047, 0.025 + 0.0924]))
     plan = pg.plan_grasp_on(
         pg.load_hand("panda").placed(down.homogeneous),
-        tray.placed(np.linalg.inv(tray.file_frame_b)),
+        tray,
         pg.GraspConditions(mu=0.7),
     )
     assert pg.simulate(plan, hold=0.1).verdict.held

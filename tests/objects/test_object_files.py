@@ -54,11 +54,16 @@ def shape(kind, sizes, origin='<origin xyz="0.1 0 0.2" rpy="0.4 -0.2 1"/>'):
     ],
 )
 def test_one_primitive_stays_exact(tmp_path, kind, sizes, expected):
-    file_pose = pose_of([1, 2, 3], rotation_rpy(0.3, 0.2, 0.1))
-    made = load_object(urdf(tmp_path, shape(kind, sizes)), density=500, file_pose=file_pose)
+    pose, origin = pose_of([1, 2, 3], rotation_rpy(0.3, 0.2, 0.1)), pose_of([0.1, 0, 0.2], rotation_rpy(0.4, -0.2, 1))
+    made = load_object(urdf(tmp_path, shape(kind, sizes)), density=500, pose=pose)
     assert type(made) is type(expected) and made.mass == pytest.approx(expected.mass)
-    assert np.allclose(made.pose, file_pose @ pose_of([0.1, 0, 0.2], rotation_rpy(0.4, -0.2, 1)), atol=1e-12)
-    assert made.volume == expected.volume and np.allclose(made.inertia_b, expected.inertia_b)
+    assert np.array_equal(made.pose, pose) and np.allclose(made.shape_pose, pose @ origin, atol=1e-12)
+    same = expected.placed(pose @ origin)
+    points = same.com_o + np.random.default_rng(0).normal(size=(20, 3)) * 0.1
+    for ours, theirs in zip(made.project(points), same.project(points)):
+        assert np.allclose(ours, theirs, atol=1e-12)
+    turn = origin[:3, :3]
+    assert made.volume == expected.volume and np.allclose(made.inertia_b, turn @ expected.inertia_b @ turn.T)
 
 
 def test_what_the_file_weighs_is_kept(tmp_path):
@@ -149,7 +154,7 @@ def test_sdf_and_urdf_say_the_same(tmp_path):
       <iyy>2.5e-4</iyy><izz>3e-4</izz></inertia></inertial></link>"""
     same = HAMMER.replace('0 0 0.5"', f'0 0 {np.pi / 6}"')
     one = load_object(sdf(tmp_path, given))
-    two = load_object(urdf(tmp_path, same + INERTIAL), file_pose=pose_of([0.1, 0, 0], rotation_rpy(0, 0, 0.2)))
+    two = load_object(urdf(tmp_path, same + INERTIAL), pose=pose_of([0.1, 0, 0], rotation_rpy(0, 0, 0.2)))
     assert one.mass == two.mass and one.volume == pytest.approx(two.volume, rel=1e-9)
     assert np.allclose(one.com_o, two.com_o)
     turn = [body.pose[:3, :3] for body in (one, two)]
@@ -332,7 +337,7 @@ def test_parts_that_share_a_face_up_to_digits_are_one_solid(tmp_path, gap, grown
         part.export(tmp_path / f"part{number}.ply")
     whole = Mesh.load(tmp_path, mass=1)
     assert whole.volume == pytest.approx(0.04 * 0.04 * (0.1 + gap), rel=2e-3)
-    distance = whole.project([[0.0, 0.015, 0.025]])[2][0]
+    distance = whole.project([whole.com_o + [0.0, 0.015, 0.025]])[2][0]
     assert distance == pytest.approx(-0.005, abs=2.1e-5)  # no faces are left between the parts
     assert not any("enlarged" in note for note in whole.notes) or grown
 

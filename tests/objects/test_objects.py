@@ -90,7 +90,7 @@ def points_around(shape, count=60, seed=0, far=1.6):
 
 
 def support(shape, n):
-    """How far the convex shape reaches along unit vectors n (..., 3) of its body frame."""
+    """How far the convex shape reaches from its centre of mass along unit vectors n (..., 3) of its body axes."""
     if isinstance(shape, Sphere):
         return shape.radius * np.linalg.norm(n, axis=-1)
     if isinstance(shape, Cylinder):
@@ -101,7 +101,7 @@ def support(shape, n):
         return np.abs(n) @ shape.size / 2
     if isinstance(shape, Ellipsoid):
         return np.linalg.norm(n * shape.semi_axes, axis=-1)
-    return (n @ shape.vertices.T).max(axis=-1)
+    return (n @ (shape.vertices - shape.com_b).T).max(axis=-1)
 
 
 # -- nearest points -------------------------------------------------------------------------------------------------
@@ -147,7 +147,7 @@ def test_distances_are_those_of_the_collision_geometry(shape):
     ball = coal.Sphere(tiny)
     request = coal.DistanceRequest()
     request.gjk_tolerance = 1e-8
-    here = to_coal(shape.pose)
+    here = to_coal(shape.shape_pose)
     for point, distance in zip(points[outside], distances[outside]):
         there, result = to_coal(np.eye(4), point), coal.DistanceResult()
         found = coal.distance(shape.collision_geometry, here, ball, there, request, result)
@@ -323,14 +323,14 @@ def test_general_meshes_by_brute_force(shape):
     """Against every triangle in turn, and against rays for the side."""
     points = points_around(shape, 150, seed=7, far=1.3)
     local = (points - shape.com_o) @ shape.pose[:3, :3]
-    made = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    made = trimesh.Trimesh(shape.vertices - shape.com_b, shape.faces, process=False)
     nearest, gaps, _ = trimesh.proximity.closest_point_naive(made, local)
     surface, _, distances = shape.project(points)
     assert np.abs(np.abs(distances) - gaps).max() < 2e-9  # the other's tolerance
     assert np.mean(np.abs(surface - (nearest @ shape.pose[:3, :3].T + shape.com_o)).max(axis=1) < 1e-5) > 0.98
     turns = np.round(np.random.default_rng(8).normal(size=3), 3)
     assert np.array_equal(distances < 0, inside_by_rays(made, local, turns / np.linalg.norm(turns)))
-    assert np.array_equal(distances < 0, TriangleSurface(shape.vertices, shape.faces).winding_number(local) > 0.5)
+    assert np.array_equal(distances < 0, TriangleSurface(made.vertices, shape.faces).winding_number(local) > 0.5)
     assert 10 < np.sum(distances < 0) < 140
 
 
@@ -379,9 +379,9 @@ def test_flat_triangles_do_not_upset_the_side(made, edge, side):
     vertices = np.concatenate([made.vertices, [made.vertices[[i, j]].mean(axis=0)]])
     shape, exact = Mesh(vertices=vertices, faces=faces, mass=1), mesh_of(made, density=None, mass=1)
     assert np.allclose(shape.inertia_b, exact.inertia_b)
-    points = np.random.default_rng(10).normal(size=(2000, 3)) * 0.01 + shape.file_frame_b[:3, 3] + vertices[k]
+    points = np.random.default_rng(10).normal(size=(2000, 3)) * 0.01 + vertices[k]
     distances = shape.project(points)[2]
-    offsets = (points - shape.file_frame_b[:3, 3])[:, None] - made.triangles[:, 0]
+    offsets = points[:, None] - made.triangles[:, 0]
     behind_all = (offsets * made.face_normals).sum(axis=2).max(axis=1) < 0  # both are convex
     assert np.array_equal(distances < 0, behind_all) and behind_all.sum() > 10
     assert np.abs(distances - exact.placed(np.eye(4)).project(points)[2]).max() < 1e-12
@@ -577,19 +577,17 @@ def test_mesh_curvature_of_hollows_and_flats():
 # -- meshes ---------------------------------------------------------------------------------------------------------
 
 
-def test_meshes_sit_at_their_centre_of_mass():
+def test_meshes_stay_in_their_files_frame():
     made = bracket()
     made.apply_translation([3.0, -2.0, 5.0])  # far off, as parts of an assembly are
     shape = mesh_of(made, mass=0.3, density=None)
-    assert np.allclose(shape.file_frame_b[:3, 3], -made.center_mass, atol=1e-12)
-    assert np.allclose(shape.vertices.mean(axis=0) - shape.file_frame_b[:3, 3], made.vertices.mean(axis=0))
+    assert np.array_equal(shape.vertices, made.vertices) and np.allclose(shape.com_b, made.center_mass, atol=1e-12)
     unit = trimesh.Trimesh(made.vertices - made.center_mass, made.faces)
     assert np.allclose(shape.inertia_b, unit.moment_inertia / unit.volume * 0.3, rtol=1e-9)
-    at_home = shape.placed(np.linalg.inv(shape.file_frame_b))
-    assert np.allclose(at_home.com_o, made.center_mass)
-    assert np.abs(at_home.project(made.vertices)[2]).max() < 1e-12
-    again = dataclasses.replace(shape, pose=MOVE)
-    assert np.allclose(again.file_frame_b, shape.file_frame_b, atol=1e-15)
+    for there in (shape, shape.placed(np.eye(4)), dataclasses.replace(shape, pose=MOVE)):
+        assert np.allclose(there.com_o, there.pose[:3, :3] @ made.center_mass + there.pose[:3, 3], atol=1e-12)
+        in_world = made.vertices @ there.pose[:3, :3].T + there.pose[:3, 3]
+        assert np.abs(there.project(in_world)[2]).max() < 1e-12
 
 
 @pytest.mark.parametrize("format", ["stl", "obj", "ply", "glb", "off"])
@@ -656,7 +654,7 @@ def test_meshes_that_are_inside_out_are_turned():
 
 
 def test_cavities_are_not_part_of_the_solid():
-    shape = GENERAL["hollow box"].placed(np.linalg.inv(GENERAL["hollow box"].file_frame_b))
+    shape = GENERAL["hollow box"].placed(np.eye(4))
     _, normals, distances = shape.project([[0.01, 0, 0.005 + 0.015], [0.027, 0, 0]])
     assert distances == pytest.approx([0.005, -0.003])
     assert np.allclose(normals[0], [0, 0, 1])  # from the cavity into the wall

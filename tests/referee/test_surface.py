@@ -36,7 +36,7 @@ def prism(outline, triangles, *, height: float = 0.08) -> tuple[Mesh, np.ndarray
         j = (i + 1) % k
         faces += [(i, j, j + k), (i, j + k, i + k)]
     made = Mesh(vertices=np.vstack(ends), faces=np.array(faces), mass=0.1)
-    return made, made.file_frame_b[:3, 3]
+    return made, -made.com_b
 
 
 def touching(made, where_b):

@@ -356,7 +356,7 @@ def test_objects_come_back(name):
         assert np.abs(ours - theirs).max() <= 1e-13
     if isinstance(thing, Mesh):
         assert np.abs(back.vertices - thing.vertices).max() <= 1e-15
-        assert np.abs(back.file_frame_b - thing.file_frame_b).max() <= 1e-15
+        assert np.abs(back.com_b - thing.com_b).max() <= 1e-15
         assert type(back.collision_geometry) is type(thing.collision_geometry)
 
 

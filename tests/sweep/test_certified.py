@@ -93,6 +93,30 @@ def test_rows_are_those_of_one_call(world, tmp_path):
     assert summary["rows"] == 30 and summary["counts"]["held"] == done.counts["held"]
 
 
+def test_objects_whose_grasps_are_all_misplaced_come_with_a_hint(world, tmp_path):
+    """As if the file counted from somewhere 60 mm off; said in Python, on the screen, in JSON, and by the second run."""
+    from typer.testing import CliRunner
+
+    from pinograsp.cli import app
+
+    rows = next(read_grasps(world["files"][0]))
+    off = np.array(rows.poses)
+    off[:, :3, 3] += [0.0, 0.0, 0.06]
+    off[:, :3, 3] += [0.03, 0.03, 0.0]
+    path = write_grasps(tmp_path / "off.npy", rows_of(world["hand"], off, rows.q, joint_names=rows.joint_names))
+    for _ in range(2):
+        done = certify_files(data_of(world, [path]), tmp_path / "out", CONDITIONS, jobs=1, progress=False)
+        assert list(done.hints) == ["brick"] and "'brick'" in done.hints["brick"] and "median" in done.hints["brick"]
+    right = certify_files(data_of(world, [world["files"][0]]), tmp_path / "r", CONDITIONS, jobs=1, progress=False)
+    assert right.hints == {} and right.summary()["hints"] == {}
+    for json_ in ([], ["--json"]):
+        given = [str(path), "--hand", "allegro_right", "--objects", str(world["objects"]), "--density", "400"]
+        shown = CliRunner().invoke(
+            app, ["certify", *given, "--out", str(tmp_path / f"c{len(json_)}"), "--jobs", "1", *json_]
+        )
+        assert "frames, units and the order of the joints" in " ".join(shown.output.split())
+
+
 def test_a_pose_in_the_world_turns_gravity_and_nothing_else(world, tmp_path):
     """The same grasps with the object in a world: in its own frame all stays, but for the weight's direction."""
     rows = next(read_grasps(world["files"][0]))
