@@ -145,14 +145,9 @@ def _optional(drive: Drive, key: str, where: str, *, above: float | None = None,
 
 def drive_record(drive: Drive) -> dict[str, Any]:
     """A drive as plain JSON values; None for a limit, stiffness, damping or step that is not known."""
-    limit = drive.limit if drive.limit < math.inf else None
-    return {
-        **asdict(drive),
-        "joints": list(drive.joints),
-        "arms": list(drive.arms),
-        "limit": limit,
-        "sources": [asdict(source) for source in drive.sources],
-    }
+    plain = asdict(drive) | {"limit": drive.limit if drive.limit < math.inf else None}
+    plain["sources"] = [one | {"interval": one["interval"] and list(one["interval"])} for one in plain["sources"]]
+    return plain | {"joints": list(drive.joints), "arms": list(drive.arms)}
 
 
 def one_each(joints: Iterable[str], limits: ArrayLike, control: Control = "torque") -> tuple[Drive, ...]:

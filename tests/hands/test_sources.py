@@ -30,7 +30,8 @@ def test_every_figure_has_a_source_and_is_shown_with_it(name):
             assert source.text in shown and ("a guess" in str(source)) == source.guess
             low, high = source.interval or (value, value)
             assert low <= value <= high
-    assert hand_of(hand_record(hand)).drives == hand.drives
+    kept = hand_record(hand)
+    assert json.loads(json.dumps(kept["drives"])) == kept["drives"] and hand_of(kept).drives == hand.drives
 
 
 def test_limits_of_makers():
