@@ -15,6 +15,7 @@ from pinograsp.handover.actuators import Controls, write_keyframes
 from pinograsp.handover.build import Sampling, joint_trajectory
 from pinograsp.handover.trajectory import JointTrajectory
 from pinograsp.hands import HandModel
+from pinograsp.hands.efforts import SHORTFALL, below_steps, solve_efforts
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
 
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 Command: TypeAlias = Literal["torque", "position", "impedance", "jaw"]
 SERVO: tuple[Command, ...] = ("torque", "position", "impedance")
 COMMANDS: tuple[Command, ...] = get_args(Command)
-
-SHORTFALL = 0.05  # friction and reserve bear a few per cent of the torques
 
 _SLACK = 1e-6  # relative to a limit, and [rad or m] beyond a range
 _NOTHING = 1e-9  # of the largest torque: rounding
@@ -150,6 +149,7 @@ def in_drives(
     effort, notes = efforts(hand, joints.q, joints.effort, shortfall)
     a, da, dda = joints.q @ S, joints.dq @ S, joints.ddq @ S
     if command == "position" and kp is not None:
+        notes += below_steps(hand, effort[-1], kp)
         a, da, dda = _ahead(joints.times, a + effort / kp)
         notes += _range_notes(hand, a)
         effort = np.zeros_like(effort)
@@ -205,14 +205,8 @@ def efforts(hand: HandModel, q: Array, torques: Array, shortfall: float | None) 
     :class:`InvalidInput` where that is more than the share ``shortfall`` of the largest torque.
     """
     allowed = None if shortfall is None else number("shortfall", shortfall, at_least=0)
-    wanted = np.array(torques)
-    for spring in hand.springs:  # torques are without the springs
-        j = hand.joint_names.index(spring.joint)
-        wanted[:, j] += spring.stiffness * (q[:, j] - spring.rest)
-    made = hand.transmission
-    effort: Array = wanted @ np.linalg.pinv(made)
-    undone = np.abs(wanted - effort @ made).max(axis=0)
-    largest, worst = float(np.abs(wanted).max(initial=0.0)), int(np.argmax(undone))
+    effort, undone, largest = solve_efforts(hand, q, torques)
+    worst = int(np.argmax(undone))
     notes = []
     if undone[worst] > _NOTHING * max(largest, 1e-9):
         short = ", ".join(

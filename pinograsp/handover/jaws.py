@@ -15,10 +15,11 @@ import numpy as np
 
 from pinograsp.checks import brief, flag, instance_of, items_of, one_of, path_of, text_of
 from pinograsp.errors import InvalidInput
-from pinograsp.handover.commands import SHORTFALL, efforts, require_drives
+from pinograsp.handover.commands import efforts, require_drives
 from pinograsp.handover.yaml_text import gripper_yaml_of
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import Drive
+from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
 from pinograsp.words import no_formula

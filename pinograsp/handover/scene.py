@@ -14,10 +14,11 @@ from pinograsp.checks import number, one_of, path_of
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.handover.actuators import Controls, archive, keyframes
 from pinograsp.handover.build import Sampling, joint_trajectory
-from pinograsp.handover.commands import COMMANDS, SHORTFALL, Command, gains, in_drives
+from pinograsp.handover.commands import COMMANDS, Command, gains, in_drives
 from pinograsp.handover.jaws import jaw_commands
 from pinograsp.handover.trajectory import JointTrajectory
 from pinograsp.hands import HandModel
+from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
 from pinograsp.referee.settings import Servo

@@ -4,5 +4,6 @@ from pinograsp.hands.drives import Drive, Spring, ratios_of
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.servos import servo_gains
+from pinograsp.hands.sources import Source
 
-__all__ = ["Drive", "Finger", "HandModel", "Spring", "load_hand", "ratios_of", "servo_gains"]
+__all__ = ["Drive", "Finger", "HandModel", "Source", "Spring", "load_hand", "ratios_of", "servo_gains"]

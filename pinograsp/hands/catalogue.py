@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.drives import Control, Drive
+from pinograsp.hands.sources import Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,7 +23,8 @@ class Entry:
         root: link whose sub-tree is the hand.
         palm, fingers: as :func:`~pinograsp.hands.load.load_hand` takes them, where the tree alone does not tell.
         drives: motors of the real hand, where the file does not tell or tells otherwise; one without a limit has that
-            of its joints.
+            of its joints, else the limits of the joints are what the drives can do.
+        sources: where the figures of its drives come from, and which of them are guesses.
         hollow: names of collision meshes that are far from convex, for which convex parts come with this package.
     """
 
@@ -33,6 +35,7 @@ class Entry:
     palm: str | None = None
     fingers: dict[str, str] | None = field(default=None)
     drives: tuple[Drive, ...] | None = None
+    sources: tuple[Source, ...] = ()
     hollow: tuple[str, ...] = ()
 
 
@@ -43,6 +46,15 @@ def _sides(entries: Callable[[str], dict[str, Entry]]) -> dict[str, Entry]:
 def _motors(joints: Iterable[str], control: Control, limit: float = math.inf) -> tuple[Drive, ...]:
     """A motor at each of the joints, called like it."""
     return tuple(Drive(name=joint, joints=(joint,), arms=(1.0,), control=control, limit=limit) for joint in joints)
+
+
+def _limit(text: str, *, guess: bool = False) -> tuple[Source, ...]:
+    """Where the limits of a hand's drives come from."""
+    return (Source(figure="limit", text=text, guess=guess),)
+
+
+def _guess(text: str) -> tuple[Source, ...]:
+    return _limit(f"{text}; no figure of the maker's is known to us", guess=True)
 
 
 def _tendon(name: str, closing: dict[str, float]) -> Drive:
@@ -102,6 +114,24 @@ _HUMANOID = (
 
 _ALLEGRO = {finger: f"link_{4 * i + 3}.0_tip" for i, finger in enumerate(("index", "middle", "ring", "thumb"))}
 
+# Stiffness is k_t V / R (2.5 N m/A, 5.5 ohm identified) times the duty per position error, 0.165/rad for each unit of P
+# by oscilloscope; damping is k_t^2 / R and the viscous friction.
+_STS3215 = (
+    Source(
+        figure="limit",
+        text="half of the stall torque of the STS3215 at 12 V, 30 kg cm (Feetech): LeRobot lets it make no more",
+        interval=(1.47, 2.94),
+    ),
+    Source(
+        figure="stiffness",
+        text="identified at 12 V (K-Scale Labs' logs of the STS3215; duty by oscilloscope) and taken at LeRobot's P of "
+        "16; 29 at the maker's P of 32, 8.9 at 7.4 V (Rhoban's BAM)",
+        interval=(8.9, 29.0),
+    ),
+    Source(figure="damping", text="of the same identification: back-EMF and viscous friction", interval=(0.6, 1.4)),
+    Source(figure="step", text="4096 steps a turn (Feetech, STS3215)"),
+)
+
 CATALOGUE: dict[str, Entry] = {
     "humanoid": Entry(
         file="humanoid_hand.urdf",
@@ -109,6 +139,7 @@ CATALOGUE: dict[str, Entry] = {
         shipped=True,
         # The paper's dynamics have a torque of its own at each joint.
         drives=_motors(_HUMANOID, "torque"),
+        sources=_limit("2 N m, chosen so that limits decide nothing in the paper, which has none", guess=True),
     ),
     **_sides(
         lambda side: {
@@ -116,8 +147,9 @@ CATALOGUE: dict[str, Entry] = {
                 file=f"allegro_hand_description/urdf/allegro_{side}_hand.urdf",
                 title=f"Allegro hand, {side}",
                 fingers=_ALLEGRO,
-                # 16 motors whose torque is commanded (Wonik Robotics, Allegro Hand User's Manual); limits of the file.
-                drives=_motors((f"joint_{i}.0" for i in range(16)), "torque"),
+                # 16 motors whose torque is commanded (Wonik Robotics, Allegro Hand User's Manual); 15 N m in the file.
+                drives=_motors((f"joint_{i}.0" for i in range(16)), "torque", limit=0.7),
+                sources=_limit("largest torque of a joint (Wonik Robotics, Allegro Hand V4, technical specifications)"),
             ),
         }
     ),
@@ -140,6 +172,7 @@ CATALOGUE: dict[str, Entry] = {
                     ),
                     "torque",
                 ),
+                sources=_limit("2.45 N m of the thumb's first joint, 1.4 N m of others (Unitree's own g1_description)"),
             ),
         }
     ),
@@ -161,6 +194,7 @@ CATALOGUE: dict[str, Entry] = {
                     ),
                     "position",
                 ),
+                sources=_limit("6 N m, at the thumb's first joint 1.2 N m (PSYONIC, ability-hand-api, URDF)"),
             ),
         }
     ),
@@ -181,6 +215,7 @@ CATALOGUE: dict[str, Entry] = {
                         control="jaw",
                     ),
                 ),
+                sources=_guess("1 N m in alex_description"),
             ),
         }
     ),
@@ -190,6 +225,7 @@ CATALOGUE: dict[str, Entry] = {
         root="hand_palm_link",
         fingers=_HEY5,
         drives=_HEY5_DRIVES,
+        sources=_guess("2 N m at every joint in tiago_description, whatever the tendons make there"),
     ),
     **_sides(
         lambda side: {
@@ -213,6 +249,7 @@ CATALOGUE: dict[str, Entry] = {
                 title=f"Talos gripper, {side}",
                 root=f"gripper_{side}_base_link",
                 fingers={f"fingertip {i}": f"gripper_{side}_fingertip_{i}_link" for i in (1, 2, 3)},
+                sources=_guess("1 N m in talos_data, beside a speed of 1 rad/s and a friction of 1 N m"),
             ),
         }
     ),
@@ -223,6 +260,7 @@ CATALOGUE: dict[str, Entry] = {
                 title=f"TIAGo Pro gripper, {side}",
                 root=f"gripper_{side}_base_link",
                 fingers={jaw: f"gripper_{side}_fingertip_{jaw}_link" for jaw in ("left", "right")},
+                sources=_guess("0.1 N m in tiago_pro_description"),
             ),
         }
     ),
@@ -244,6 +282,7 @@ CATALOGUE: dict[str, Entry] = {
                         control="jaw",
                     ),
                 ),
+                sources=_guess("1000 N m in pr2_description"),
             ),
         }
     ),
@@ -255,7 +294,7 @@ CATALOGUE: dict[str, Entry] = {
                 root=f"{side}_gripper_base_link",
                 fingers={jaw: f"{side[0]}_gripper_{jaw[0]}_finger" for jaw in ("left", "right")},
                 # One motor closes both jaws with a holding force (baxter_interface.Gripper); the effort is the force
-                # of each jaw, which acts on the joint twice. Its limit is that of the file.
+                # of each jaw, which acts on the joint twice.
                 drives=(
                     Drive(
                         name=f"{side} gripper",
@@ -264,6 +303,7 @@ CATALOGUE: dict[str, Entry] = {
                         control="jaw",
                     ),
                 ),
+                sources=_guess("20 N of each jaw in baxter_description"),
             ),
         }
     ),
@@ -272,9 +312,10 @@ CATALOGUE: dict[str, Entry] = {
         title="Panda gripper",
         root="panda_hand",
         fingers={jaw: f"panda_{jaw}finger" for jaw in ("left", "right")},
-        # Franka Hand: grasps with a force asked for (Grasp.action of franka_gripper), 70 N for long, 140 N at most. The
-        # effort is the force of each jaw, which acts on the joint twice; its coordinate is the width.
+        # Franka Hand: grasps with a force asked for (Grasp.action of franka_gripper). The effort is the force of each
+        # jaw, which acts on the joint twice; its coordinate is the width. The file's 100 N are neither of the maker's.
         drives=(Drive(name="jaws", joints=("panda_finger_joint1",), arms=(2.0,), control="jaw", limit=70.0),),
+        sources=_limit("of each jaw, without end; 140 N at most (Franka Robotics, Product Manual Franka Hand R50010)"),
     ),
     "so101": Entry(
         file="so_arm_description/urdf/so101.urdf",
@@ -282,19 +323,20 @@ CATALOGUE: dict[str, Entry] = {
         root="gripper_link",
         fingers={"jaw": "moving_jaw_so101_v1_link"},
         hollow=("wrist_roll_follower_so101_v1", "moving_jaw_so101_v1"),
-        # One STS3215 servo: stall torque 30 kg cm at 12 V, gains as in TheRobotStudio/SO-ARM100, Simulation/SO101
-        # (MuJoCo's class sts3215).
+        # One STS3215 servo at 12 V, set up as LeRobot does (so_follower.py: P 16, half of the largest torque).
         drives=(
             Drive(
                 name="gripper",
                 joints=("gripper",),
                 arms=(1.0,),
                 control="position",
-                limit=2.94,
-                stiffness=998.22,
-                damping=2.731,
+                limit=1.47,
+                stiffness=14.5,
+                damping=1.2,
+                step=2 * math.pi / 4096,
             ),
         ),
+        sources=_STS3215,
     ),
 }
 

@@ -6,6 +6,7 @@ the joint that is followed before those that follow it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -91,7 +92,7 @@ def resolve(couplings: dict[str, Coupling], types: Mapping[str, str | None]) -> 
 
 
 def narrowed(limits: dict[str, Limits], couplings: dict[str, Coupling], notes: list[str]) -> dict[str, Limits]:
-    """Limits of the joints that follow none, narrowed by the limits of those that they move."""
+    """Positions and velocities of the joints that follow none, narrowed by the limits of those that they move."""
     free = {name: one for name, one in limits.items() if name not in couplings}
     for name, coupling in couplings.items():
         if name not in limits or coupling.followed not in free:
@@ -102,8 +103,11 @@ def narrowed(limits: dict[str, Limits], couplings: dict[str, Coupling], notes: l
             # Limits of coupled joints are often copied without their sign: then they would take half the range or more.
             notes.append(f"limits of {name} do not fit what {coupling.followed} makes it do: ignored")
         elif (low, high) != (leader.lower, leader.upper):
-            free[coupling.followed] = replace(leader, lower=low, upper=high)
+            free[coupling.followed] = leader = replace(leader, lower=low, upper=high)
             notes.append(f"limits of {coupling.followed} narrowed to {low:.4g}..{high:.4g} by {name}")
+        if 0 < own.velocity < (leader.velocity or math.inf):
+            free[coupling.followed] = replace(leader, velocity=own.velocity)
+            notes.append(f"velocity limit of {coupling.followed} narrowed to {own.velocity:.4g} by {name}")
     return free
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple, TypeAlias, get_args
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,12 +14,16 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, brief, flag, frozen, items_of, number, one_of, shown, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
+from pinograsp.hands.sources import Figure, Source
 from pinograsp.spatial import Array
 
 Control: TypeAlias = Literal["torque", "position", "jaw"]
 
 _LEAST_ARM, _LARGEST_ARM = 1e-9, 1e6
 _MOST_SHOWN = 4  # joints of a drive in words
+# Where the stiffness of a servo is not known: that of a small one [N m/rad], and of the same 30 mm from its axis [N/m].
+SERVO = 50.0
+SLIDING_SERVO = SERVO / 0.03**2
 # How notes on drives and on springs begin, so that those of others take their place.
 ON_DRIVES, ON_SPRINGS = "drives: ", "springs: "
 
@@ -42,6 +46,8 @@ class Drive:
         damping: effort per unit of da/dt; None where it is not known.
         exact: whether the torques at its joints are in the ratio of the arms. Not so where other springs or friction
             at these joints, which nobody has measured, bear a part: then plans only say where they rely on them.
+        step: of the encoder by which a position servo holds its coordinate, in units of a; None where it is not known.
+        sources: where limit, stiffness, damping and step come from, and which of them are guesses; each at most once.
 
     Raises:
         InvalidInput: for values that make no drive.
@@ -55,6 +61,8 @@ class Drive:
     stiffness: float | None = None
     damping: float | None = None
     exact: bool = True
+    step: float | None = None
+    sources: tuple[Source, ...] = ()
 
     __repr__ = brief()
 
@@ -77,14 +85,22 @@ class Drive:
         flag(f"exact of {where}", self.exact)
         _optional(self, "stiffness", where, above=0)
         _optional(self, "damping", where, at_least=0)
+        _optional(self, "step", where, above=0)
         if self.stiffness is not None and self.control != "position":
             raise InvalidInput(
                 f"stiffness of {where}: expected none for control '{self.control}', got {self.stiffness:g}: leave it "
                 "out, or set control='position'"
             )
         limit = math.inf if _infinite(self.limit) else number(f"limit of {where}", self.limit, above=0)
-        for key, value in (("joints", joints), ("arms", tuple(arms.tolist())), ("limit", limit)):
+        sources = items_of(f"sources of {where}", self.sources, Source)
+        _each_once(f"figures with a source of {where}", [source.figure for source in sources])
+        checked = {"joints": joints, "arms": tuple(arms.tolist()), "limit": limit, "sources": sources}
+        for key, value in checked.items():
             object.__setattr__(self, key, value)
+
+    def source(self, figure: Figure) -> Source | None:
+        """Where one of its figures comes from; None where that is not known."""
+        return next((source for source in self.sources if source.figure == figure), None)
 
     def __str__(self) -> str:
         """Its control and its joints with their arms, the first few of many, in words."""
@@ -125,6 +141,13 @@ def _optional(drive: Drive, key: str, where: str, *, above: float | None = None,
     value = getattr(drive, key)
     if value is not None:
         object.__setattr__(drive, key, number(f"{key} of {where}", value, above=above, at_least=at_least))
+
+
+def drive_record(drive: Drive) -> dict[str, Any]:
+    """A drive as plain JSON values; None for a limit, stiffness, damping or step that is not known."""
+    plain = asdict(drive) | {"limit": drive.limit if drive.limit < math.inf else None}
+    plain["sources"] = [one | {"interval": one["interval"] and list(one["interval"])} for one in plain["sources"]]
+    return plain | {"joints": list(drive.joints), "arms": list(drive.arms)}
 
 
 def one_each(joints: Iterable[str], limits: ArrayLike, control: Control = "torque") -> tuple[Drive, ...]:
@@ -224,41 +247,6 @@ def ratios_of(joints: Sequence[str], drives: Sequence[Drive]) -> tuple[Ratio, ..
             row[which] = one
             found.append(Ratio(frozen(row), why))
     return tuple(found)
-
-
-def beyond_effort(joints: Sequence[str], efforts: Array, slides: Sequence[bool], drives: Iterable[Drive]) -> list[str]:
-    """In words, the joints (n) at which drives can do more than the joint's own effort limit (n,) allows."""
-    most = dict.fromkeys(joints, 0.0)
-    for drive in drives:
-        for joint, arm in zip(drive.joints, drive.arms):
-            most[joint] += abs(arm) * drive.limit
-    found = []
-    for joint, effort, sliding in zip(joints, efforts, slides):
-        unit = "N" if sliding else "N m"
-        if np.isfinite(most[joint]) and most[joint] > effort * (1 + 1e-9):
-            found.append(
-                f"motors can do {most[joint]:g} {unit} at {joint}, more than its effort limit of {effort:g} {unit}, "
-                "which plans keep"
-            )
-    return found
-
-
-def described(drives: Sequence[Drive], springs: Sequence[Spring], slides: Sequence[bool], each: bool) -> list[str]:
-    """Lines about drives and springs. ``slides``: which springs are at sliding joints; ``each``: a drive at each."""
-    plain = each and all(set(drive.arms) == {1.0} and drive.stiffness is None for drive in drives)
-    controls = {drive.control for drive in drives}
-    lines = [f"  drives: {len(drives)}"]
-    if plain and len(controls) == 1:
-        lines = [f"  drives: {len(drives)}, one at each joint ({controls.pop()})"]
-    else:
-        for drive in drives:
-            limit = f"{drive.limit:g}" if np.isfinite(drive.limit) else "not given"
-            stiffness = "" if drive.stiffness is None else f", stiffness {drive.stiffness:g}"
-            lines.append(f"    {drive}, limit {limit}{stiffness}")
-    for spring, sliding in zip(springs, slides):
-        stiff, at = ("N/m", "m") if sliding else ("N m/rad", "rad")
-        lines.append(f"  spring at {spring.joint}: {spring.stiffness:g} {stiff}, at rest at {spring.rest:g} {at}")
-    return lines
 
 
 # -- as a file has them ------------------------------------------------------------------------------------------------

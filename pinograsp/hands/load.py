@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, urdf_drives
-from pinograsp.hands.catalogue import CATALOGUE, convex_parts_of, file_of
+from pinograsp.hands.catalogue import CATALOGUE, Entry, convex_parts_of, file_of
 from pinograsp.hands.drives import (
     ON_DRIVES,
     Actuation,
@@ -36,6 +36,7 @@ from pinograsp.hands.drives import (
 from pinograsp.hands.elements import is_text, parse, read_bytes
 from pinograsp.hands.finger_names import Labels, names_of
 from pinograsp.hands.geometry import Triangles, collision_geometry, fill_masses, moving_nothing, without_shapes
+from pinograsp.hands.joint_limits import with_effort_limits
 from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import LFS_POINTER
 from pinograsp.hands.model import Finger, HandModel
@@ -148,7 +149,8 @@ def load_hand(
     )
     labels = {"motor": motors_at(found), **description.labels}
     hand = _hand_model(description.name, prepared, palm, fingers, masses, exclude, labels)
-    hand = _driven(hand, found, None if entry is None else entry.drives, drives, springs)
+    hand = with_effort_limits(hand, prepared.efforts, () if entry is None else entry.drives or ())
+    hand = _driven(hand, found, entry, drives, springs)
     pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
     if srdf is not None:
         pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
@@ -382,7 +384,7 @@ def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, f
 def _driven(
     hand: HandModel,
     found: Actuation,
-    known: tuple[Drive, ...] | None,
+    entry: Entry | None,
     drives: Sequence[Drive] | None,
     springs: Sequence[Spring] | None,
 ) -> HandModel:
@@ -390,20 +392,25 @@ def _driven(
     noted.
     """
     joints, couplings, efforts = hand.joint_names, hand.couplings, hand.effort_or_infinity
+    moving = {joint for finger in hand.fingers for joint in finger.actuated}
     notes: list[str] = []
-    if drives is None and known is not None:
-        drives = on_joints(known, joints, efforts)  # another root= may leave some out
+    given = drives is not None
+    if not given and entry is not None and entry.drives is not None:
+        drives = on_joints(entry.drives, joints, efforts)  # another root= may leave some out
     elif drives is None:
         notes = [*found.notes, *remarks_on(found.motors, [*joints, *couplings])]
         drives = drives_of(found, joints, couplings, efforts)
-        fingers = {joint for finger in hand.fingers for joint in finger.actuated}
         if not drives:
             drives = one_each(joints, efforts)
             notes.append(f"{ON_DRIVES}no motors are named, assumed is one torque motor at each joint")
-        elif fingers.isdisjoint(joint for drive in drives for joint in drive.joints):
-            bare = [joint in fingers for joint in joints]
-            drives += one_each([joint for joint in joints if joint in fingers], efforts[bare])
+        elif moving.isdisjoint(joint for drive in drives for joint in drive.joints):
+            bare = [joint in moving for joint in joints]
+            drives += one_each([joint for joint in joints if joint in moving], efforts[bare])
             notes.append(f"{ON_DRIVES}no motor of a finger is named, assumed is one torque motor at each of its joints")
+    if not given and entry is not None:
+        drives = tuple(
+            drive if moving.isdisjoint(drive.joints) else replace(drive, sources=entry.sources) for drive in drives
+        )
     hand = replace(hand, notes=(*hand.notes, *notes))
     return hand.with_drives(drives, springs_of(found, joints, couplings) if springs is None else springs)
 

@@ -25,15 +25,14 @@ from pinograsp.checks import (
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
+from pinograsp.hands.drive_lines import beyond_effort, lines_on_drives
 from pinograsp.hands.drives import (
     ON_DRIVES,
     ON_SPRINGS,
     Drive,
     Spring,
-    beyond_effort,
     checked_drives,
     checked_springs,
-    described,
     transmission,
 )
 from pinograsp.hands.geometry import Shape
@@ -157,7 +156,7 @@ class HandModel:
 
     @property
     def effort(self) -> Array:
-        """Effort limits (n,) [N m or N]; 0 where the description has none."""
+        """Effort limits (n,) [N m or N]; 0 where there is none. Of a joint that moves several jaws: of all of them."""
         return read_only(self.model.effortLimit)
 
     @property
@@ -388,7 +387,7 @@ class HandModel:
         if listed != [name for name in self.joint_names if name in listed]:
             lines.append(f"  order of q: {', '.join(self.joint_names)}")
         slides = [self.is_prismatic(model.getJointId(spring.joint)) for spring in self.springs]
-        lines += described(self.drives, self.springs, slides, self.direct_drive and self.n > 1)
+        lines += lines_on_drives(self.drives, self.springs, slides, self.direct_drive and self.n > 1)
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def _bounds(self, joint_id: int) -> str:

@@ -17,11 +17,12 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
-from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, one_each
+from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, drive_record, one_each
 from pinograsp.hands.elements import drop, named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.mesh_file import collision_model
 from pinograsp.hands.model import Finger, HandModel
+from pinograsp.hands.sources import Figure, Source
 from pinograsp.hands.urdf import prepare
 from pinograsp.hands.visuals import read_triangles, visuals_from, visuals_record, write_triangles
 from pinograsp.spatial import FARTHEST
@@ -74,19 +75,7 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
             {"name": finger.name, "joints": list(finger.joints), "links": list(finger.links), "tip": finger.tip}
             for finger in hand.fingers
         ],
-        "drives": [
-            {
-                "name": drive.name,
-                "joints": list(drive.joints),
-                "arms": list(drive.arms),
-                "control": drive.control,
-                "limit": drive.limit if np.isfinite(drive.limit) else None,
-                "stiffness": drive.stiffness,
-                "damping": drive.damping,
-                "exact": drive.exact,
-            }
-            for drive in hand.drives
-        ],
+        "drives": [drive_record(drive) for drive in hand.drives],
         "springs": [
             {"joint": spring.joint, "stiffness": spring.stiffness, "rest": spring.rest} for spring in hand.springs
         ],
@@ -289,9 +278,24 @@ def _drives(record: dict[str, Any], hand: HandModel) -> tuple[Drive, ...]:
                 stiffness=one.get("stiffness"),
                 damping=one.get("damping"),
                 exact=one.get("exact", False),  # older records did not tell
+                step=one.get("step"),
+                sources=_sources(one, where),
             )
         )
     return checked_drives(hand.name, hand.joint_names, hand.couplings, drives)
+
+
+def _sources(drive: dict[str, Any], where: str) -> tuple[Source, ...]:
+    """Where a drive's figures come from; older records do not tell."""
+    return tuple(
+        Source(
+            figure=one_of(f"hand record: {where}source", _field(one, "figure", str, where), get_args(Figure)),
+            text=_field(one, "text", str, where),
+            guess=one.get("guess", False),
+            interval=one.get("interval"),
+        )
+        for one in (_field(drive, "sources", list, where) if "sources" in drive else [])
+    )
 
 
 def _disabled_collisions(record: dict[str, Any], links: list[str]) -> tuple[tuple[str, str], ...]:

@@ -7,11 +7,19 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import each_of, shown
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.drives import SERVO, SLIDING_SERVO
 from pinograsp.hands.model import HandModel
 from pinograsp.spatial import Array
 
-_SERVO = 50.0  # [N m/rad] stiffness of a small servo; at a sliding joint that of the same, 30 mm from its axis
-_LEVER = 0.03  # [m]
+
+def unknown_stiffness(hand: HandModel) -> str | None:
+    """What is assumed where the stiffness of a hand's servos is not known, in words; None where it is."""
+    bare, slides = np.isnan(hand.servo_stiffness), np.array(hand.slides)
+    gains = [(SERVO, "N m/rad", bare & ~slides), (SLIDING_SERVO, "N/m", bare & slides)]
+    taken = [f"{gain:.3g} {unit}" for gain, unit, which in gains if which.any()]
+    if not taken:
+        return None
+    return f"the stiffness of {int(bare.sum())} of {hand.n} joints' servos is a guess: {' and '.join(taken)}"
 
 
 def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
@@ -22,7 +30,7 @@ def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
     """
     if stiffness is None:
         known = hand.servo_stiffness
-        return np.where(np.isnan(known), np.where(hand.slides, _SERVO / _LEVER**2, _SERVO), known)
+        return np.where(np.isnan(known), np.where(hand.slides, SLIDING_SERVO, SERVO), known)
     gains = each_of("servo stiffness", stiffness, hand.n)
     if gains.min() < 0:
         raise InvalidInput(f"servo stiffness: expected values from 0 on (torque control), got {shown(gains.tolist())}")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.catalogue import CATALOGUE
+from pinograsp.hands.drives import drive_record
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import HandModel
 
@@ -38,18 +38,7 @@ def record(hand: HandModel) -> dict[str, Any]:
             {"name": name, "follows": one.followed, "multiplier": one.factor, "offset": one.offset}
             for name, one in hand.couplings.items()
         ],
-        "drives": [
-            {
-                "name": drive.name,
-                "control": drive.control,
-                "joints": list(drive.joints),
-                "arms": list(drive.arms),
-                "limit": drive.limit if math.isfinite(drive.limit) else None,
-                "stiffness": drive.stiffness,
-                "damping": drive.damping,
-            }
-            for drive in hand.drives
-        ],
+        "drives": [drive_record(drive) for drive in hand.drives],
         "passive_joints": list(hand.passive_joints),
         "springs": [{"joint": one.joint, "stiffness": one.stiffness, "rest": one.rest} for one in hand.springs],
         "fingers": [

@@ -53,6 +53,7 @@ class Prepared:
         visuals: what is seen.
         unweighed: joints that move links without inertia.
         armatures: inertia of the motors [kg m^2], by actuated joint.
+        efforts: limits of the joints by themselves, coupled ones included [N m or N]; 0: none.
         notes: what was changed or left out, for the user.
     """
 
@@ -66,6 +67,7 @@ class Prepared:
     visuals: list[Shape] = field(default_factory=list)
     unweighed: list[str] = field(default_factory=list)
     armatures: dict[str, float] = field(default_factory=dict)
+    efforts: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
@@ -126,6 +128,7 @@ def prepare(
     ]
     followed = {name: one.followed for name, one in couplings.items()}
     order = in_order(joints, couplings)
+    efforts = {name: one.effort for name, one in limits.items()}
     couplings, limits = led_from_the_front(order, couplings, narrowed(limits, couplings, notes), notes)
     without = [joint.name for joint in joints if joint.name in limits and not limits[joint.name].effort]
     if without:
@@ -135,6 +138,7 @@ def prepare(
     prepared.links = [name for name, _ in named(robot, "link")]
     prepared.shapes = shapes_of(robot, folder, packages, notes, inline)
     prepared.visuals = visuals
+    prepared.efforts = efforts
     prepared.unweighed = unweighed
     prepared.armatures = _armatures(robot, couplings)
     prepared.aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}

@@ -389,11 +389,6 @@ class _Planning:
         moving = (np.vstack([path.q, path.q[-1:]]), np.vstack([path.dq, still]), np.vstack([path.ddq, still]))
         total = inverse_dynamics(hand, *moving, gravity_o=gravity_o)
         total, holding = total[:-1] + self.contact_torques, total[-1] + self.contact_torques[-1]
-        self.notes += [
-            f"{joint} needs up to {peak:.3g} N m, more than its effort limit of {limit:g} N m"
-            for joint, peak, limit in zip(hand.joint_names, np.abs(total).max(axis=0), hand.effort)
-            if 0 < limit < peak
-        ]
         planned = self.problem.compliance.normal_force(self.profile.final_depth)
         status = Status.OK if self.clear else Status.EARLY_CONTACT
         status = status if self.within_limits else Status.JOINT_LIMIT

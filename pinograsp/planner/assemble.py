@@ -18,6 +18,7 @@ from pinograsp.contacts.quality import on_edges
 from pinograsp.errors import SearchFailed, Status
 from pinograsp.forces import ConvexSolution, ForceSolution, GlobalSolution, GridSolution, Reserve, RobustForces
 from pinograsp.hands import HandModel, servo_gains
+from pinograsp.motion.torques import drives_limit
 from pinograsp.objects.body import Body
 from pinograsp.plan import (
     ContactLaw,
@@ -33,14 +34,14 @@ from pinograsp.plan import (
     Proof,
 )
 from pinograsp.planner.compliance import instability
+from pinograsp.planner.drive_cautions import drive_cautions, drive_notes
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.spatial import Array
 
-_SLIDES, _LABOURS = 1e-4, 0.9  # [m] across the normal, share of a torque limit: worth a caution
+_SLIDES = 1e-4  # [m] across the normal: worth a caution
 _GRAZES = 0.1  # of the largest depth: a link that is less deep presses with less than 3 % of the force there
 _ROUNDING = 1e-3  # forces lie on their limits
 _OTHER = 0.03  # share of a force from which on it is another one
-_SHARED = 0.05  # share of the largest torque by which motors that joints share may miss one
 
 
 def assembled(
@@ -89,11 +90,11 @@ def assembled(
         balance=problem.balance,
         measure=problem.measure,
         reserve=reserve,
-        torque_limit=read_only(hand.effort_or_infinity if problem.torques is None else problem.torques.limit),
+        torque_limit=read_only(drives_limit(hand) if problem.torques is None else problem.torques.limit),
         forces=_forces(solution, motion),
         motion=motion,
         cautions=_cautions(hand, solution, motion, 0.0 if reserve is None else reserve.force),
-        notes=(*motion.notes, *closed, *changed, *notes),
+        notes=(*motion.notes, *closed, *changed, *notes, *drive_notes(hand, motion)),
         closing=None if closure is None else closure.summary(),
         elapsed=elapsed,
         versions=_versions(solution.backend),
@@ -240,7 +241,7 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
         ]
     if unstable := instability(hand, solution, motion.q[-1], servo_gains(hand), push):
         cautions.append(unstable)
-    return (*cautions, *_beyond_drives(hand, solution, motion), *_near_limits(hand, solution, motion))
+    return (*cautions, *drive_cautions(hand, solution, motion), *_hardly_pressing(solution))
 
 
 def pressing_too(hand: HandModel, solution: ForceSolution, q: Array) -> tuple[str, ...]:
@@ -252,37 +253,9 @@ def pressing_too(hand: HandModel, solution: ForceSolution, q: Array) -> tuple[st
     return meeting(hand, body, solution.problem.contacts, q, allowed=allowed)
 
 
-def _beyond_drives(hand: HandModel, solution: ForceSolution, motion: Motion) -> Iterator[str]:
-    """Holding torques that the hand's motors cannot make, since several joints share one, or since it is too weak."""
-    needed = np.array(motion.holding_torques)
-    for spring in hand.springs:
-        joint = hand.joint_names.index(spring.joint)
-        needed[joint] += spring.stiffness * (motion.q[-1, joint] - spring.rest)
-    arms = hand.transmission
-    efforts = np.linalg.lstsq(arms.T, needed, rcond=None)[0]
-    left, most = np.abs(needed - arms.T @ efforts), float(np.abs(needed).max())
-    kept = None if solution.problem.torques is None else solution.problem.torques.underactuation
-    if left.max() > _SHARED * most and kept is None:
-        worst = hand.joint_names[int(left.argmax())]
-        unit = "N" if hand.is_prismatic(hand.model.getJointId(worst)) else "N m"
-        yield (
-            f"the {hand.n} joints have {len(hand.drives)} motors between them, which cannot make these torques: "
-            f"{worst} lacks {left.max():.2g} {unit}, the largest torque is {most:.2g} N m; the joints settle "
-            "elsewhere, and the forces with them"
-        )
-        return
-    for drive, effort in zip(hand.drives, np.abs(efforts)):
-        if effort > drive.limit * (1 + _ROUNDING):
-            yield f"drive {drive.name} holds with {effort:.3g}, more than its limit of {drive.limit:.3g}"
-
-
-def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion) -> Iterator[str]:
-    """Joints near their torque limits, and contacts that hardly press."""
+def _hardly_pressing(solution: ForceSolution) -> Iterator[str]:
+    """Contacts that bear next to nothing."""
     problem = solution.problem
-    limit = hand.effort_or_infinity if problem.torques is None else problem.torques.limit
-    for joint, share in zip(hand.joint_names, np.abs(motion.holding_torques) / limit):
-        if share > _LABOURS * (1 + _ROUNDING):
-            yield f"{joint} holds with {100 * share:.0f} % of its torque limit"
     if problem.object is None:
         return
     share = Reserve().normal_force

@@ -23,8 +23,9 @@ from pinograsp.handover import (
     write_core,
     write_jaws,
 )
-from pinograsp.handover.commands import COMMANDS, SHORTFALL, commanded, write_drive_keyframes
+from pinograsp.handover.commands import COMMANDS, commanded, write_drive_keyframes
 from pinograsp.hands import HandModel, servo_gains
+from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.planner.compliance import band_of, gains_of, stiffness_of, told_band

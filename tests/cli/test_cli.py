@@ -460,7 +460,7 @@ def test_the_catalogue_of_hands(command, loaded_once):
     psyonic = next(row for row in rows if row.startswith(" psyonic_left"))
     assert " ".join(psyonic.split()) == "psyonic_left 6 10 0.659 5 1.2 to 6 N m"
     panda = next(row for row in rows if row.startswith(" panda"))
-    assert " ".join(panda.split()) == "panda 1 2 0.760 2 100 N"
+    assert " ".join(panda.split()) == "panda 1 2 0.760 2 140 N"
     assert next(row for row in rows if row.startswith(" romeo_left")).split()[-1] == "none"
 
 

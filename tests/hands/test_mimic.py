@@ -80,7 +80,7 @@ def test_own_hands_are_what_they_say(tmp_path):
     assert 0 < right[0] - left[0] < 0.03 and right[0] == pytest.approx(-left[0], abs=1e-12)
     left, right = parallel.frame_placements([0.04], ["left_tip", "right_tip"])[:, :3, 3]
     assert left - right == pytest.approx([0.08, 0, 0], abs=1e-12)
-    assert parallel.effort.tolist() == [60] and "60 N" in parallel.describe() and "m, effort" in parallel.describe()
+    assert parallel.effort.tolist() == [120] and "60 N at each of the 2 jaws" in parallel.describe()
     assert three.couplings["finger2_coupled"].factor == pytest.approx(0.7)
     assert three.couplings["finger2_coupled"].offset == pytest.approx(0.1)
     assert [finger.name for finger in three.fingers] == ["finger1", "finger2", "finger3"]
@@ -289,9 +289,50 @@ def test_mimic_of_a_continuous_joint_and_on_a_fixed_one(tmp_path):
     assert hand.model.njoints == 3
 
 
+def slides(tmp_path, first, second, factor=1.0, kind="prismatic", **options):
+    """Two jaws, the second of which follows the first; each with its effort and velocity limit."""
+    axis = "1 0 0" if kind == "prismatic" else "0 1 0"
+    jaws = [
+        limb("a", "base", axis, kind=kind, limit=f"0 0.04 {first[0]} {first[1]}"),
+        limb("b", "base", axis, kind=kind, limit=f"-0.04 0.04 {second[0]} {second[1]}", mimic=f"a {factor} 0"),
+    ]
+    return hand_of(tmp_path, *jaws, **options)[0]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "factor", "most"),
+    [
+        (60, 60, 1.0, 120.0),
+        (60, 60, -1.0, 120.0),
+        (40, 25, 1.0, 50.0),  # the weaker one ends the squeeze
+        (25, 40, 1.0, 50.0),
+        (30, 30, 0.5, 45.0),  # a jaw that moves half as far adds half of its force
+        (30, 0, 1.0, 30.0),  # one without a limit of its own
+    ],
+)
+@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
+def test_a_jaw_may_do_what_its_own_joint_may(tmp_path, kind, first, second, factor, most):
+    """Virtual work of jaws that press with F <= min(limits) each: tau = (1 + |factor|) F."""
+    hand = slides(tmp_path, (first, 1), (second, 1), factor, kind)
+    assert hand.effort == pytest.approx([most]) and hand.drives[0].limit == pytest.approx(most)
+    assert any("at each of the 2 jaws" in note for note in hand.notes) == (second > 0)
+
+
+def test_a_joint_on_the_same_finger_adds_nothing(tmp_path):
+    """Of two links of one finger, of which the second follows, the file limits the motor of the first."""
+    hand = load_hand(own_hands.write(tmp_path, "three_fingers"))
+    assert hand.effort == pytest.approx([1.5, 1.5, 1.5])
+
+
+def test_a_slow_follower_slows_what_moves_it(tmp_path):
+    assert slides(tmp_path, (9, 1.0), (9, 0.3), 2.0).velocity == pytest.approx([0.15])
+    assert slides(tmp_path, (9, 0), (9, 0.3), -1.0).velocity == pytest.approx([0.3])
+    assert slides(tmp_path, (9, 0.2), (9, 0), 1.0).velocity == pytest.approx([0.2])
+
+
 def test_describe_says_what_is_coupled_and_in_which_units(tmp_path):
     text = load_hand(own_hands.write(tmp_path, "parallel_gripper")).describe()
-    assert "1 joint that moves 1 more" in text and "left_slide -> left_jaw: +0.000 .. +0.040 m, effort 60 N" in text
+    assert "1 joint that moves 1 more" in text and "left_slide -> left_jaw: +0.000 .. +0.040 m, effort 120 N" in text
     assert "right_slide -> right_jaw: follows left_slide: 1 times its position" in text
     text = load_hand(own_hands.write(tmp_path, "three_fingers")).describe()
     assert "3 joints that move 3 more, 3 fingers on 'palm', 0.544 kg" in text

@@ -40,7 +40,9 @@ def test_harder_with_one_of_them_as_far_as_friction_goes(chuck):
     plan = plan_of(shared(chuck, 1.0, 1.0, 1.5))
     first, second, third = abs(plan.motion.holding_torques)
     assert first == pytest.approx(second, rel=0.15) and third / (first + second) == pytest.approx(0.75, rel=0.15)
-    assert plan.reserve.above_unrestricted > 0.1 and about_motors(plan) == []
+    assert plan.reserve.above_unrestricted > 0.1
+    (told,) = about_motors(plan)  # friction bears it, and commands that leave it to friction are refused
+    assert "6.8" in told.split("%")[0]
 
 
 def test_but_not_four_times_as_hard(chuck):
@@ -57,7 +59,8 @@ def test_a_spring_can_make_up_for_it(chuck):
     spring = Spring(joint=chuck.joint_names[2], stiffness=force / 0.01, rest=place - 0.01)
     hand = shared(chuck, 1.0, 1.0, 2.0).with_drives(shared(chuck, 1.0, 1.0, 2.0).drives, [spring])
     assert plan_of(hand).reserve.above_unrestricted < plan_of(shared(chuck, 1.0, 1.0, 2.0)).reserve.above_unrestricted
-    assert about_motors(plan_of(hand)) == []
+    (told,) = about_motors(plan_of(hand))
+    assert "on the way" in told  # where the spring is not yet stretched
 
 
 def test_a_motor_that_is_too_weak(chuck):

@@ -1,0 +1,70 @@
+"""What the drives of a hand make of joint torques: their efforts, what they leave undone, how far a servo is sent."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pinograsp.hands.model import HandModel
+from pinograsp.spatial import Array
+
+# Share of the largest torque that drives, which are fewer than the joints, may leave undone: friction and reserve bear
+# a few per cent. Beyond it a plan has a caution, and its commands are refused.
+SHORTFALL = 0.05
+_STEPS = 2.0  # of an encoder: a servo that is sent less makes its force by chance
+_BEARS = 0.05  # of the largest effort: drives that make less do not matter
+
+
+class Efforts(NamedTuple):
+    """Efforts of the drives that make joint torques best, by least squares.
+
+    Attributes:
+        drives: (s, m) [N or N m].
+        undone: what they leave of the torques at most, by joint (n,) [N m or N].
+        largest: torque that is asked for, springs deducted.
+    """
+
+    drives: Array
+    undone: Array
+    largest: float
+
+    @property
+    def shortfall(self) -> float:
+        """Share of the largest torque that is left undone at the worst joint."""
+        return float(self.undone.max(initial=0.0)) / self.largest if self.largest > 0 else 0.0
+
+
+def solve_efforts(hand: HandModel, q: Array, torques: Array) -> Efforts:
+    """The efforts of the drives that make ``torques`` (s, n) at ``q`` (s, n) best; springs make their part."""
+    wanted = np.array(torques)
+    for spring in hand.springs:  # torques are without the springs
+        j = hand.joint_names.index(spring.joint)
+        wanted[:, j] += spring.stiffness * (q[:, j] - spring.rest)
+    made = hand.transmission
+    drives: Array = wanted @ np.linalg.pinv(made)
+    undone = np.abs(wanted - drives @ made).max(axis=0, initial=0.0)
+    return Efforts(drives=drives, undone=undone, largest=float(np.abs(wanted).max(initial=0.0)))
+
+
+def below_steps(hand: HandModel, efforts: Array, stiffness: Array) -> list[str]:
+    """In words, drives whose servos make their effort of ``efforts`` (m,) by a way of less than two encoder steps.
+
+    Args:
+        hand: whose drives have an encoder step.
+        efforts: that the servos hold [N or N m].
+        stiffness: of the servos (m,), effort per unit of the drive's coordinate; NaN: not a servo, or not known.
+    """
+    least = _BEARS * float(np.abs(efforts).max(initial=0.0))
+    found = []
+    for drive, effort, kp in zip(hand.drives, np.abs(efforts).tolist(), stiffness.tolist()):
+        if drive.step is None or not kp > 0 or effort <= least:
+            continue
+        way = effort / kp
+        if way < _STEPS * drive.step:
+            found.append(
+                f"drive {drive.name} is sent {way:.2g} rad or m beyond where it holds, {way / drive.step:.2g} steps of "
+                f"its encoder ({drive.step:.3g}): a step is {100 * drive.step / way:.0f} % of its effort; press "
+                "harder, or take softer servos"
+            )
+    return found

@@ -1,0 +1,52 @@
+"""Effort limits of joints, of more than a description says of each by itself: known motors, jaws that move at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pinograsp.hands.drives import Drive
+from pinograsp.hands.model import HandModel
+
+
+def with_effort_limits(hand: HandModel, efforts: Mapping[str, float], drives: Iterable[Drive]) -> HandModel:
+    """The same hand with effort limits that count known motors, and all jaws that a joint moves; these are noted.
+
+    Where the limits of a joint's motors are known, what they can do is the limit. Else the description limits the
+    effort of each joint by itself: where the first joint of a finger moves the first joints of others, as in a gripper
+    with two jaws, its torque in a plan is that of all of them, tau = sum |factor_j| tau_j. Jaws press with equal forces
+    on what they hold, so that the weakest ends it: tau <= min(limits) sum |factor_j|. Joints farther out on the same
+    finger only transmit; jaws without a limit of their own count nothing.
+
+    Args:
+        hand: with the limits of its independent joints alone.
+        efforts: the joints' own limits as the description has them, coupled ones included [N m or N]; 0: none.
+        drives: known motors.
+    """
+    limits, notes = hand.effort.copy(), list(hand.notes)
+    for i, joint in enumerate(hand.joint_names):
+        made = [arm * drive.limit for drive in drives for name, arm in zip(drive.joints, drive.arms) if name == joint]
+        most, jaws = float(np.abs(made).sum()), _jaws(hand, joint, efforts)
+        if made and np.isfinite(most):
+            limits[i] = most
+        elif len(jaws) > 1:
+            each, unit = min(efforts[jaw] for jaw in jaws), "N" if hand.slides[i] else "N m"
+            limits[i] = each * sum(jaws.values())
+            notes.append(
+                f"effort limit of {joint}: {each:g} {unit} at each of the {len(jaws)} jaws that it moves, "
+                f"{limits[i]:g} {unit} together"
+            )
+    model = hand.model.copy()
+    model.effortLimit = limits
+    return replace(hand, model=model, notes=tuple(notes))
+
+
+def _jaws(hand: HandModel, joint: str, efforts: Mapping[str, float]) -> dict[str, float]:
+    """First joints of fingers that ``joint``, itself one, moves, with the size of their factors: those with limits."""
+    first = {finger.joints[0] for finger in hand.fingers if efforts.get(finger.joints[0], 0.0) > 0}
+    if joint not in first:
+        return {}
+    moved = {name: one for name, one in hand.couplings.items() if name in first and one.followed == joint}
+    return {joint: 1.0, **{name: abs(one.factor) for name, one in moved.items()}}

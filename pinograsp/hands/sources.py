@@ -1,0 +1,58 @@
+"""Where the figures of a drive come from: a manual, a measurement, a file; or nowhere, which makes them guesses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+from pinograsp.checks import brief, flag, floats_of, one_of, shown, text_of
+from pinograsp.errors import InvalidInput
+
+Figure: TypeAlias = Literal["limit", "stiffness", "damping", "step"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """Where one figure of a drive comes from.
+
+    Attributes:
+        figure: which one: ``limit``, ``stiffness``, ``damping`` or ``step``.
+        text: the manual, paper or file; of a guess, what it rests on.
+        guess: whether nobody has published or measured it.
+        interval: between which values it lies from unit to unit or setting to setting; None: not known.
+
+    Raises:
+        InvalidInput: for values that make no source.
+    """
+
+    figure: Figure
+    text: str
+    guess: bool = False
+    interval: tuple[float, float] | None = None
+
+    __repr__ = brief()
+
+    def __post_init__(self) -> None:
+        one_of("figure of a source", self.figure, get_args(Figure))
+        if not text_of(f"source of a {self.figure}", self.text):
+            raise InvalidInput(f"source of a {self.figure}: expected a text, got an empty one: say where it comes from")
+        flag(f"guess of the source of a {self.figure}", self.guess)
+        if self.interval is not None:
+            ends = floats_of(f"interval of a {self.figure}", self.interval)
+            if ends.shape != (2,) or not 0 <= ends[0] <= ends[1]:
+                raise InvalidInput(
+                    f"interval of a {self.figure}: expected the least and the largest value, from 0 on, got "
+                    f"{shown(ends.tolist())}"
+                )
+            object.__setattr__(self, "interval", (float(ends[0]), float(ends[1])))
+
+    def __str__(self) -> str:
+        """The figure, its interval and where it comes from, in words."""
+        between = "" if self.interval is None else f" ({self.interval[0]:g} to {self.interval[1]:g})"
+        return f"{self.figure}{between}: {'a guess, ' if self.guess else ''}{self.text}"
+
+
+def unlike(sources: Iterable[tuple[Source, ...]]) -> list[Source]:
+    """All sources of several drives, each once."""
+    return list(dict.fromkeys(source for one in sources for source in one))

@@ -1,0 +1,105 @@
+"""What the motors of a hand can do, against what a plan asks of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pinograsp.forces import ForceSolution
+from pinograsp.hands import HandModel
+from pinograsp.hands.efforts import SHORTFALL, below_steps, solve_efforts
+from pinograsp.hands.servos import unknown_stiffness
+from pinograsp.motion.torques import drives_limit
+from pinograsp.plan import Motion
+from pinograsp.spatial import Array
+
+_ROUNDING = 1e-3  # forces lie on their limits
+_LABOURS = 0.9  # share of a torque limit: worth a caution
+# Of a limit that is a guess: those that could be compared with a maker's figure were 1.4 to 21 times too large.
+_GUESSED = 0.5
+_BEARS = 1e-6  # share of the largest effort
+
+
+def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> Iterator[str]:
+    """Torques that the motors cannot make, efforts and speeds beyond limits or near those that are guesses, servos that
+    are sent less than they resolve.
+    """
+    q, torques = np.vstack([motion.q, motion.q[-1:]]), np.vstack([motion.torques, motion.holding_torques])
+    efforts, holding = solve_efforts(hand, q, torques), solve_efforts(hand, q[-1:], torques[-1:])
+    for where, needed, then in (
+        ("", holding, "; the joints settle elsewhere, and the forces with them"),
+        (" on the way", efforts, ""),
+    ):
+        if needed.shortfall > SHORTFALL:
+            worst = int(needed.undone.argmax())
+            yield (
+                f"the {hand.n} joints have {len(hand.drives)} motors between them, which cannot make these torques"
+                f"{where}: {hand.joint_names[worst]} lacks {needed.undone[worst]:.2g} {_unit(hand, worst)}, "
+                f"{100 * needed.shortfall:.3g} % of the largest torque{then}"
+            )
+            break
+    held = np.abs(efforts.drives[-1])
+    for drive, effort, peak in zip(hand.drives, held, np.abs(efforts.drives).max(axis=0)):
+        if effort > drive.limit * (1 + _ROUNDING):
+            yield f"drive {drive.name} holds with {effort:.3g}, more than its limit of {drive.limit:.3g}"
+        elif peak > drive.limit * (1 + _ROUNDING):
+            yield f"drive {drive.name} needs up to {peak:.3g} on the way, more than its limit of {drive.limit:.3g}"
+    stiffness = [drive.stiffness if drive.control == "position" else None for drive in hand.drives]
+    yield from below_steps(hand, held, np.array(stiffness, dtype=float))
+    yield from _too_fast(hand, motion)
+    yield from _near_limits(hand, solution, motion, np.abs(torques).max(axis=0))
+
+
+def drive_notes(hand: HandModel, motion: Motion) -> list[str]:
+    """Guesses that a plan rests on: limits of motors that hold, and the stiffness of servos."""
+    held = np.abs(solve_efforts(hand, motion.q[-1:], motion.holding_torques[None]).drives[0])
+    guesses: dict[str, list[str]] = {}
+    for drive, effort in zip(hand.drives, held):
+        source = drive.source("limit")
+        if source is not None and source.guess and effort > _BEARS * held.max():
+            guesses.setdefault(source.text, []).append(drive.name)
+    notes = [f"the limit of {', '.join(names)} is a guess: {text}" for text, names in guesses.items()]
+    assumed = unknown_stiffness(hand)
+    return notes if assumed is None else [*notes, assumed]
+
+
+def _too_fast(hand: HandModel, motion: Motion) -> Iterator[str]:
+    """Joints that move faster than they can."""
+    limit, peak = np.where(hand.velocity > 0, hand.velocity, np.inf), np.abs(motion.dq).max(axis=0)
+    ratio = peak / limit
+    worst, more = int(ratio.argmax()), int((ratio > 1 + _ROUNDING).sum()) - 1
+    if more >= 0:
+        unit = "m/s" if hand.slides[worst] else "rad/s"
+        when = "on its way" if np.abs(motion.dq[: motion.impact + 1, worst]).max() == peak[worst] else "as it presses"
+        yield (
+            f"{hand.joint_names[worst]} moves at up to {peak[worst]:.3g} {unit} {when}, {ratio[worst]:.3g} times its "
+            f"speed limit of {limit[worst]:g} {unit}{f', and {more} more are too fast' if more else ''}: start nearer, "
+            "or give it more time (final_time, impact_time_range)"
+        )
+
+
+def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion, peaks: Array) -> Iterator[str]:
+    """Joints beyond their own limits or near those of the plan; ``peaks``: largest |torques| of the motion (n,)."""
+    own, held = drives_limit(hand), np.abs(motion.holding_torques)
+    planned = own if solution.problem.torques is None else solution.problem.torques.limit
+    guessed = {
+        joint for drive in hand.drives if (source := drive.source("limit")) and source.guess for joint in drive.joints
+    }
+    for j, joint in enumerate(hand.joint_names):
+        share, unit = held[j] / planned[j], _unit(hand, j)
+        if held[j] > own[j] * (1 + _ROUNDING):
+            yield f"{joint} holds with {held[j]:.3g} {unit}, more than its limit of {own[j]:g} {unit}"
+        elif peaks[j] > own[j] * (1 + _ROUNDING):
+            yield f"{joint} needs up to {peaks[j]:.3g} {unit} on the way, more than its limit of {own[j]:g} {unit}"
+        elif share > _LABOURS * (1 + _ROUNDING):
+            yield f"{joint} holds with {100 * share:.0f} % of its torque limit"
+        elif joint in guessed and held[j] > _GUESSED * own[j]:
+            yield (
+                f"{joint} holds with {100 * held[j] / own[j]:.0f} % of a limit that is a guess, which may be more "
+                "than its motor makes"
+            )
+
+
+def _unit(hand: HandModel, joint: int) -> str:
+    return "N" if hand.slides[joint] else "N m"
