@@ -13,6 +13,7 @@ from pinograsp.hands.elements import parse_xml, read_bytes
 from pinograsp.hands.ros_packages import Packages, find_package
 from pinograsp.hands.yaml_data import SUFFIXES, read_yaml
 
+_EXPRESSION = re.compile(r"\$\{([^}]*)\}")
 _SUBSTITUTION = re.compile(r"\$\{([^}]*)\}|\$\(([^)]*)\)|(\$)")
 ARGUMENT, PACKAGE = re.compile(r"\s*arg\s+(\w+)\s*"), re.compile(r"\s*find\s+([\w.-]+)\s*")
 _IN_PACKAGE = re.compile(r"\$\(\s*find\s+([\w.-]+)\s*\)/(.*)")
@@ -141,11 +142,11 @@ class Files:
             start, inside = self.package(found[1]) or start, found[2]
             if self.package(found[1]) is None:
                 return []  # refused where it is included, which may be never
-        if re.search(r"[*?\[]|\$\(\s*find", inside):
-            self.problems.append(f"{path.name}: include of '{name}': only plain file names are allowed")
-            return []
         if "$" in inside:
             return []  # looked through where it is included
+        if re.search(r"[*?\[]", inside):
+            self.problems.append(f"{path.name}: include of '{name}': only plain file names are allowed")
+            return []
         target = (start / inside).resolve()
         if not self._allowed(target):
             self.problems.append(f"{path.name}: include of '{name}': {_OUTSIDE}")
@@ -171,8 +172,10 @@ def _forbidden_text(text: str) -> list[str]:
 
 
 def _forbidden_extension(text: str) -> list[str]:
-    if PACKAGE.fullmatch(text) or ARGUMENT.fullmatch(text):
-        return []
+    """Expressions in it are evaluated first; the name that comes out is looked at where it is used."""
+    named = _EXPRESSION.sub("x", text)
+    if PACKAGE.fullmatch(named) or ARGUMENT.fullmatch(named):
+        return [problem for inner in _EXPRESSION.findall(text) for problem in _forbidden_expression(inner)]
     return [f"'$({text})': only $(arg name) and $(find package) are allowed"]
 
 
