@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, mjcf, urdf_drives
+from pinograsp.hands.body_checks import mend_bodies
 from pinograsp.hands.catalogue import CATALOGUE, convex_parts_of, file_of
 from pinograsp.hands.drives import (
     ON_DRIVES,
@@ -37,7 +38,7 @@ from pinograsp.hands.elements import parse, read_bytes
 from pinograsp.hands.finger_names import Labels, names_of
 from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.linkage import without_levers
-from pinograsp.hands.mesh_file import LFS_POINTER
+from pinograsp.hands.mesh_file import LFS_POINTER, tells_unit
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.ros_packages import packages_of
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
@@ -240,7 +241,9 @@ def _hand_model(
     model.armature = armature
     geometry, unit = collision_geometry(model, prepared.shapes, notes)
     visuals = [
-        replace(one, size=tuple(unit * size for size in one.size)) if one.kind == "mesh" else one
+        replace(one, size=tuple(unit * size for size in one.size))
+        if one.kind == "mesh" and not tells_unit(one.path)
+        else one
         for one in prepared.visuals
     ]
     if not geometry.ngeoms:
@@ -249,6 +252,7 @@ def _hand_model(
         fill_masses(model, geometry, prepared.unweighed, notes)
     elif prepared.unweighed:
         notes.append(f"no masses given, so massless: {', '.join(prepared.unweighed)}")
+    mend_bodies(model, geometry, visuals, masses == "estimate", notes)
     geometry = without_shapes(geometry, model, [one_of("exclude", link, prepared.links) for link in exclude], notes)
     if massless := moving_nothing(model):
         hint = "" if masses == "estimate" else ", or take masses='estimate'"
