@@ -73,7 +73,6 @@ _NODES = (
 )
 
 
-
 # Python's own take minutes for a list of large whole numbers: these stop where the result is too large.
 def _product(factors: Iterable[Value]) -> Value:
     return functools.reduce(lambda left, right: _bounded(left * right), factors, 1)
@@ -323,7 +322,8 @@ def _bounded(value: Value) -> Value:
         raise _too_large()
     if isinstance(value, str | list) and size_of(value) > MOST_TEXT:
         raise NotArithmetic(f"a text or list of more than {MOST_TEXT} is too long")
-    known = value is None or isinstance(value, int | float | str | list) or type(value) is dict  # bounded as it was made
+    # The size of a mapping is bounded as it is made.
+    known = value is None or isinstance(value, int | float | str | list) or type(value) is dict
     if not known and not any(value is one for one in FUNCTIONS.values()):
         raise NotArithmetic(f"expected a number, a text, a list or a mapping, got {type(value).__name__}")
     return value

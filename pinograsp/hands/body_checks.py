@@ -40,12 +40,12 @@ def mend_bodies(
     light, heavy, placeholders, crooked = [], [], [], []
     for body in bodies:
         mass, moment = body.inertia.mass, body.moments[2]
-        if mass < _AIR * body.room and (mass > 0 or weigh) and (own := body.solid) is not None:
-            if mass < _AIR * own.mass / DENSITY:
-                light.append(f"{body.link} ({mass:.3g} kg)")
-                if weigh:
-                    model.inertias[body.joint] = own
-                    continue
+        own = body.solid if mass < _AIR * body.room and (mass > 0 or weigh) else None
+        if own is not None and mass < _AIR * own.mass / DENSITY:
+            light.append(f"{body.link} ({mass:.3g} kg)")
+            if weigh:
+                model.inertias[body.joint] = own
+                continue
         if body.beyond(whole):
             body.see(visuals)
         if body.too_heavy(whole):
@@ -70,7 +70,7 @@ def mend_bodies(
 
 
 class _Body:
-    """What a joint moves up to the next joints: its inertia, its shapes, and how far it reaches from its centre of mass.
+    """What a joint moves up to the next joints: its inertia, its shapes, how far it reaches from its centre of mass.
 
     Attributes:
         link: the one at the joint.
@@ -131,8 +131,9 @@ class _Body:
             frame = self.model.frames[self.model.getFrameId(shape.link, pin.FrameType.BODY)]
             if frame.parentJoint != self.joint:
                 continue
+            mesh = shape.kind == "mesh"
             try:
-                form = read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
+                form = read_mesh(shape.path, shape.size) if mesh else PRIMITIVES[shape.kind](*shape.size)
             except (ValueError, OSError):
                 continue
             self.known = True

@@ -43,6 +43,7 @@ from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.ros_packages import packages_of
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of, with_followed
+from pinograsp.hands.unit_checks import size_notes, speed_notes
 from pinograsp.hands.urdf import Prepared, prepare
 from pinograsp.hands.xacro_guard import expand_xacro
 from pinograsp.spatial import FARTHEST
@@ -157,8 +158,10 @@ def load_hand(
     if srdf is not None:
         pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
     hand = replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(told))
-    if limits is not None:
-        hand = hand.with_limits(limits)
+    hand = hand.with_limits({} if limits is None else limits)
+    slides = hand.slides.tolist()
+    odd = [*speed_notes(hand.joint_names, slides, hand.velocity), *size_notes(hand.model, hand.geometry)]
+    hand = replace(hand, notes=(*hand.notes, *odd))
     if posture is not None:
         hand = hand.with_posture(posture)
     if hulls:

@@ -56,7 +56,7 @@ def read_triangles(path: Path, *, corners_alone: bool = False) -> tuple[Array, I
 
 
 def load(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh.parent.Geometry:
-    """What trimesh makes of a mesh file that has been looked at; in metres where the file says its unit, as COLLADA does.
+    """What trimesh makes of a mesh file that has been looked at; in metres where it says its unit, as COLLADA does.
 
     ``corners_alone`` as for :func:`read_triangles`; ``settings``: of ``trimesh.load``.
 
