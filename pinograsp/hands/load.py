@@ -45,6 +45,7 @@ from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of, with_followed
 from pinograsp.hands.unit_checks import size_notes, speed_notes
 from pinograsp.hands.urdf import Prepared, prepare
+from pinograsp.hands.urdf_couplings import add_couplings
 from pinograsp.hands.xacro_guard import expand_xacro
 from pinograsp.spatial import FARTHEST
 
@@ -149,9 +150,10 @@ def load_hand(
         robot, problems, notes, found, labels = mjcf.to_urdf(name, robot, path.resolve(), root, trusted)
         prepared = prepare(name, robot, folder, None, problems, notes)
     else:
-        problems, labels = [], {}
+        problems, notes, labels = [], [], {}
+        add_couplings(robot, problems, notes)
         found = urdf_drives.actuation_of(robot, problems)
-        prepared = prepare(name, robot, folder, root, problems, packages=folders)
+        prepared = prepare(name, robot, folder, root, problems, notes, packages=folders)
     hand = _hand_model(name, prepared, palm, fingers, masses, exclude, {"motor": motors_at(found), **labels})
     hand = _driven(hand, found, known, drives, springs)
     pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
