@@ -50,7 +50,7 @@ def mend_bodies(
             body.see(visuals)
         if body.too_heavy(whole):
             heavy.append(f"{body.link} ({mass:.3g} kg within {1e3 * body.within(whole):.3g} mm)")
-        if moment > _LARGEST * mass * body.within(whole) ** 2 or (mass > 0 and moment < _LEAST * mass * body.reach**2):
+        if body.too_wide(whole) or (mass > 0 and body.known and moment < _LEAST * mass * body.reach**2):
             placeholders.append(f"{body.link} ({moment:.3g} kg m^2 for {1e3 * mass:.3g} g)")
             model.inertias[body.joint] = _scaled(body.solid or _ball(mass), body.inertia)
         elif body.moments[0] > 0 and moments_problem(body.moments, np.inf):
@@ -84,13 +84,14 @@ class _Body:
         self.model, self.joint = model, joint
         self.inertia: pin.Inertia = pin.Inertia(model.inertias[joint])
         self.moments: Array = np.linalg.eigvalsh(self.inertia.inertia)
-        links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint == joint]
-        self.link = printable(links[0].name if links else model.names[joint], 60)
+        frames = [frame for frame in model.frames if frame.parentJoint == joint]
+        links = [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
+        self.link = printable((*links, model.names[joint])[0], 60)
         self.shapes = [one for one in shapes.geometryObjects if one.parentJoint == joint]
         self.known = bool(self.shapes)
         self.reach = 0.0
         below = [model.jointPlacements[j].translation for j in range(1, model.njoints) if model.parents[j] == joint]
-        self._extend(np.array([np.zeros(3), *below]), pin.SE3.Identity())
+        self._extend(np.array([*(frame.placement.translation for frame in frames), *below]), pin.SE3.Identity())
         for one in self.shapes:
             self._extend(_points(one.geometry), one.placement)
 
@@ -113,8 +114,12 @@ class _Body:
 
     def beyond(self, whole: float) -> bool:
         """Whether inertia or mass are too large for what is known of its size."""
-        radius, mass = self.within(whole), float(self.inertia.mass)
-        return bool(self.moments[2] > _LARGEST * mass * radius**2) or self.too_heavy(whole)
+        return self.too_wide(whole) or self.too_heavy(whole)
+
+    def too_wide(self, whole: float) -> bool:
+        """Whether its mass would have to be farther out; where nothing has a size, nobody can tell."""
+        radius = self.within(whole)
+        return radius > 0 and bool(self.moments[2] > _LARGEST * self.inertia.mass * radius**2)
 
     def too_heavy(self, whole: float) -> bool:
         """Whether no metal is that heavy."""

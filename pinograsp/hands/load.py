@@ -299,12 +299,6 @@ def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, f
     if (before := joints_before(prepared.joints, palm)) >= _ARM:
         root = alone(palm)
         return [f"{ON_ROOT}{before} joints come before the palm '{palm}', an arm's: root='{root}' is the hand alone"]
-    if len(fingers) == 1 and len(fingers[0].joints) > _ARM:
-        joints = [joint for joint in prepared.joints if joint.name == fingers[0].joints[-1]]
-        return [
-            f"{ON_ROOT}all {len(fingers[0].joints)} joints are one finger: of an arm with one jaw that moves, "
-            f"root='{alone(joints[0].parent)}' takes the last one alone"
-        ]
     data = model.createData()
     pin.framesForwardKinematics(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2)
 
@@ -313,10 +307,20 @@ def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, f
         return float(np.linalg.norm(to - at)) < _HAND
 
     palms = palms_in(prepared.joints, prepared.links, solid.__contains__, near)
-    if palm in palms or not palms:
+    if palms and palm not in palms:
+        roots = dict.fromkeys(alone(one) for one in palms)
+        return [f"{ON_ROOT}this looks like a whole robot: a hand alone is root= {' or '.join(roots)}"]
+    long = [finger for finger in fingers if len(finger.joints) > _ARM]
+    arms = [finger for finger in long if len(fingers) == 1 or not near(palm, finger.tip)]
+    if not arms:
         return []
-    roots = dict.fromkeys(alone(one) for one in palms)
-    return [f"{ON_ROOT}this looks like a whole robot: a hand alone is root= {' or '.join(roots)}"]
+    last = {finger.joints[-1] for finger in arms}
+    roots = dict.fromkeys(alone(joint.parent) for joint in prepared.joints if joint.name in last)
+    named = ", ".join(f"'{finger.name}' ({len(finger.joints)} joints)" for finger in arms)
+    return [
+        f"{ON_ROOT}{named}: an arm, not a finger, if it ends in one jaw that moves: "
+        f"{' or '.join(map('root={!r}'.format, roots))} takes that alone"
+    ]
 
 
 def _driven(

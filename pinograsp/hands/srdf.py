@@ -41,9 +41,9 @@ def disabled_collisions(path: Path, links: Sequence[str], notes: list[str]) -> P
     try:
         robot = parse(str(path), read_bytes(path).decode("utf-8-sig"))
     except (OSError, UnicodeError) as error:
-        raise HandNotLoaded(path, f"srdf=: cannot be read: {error}") from error
+        raise HandNotLoaded(path, f"it cannot be read as SRDF: {error}") from error
     if robot.tag != "robot" or all(robot.find(tag) is None for tag in _TAGS):
-        raise HandNotLoaded(path, "srdf=: expected a file with <disable_collisions link1= link2=>, found none")
+        raise HandNotLoaded(path, "expected an SRDF file with <disable_collisions link1= link2=>, found none")
     found = pairs_in(robot, links)
     notes.append(f"pairs of links whose collisions the SRDF disables: {len(found)}")
     return found

@@ -37,6 +37,7 @@ _NUMBERS: dict[str, dict[str, tuple[int, float]]] = {
 # Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of
 # its joints.
 _MOST_LINKS, _MOST_MOVING, _MOST_SHAPES = 2000, 100, 2000
+_CUT = "root= is the link that a hand on a robot starts from"
 
 
 @dataclass(slots=True)
@@ -95,9 +96,14 @@ def prepare(
     _check_count(source, "links", len(robot.findall("link")), _MOST_LINKS)
     _check_count(source, "joints", len(robot.findall("joint")), _MOST_LINKS)
     outside: set[str] = cut_out(source, robot, root, notes) if root is not None else set()
-    _check_count(source, "collision shapes", len(robot.findall("link/collision")), _MOST_SHAPES)
+    _check_count(
+        source,
+        "collision shapes (root= is the link that a hand on a robot starts from)",
+        len(robot.findall("link/collision")),
+        _MOST_SHAPES,
+    )
     moving = sum(joint.get("type") != "fixed" for joint in robot.findall("joint"))
-    _check_count(source, "moving joints (root= is the link that a hand on a robot starts from)", moving, _MOST_MOVING)
+    _check_count(source, f"moving joints ({_CUT})", moving, _MOST_MOVING)
     for _, joint in named(robot, "joint"):
         if joint.get("type") == "fixed":  # it follows nothing and needs no axis
             drop(joint, "mimic", "limit", "axis")
@@ -302,7 +308,10 @@ def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Lim
             problems.append(f"joint '{name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=)")
         else:
             beyond = f", or beyond {LARGEST:g}" if max(abs(lower), abs(upper)) > LARGEST else ""
-            problems.append(f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}{beyond}")
+            problems.append(
+                f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}{beyond}: correct <limit>, or "
+                "make it a fixed joint"
+            )
     if continuous:
         notes.append(f"continuous joints taken as revolute between -180 and 180 deg: {', '.join(continuous)}")
     return limits, problems
