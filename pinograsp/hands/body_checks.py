@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from pinograsp.hands.geometry import DENSITY, PRIMITIVES, Shape, hull_points, read_mesh, solid
 from pinograsp.spatial import Array, moments_problem
-from pinograsp.words import printable
+from pinograsp.words import few, printable
 
 # Of mass times the square of the farthest point's distance from the centre of mass, which bounds the moments of inertia
 # of what lies within. Identified and rounded values of real robots go up to 9.4 times, since shapes are not all of a
@@ -66,7 +66,7 @@ def mend_bodies(
         (crooked, "inertias with one moment above the sum of the others, as no solid has, taken as they are"),
     ):
         if names:
-            notes.append(f"{text}: {_listed(names)}")
+            notes.append(f"{text}: {few(names, _MOST_NAMED)}")
 
 
 class _Body:
@@ -123,7 +123,7 @@ class _Body:
 
     def too_heavy(self, whole: float) -> bool:
         """Whether no metal is that heavy."""
-        return self.inertia.mass > _OSMIUM * _BALL * max(self.within(whole), _SMALLEST) ** 3
+        return bool(self.inertia.mass > _OSMIUM * _BALL * max(self.within(whole), _SMALLEST) ** 3)
 
     @property
     def room(self) -> float:
@@ -161,8 +161,3 @@ def _ball(mass: float) -> pin.Inertia:
     mass = max(mass, np.finfo(float).tiny)
     radius = float(np.cbrt(3 * mass / (4 * np.pi * DENSITY)))
     return pin.Inertia.FromSphere(mass, radius)
-
-
-def _listed(names: Sequence[str]) -> str:
-    rest = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {rest} more" if rest > 0 else "")

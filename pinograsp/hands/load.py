@@ -158,7 +158,8 @@ def load_hand(
     hand = _driven(hand, found, known, drives, springs)
     pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
     if srdf is not None:
-        pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
+        driven = [joint for drive in hand.drives for joint in drive.joints]
+        pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, driven, told)
     hand = replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(told))
     hand = hand.with_limits({} if limits is None else limits)
     slides = hand.slides.tolist()

@@ -85,8 +85,9 @@ def load(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh
             _check_pieces(len(re.findall(rb"^[ \t]*(?:usemtl|mtllib|o|g)\b", content, re.MULTILINE)), "groups")
         elif kind == ".stl":
             _check_pieces(content.lower().count(b"endsolid"), "solids")
-        read = trimesh.load(io.BytesIO(content), file_type=kind[1:], process=False, **settings)
-        return read if unit == 1.0 else read.apply_scale(unit)
+        read: Any = trimesh.load(io.BytesIO(content), file_type=kind[1:], process=False, **settings)
+        made: trimesh.parent.Geometry = read if unit == 1.0 else read.apply_scale(unit)
+        return made
     except Exception as error:  # the readers raise errors of every type for broken files
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {one_line(error)}") from error
 

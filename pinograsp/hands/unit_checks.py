@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from pinograsp.spatial import Array
-from pinograsp.words import printable
+from pinograsp.words import few, printable
 
 # How notes on limits begin, so that those on others take their place.
 ON_LIMITS = "units of limits: "
@@ -45,10 +45,10 @@ def limit_notes(joints: Sequence[str], slides: Sequence[bool], lower: Array, upp
             if bool(slide) == sliding and least < max(abs(low), abs(high)) <= most
         }
         if ends:
-            given = _listed(f"{printable(joint, 60)} {low:g} .. {high:g}" for joint, (low, high) in ends.items())
+            given = [f"{printable(joint, 60)} {low:g} .. {high:g}" for joint, (low, high) in ends.items()]
             joint, (low, high) = next(iter(ends.items()))
             notes.append(
-                f"{ON_LIMITS}are these in {unit.taken}, {given}? They are taken as {unit.right}; if so, "
+                f"{ON_LIMITS}are these in {unit.taken}, {few(given, _MOST_NAMED)}? They are taken as {unit.right}; if so, "
                 f"limits={{'{printable(joint, 60)}': ({low * unit.factor:.4g}, {high * unit.factor:.4g}), ...}} "
                 "or other numbers in the file"
             )
@@ -67,7 +67,7 @@ def speed_notes(joints: Sequence[str], slides: Sequence[bool], velocity: Array) 
         if fast:
             notes.append(
                 f"units of speed limits: are these in {unit.taken} a second, in brackets what they would be in "
-                f"{unit.right}, {_listed(fast)}? They are taken as {unit.right}: if so, change the file"
+                f"{unit.right}, {few(fast, _MOST_NAMED)}? They are taken as {unit.right}: if so, change the file"
             )
     return notes
 
@@ -91,7 +91,7 @@ def size_notes(model: pin.Model, geometry: pin.GeometryModel) -> list[str]:
     ]
     if long:
         return [
-            f"units of sizes: are these in millimetres or inches, {_listed(long)}? URDF's are in metres: if so, change "
+            f"units of sizes: are these in millimetres or inches, {few(long, _MOST_NAMED)}? URDF's are in metres: if so, change "
             "<size>, <origin>, ... in the file, or give its meshes a scale"
         ]
     if longest < _SHORTEST:
@@ -100,9 +100,3 @@ def size_notes(model: pin.Model, geometry: pin.GeometryModel) -> list[str]:
             "applied twice?"
         ]
     return []
-
-
-def _listed(names: Iterable[str]) -> str:
-    names = list(names)
-    rest = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {rest} more" if rest > 0 else "")
