@@ -324,6 +324,8 @@ def path_of(name: str, value: object) -> Path:
     """``value`` as a path, or :class:`InvalidInput`."""
     if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not str(value):
         raise InvalidInput(f"{name}: expected a path, got {shown(value)}")
+    if "\0" in os.fspath(value):  # the system's calls would raise errors of their own
+        raise InvalidInput(f"{name}: expected a path, got one with a null character: {shown(value)}")
     return Path(value)
 
 

@@ -16,6 +16,8 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 # (1e-16), far below any angle at which the tangent direction would matter in practice.
 _VANISHED = 1e-6
 
+_DIGITS = 1e-2  # of inertias in files, which are rounded
+
 # [m] No hand or object reaches farther: more is a mistake of units, and beyond where distances keep their digits.
 FARTHEST = 1e3
 
@@ -81,3 +83,24 @@ def pose_of(position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = 
     if rotation is not None:
         pose[:3, :3] = rotation
     return pose
+
+
+def moments_problem(moments: Array, most: float) -> str:
+    """Why no solid has these moments of inertia, in words; empty where one may, up to the rounding of files.
+
+    Args:
+        moments: about the centre of mass (3,), ascending [kg m^2].
+        most: mass times the square of the farthest point's distance from there [kg m^2].
+    """
+    rounding = _DIGITS * moments[2]
+    if moments[0] <= 0 or moments[:2].sum() < moments[2] - rounding:
+        return (
+            "expected moments > 0, none above the sum of the others, got moments "
+            f"{', '.join(f'{moment:.3g}' for moment in moments)} kg m^2"
+        )
+    if moments[2] > most * (1 + _DIGITS):
+        return (
+            f"expected moments of at most {most:.3g} kg m^2, its mass times the square of its largest radius, got "
+            f"{moments[2]:.3g}: are the units right?"
+        )
+    return ""

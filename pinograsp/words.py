@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 _MOST_LINES = 20
 
@@ -34,6 +34,12 @@ def printable(text: str, most: int = 200) -> str:
 def no_formula(name: str) -> str:
     """A name as a cell of a table: an apostrophe before what a spreadsheet would take for a formula."""
     return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "'")) else name
+
+
+def few(names: Sequence[str], most: int) -> str:
+    """The first names of a list, and how many more there are."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def by_name(names: Iterable[str], values: Iterable[float], unit: str = "") -> str:

@@ -16,6 +16,7 @@ try:  # Ctrl-C may come while the commands are imported
 
     from pinograsp.cli import bench, carry, certify, check, export, hands, new, plan, report, sweep, view
     from pinograsp.cli.app import app, given, tell_json
+    from pinograsp.cli.remedies import as_options
     from pinograsp.cli.screen import wrapped
 except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
@@ -93,6 +94,7 @@ def _report(error: BaseException) -> int:
     else:
         _as_json(Status.FAILED, name, str(error), "This is an error of pinograsp: report it with its traceback.")
         raise error
+    text = as_options(text)
     if given["verbose"]:
         traceback.print_exception(error)
     _as_json(status, name, text, remedy or status.remedy)

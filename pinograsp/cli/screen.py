@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from pinograsp.cli.remedies import as_options
 from pinograsp.words import escaped
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def wrapped(text: str, width: int | None = None) -> list[str]:
 
 def _fill(text: str, first: str, others: str, width: int | None) -> list[str]:
     return textwrap.wrap(
-        text,
+        as_options(text),
         columns() if width is None else width,
         initial_indent=first,
         subsequent_indent=others,

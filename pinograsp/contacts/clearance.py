@@ -254,7 +254,16 @@ def fingertips(hand: HandModel, data: pin.Data) -> Array:
 
     A single finger presses with its end against the palm. For it: its end, and the point of the palm that is nearest
     to where that end can get (2, 3).
+
+    Raises:
+        InvalidInput: no hand, or data that are not of its model.
     """
+    instance_of("hand", hand, HandModel)
+    if len(instance_of("data", data, pin.Data).oMi) != hand.model.njoints:
+        raise InvalidInput(
+            f"data: expected those of the hand's model ({hand.model.njoints - 1} joints), got {len(data.oMi) - 1} "
+            "joints: make them by hand.model.createData()"
+        )
     last = [finger.joint_ids[-1] for finger in hand.fingers]
     if len(last) > 1:
         return np.array([link_centre(hand, data, joint) for joint in last])

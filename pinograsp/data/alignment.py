@@ -16,7 +16,7 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import array_of, brief, instance_of, items_of, one_of, read_only
+from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, number, one_of, read_only
 from pinograsp.data.rotations import placements
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
@@ -108,8 +108,10 @@ def joint_axes(
     instance_of("hand", hand, HandModel)
     names = hand.joint_names if joints is None else tuple(items_of("joints", joints, str))
     q = np.array(hand.resting)
-    for name, value in [*(at or {}).items(), *((name, 0.0) for name in names)]:
-        q[hand.joint_names.index(one_of(f"joint of hand '{hand.name}'", name, hand.joint_names))] = value
+    others = mapping_of("at", {} if at is None else at, "{joint: position}")
+    for name, value in [*others.items(), *((name, 0.0) for name in names)]:
+        i = hand.joint_names.index(one_of(f"joint of hand '{hand.name}'", name, hand.joint_names))
+        q[i] = number(f"at: position of '{name}'", value)
     model = hand.model
     data = model.createData()
     pin.computeJointJacobians(model, data, q)

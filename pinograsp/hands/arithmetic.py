@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
+import functools
 import math
 import operator
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -15,6 +16,7 @@ Value: TypeAlias = Any
 MOST_TEXT = 10_000  # characters of a text, and numbers in a list
 MOST_DATA = 20_000  # values and characters of a mapping
 _MOST_BITS = 1024  # of whole numbers: the range of a float
+_MOST_WORK = 1_000_000  # values and characters that one expression goes through: less than a second
 _BINARY: dict[type[ast.operator], Callable[[Value, Value], Value]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -60,6 +62,7 @@ _NODES = (
     ast.Compare,
     ast.IfExp,
     ast.Call,
+    ast.keyword,
     ast.Subscript,
     ast.List,
     ast.Tuple,
@@ -68,7 +71,19 @@ _NODES = (
     *_UNARY,
     *_COMPARE,
 )
+
+
+# Python's own take minutes for a list of large whole numbers: these stop where the result is too large.
+def _product(factors: Iterable[Value]) -> Value:
+    return functools.reduce(lambda left, right: _bounded(left * right), factors, 1)
+
+
+def _multiple(*numbers: Value) -> Value:
+    return functools.reduce(lambda left, right: _bounded(math.lcm(left, right)), numbers, 1)
+
+
 _MATH = {name: value for name, value in vars(math).items() if not name.startswith("_")}
+_MATH |= {"prod": _product, "lcm": _multiple}
 FUNCTIONS: dict[str, Value] = {
     **_MATH,
     "abs": abs,
@@ -129,7 +144,7 @@ def parsed(expression: str) -> ast.Expression:
             raise NotArithmetic(f"the name {node.attr} is not allowed")
         if isinstance(node, ast.Attribute) and _is_math(node.value) and node.attr not in _MATH:
             raise NotArithmetic(f"math has no {node.attr}")
-        if isinstance(node, ast.Call) and node.keywords:
+        if isinstance(node, ast.Call) and node.keywords and not _is_mapping(node):
             raise NotArithmetic("only arithmetic is allowed, no named arguments")
         if isinstance(node, ast.Constant) and not isinstance(node.value, bool | int | float | str | None):
             raise NotArithmetic(f"only numbers and texts are allowed, not {node.value!r}")
@@ -141,7 +156,8 @@ def parsed(expression: str) -> ast.Expression:
 
 def names(tree: ast.AST, known: Container[str] = ()) -> set[str]:
     """Names that an expression uses, but for calls of the functions ``known``, as ``load`` or ``yaml.load``."""
-    called = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call) and _dotted(node.func) in known]
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    called = [node.func for node in calls if _dotted(node.func) in known or _is_mapping(node)]
     fine = {id(one.value if isinstance(one, ast.Attribute) else one) for one in called}
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in fine}
 
@@ -161,6 +177,12 @@ def evaluate(
     return _Evaluation(names, functions).value(parsed(expression).body)
 
 
+def _is_mapping(node: ast.Call) -> bool:
+    """Whether a call is ``dict(name=value, ...)``."""
+    called = isinstance(node.func, ast.Name) and node.func.id == "dict"
+    return called and not node.args and all(one.arg for one in node.keywords)
+
+
 def _is_math(node: ast.expr) -> bool:
     return isinstance(node, ast.Name) and node.id == "math"
 
@@ -173,20 +195,32 @@ def _dotted(node: ast.expr) -> str:
 
 
 class _Evaluation:
-    """Expressions with the names and functions that they may use."""
+    """An expression with the names and functions that it may use, and how much it has gone through so far."""
 
     def __init__(self, names: Mapping[str, Value], functions: Mapping[str, Callable[..., Value]]):
         self.names, self.functions = names, functions
+        self.work = 0
 
     def value(self, node: ast.expr) -> Value:
+        """The value of a part of the expression, of a kind and size that it may have; NotArithmetic for too much work.
+
+        What is done with values takes no longer than to go through them, so that their sizes bound the time.
+        """
+        value = _bounded(self._value(node))
+        self.work += 1 + size_of(value)
+        if self.work > _MOST_WORK:
+            raise NotArithmetic(f"it goes through more than {_MOST_WORK} values and characters")
+        return value
+
+    def _value(self, node: ast.expr) -> Value:
         if isinstance(node, ast.Constant):
-            return _bounded(node.value)
+            return node.value
         if isinstance(node, ast.Name):
             return _named(node.id, self.names)
         if isinstance(node, ast.Attribute):
             return _MATH[node.attr] if _is_math(node.value) else _item(self.value(node.value), node.attr)
         if isinstance(node, ast.UnaryOp):
-            return _bounded(_UNARY[type(node.op)](self.value(node.operand)))
+            return _UNARY[type(node.op)](self.value(node.operand))
         if isinstance(node, ast.BinOp):
             return _binary(type(node.op), self.value(node.left), self.value(node.right))
         if isinstance(node, ast.BoolOp):
@@ -200,9 +234,14 @@ class _Evaluation:
         if isinstance(node, ast.IfExp):
             return self.value(node.body if self.value(node.test) else node.orelse)
         if isinstance(node, ast.Subscript):
-            return _bounded(self.value(node.value)[self.value(node.slice)])
+            return self.value(node.value)[self.value(node.slice)]
         if isinstance(node, ast.List | ast.Tuple):
-            return _bounded([self.value(one) for one in node.elts])
+            return [self.value(one) for one in node.elts]
+        if isinstance(node, ast.Call) and _is_mapping(node):
+            made = {str(one.arg): self.value(one.value) for one in node.keywords}
+            if size_of(made) > MOST_TEXT:
+                raise NotArithmetic(f"a mapping of more than {MOST_TEXT} is too large")
+            return made
         if isinstance(node, ast.Call):
             return self._called(node.func, [self.value(one) for one in node.args])
         raise NotArithmetic(f"only arithmetic is allowed, no {type(node).__name__}")
@@ -219,13 +258,13 @@ class _Evaluation:
     def _called(self, function: ast.expr, arguments: list[Value]) -> Value:
         name = _dotted(function)
         if name in self.functions and name.split(".")[0] not in self.names:
-            return _bounded(self.functions[name](*arguments))
+            return self.functions[name](*arguments)
         if isinstance(function, ast.Attribute) and not _is_math(function.value):
             of = self.value(function.value)
             method = _METHODS.get(type(of), {}).get(function.attr)
             if method is None:
                 raise NotArithmetic(f"only arithmetic is allowed, no '{function.attr}' of a {type(of).__name__}")
-            return _bounded(method(of, *arguments))
+            return method(of, *arguments)
         return _called(self.value(function), arguments)
 
 
@@ -235,12 +274,12 @@ def _item(mapping: Value, key: str) -> Value:
         raise NotArithmetic(f"only arithmetic is allowed, no '{key}' of a {type(mapping).__name__}")
     if key not in mapping:
         raise KeyError(f"no '{key}' among {', '.join(map(str, mapping))}"[:300])
-    return _bounded(mapping[key])
+    return mapping[key]
 
 
 def _named(name: str, names: Mapping[str, Value]) -> Value:
     if name in names:
-        return _bounded(names[name])
+        return names[name]
     if name in FUNCTIONS:
         return FUNCTIONS[name]
     raise NameError(f"name '{name}' is not defined")
@@ -261,7 +300,7 @@ def _binary(kind: type[ast.operator], left: Value, right: Value) -> Value:
     result = _BINARY[kind](left, right)
     if isinstance(result, complex):
         raise ValueError("a root of a negative number")
-    return _bounded(result)
+    return result
 
 
 def _called(function: Value, arguments: list[Value]) -> Value:
@@ -272,7 +311,7 @@ def _called(function: Value, arguments: list[Value]) -> Value:
         limited = arguments[1:] if function is round else arguments
         if any(isinstance(one, int) and abs(one) > most for one in limited):
             raise NotArithmetic(f"{function.__name__} of more than {most} is too large")
-    return _bounded(function(*arguments))
+    return function(*arguments)
 
 
 def _bounded(value: Value) -> Value:
@@ -283,9 +322,8 @@ def _bounded(value: Value) -> Value:
         raise _too_large()
     if isinstance(value, str | list) and size_of(value) > MOST_TEXT:
         raise NotArithmetic(f"a text or list of more than {MOST_TEXT} is too long")
-    known = (
-        value is None or isinstance(value, int | float | str | list) or type(value) is dict
-    )  # whose size was bounded
+    # The size of a mapping is bounded as it is made.
+    known = value is None or isinstance(value, int | float | str | list) or type(value) is dict
     if not known and not any(value is one for one in FUNCTIONS.values()):
         raise NotArithmetic(f"expected a number, a text, a list or a mapping, got {type(value).__name__}")
     return value

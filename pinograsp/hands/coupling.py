@@ -78,7 +78,8 @@ def resolve(couplings: dict[str, Coupling], types: Mapping[str, str | None]) -> 
             way = " and ".join(f"'{one}'" for one in sorted(seen))
             problems.append(f"joint '{name}' mimics itself through {way}: one of them must be free")
         elif types.get(followed) not in MOVING:
-            problems.append(f"joint '{name}' mimics '{followed}', which is {types.get(followed, 'unknown')}")
+            kind = types.get(followed, "unknown")
+            problems.append(f"joint '{name}' mimics '{followed}', which is {kind}: let it follow a joint that moves")
         elif not (1 / _LARGEST <= abs(coupling.factor) <= _LARGEST and abs(coupling.offset) <= _LARGEST):
             problems.append(
                 f"joint '{name}' mimics '{followed}' with multiplier {coupling.factor:g}: make it fixed, or give it a "

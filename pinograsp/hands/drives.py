@@ -221,7 +221,15 @@ def ratios_of(joints: Sequence[str], drives: Sequence[Drive]) -> tuple[Ratio, ..
     """What the drives, which move several joints each or leave some out, cannot choose of the torques of ``joints``.
 
     Jaws are geared: their joints share the force as the object has it. So do the joints of drives that are not exact.
+
+    Raises:
+        InvalidInput: names of joints that are no texts or come twice, or a drive of a joint that is not among them.
     """
+    joints, drives = items_of("joints", joints, str), items_of("drives", drives, Drive)
+    _each_once("joints", list(joints))
+    for drive in drives:
+        for joint in drive.joints:
+            one_of(f"joint of drive '{drive.name}'", joint, joints)
     arms, found = transmission(joints, drives), list[Ratio]()
     left = set(range(len(joints)))
     while left:

@@ -14,13 +14,16 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from pinograsp.checks import brief
-from pinograsp.hands.mesh_file import MOST_TRIANGLES, collision_model, joined, read_triangles
+from pinograsp.hands.mesh_file import MOST_TRIANGLES, collision_model, joined, read_triangles, tells_unit
 from pinograsp.spatial import FARTHEST, Array, IntArray
 
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
-_DENSITY = 1000.0
+DENSITY = 1000.0
 _RING = 12  # points round a circle
-_TOO_LARGE, _MILLI = 100.0, 1e-3  # times the distance of two joints, for a link whose mesh is drawn in metres
+# A link whose mesh is drawn in metres is not so many times as large as its joints are apart or slide. Joints may sit in
+# one place, with all distances in the meshes: then as large as this [m], half a finger.
+_TOO_LARGE, _MILLI, _APART = 100.0, 1e-3, 0.05
+_SLIDE = "JointModelP"  # how Pinocchio's names of joints that slide begin
 _FLAT = 1e-6  # volume over the longest extent's cube, of a mesh that is flat up to rounding
 
 Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
@@ -66,7 +69,7 @@ PRIMITIVES: dict[str, type[coal.ShapeBase]] = {
 
 
 def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) -> tuple[pin.GeometryModel, float]:
-    """Collision geometry at the links' frames, and the unit of its meshes [m].
+    """Collision geometry at the links' frames, and the unit [m] of meshes whose files do not say theirs.
 
     Meshes that cannot be read are left out and noted.
     """
@@ -146,19 +149,23 @@ def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) 
     Returns their unit [m].
     """
     lengths = [float(np.linalg.norm(pose.translation)) for pose in list(model.jointPlacements)[2:]]
-    meshes = [one for one in geometry.geometryObjects if one.meshPath and one.parentJoint]
+    slides = [model.joints[j].idx_q for j in range(1, model.njoints) if model.joints[j].shortname().startswith(_SLIDE)]
+    lengths += (model.upperPositionLimit - model.lowerPositionLimit)[slides].tolist()
+    drawn = [one for one in geometry.geometryObjects if one.meshPath and not tells_unit(one.meshPath)]
+    meshes = [one for one in drawn if one.parentJoint]
     for one in meshes:
         one.geometry.computeLocalAABB()
-    if not meshes or not max(lengths, default=0.0) > 0:
+    if not meshes:
         return 1.0
-    times = float(np.median([one.geometry.aabb_radius for one in meshes])) / max(lengths)
+    times = float(np.median([one.geometry.aabb_radius for one in meshes])) / max([*lengths, _APART])
     if times < _TOO_LARGE:
         return 1.0
-    for one in (one for one in geometry.geometryObjects if one.meshPath):
+    for one in drawn:
         one.meshScale = _MILLI * one.meshScale
         one.geometry = read_mesh(one.meshPath, tuple(one.meshScale.tolist()))
     notes.append(
-        f"collision meshes are {times:.2g} times as large as its joints are apart: taken as drawn in millimetres"
+        f"collision meshes are {times:.2g} times as large as its joints are apart or slide: taken as drawn "
+        "in millimetres"
     )
     return _MILLI
 
@@ -281,12 +288,12 @@ def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[s
     filled = []
     for j in sorted(wanted):
         for one in geometry.geometryObjects:
-            if one.parentJoint == j and (own := solid(one.geometry, _DENSITY)) is not None:
+            if one.parentJoint == j and (own := solid(one.geometry, DENSITY)) is not None:
                 model.inertias[j] = model.inertias[j] + one.placement.act(own)
         if model.inertias[j].mass > 0:
             filled.append(f"{model.names[j]} {1e3 * model.inertias[j].mass:.1f} g")
     if filled:
-        notes.append(f"no masses given, taken from the geometry at {_DENSITY:g} kg/m^3: {', '.join(filled)}")
+        notes.append(f"no masses given, taken from the geometry at {DENSITY:g} kg/m^3: {', '.join(filled)}")
     if massless := [name for name in unweighed if model.inertias[model.getJointId(name)].mass <= 0]:
         notes.append(f"neither masses nor shapes to take them from, so massless: {', '.join(massless)}")
 

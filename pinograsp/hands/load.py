@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry, urdf_drives
+from pinograsp.hands.body_checks import mend_bodies
 from pinograsp.hands.catalogue import CATALOGUE, Entry, convex_parts_of, file_of
 from pinograsp.hands.drives import (
     ON_DRIVES,
@@ -38,12 +39,14 @@ from pinograsp.hands.finger_names import Labels, names_of
 from pinograsp.hands.geometry import Triangles, collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.joint_limits import with_effort_limits
 from pinograsp.hands.linkage import without_levers
-from pinograsp.hands.mesh_file import LFS_POINTER
+from pinograsp.hands.mesh_file import LFS_POINTER, tells_unit
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.ros_packages import Packages, packages_of
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of, with_followed
+from pinograsp.hands.unit_checks import size_notes, speed_notes
 from pinograsp.hands.urdf import Prepared, prepare
+from pinograsp.hands.urdf_couplings import add_couplings
 from pinograsp.hands.xacro_guard import expand_xacro
 from pinograsp.spatial import FARTHEST
 
@@ -153,10 +156,13 @@ def load_hand(
     hand = _driven(hand, found, entry, drives, springs)
     pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
     if srdf is not None:
-        pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, told)
+        driven = [joint for drive in hand.drives for joint in drive.joints]
+        pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, driven, told)
     hand = replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(told))
-    if limits is not None:
-        hand = hand.with_limits(limits)
+    hand = hand.with_limits({} if limits is None else limits)
+    slides = hand.slides.tolist()
+    odd = [*speed_notes(hand.joint_names, slides, hand.velocity), *size_notes(hand.model, hand.geometry)]
+    hand = replace(hand, notes=(*hand.notes, *odd))
     if posture is not None:
         hand = hand.with_posture(posture)
     if hulls:
@@ -217,10 +223,17 @@ def _read(
         return _from_mjcf(name, compile_file(name, robot, path, trusted), root, path.resolve().parent)
     if name in CATALOGUE:
         _in_convex_parts(robot, convex_parts_of(name))
-    problems: list[str] = []
-    actuation = urdf_drives.actuation_of(robot, problems)
-    folder = path.resolve().parent
-    return _Description(name=name, robot=robot, folder=folder, actuation=actuation, root=root, problems=problems)
+    problems, notes = list[str](), list[str]()
+    add_couplings(robot, problems, notes)
+    return _Description(
+        name=name,
+        robot=robot,
+        folder=path.resolve().parent,
+        actuation=urdf_drives.actuation_of(robot, problems),
+        root=root,
+        problems=problems,
+        notes=notes,
+    )
 
 
 def _from_mjcf(name: str, compiled: Compiled, root: str | None, folder: Path) -> _Description:
@@ -311,7 +324,9 @@ def _hand_model(
     model.armature = armature
     geometry, unit = collision_geometry(model, prepared.shapes, notes)
     visuals = [
-        replace(one, size=tuple(unit * size for size in one.size)) if one.kind == "mesh" else one
+        replace(one, size=tuple(unit * size for size in one.size))
+        if one.kind == "mesh" and not tells_unit(one.path)
+        else one
         for one in prepared.visuals
     ]
     if not geometry.ngeoms:
@@ -320,6 +335,7 @@ def _hand_model(
         fill_masses(model, geometry, prepared.unweighed, notes)
     elif prepared.unweighed:
         notes.append(f"no masses given, so massless: {', '.join(prepared.unweighed)}")
+    mend_bodies(model, geometry, visuals, masses == "estimate", notes)
     geometry = without_shapes(geometry, model, [one_of("exclude", link, prepared.links) for link in exclude], notes)
     if massless := moving_nothing(model):
         hint = "" if masses == "estimate" else ", or take masses='estimate'"
@@ -361,12 +377,6 @@ def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, f
     if (before := joints_before(prepared.joints, palm)) >= _ARM:
         root = alone(palm)
         return [f"{ON_ROOT}{before} joints come before the palm '{palm}', an arm's: root='{root}' is the hand alone"]
-    if len(fingers) == 1 and len(fingers[0].joints) > _ARM:
-        joints = [joint for joint in prepared.joints if joint.name == fingers[0].joints[-1]]
-        return [
-            f"{ON_ROOT}all {len(fingers[0].joints)} joints are one finger: of an arm with one jaw that moves, "
-            f"root='{alone(joints[0].parent)}' takes the last one alone"
-        ]
     data = model.createData()
     pin.framesForwardKinematics(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2)
 
@@ -375,10 +385,20 @@ def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, f
         return float(np.linalg.norm(to - at)) < _HAND
 
     palms = palms_in(prepared.joints, prepared.links, solid.__contains__, near)
-    if palm in palms or not palms:
+    if palms and palm not in palms:
+        roots = dict.fromkeys(alone(one) for one in palms)
+        return [f"{ON_ROOT}this looks like a whole robot: a hand alone is root= {' or '.join(roots)}"]
+    long = [finger for finger in fingers if len(finger.joints) > _ARM]
+    arms = [finger for finger in long if len(fingers) == 1 or not near(palm, finger.tip)]
+    if not arms:
         return []
-    roots = dict.fromkeys(alone(one) for one in palms)
-    return [f"{ON_ROOT}this looks like a whole robot: a hand alone is root= {' or '.join(roots)}"]
+    last = {finger.joints[-1] for finger in arms}
+    roots = dict.fromkeys(alone(joint.parent) for joint in prepared.joints if joint.name in last)
+    named = ", ".join(f"'{finger.name}' ({len(finger.joints)} joints)" for finger in arms)
+    return [
+        f"{ON_ROOT}{named}: an arm, not a finger, if it ends in one jaw that moves: "
+        f"{' or '.join(map('root={!r}'.format, roots))} takes that alone"
+    ]
 
 
 def _driven(

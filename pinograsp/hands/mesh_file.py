@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import one_line
-from pinograsp.hands.elements import parse_xml, read_bytes
+from pinograsp.hands.elements import LARGEST, LEAST, numbers, parse_xml, read_bytes
 from pinograsp.spatial import Array, IntArray
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ _SILENT = logging.NullHandler()
 def read_triangles(path: Path, *, corners_alone: bool = False) -> tuple[Array, IntArray]:
     """Vertices (n, 3), in the file's units, and faces (m, 3) of a mesh file; the parts of a scene make one mesh.
 
+    COLLADA files say what their unit is: their vertices are in metres. Their <up_axis> is not applied, as in RViz.
     Other files that it names (materials, pictures, buffers) are not opened.
 
     Args:
@@ -55,7 +56,7 @@ def read_triangles(path: Path, *, corners_alone: bool = False) -> tuple[Array, I
 
 
 def load(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh.parent.Geometry:
-    """What trimesh makes of a mesh file that has been looked at.
+    """What trimesh makes of a mesh file that has been looked at; in metres where it says its unit, as COLLADA does.
 
     ``corners_alone`` as for :func:`read_triangles`; ``settings``: of ``trimesh.load``.
 
@@ -72,20 +73,28 @@ def load(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh
     content = read_bytes(path, MOST_BYTES)
     if content.startswith(LFS_POINTER):
         raise ValueError("expected a mesh, got a pointer of Git LFS to one: run 'git lfs pull' where it was cloned")
+    unit = 1.0
     try:
         if kind == ".glb":
             _check_glb(content)
         elif kind == ".dae":
-            _check_dae(content)
+            unit = _check_dae(content)
         elif kind == ".obj" and corners_alone:
             content = _corners_alone(content)
         elif kind == ".obj":
             _check_pieces(len(re.findall(rb"^[ \t]*(?:usemtl|mtllib|o|g)\b", content, re.MULTILINE)), "groups")
         elif kind == ".stl":
             _check_pieces(content.lower().count(b"endsolid"), "solids")
-        return trimesh.load(io.BytesIO(content), file_type=kind[1:], process=False, **settings)
+        read: Any = trimesh.load(io.BytesIO(content), file_type=kind[1:], process=False, **settings)
+        made: trimesh.parent.Geometry = read if unit == 1.0 else read.apply_scale(unit)
+        return made
     except Exception as error:  # the readers raise errors of every type for broken files
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got {one_line(error)}") from error
+
+
+def tells_unit(path: str) -> bool:
+    """Whether a file says what its unit is, so that it is read in metres."""
+    return path.lower().endswith(".dae")
 
 
 def checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
@@ -187,8 +196,8 @@ def _check_depth(children: list[list[int]]) -> None:
             raise ValueError(f"nodes nested more than {_DEEPEST_NODE} deep")
 
 
-def _check_dae(content: bytes) -> None:
-    """Refuse a COLLADA file whose nodes repeat its geometry without end."""
+def _check_dae(content: bytes) -> float:
+    """Refuse a COLLADA file whose nodes repeat its geometry without end; its unit [m]."""
     root = parse_xml(content, MOST_TRIANGLES)
     for element in root.iter():
         element.tag = element.tag.rsplit("}", 1)[-1]
@@ -199,3 +208,8 @@ def _check_dae(content: bytes) -> None:
     _check_pieces(len(instances), "instances of geometry")
     if sum(geometry.get(one.get("url", ""), 0) for one in instances) > MOST_BYTES:
         raise ValueError(f"geometry repeated to more than {MOST_BYTES} bytes")
+    unit = root.find("asset/unit")
+    (metres,) = [1.0] if unit is None else numbers(unit, "meter", 1, "1", most=LARGEST)
+    if metres < LEAST:
+        raise ValueError(f"<unit meter=>: expected a length above zero, got {metres:g}")
+    return metres

@@ -36,6 +36,7 @@ from pinograsp.hands.drives import (
     transmission,
 )
 from pinograsp.hands.geometry import Shape
+from pinograsp.hands.unit_checks import ON_LIMITS, limit_notes
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray, IntArray, pose_of
 
@@ -286,7 +287,7 @@ class HandModel:
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> HandModel:
         """The same hand with the position limits of some joints replaced [rad or m]; each change is noted."""
-        model, notes = self.model.copy(), list(self.notes)
+        model, notes = self.model.copy(), [note for note in self.notes if not note.startswith(ON_LIMITS)]
         lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
         for joint, bounds in mapping_of("limits", limits, "{joint: (lower, upper)}").items():
             one_of(f"joint of hand '{self.name}'", joint, self.joint_names)
@@ -302,6 +303,7 @@ class HandModel:
             notes.append(f"limits of {joint} set to {new} (the hand's own: {old})")
             lower[i], upper[i] = low, high
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+        notes += limit_notes(self.joint_names, self.slides.tolist(), lower, upper)
         return replace(self, model=model, notes=tuple(notes))
 
     def with_posture(self, posture: Mapping[str, float]) -> HandModel:

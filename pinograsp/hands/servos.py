@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import each_of, shown
+from pinograsp.checks import each_of, instance_of, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.drives import SERVO, SLIDING_SERVO
 from pinograsp.hands.model import HandModel
@@ -26,8 +26,9 @@ def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
     """Gains of the joints' servos (n,) [N m/rad or N/m]; default: the drives' own, else 50 N m/rad or 55.6 kN/m.
 
     Raises:
-        InvalidInput: gains that are not numbers from 0 on, one or (n,).
+        InvalidInput: no hand, or gains that are not numbers from 0 on, one or (n,).
     """
+    instance_of("hand", hand, HandModel)
     if stiffness is None:
         known = hand.servo_stiffness
         return np.where(np.isnan(known), np.where(hand.slides, SLIDING_SERVO, SERVO), known)

@@ -32,8 +32,9 @@ def pairs_in(robot: ElementTree.Element, links: Sequence[str]) -> Pairs:
     return tuple(sorted(found, key=lambda pair: (place[pair[0]], place[pair[1]])))
 
 
-def disabled_collisions(path: Path, links: Sequence[str], notes: list[str]) -> Pairs:
-    """Pairs of a hand's links whose collisions an SRDF file disables; noted.
+def disabled_collisions(path: Path, links: Sequence[str], driven: Sequence[str], notes: list[str]) -> Pairs:
+    """Pairs of a hand's links whose collisions an SRDF file disables; noted, as are those of the ``driven`` joints that
+    it calls passive.
 
     Raises:
         HandNotLoaded: no SRDF file.
@@ -41,9 +42,13 @@ def disabled_collisions(path: Path, links: Sequence[str], notes: list[str]) -> P
     try:
         robot = parse(str(path), read_bytes(path).decode("utf-8-sig"))
     except (OSError, UnicodeError) as error:
-        raise HandNotLoaded(path, f"srdf=: cannot be read: {error}") from error
+        raise HandNotLoaded(path, f"it cannot be read as SRDF: {error}") from error
     if robot.tag != "robot" or all(robot.find(tag) is None for tag in _TAGS):
-        raise HandNotLoaded(path, "srdf=: expected a file with <disable_collisions link1= link2=>, found none")
+        raise HandNotLoaded(path, "expected an SRDF file with <disable_collisions link1= link2=>, found none")
     found = pairs_in(robot, links)
     notes.append(f"pairs of links whose collisions the SRDF disables: {len(found)}")
+    if passive := [name for one in robot.findall("passive_joint") if (name := one.get("name", "")) in driven]:
+        notes.append(
+            f"joints that the SRDF calls passive have motors here (drives= gives others): {', '.join(passive)}"
+        )
     return found

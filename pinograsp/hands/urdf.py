@@ -37,6 +37,9 @@ _NUMBERS: dict[str, dict[str, tuple[int, float]]] = {
 # Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of
 # its joints.
 _MOST_LINKS, _MOST_MOVING, _MOST_SHAPES = 2000, 100, 2000
+# Range of a joint that is play [m or rad], and of the widest of the hand's.
+_PLAY, _PLAY_SHARE = {"prismatic": 1e-4, "revolute": 1e-3}, 1e-2
+_CUT = "root= is the link that a hand on a robot starts from"
 
 
 @dataclass(slots=True)
@@ -99,9 +102,10 @@ def prepare(
     _check_count(source, "links", len(robot.findall("link")), _MOST_LINKS)
     _check_count(source, "joints", len(robot.findall("joint")), _MOST_LINKS)
     outside: set[str] = cut_out(source, robot, root, notes) if root is not None else set()
-    _check_count(source, "collision shapes", len(robot.findall("link/collision")), _MOST_SHAPES)
+    shapes = len(robot.findall("link/collision"))
+    _check_count(source, f"collision shapes ({_CUT})", shapes, _MOST_SHAPES)
     moving = sum(joint.get("type") != "fixed" for joint in robot.findall("joint"))
-    _check_count(source, "moving joints (root= is the link that a hand on a robot starts from)", moving, _MOST_MOVING)
+    _check_count(source, f"moving joints ({_CUT})", moving, _MOST_MOVING)
     for _, joint in named(robot, "joint"):
         if joint.get("type") == "fixed":  # it follows nothing and needs no axis
             drop(joint, "mimic", "limit", "axis")
@@ -176,15 +180,22 @@ def _number_problems(robot: ElementTree.Element) -> list[str]:
 
 
 def _lock(robot: ElementTree.Element, notes: list[str]) -> None:
-    """Fix joints that cannot move: with one limit for both sides, or following another 0 times; and what follows them.
+    """Fix joints that cannot move, but for play: with (almost) one limit for both sides, or following another 0 times;
+    and what follows them.
 
     Where no joint has a range the limits were forgotten: they stay, to be listed.
     """
     joints = {name: joint for name, joint in named(robot, "joint") if joint.get("type") in MOVING}
     at: dict[str, float] = {}
     ranges = {name: _ends(joint) for name, joint in joints.items() if joint.find("mimic") is None}
-    if any(lower < upper for lower, upper in ranges.values()):
-        at = {name: lower for name, (lower, upper) in ranges.items() if lower == upper and abs(lower) <= LARGEST}
+    widest = max((upper - lower for lower, upper in ranges.values() if lower < upper), default=0.0)
+    if widest > 0:
+        at = {
+            name: min(max(lower, 0.0), upper)
+            for name, (lower, upper) in ranges.items()
+            if 0 <= upper - lower <= min(_PLAY[joints[name].get("type", "")], _PLAY_SHARE * widest)
+            and max(abs(lower), abs(upper)) <= LARGEST
+        }
     following: dict[str, tuple[str, float, float]] = {}
     for name, joint in joints.items():
         if (mimic := joint.find("mimic")) is None:
@@ -308,7 +319,10 @@ def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Lim
             problems.append(f"joint '{name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=)")
         else:
             beyond = f", or beyond {LARGEST:g}" if max(abs(lower), abs(upper)) > LARGEST else ""
-            problems.append(f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}{beyond}")
+            problems.append(
+                f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}{beyond}: correct <limit>, or "
+                "make it a fixed joint"
+            )
     if continuous:
         notes.append(f"continuous joints taken as revolute between -180 and 180 deg: {', '.join(continuous)}")
     return limits, problems

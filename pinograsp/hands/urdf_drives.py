@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from pinograsp.hands.drives import Actuation, Control, Motor, Spring
 from pinograsp.hands.elements import floats
+from pinograsp.words import printable
 
 # By the command that a joint takes; of several, the first here.
 _CONTROLS: dict[str, Control] = {"effort": "torque", "position": "position", "velocity": "position"}
@@ -32,6 +33,10 @@ def actuation_of(robot: ElementTree.Element, problems: list[str]) -> Actuation:
                 continue  # told, not commanded
             own = actuators[0].get("name") if len(joints) == len(actuators) == 1 else None
             driven[name] = _motor(own or name, name, given or commands.get(name, []))
+            if len(joints) > 1 or len(actuators) > 1:
+                shared = f"transmission '{printable(element.get('name', ''), 60)}', of several joints or motors,"
+                more = f"{shared} is taken as one motor at each joint (drives= gives others)"
+                driven[name].remark = "; ".join(filter(None, (more, driven[name].remark)))
     for name, interfaces in commands.items():
         if name and interfaces and name not in driven:
             driven[name] = _motor(name, name, interfaces)

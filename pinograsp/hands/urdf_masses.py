@@ -10,6 +10,7 @@ from pinograsp.hands.elements import end_of, named, numbers
 from pinograsp.hands.tree import MOVING
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_WAY_OUT = "correct it, or leave <inertial> out: mass and inertia are then taken from the link's shapes"
 _MENDED = 0.3  # of the largest moment of inertia: a negative one of at most that share was rounded or scaled
 
 
@@ -23,11 +24,11 @@ def inertia_problems(robot: ElementTree.Element, notes: list[str]) -> list[str]:
             continue
         mass, inertia = inertial.find("mass"), inertial.find("inertia")
         if mass is None or inertia is None:
-            problems.append(f"link '{name}': <inertial> needs both <mass> and <inertia>")
+            problems.append(f"link '{name}': <inertial> needs both <mass> and <inertia>: {_WAY_OUT}")
             continue
         wanted = [(mass, "value"), *((inertia, key) for key in MOMENTS)]
         if lacking := [key for element, key in wanted if element.get(key) is None]:
-            problems.append(f"link '{name}': <inertial> lacks {', '.join(lacking)}")
+            problems.append(f"link '{name}': <inertial> lacks {', '.join(lacking)}: {_WAY_OUT}")
             continue
         try:
             value, xx, xy, xz, yy, yz, zz = (numbers(element, key, 1)[0] for element, key in wanted)
@@ -35,11 +36,14 @@ def inertia_problems(robot: ElementTree.Element, notes: list[str]) -> list[str]:
             continue  # listed with the other numbers
         matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if value < 0:
-            problems.append(f"link '{name}': mass must be >= 0, got {value:g}")
+            problems.append(f"link '{name}': mass must be >= 0, got {value:g}: {_WAY_OUT}")
         moments, axes = np.linalg.eigh(matrix)
         if moments.min() < -1e-9 * max(np.abs(matrix).max(), 1e-12):
             if min(xx, yy, zz) < 0 or -moments.min() > _MENDED * moments.max():
-                problems.append(f"link '{name}': inertia matrix is not positive semi-definite")
+                got = ", ".join(f"{moment:.3g}" for moment in moments)
+                problems.append(
+                    f"link '{name}': inertia matrix is not positive semi-definite (moments {got} kg m^2): {_WAY_OUT}"
+                )
                 continue
             matrix = axes * np.maximum(moments, 0.0) @ axes.T
             for key, (i, j) in zip(MOMENTS, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):

@@ -73,16 +73,16 @@ def tree_problems(robot: ElementTree.Element, root: str | None) -> list[str]:
     children = [end_of(joint, "child") for joint in joints]
     for joint in joints:
         problems += [
-            f"joint '{joint.get('name')}' names the unknown link '{link}'"
+            f"joint '{joint.get('name')}' names the unknown link '{link}': add it, or correct the name"
             for link in (end_of(joint, "parent"), end_of(joint, "child"))
             if link not in links
         ]
     twice = sorted({name for name in children if children.count(name) > 1})
-    problems += [f"link '{name}' has several parent joints" for name in twice]
+    problems += [f"link '{name}' has several parent joints: URDF is a tree, leave all but one out" for name in twice]
     roots = [name for name in links if name not in children]
     if len(roots) != 1:
         found = ", ".join(roots) or "every link has a parent, which is a loop"
-        problems.append(f"expected one root link, found {len(roots)}: {found}")
+        problems.append(f"expected one root link, found {len(roots)}: {found}; join them, or give root=")
     elif not problems:
         reached = _reached(robot, roots[0])
         if loose := [name for name in links if name not in reached]:

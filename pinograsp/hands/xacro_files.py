@@ -13,9 +13,11 @@ from pinograsp.hands.elements import parse_xml, read_bytes
 from pinograsp.hands.ros_packages import Packages, find_package
 from pinograsp.hands.yaml_data import SUFFIXES, read_yaml
 
+_EXPRESSION = re.compile(r"\$\{([^}]*)\}")
 _SUBSTITUTION = re.compile(r"\$\{([^}]*)\}|\$\(([^)]*)\)|(\$)")
 ARGUMENT, PACKAGE = re.compile(r"\s*arg\s+(\w+)\s*"), re.compile(r"\s*find\s+([\w.-]+)\s*")
 _IN_PACKAGE = re.compile(r"\$\(\s*find\s+([\w.-]+)\s*\)/(.*)")
+_FIRST = re.compile(r"^\$\(\s*find\s[^)]*\)/")
 _PACKAGES = re.compile(r"\$\(\s*find\s+([\w.-]+)\s*\)")
 _OUTSIDE = "outside the file's own folder and its packages"
 _EXTENSION = re.compile(r"\$\(([^)]*)\)")
@@ -70,8 +72,8 @@ class Files:
         others = [other for other, folder in self._packages.items() if folder is None and other != name]
         also = f" (nor of {', '.join(others)})" if others else ""
         return (
-            f"'$(find {name})': no package.xml of that name{also} in the folders above or in ROS_PACKAGE_PATH: give "
-            "its folder (packages=, --package NAME=DIR)"
+            f"'$(find {name})': no package.xml of that name{also} in the folders above or in ROS_PACKAGE_PATH: its "
+            "folder is to be given by packages="
         )
 
     def document(self, name: str) -> minidom.Document:
@@ -101,6 +103,8 @@ class Files:
                 raise Refused(f"it reads more than {_MOST_FILES} YAML files")
             try:
                 self._data[path] = read_yaml(path)
+            except FileNotFoundError:
+                raise ValueError(f"load_yaml: no file '{path}': are the arguments right (xacro_args=)?") from None
             except (OSError, ValueError) as error:
                 raise Refused(f"load_yaml of '{name}': {error}") from error
         return self._data[path]
@@ -141,7 +145,7 @@ class Files:
             start, inside = self.package(found[1]) or start, found[2]
             if self.package(found[1]) is None:
                 return []  # refused where it is included, which may be never
-        if re.search(r"[*?\[]|\$\(\s*find", inside):
+        if re.search(r"[*?\[]|\$\(\s*find", _EXPRESSION.sub("", _FIRST.sub("", name))):
             self.problems.append(f"{path.name}: include of '{name}': only plain file names are allowed")
             return []
         if "$" in inside:
@@ -171,8 +175,10 @@ def _forbidden_text(text: str) -> list[str]:
 
 
 def _forbidden_extension(text: str) -> list[str]:
-    if PACKAGE.fullmatch(text) or ARGUMENT.fullmatch(text):
-        return []
+    """Expressions in it are evaluated first; the name that comes out is looked at where it is used."""
+    named = _EXPRESSION.sub("x", text)
+    if PACKAGE.fullmatch(named) or ARGUMENT.fullmatch(named):
+        return [problem for inner in _EXPRESSION.findall(text) for problem in _forbidden_expression(inner)]
     return [f"'$({text})': only $(arg name) and $(find package) are allowed"]
 
 

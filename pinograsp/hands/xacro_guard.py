@@ -34,6 +34,7 @@ _PARAMETER = re.compile(
     r"""\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{[^}]*\}|\$\([^)]*\)|(?:'[^']*'|"[^"]*"|[^\s'"])+|)(?:\s+|$)(.*)""",
     re.DOTALL,
 )
+_TRUST = "pass trusted=True if you trust this file"
 _MOST_WORK, _MOST_TIME = 100_000, 10.0  # elements and expressions together, and [s]
 
 
@@ -89,7 +90,7 @@ def _trusted(path: Path, mappings: dict[str, str], packages: Packages) -> minido
 def _guarded(path: Path, mappings: dict[str, str], packages: Packages) -> minidom.Document:
     files = Files(path, packages)
     if files.problems:
-        raise HandNotLoaded(path, [*files.problems, "pass trusted=True to load_hand if you trust this file"])
+        raise HandNotLoaded(path, [*files.problems, _TRUST])
     with _ONE_AT_A_TIME:  # xacro keeps its state in its module
         module = _harmless_xacro()
         module.guard.begin(files)
@@ -104,7 +105,7 @@ def _guarded(path: Path, mappings: dict[str, str], packages: Packages) -> minido
                 refused = getattr(refused, "exc", None)
             if refused is None:
                 raise
-            raise HandNotLoaded(path, [str(error), "pass trusted=True to load_hand if you trust this file"]) from error
+            raise HandNotLoaded(path, [str(error), _TRUST]) from error
         finally:
             module.guard.end()
 
@@ -204,7 +205,7 @@ class _Guard:
             raise Refused(f"'{text}': only $(arg name) and $(find package) are allowed")
         arguments: dict[str, str] = self.module.substitution_args_context["arg"]
         if found[1] not in arguments:
-            raise NameError(f"undefined argument '{found[1]}': give it a value, or a default")
+            raise NameError(f"undefined argument '{found[1]}': give it a value (xacro_args=), or a default")
         return arguments[found[1]]
 
     def parse(self, _: object, name: str) -> minidom.Document:

@@ -111,7 +111,8 @@ class Mesh(Body):
 
         Args:
             path: a file, a folder of mesh files, a pattern of them (``parts/*.obj``), or a sequence of files.
-            scale: metres per unit of the file (0.001 for millimetres).
+            scale: metres per unit of the file (0.001 for millimetres); of a COLLADA file, which says its unit and is
+                read in metres, how many times as large.
             mass, density, convex, pose: see the class.
 
         Raises:

@@ -56,7 +56,7 @@ def _check_links(files: Sequence[Path], formats: Sequence[str]) -> None:
 
 
 def read_surface(path: Path) -> tuple[Array, IntArray]:
-    """Vertices (n, 3) in the file's units and faces (m, 3)."""
+    """Vertices (n, 3) in the file's units, in metres where it says them (COLLADA), and faces (m, 3)."""
     from pinograsp.hands.mesh_file import FORMATS, read_triangles  # with Pinocchio, slow to import
 
     if not os.path.isfile(path):

@@ -24,6 +24,7 @@ from pinograsp.synthesis.found import FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centred
 from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refined
 from pinograsp.synthesis.seeds import Pairs, Region, pairs_of
+from pinograsp.words import printable
 
 _BLOCKED = ("the open hand overlaps the object", "the open hand overlaps the object or the table")
 _OUTSIDE = "the hand touches the object outside the given box"
@@ -165,7 +166,8 @@ def _closed(case: SearchCase, posed: Posed) -> Tried:
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
         return Tried("the hand could not be closed")
     if closure.self_collisions:
-        return Tried("fingers collide with each other")
+        one, other = (printable(link, 60) for link in closure.self_collisions[0])
+        return Tried(f"fingers collide ({one} with {other})")
     if not _above(case, posed.hand, np.linspace(posed.opened, closure.q, _LOOKS)):
         return Tried("the hand would hit the table")
     outside = max(_outside(case, closure).values(), default=0.0)

@@ -1156,8 +1156,8 @@ def test_an_arm_with_one_jaw_is_told_apart(tmp_path):
         ]
         last = f"link{i}"
     arm = load_hand(write(tmp_path, robot("arm", *parts)))
-    note = "root: all 6 joints are one finger: of an arm with one jaw that moves, root='link4' takes the last one alone"
-    assert note in arm.notes
+    (note,) = (note for note in arm.notes if note.startswith(ON_ROOT))
+    assert "6 joints" in note and "root='link4'" in note
     jaw = load_hand(write(tmp_path, robot("arm", *parts)), root="link4")
     assert jaw.joint_names == ("joint5",) and not any(note.startswith(ON_ROOT) for note in jaw.notes)
 

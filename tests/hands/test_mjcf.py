@@ -231,7 +231,7 @@ def test_radians_and_given_inertias(tmp_path):
             """<mujoco><compiler angle="radian" eulerseq="ZYX"/><worldbody>
       <body name="base"><inertial mass="1.5" pos="0.1 0 0" diaginertia="0.02 0.03 0.04" euler="0.3 0.2 0.1"/>
         <body name="one" pos="0 0 0.1" euler="0.1 -0.5 2"><inertial mass="0.2" pos="0 0.1 0"
-          fullinertia="0.02 0.03 0.04 0.001 -0.002 0.003"/><joint name="j" range="-0.7 0.8" axis="1 2 3"/>
+          fullinertia="0.002 0.003 0.004 0.0001 -0.0002 0.0003"/><joint name="j" range="-0.7 0.8" axis="1 2 3"/>
           <geom size="0.01" mass="77"/></body>
         <body name="two"><inertial mass="0.3" pos="0 0 0" diaginertia="1e-3 1e-3 1e-3"/>
           <joint name="k" range="0 1"/></body>

@@ -156,7 +156,7 @@ def test_coarse_shapes_for_self_collision_are_left_out(tmp_path, text, left_out)
 def test_the_command_line_takes_both(gripper, command):
     path = srdf(gripper.parent, disable("left_jaw", "right_jaw"))
     _, out, _ = command("hands", str(gripper), "--exclude", "palm", "--srdf", str(path))
-    assert "exclude=): palm" in out and "the SRDF disables: 1" in out
+    assert "--exclude LINK): palm" in out and "the SRDF disables: 1" in out
 
 
 def test_pairs_that_an_mjcf_file_excludes_are_not_looked_at(tmp_path):
