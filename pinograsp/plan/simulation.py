@@ -98,7 +98,8 @@ class Simulation:
         dq: joint velocities (s, n) [rad/s or m/s].
         torques: of the motors (s, n) [N m or N].
         object_poses: (s, 4, 4).
-        parts: names of the parts of the hand that touch or should (p).
+        parts: names of the parts of the hand that touch or should (p), in the order of the plan's contacts, then those
+            that touch without a plan. Contacts of one part share a row, under the name of their link.
         forces_o: on the object by part, sums over its points (s, p, 3) [N].
         normal_forces: likewise (s, p) [N].
         tangential_forces: likewise (s, p) [N].

@@ -10,6 +10,7 @@ import pinocchio as pin
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
+from pinograsp.referee.callbacks import without_callbacks
 from pinograsp.referee.geometry import convex, convex_shapes, object_shape
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.surface import Surface
@@ -69,7 +70,8 @@ def build(
 def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """The model of a description; :class:`InvalidInput` says what MuJoCo refuses."""
     try:
-        return spec.compile()
+        with without_callbacks():  # compiling calls them
+            return spec.compile()
     except ValueError as error:
         raise InvalidInput(f"MuJoCo refuses this hand or object: {error}") from error
 

@@ -197,8 +197,10 @@ def test_controls_of_a_model_with_an_actuator_per_drive(panda, tmp_path, command
 
 
 def test_width_and_force_of_jaws(panda):
-    """The ball's diameter less both depths; the plan's forces; twice as much for both."""
+    """The ball's diameter, and that less both depths; the plan's forces; twice as much for both."""
     (jaw,) = jaw_commands(panda)
+    assert jaw.touch_width == pytest.approx(0.05, abs=5e-6)  # planned contacts lie on the ball to micrometres
+    assert "50.00 mm" in jaw.describe() and f"{1e3 * jaw.width:.2f} mm" in jaw.describe()
     depths, forces = panda.forces.final_depths, panda.forces.normal_forces
     assert jaw.width == pytest.approx(0.05 - depths.sum(), abs=5e-5)
     assert jaw.coordinate == pytest.approx(2 * panda.motion.q[-1, 0])
@@ -239,6 +241,7 @@ def test_jaws_as_a_table(panda, tmp_path):
     (jaw,) = jaw_commands(panda)
     assert [row["joint"] for row in rows] == [JOINT, "panda_finger_joint2"]
     assert all(row["drive"] == "jaws" and float(row["width_m"]) == jaw.width for row in rows)
+    assert all(float(row["width_at_touch_m"]) == jaw.touch_width for row in rows)
     assert float(rows[0]["force_per_jaw_N"]) == jaw.jaw_force and float(rows[0]["force_total_N"]) == jaw.total_force
     assert float(rows[0]["effort"]) == jaw.joints[0].effort
 
